@@ -1,0 +1,5 @@
+"""`python -m lmeasure`."""
+
+from lmeasure.cli import main
+
+main()

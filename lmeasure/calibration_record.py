@@ -1,0 +1,126 @@
+"""The calibration record: what was found, how well, what could not be told, and from which files."""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from lmeasure import files
+from lmeasure.errors import FileFormatError
+
+FloatArray = NDArray[np.float64]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
+
+
+class Parameter(_Record):
+    """One solved value in the unit its name states; u is its standard uncertainty, prior_u that of the nominal value."""
+
+    name: str
+    value: float
+    u: float
+    prior_u: float
+
+
+class Residual(_Record):
+    """Length residual, measured less modelled, of one channel at one pose [mm]."""
+
+    pose: str
+    channel: str
+    mm: float
+
+
+class Unobservable(_Record):
+    """A direction that the data leave undetermined: unit vector over the point's parameters in units of their prior widths."""
+
+    point: str
+    direction: dict[str, float]
+    text: str
+
+
+class Finding(_Record):
+    """Something the reader must know; code is one of a short list, text is one line."""
+
+    code: str
+    text: str
+    channel: str | None = None
+    pose: str | None = None
+    value: float | None = None
+
+
+class Input(_Record):
+    """A file the record was made of."""
+
+    file: str
+    sha256: str
+
+
+class CalibrationRecord(_Record):
+    """calibration.json of the contract. covariance (p, p) is that of the parameters in their order, in their units."""
+
+    schema_: Annotated[Literal["lmeasure.calibration/1"], Field(alias="schema")] = "lmeasure.calibration/1"
+    rig: str
+    parameters: tuple[Parameter, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    residuals: tuple[Residual, ...]
+    equations: int
+    unknowns: int
+    rank: int
+    unobservable: tuple[Unobservable, ...] = ()
+    warnings: tuple[Finding, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    coarse: tuple[dict[str, Any], ...] = ()
+    noise: dict[str, float] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        p = len(self.parameters)
+        if len(self.covariance) != p or any(len(row) != p for row in self.covariance):
+            raise ValueError(f"covariance: is not {p} x {p} as the parameters ask")
+        matrix = np.array(self.covariance, dtype=np.float64).reshape(p, p)
+        if not np.isfinite(matrix).all():
+            raise ValueError("covariance: holds a number that is not finite")
+        scale = np.sqrt(np.outer(np.diag(matrix).clip(0), np.diag(matrix).clip(0)))
+        if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
+            raise ValueError("covariance: is not symmetric with variances on its diagonal")
+        return self
+
+    def covariance_matrix(self) -> FloatArray:
+        """(p, p) covariance of the parameters in their own units."""
+        return np.array(self.covariance, dtype=np.float64).reshape(len(self.parameters), len(self.parameters))
+
+    def cable_covariance(self, names: list[list[str]]) -> FloatArray:
+        """(12 m, 12 m) covariance of the kernels' parameters, mm and rad, for m cables.
+
+        names[j] are the record's names of cable j's parameters in the kernels' order (`kernels.cable.PARAMETERS`).
+        Parameters that were not solved are taken as exact.
+        """
+        index = {p.name: i for i, p in enumerate(self.parameters)}
+        flat = [name for row in names for name in row]
+        select = np.zeros((len(flat), len(self.parameters)))
+        for i, name in enumerate(flat):
+            if name in index:
+                select[i, index[name]] = math.radians(1.0) if name.endswith("_deg") else 1.0
+        return np.asarray(select @ self.covariance_matrix() @ select.T)
+
+
+def read_calibration_record(path: Path) -> CalibrationRecord:
+    """Read a calibration.json; FileFormatError names the file and the key."""
+    try:
+        return CalibrationRecord.model_validate_json(files.read_bytes(path))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(step) for step in first["loc"])
+        raise FileFormatError(f"{path}: {where}: {first['msg']}".replace("\n", " ")) from None
+
+
+def write_calibration_record(path: Path, record: CalibrationRecord) -> None:
+    """Write a calibration.json, whole or not at all."""
+    files.write_text(path, json.dumps(record.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n")

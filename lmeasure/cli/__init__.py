@@ -1,0 +1,52 @@
+"""The command line: one file per command; each parses, calls one function, writes.
+
+Nothing heavy is imported before a command runs, so that `lmeasure --help` answers at once. Exit codes: 0 done; 1 the data cannot give the
+answer, said in one line; 2 wrong usage.
+"""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from lmeasure.cli import reconstruct
+from lmeasure.errors import LMeasureError
+
+app = typer.Typer(
+    name="lmeasure",
+    help="Cables, drums and encoders as a 6-DOF metrology instrument: from raw counts to the certificate of a robot.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"lmeasure {version('lmeasure')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")] = False,
+) -> None:
+    pass
+
+
+app.command("reconstruct")(reconstruct.reconstruct)
+
+
+def main() -> None:
+    """Entry point of the `lmeasure` command."""
+    try:
+        app()
+    except LMeasureError as error:
+        print(f"lmeasure: {' '.join(str(error).split())}", file=sys.stderr)
+        raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr)
+        raise SystemExit(130) from None

@@ -1,0 +1,21 @@
+"""`lmeasure reconstruct`: from a run folder to a trajectory."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def reconstruct(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: run.toml, rig.toml and the counts of each pass.")],
+    out: Annotated[Path, typer.Option("--out", help="Trajectory to write, .parquet or .csv.")],
+    rig: Annotated[Path | None, typer.Option("--rig", help="Use this rig.toml instead of the run's own.")] = None,
+) -> None:
+    """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
+    from lmeasure.run import read_run
+    from lmeasure.trajectory import reconstruct as stage
+    from lmeasure.trajectory import write_trajectory
+
+    trajectory = stage(read_run(run, rig))
+    write_trajectory(out, trajectory)
+    typer.echo(trajectory.summary())

@@ -1,0 +1,68 @@
+"""Controller angles and rotations: one tested pair of functions for all conventions.
+
+A rotation here is `base_from_tool`: it takes tool coordinates to base coordinates. Angles of a singular orientation are not unique
+(puma-oat at A = -90 or 90 degrees, which is where the identity lies): compare rotations, never angles.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.errors import FileFormatError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AngleConvention:
+    """A controller's way to write an orientation: its name, its columns, the intrinsic axes, and angles added before turning."""
+
+    name: str
+    columns: tuple[str, str, str]
+    axes: str
+    offset_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+CONVENTIONS = {
+    c.name: c
+    for c in (
+        # Thesis Rashoyan 2021, 5.5: M = Rz(O - 90) Ry(A + 90) Rz(T); the printed M11 and M21 have misprints
+        AngleConvention("puma-oat", ("o_deg", "a_deg", "t_deg"), "ZYZ", (-90.0, 90.0, 0.0)),
+        AngleConvention("kuka-abc", ("a_deg", "b_deg", "c_deg"), "ZYX"),
+        # W, P, R turn about the fixed X, Y, Z: Rz(R) Ry(P) Rx(W)
+        AngleConvention("fanuc-wpr", ("w_deg", "p_deg", "r_deg"), "xyz"),
+        AngleConvention("staubli-xyz", ("rx_deg", "ry_deg", "rz_deg"), "XYZ"),
+        AngleConvention("zyz", ("phi_deg", "theta_deg", "psi_deg"), "ZYZ"),
+        AngleConvention("ur-rotation-vector", ("rx_rad", "ry_rad", "rz_rad"), "rotvec"),
+    )
+}
+DEFAULT = "puma-oat"
+QUATERNION_COLUMNS = ("qx", "qy", "qz", "qw")
+
+
+def convention(name: str) -> AngleConvention:
+    """The convention of that name; FileFormatError names the known ones."""
+    if name not in CONVENTIONS:
+        raise FileFormatError(f"angles = {name!r} is not a known convention; known: {', '.join(CONVENTIONS)}")
+    return CONVENTIONS[name]
+
+
+def rotation_from_angles(name: str, angles: ArrayLike) -> Rotation:
+    """base_from_tool rotations from (..., 3) angles in the convention's own columns and units (degrees, or radians for a vector)."""
+    c = convention(name)
+    values = np.asarray(angles, dtype=np.float64)
+    if c.axes == "rotvec":
+        return Rotation.from_rotvec(values)
+    return Rotation.from_euler(c.axes, values + np.asarray(c.offset_deg), degrees=True)
+
+
+def angles_from_rotation(name: str, rotation: Rotation) -> FloatArray:
+    """(..., 3) angles of base_from_tool rotations, each within (-180, 180]; at a singular orientation the third angle is set to zero."""
+    c = convention(name)
+    if c.axes == "rotvec":
+        return np.asarray(rotation.as_rotvec(), dtype=np.float64)
+    angles = np.asarray(rotation.as_euler(c.axes, degrees=True, suppress_warnings=True), dtype=np.float64)
+    angles = angles - np.asarray(c.offset_deg)
+    return np.asarray(180.0 - np.mod(180.0 - angles, 360.0), dtype=np.float64)

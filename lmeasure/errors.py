@@ -1,0 +1,33 @@
+"""What can go wrong, as one tree.
+
+Every error is one line for the person at the instrument: the file, the sample, the cable and the limit that was broken. The
+command line prints it and exits with 1; a script catches `LMeasureError`.
+"""
+
+
+class LMeasureError(Exception):
+    """The data cannot give the answer. The text is one line and says what to look at."""
+
+
+class FileFormatError(LMeasureError, ValueError):
+    """A file cannot be read as what it should be: not there, not TOML, a missing column, a cell that is not a number."""
+
+
+class RigError(FileFormatError):
+    """A rig.toml that contradicts the contract or itself; the text names the key."""
+
+
+class GeometryError(LMeasureError, ValueError):
+    """A cable that cannot exist: an attachment point on the swivel axis or inside the pulley."""
+
+
+class CalibrationError(LMeasureError, ValueError):
+    """Reference poses and counts from which no observation point can be found."""
+
+
+class TrajectoryError(LMeasureError, ValueError):
+    """A run that the screw method cannot start on."""
+
+
+class AcquisitionError(LMeasureError, OSError):
+    """A bus or a log that does not deliver what the rig says it should."""

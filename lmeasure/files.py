@@ -1,0 +1,189 @@
+"""Files: read with errors that name the file, row and key; written whole or not at all."""
+
+import hashlib
+import io
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import tomli_w
+from numpy.typing import NDArray
+
+from lmeasure.errors import FileFormatError, LMeasureError
+
+FloatArray = NDArray[np.float64]
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A temporary name beside `path` to write to; it becomes `path` only when the block ends without an error."""
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise LMeasureError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text with Unix line ends, whole or not at all."""
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's bytes; FileFormatError when it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of the file's bytes."""
+    return hashlib.sha256(read_bytes(path)).hexdigest()
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """A TOML file as a dictionary; FileFormatError names the file and the line."""
+    try:
+        return tomllib.loads(read_bytes(path).decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise FileFormatError(f"{path}: is not TOML: {error}") from error
+
+
+def write_toml(path: Path, data: Mapping[str, Any]) -> None:
+    """Write TOML whole or not at all; floats as the shortest text that reads back to the same double."""
+    write_text(path, tomli_w.dumps(data))
+
+
+class Table:
+    """Named columns of numbers or text read from a .csv or .parquet file, with errors that name file, row and column."""
+
+    def __init__(self, path: Path, data: pa.Table) -> None:
+        self.path = Path(path)
+        self._data = data
+
+    @property
+    def columns(self) -> list[str]:
+        """Column names in file order."""
+        return list(self._data.column_names)
+
+    def __len__(self) -> int:
+        return int(self._data.num_rows)
+
+    def _row(self, index: int) -> str:
+        # a CSV's first data row stands on line 2
+        return f"line {index + 2}" if self.path.suffix.lower() == ".csv" else f"row {index}"
+
+    def _column(self, name: str) -> pa.ChunkedArray:
+        if name not in self._data.column_names:
+            raise FileFormatError(f"{self.path}: column {name!r} is missing; it has {', '.join(self.columns)}")
+        return self._data.column(name)
+
+    def numbers(self, name: str, *, gaps: bool = False) -> FloatArray:
+        """(n,) floats. An empty cell is NaN where gaps are allowed, an error otherwise; any other cell must be a finite number."""
+        column = self._column(name)
+        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+            column = self._parse(name, column)
+        try:
+            column = column.cast(pa.float64())
+        except pa.ArrowInvalid as error:
+            raise FileFormatError(f"{self.path}: column {name!r} is not a column of numbers: {error}") from error
+        empty = np.asarray(column.is_null())
+        values = np.array(column.to_numpy(), dtype=np.float64)
+        bad = ~np.isfinite(values) & ~empty
+        if not gaps:
+            bad |= empty
+        if bad.any():
+            row = int(np.argmax(bad))
+            what = "is empty" if empty[row] else f"is {values[row]}, not a finite number"
+            raise FileFormatError(f"{self.path}: {self._row(row)}, column {name!r} {what}")
+        values[empty] = np.nan
+        return values
+
+    def _parse(self, name: str, column: pa.ChunkedArray) -> pa.Array:
+        """Text cells as numbers: the column was not read as numbers, so at least one cell is bad, or all are empty."""
+        values: list[float | None] = []
+        for row, cell in enumerate(column.to_pylist()):
+            text = "" if cell is None else cell.strip()
+            try:
+                values.append(float(text) if text else None)
+            except ValueError:
+                raise FileFormatError(f"{self.path}: {self._row(row)}, column {name!r}: {cell!r} is not a number") from None
+        return pa.array(values, pa.float64())
+
+    def matrix(self, names: Sequence[str], *, gaps: bool = False) -> FloatArray:
+        """(n, len(names)) floats of several columns."""
+        return np.column_stack([self.numbers(name, gaps=gaps) for name in names]) if names else np.empty((len(self), 0))
+
+    def text(self, name: str) -> list[str]:
+        """(n,) cells as text; numbers that are whole are written without a decimal point."""
+        cells = self._column(name).to_pylist()
+        return ["" if c is None else str(int(c)) if isinstance(c, float) and c.is_integer() else str(c) for c in cells]
+
+
+def read_table(path: Path) -> Table:
+    """Read .csv (comma, header line, empty cells are gaps) or .parquet. FileFormatError names the file and what is wrong with it."""
+    path = Path(path)
+    raw = read_bytes(path)
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".parquet":
+            data = pa.parquet.read_table(pa.BufferReader(raw))
+        elif suffix == ".csv":
+            if not raw.strip():
+                raise FileFormatError(f"{path}: is empty")
+            data = pa.csv.read_csv(
+                io.BytesIO(raw.removeprefix(b"\xef\xbb\xbf")),
+                convert_options=pa.csv.ConvertOptions(
+                    null_values=[""], strings_can_be_null=True, true_values=[], false_values=[], timestamp_parsers=[]
+                ),
+            )
+        else:
+            raise FileFormatError(f"{path}: is neither .csv nor .parquet")
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path}: cannot be read as {suffix[1:]}: {' '.join(str(error).split())}") from error
+    names = [name.strip() for name in data.column_names]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise FileFormatError(f"{path}: column {twice[0]!r} stands twice")
+    return Table(path, data.rename_columns(names))
+
+
+def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> None:
+    """Write .csv or .parquet, whole or not at all. NaN becomes an empty cell in CSV; metadata is kept in Parquet's schema.
+
+    Numbers are written in full: text reads back to the same double.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in {".csv", ".parquet"}:
+        raise FileFormatError(f"{path}: the name must end in .csv or .parquet")
+    arrays = {
+        name: pa.array(np.asarray(values), from_pandas=suffix == ".csv" and np.asarray(values).dtype.kind == "f")
+        if not isinstance(values, list)
+        else pa.array(values)
+        for name, values in columns.items()
+    }
+    data = pa.table(arrays)
+    if metadata:
+        data = data.replace_schema_metadata(dict(metadata))
+    with whole(path) as temporary:
+        if suffix == ".parquet":
+            pa.parquet.write_table(data, temporary, compression="zstd")
+        else:
+            pa.csv.write_csv(data, temporary, pa.csv.WriteOptions(quoting_style="needed", quoting_header="none"))

@@ -1,0 +1,43 @@
+"""Compiled numerics: floats and arrays in, floats and a status out; no exceptions, no objects.
+
+Conventions of every kernel
+---------------------------
+* Millimetres and radians. A 3-vector is a tuple of three floats; a pose is a row `x, y, z, qx, qy, qz, qw`
+  (base_from_tool, unit quaternion).
+* What cannot exist is NaN, never an exception: the callers turn it into an error or a status.
+* Compiled code is kept between runs, in a folder named by a digest of these sources. Numba's own cache looks only at the file a
+  function stands in; a change in an inlined helper of another file would be missed.
+"""
+
+import hashlib
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba import njit
+
+kernel: Any = njit(error_model="numpy", cache=True, nogil=True)
+"""Decorator of a compiled function that Python calls."""
+
+inline: Any = njit(error_model="numpy", forceinline=True)
+"""Decorator of a small function that only other kernels call."""
+
+
+def _cache_folder() -> Path:
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    if sys.platform == "win32":
+        root = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    elif sys.platform == "darwin":
+        root = Path.home() / "Library" / "Caches"
+    else:
+        root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return root / "lmeasure" / f"kernels-{digest.hexdigest()[:16]}"
+
+
+if "NUMBA_CACHE_DIR" not in os.environ:
+    os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
+    numba.config.reload_config()  # type: ignore[attr-defined]

@@ -1,0 +1,261 @@
+"""One cable: from the drum over the fixed pulley and the swivel pulley to the attachment point.
+
+Swivel pulley (thesis Rashoyan 2021, 5.5, eqs. 5.9-5.10, derived again)
+-----------------------------------------------------------------------
+The cable reaches the fixed point B travelling along the unit vector u, which is also the axis about which the pulley swivels. The
+pulley turns into the plane of u and P - B. In that plane take q = (P-B).u along u and p = distance of P from the axis, n its unit
+vector: the pulley's centre is O = B + R n. The cable wraps through phi and leaves at T = O + R (sin phi u - cos phi n) along
+e = cos phi u + sin phi n for a straight part t, so that
+
+    q = R sin phi + t cos phi,    p - R = -R cos phi + t sin phi,    t = sqrt(q^2 + (p-R)^2 - R^2).
+
+Length F = R phi + t. Its derivatives follow by differentiating the two equations: dF/dq = cos phi, dF/dp = sin phi (so the gradient at
+P is e, the unit vector of the free span), and dF/dR = phi - sin phi at fixed q, p. The thesis' printed systems have
+misprints (the plane normal, a sign in the third row of 5.9, eps = 2 arcsin(|BT|/2R), which holds only up to 180 degrees); its floor
+point N fails for points below the floor, so u is built from the angles.
+
+Grooved drum (thesis 5.5)
+-------------------------
+The pay-out point travels axially, a(k) = a0 + k g/N for pitch g and N counts per turn, so the stretch from drum to fixed
+pulley is h(k) = hypot(t_d, a(k)). Paying out k counts of length c gives the free cable the change
+
+    D(k) = k c - (h(k) - h(0)) = F(P) - F(P0),
+
+which grows strictly with k when g < N c, a condition the rig file is held to.
+
+Rows
+----
+A cable is a row of `CABLE_COLUMNS` floats: B (0:3), u (3:6), R (6), P in the tool frame (7:10), t_d (10), a0 (11), g/N (12), c (13),
+alpha (14), beta (15). A pose is a row `x, y, z, qx, qy, qz, qw`.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.kernels import inline, kernel
+from lmeasure.kernels.vector import Quat, Vec3, add, cross, dot, norm, rotate, rotate_back, scale, sub
+
+FloatArray = NDArray[np.float64]
+
+CABLE_COLUMNS = 16
+PARAMETERS = (
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "guide_alpha_rad",
+    "guide_beta_rad",
+    "pulley_radius_mm",
+    "scale",
+    "tangent_length_mm",
+    "axial_offset_mm",
+    "attachment_x_mm",
+    "attachment_y_mm",
+    "attachment_z_mm",
+)
+"""What `length_gradient` differentiates by, in its order: observation point, guide, pulley, counter, drum, attachment point."""
+
+
+@inline
+def guide_direction(alpha: float, beta: float) -> Vec3:
+    """Unit direction u of cable travel at B: against the way from B to the fixed pulley (alpha below the horizontal, beta from +Y
+    towards +X)."""
+    return -math.cos(alpha) * math.sin(beta), -math.cos(alpha) * math.cos(beta), math.sin(alpha)
+
+
+@inline
+def wrap_plane(d: Vec3, u: Vec3) -> tuple[float, float, Vec3]:
+    """(q, p, n) of the point d from B: coordinate along u, distance from the axis, unit vector away from it."""
+    q = dot(d, u)
+    across = sub(d, scale(q, u))
+    p = norm(across)
+    return q, p, scale(1.0 / p, across)
+
+
+@inline
+def wrap(q: float, p: float, radius: float) -> tuple[float, float]:
+    """(phi, t): wrapped angle in [0, 2 pi) and straight length. NaN inside the pulley."""
+    x = p - radius
+    t = math.sqrt(q * q + x * x - radius * radius)
+    phi = math.atan2(q * radius + x * t, q * t - x * radius)
+    return (phi if phi >= 0.0 else phi + 2.0 * math.pi), t
+
+
+@inline
+def span(point: Vec3, base: Vec3, u: Vec3, radius: float) -> tuple[float, Vec3]:
+    """(length from B over the swivel pulley to the point, unit vector e of the free span); NaN where no cable can run.
+
+    radius 0 is a straight cable from B.
+    """
+    d = sub(point, base)
+    if radius == 0.0:
+        length = norm(d)
+        return length, scale(1.0 / length, d)
+    q, p, n = wrap_plane(d, u)
+    phi, t = wrap(q, p, radius)
+    return radius * phi + t, add(scale(math.cos(phi), u), scale(math.sin(phi), n))
+
+
+@inline
+def drum_change(k: float, tangent: float, axial: float, travel: float, count_length: float) -> float:
+    """D(k): change of the free cable, drum to attachment less drum to fixed pulley, when k counts are paid out."""
+    a = axial + travel * k
+    # h(k) - h(0) as a quotient: the difference of two square roots would lose the digits that one count moves
+    h = math.sqrt(tangent * tangent + a * a) + math.sqrt(tangent * tangent + axial * axial)
+    dh = travel * k * (a + axial) / h if h > 0.0 else 0.0
+    return k * count_length - dh
+
+
+@inline
+def drum_count(change: float, tangent: float, axial: float, travel: float, count_length: float) -> float:
+    """The k whose D(k) is the change: Newton from k = change/c, monotone because |dh/dk| <= g/N < c."""
+    k = change / count_length
+    for _ in range(50):
+        a = axial + travel * k
+        h = math.sqrt(tangent * tangent + a * a)
+        slope = count_length - (travel * a / h if h > 0.0 else 0.0)
+        step = (change - drum_change(k, tangent, axial, travel, count_length)) / slope
+        k += step
+        if abs(step) <= 1e-13 * max(1.0, abs(k)):
+            break
+    return k
+
+
+@inline
+def vec(row: FloatArray, i: int) -> Vec3:
+    return row[i], row[i + 1], row[i + 2]
+
+
+@inline
+def orientation(pose: FloatArray) -> Quat:
+    return pose[3], pose[4], pose[5], pose[6]
+
+
+@inline
+def span_at(cable: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
+    """(length, e, arm): the arm is the attachment point from the tool origin, in base axes."""
+    arm = rotate(orientation(pose), vec(cable, 7))
+    length, e = span(add(vec(pose, 0), arm), vec(cable, 0), vec(cable, 3), cable[6])
+    return length, e, arm
+
+
+@kernel
+def span_lengths(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, m) lengths F [mm] from B to the attachment point, for m cables at n poses; NaN where no cable can run."""
+    out = np.empty((poses.shape[0], cables.shape[0]))
+    for i in range(poses.shape[0]):
+        for j in range(cables.shape[0]):
+            out[i, j] = span_at(cables[j], poses[i])[0]
+    return out
+
+
+@kernel
+def span_rows(cables: FloatArray, pose: FloatArray) -> FloatArray:
+    """(m, 6) rows (arm x e ; e): rate of each length by the twist (omega; v), v at the tool origin, base axes."""
+    out = np.empty((cables.shape[0], 6))
+    for j in range(cables.shape[0]):
+        _, e, arm = span_at(cables[j], pose)
+        moment = cross(arm, e)
+        for c in range(3):
+            out[j, c] = moment[c]
+            out[j, 3 + c] = e[c]
+    return out
+
+
+@kernel
+def wrap_geometry(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Where the cables run, for pictures and limits: (n, m, 3) pulley centres, tangent points and attachment points in the base frame,
+    (n, m) wrapped angles [rad]."""
+    n, m = poses.shape[0], cables.shape[0]
+    centre, tangent, attachment = np.empty((n, m, 3)), np.empty((n, m, 3)), np.empty((n, m, 3))
+    angle = np.zeros((n, m))
+    for i in range(n):
+        for j in range(m):
+            base, u, radius = vec(cables[j], 0), vec(cables[j], 3), cables[j, 6]
+            point = add(vec(poses[i], 0), rotate(orientation(poses[i]), vec(cables[j], 7)))
+            o, t = base, base
+            if radius > 0.0:
+                q, p, normal = wrap_plane(sub(point, base), u)
+                phi, _ = wrap(q, p, radius)
+                o = add(base, scale(radius, normal))
+                t = add(o, add(scale(radius * math.sin(phi), u), scale(-radius * math.cos(phi), normal)))
+                angle[i, j] = phi
+            for c in range(3):
+                centre[i, j, c], tangent[i, j, c], attachment[i, j, c] = o[c], t[c], point[c]
+    return centre, tangent, attachment, angle
+
+
+@kernel
+def changes_from_counts(cables: FloatArray, counts: FloatArray) -> FloatArray:
+    """(n, m) changes D [mm] of the free cable from (n, m) true counts k (paid out positive)."""
+    out = np.empty(counts.shape)
+    for i in range(counts.shape[0]):
+        for j in range(counts.shape[1]):
+            out[i, j] = drum_change(counts[i, j], cables[j, 10], cables[j, 11], cables[j, 12], cables[j, 13])
+    return out
+
+
+@kernel
+def counts_from_changes(cables: FloatArray, changes: FloatArray) -> FloatArray:
+    """(n, m) true counts k, not rounded, from (n, m) changes of the free cable [mm]."""
+    out = np.empty(changes.shape)
+    for i in range(changes.shape[0]):
+        for j in range(changes.shape[1]):
+            out[i, j] = drum_count(changes[i, j], cables[j, 10], cables[j, 11], cables[j, 12], cables[j, 13])
+    return out
+
+
+@inline
+def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor: float, out: FloatArray) -> None:
+    """Derivatives of F(pose) - D(k) by `PARAMETERS`, into out (12,).
+
+    k is decoded from a recorded count by 1/scale, hence dk/dscale = -k/scale. The count's zero pose enters by a second call with k = 0.
+    """
+    base, u, radius = vec(cable, 0), vec(cable, 3), cable[6]
+    attachment = vec(cable, 7)
+    q4 = orientation(pose)
+    d = sub(add(vec(pose, 0), rotate(q4, attachment)), base)
+    alpha, beta = cable[14], cable[15]
+    if radius == 0.0:
+        length = norm(d)
+        e = scale(1.0 / length, d)
+        out[3], out[4] = 0.0, 0.0
+        # the limit R -> 0 of phi - sin phi, with the angle between u and the straight cable
+        cosine = min(1.0, max(-1.0, dot(e, u)))
+        phi = math.acos(cosine)
+        out[5] = phi - math.sin(phi)
+    else:
+        q, p, n = wrap_plane(d, u)
+        phi, _ = wrap(q, p, radius)
+        cosine, sine = math.cos(phi), math.sin(phi)
+        e = add(scale(cosine, u), scale(sine, n))
+        # dq = d.du and, as p^2 = |d|^2 - q^2, dp = -(q/p) dq
+        by_u = cosine - sine * q / p
+        out[3] = by_u * dot(d, (math.sin(alpha) * math.sin(beta), math.sin(alpha) * math.cos(beta), math.cos(alpha)))
+        out[4] = by_u * dot(d, (-math.cos(alpha) * math.cos(beta), math.cos(alpha) * math.sin(beta), 0.0))
+        out[5] = phi - sine
+    for c in range(3):
+        out[c] = -e[c]
+    tangent, axial, travel = cable[10], cable[11], cable[12]
+    a = axial + travel * k
+    h, h0 = math.sqrt(tangent * tangent + a * a), math.sqrt(tangent * tangent + axial * axial)
+    if h > 0.0 and h0 > 0.0:
+        out[6] = (cable[13] - travel * a / h) * k / scale_factor
+        out[7] = tangent / h - tangent / h0
+        out[8] = a / h - axial / h0
+    else:
+        out[6], out[7], out[8] = cable[13] * k / scale_factor, 0.0, 0.0
+    inward = rotate_back(q4, e)
+    for c in range(3):
+        out[9 + c] = inward[c]
+
+
+@kernel
+def length_gradients(cables: FloatArray, poses: FloatArray, counts: FloatArray, scales: FloatArray) -> FloatArray:
+    """(n, m, 12) derivatives of F(pose) - D(k) by `PARAMETERS`, for (n, m) true counts and (m,) decoding scales."""
+    out = np.empty((poses.shape[0], cables.shape[0], 12))
+    for i in range(poses.shape[0]):
+        for j in range(cables.shape[0]):
+            length_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
+    return out

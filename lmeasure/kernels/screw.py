@@ -1,0 +1,296 @@
+"""The screw method: one pose from six lengths, and a run of them by continuation.
+
+Thesis 5.6: solve P Phi = dl with the Pluecker coordinates of the free spans, displace the body by the *finite* twist Phi, find the
+tangent points and lengths again, repeat with the residuals until they are below a tolerance. As the row of a cable is the exact
+gradient of its length (wrap included), the step is Newton's. Rows and twists are taken about the tool origin, not the base origin:
+the determinant and the displacement are the same, the conditioning is better.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.kernels import inline, kernel
+from lmeasure.kernels.cable import FloatArray, length_gradient, orientation, span_at, vec
+from lmeasure.kernels.se3 import exp_rotation, exp_translation
+from lmeasure.kernels.vector import add, cross, multiply
+
+IntArray = NDArray[np.int64]
+
+OK, SINGULAR, NOT_CONVERGED, GAP, JUMP, SLACK, OTHER_ASSEMBLY = range(7)
+STATUS = ("ok", "singular", "not_converged", "gap", "jump", "slack", "other_assembly")
+
+CABLES = 6
+TOLERANCE_MM = 1e-11  # a hundred units in the last place of a metre: Newton's last step leaves far less
+MAX_ITERATIONS = 30
+STRIDE_MM = 5.0  # longest change of a cable that one Newton start is asked to bridge; more is gone in parts
+SINGULAR_PIVOT = 1e-10  # of the rows scaled to unit size: a direction the cables do not see at all
+MAX_STEP_ROTATION = 0.5  # rad
+
+
+@inline
+def _fill(cables: FloatArray, pose: FloatArray, targets: FloatArray, J: FloatArray, r: FloatArray, size: float) -> float:
+    """Rows (arm x e / size ; e) into J, residuals target - length into r; the largest absolute residual."""
+    worst = 0.0
+    for j in range(CABLES):
+        length, e, arm = span_at(cables[j], pose)
+        moment = cross(arm, e)
+        for c in range(3):
+            J[j, c] = moment[c] / size
+            J[j, 3 + c] = e[c]
+        r[j] = targets[j] - length
+        # written so that NaN is the worst of all
+        if not abs(r[j]) <= worst:
+            worst = abs(r[j])
+    return worst
+
+
+@inline
+def eliminate(A: FloatArray, B: FloatArray) -> float:
+    """Solve A X = B in place by elimination with row pivots (X in B); the determinant of A, or 0 when a pivot vanishes."""
+    n, m = A.shape[0], B.shape[1]
+    det = 1.0
+    for i in range(n):
+        best = i
+        for k in range(i + 1, n):
+            if abs(A[k, i]) > abs(A[best, i]):
+                best = k
+        if best != i:
+            for c in range(n):
+                A[i, c], A[best, c] = A[best, c], A[i, c]
+            for c in range(m):
+                B[i, c], B[best, c] = B[best, c], B[i, c]
+            det = -det
+        pivot = A[i, i]
+        if not abs(pivot) > SINGULAR_PIVOT:
+            return 0.0
+        det *= pivot
+        for k in range(i + 1, n):
+            f = A[k, i] / pivot
+            if f != 0.0:
+                for c in range(i + 1, n):
+                    A[k, c] -= f * A[i, c]
+                for c in range(m):
+                    B[k, c] -= f * B[i, c]
+    for i in range(n - 1, -1, -1):
+        for c in range(m):
+            s = B[i, c]
+            for k in range(i + 1, n):
+                s -= A[i, k] * B[k, c]
+            B[i, c] = s / A[i, i]
+    return det
+
+
+@inline
+def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
+    """Displace the pose by the finite twist (x[0:3]/size ; x[3:6]) about the tool origin, at most MAX_STEP_ROTATION of it."""
+    omega = (x[0] / size, x[1] / size, x[2] / size)
+    v = (x[3], x[4], x[5])
+    turn = math.sqrt(omega[0] * omega[0] + omega[1] * omega[1] + omega[2] * omega[2])
+    if turn > MAX_STEP_ROTATION:
+        f = MAX_STEP_ROTATION / turn
+        omega = (f * omega[0], f * omega[1], f * omega[2])
+        v = (f * v[0], f * v[1], f * v[2])
+    position = add(vec(pose, 0), exp_translation(omega, v))
+    q = multiply(exp_rotation(omega), orientation(pose))
+    f = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for c in range(3):
+        pose[c] = position[c]
+    for c in range(4):
+        pose[3 + c] = f * q[c]
+
+
+@inline
+def newton(cables: FloatArray, targets: FloatArray, pose: FloatArray, J: FloatArray, r: FloatArray, size: float) -> tuple[int, int, float]:
+    """Move the pose (in place) until the six lengths are the targets: (status, iterations, largest residual)."""
+    previous = math.inf
+    for iteration in range(MAX_ITERATIONS):
+        worst = _fill(cables, pose, targets, J, r[:, 0], size)
+        # rounding floor: when the residual is tiny and no longer falls there is nothing left to gain
+        if worst <= TOLERANCE_MM or (worst < 1e-9 and worst >= 0.5 * previous):
+            return OK, iteration, worst
+        if not worst < 1e9:
+            return NOT_CONVERGED, iteration, worst
+        previous = worst
+        if eliminate(J, r) == 0.0:
+            return SINGULAR, iteration, worst
+        displace(pose, r[:, 0], size)
+    return NOT_CONVERGED, MAX_ITERATIONS, worst
+
+
+@inline
+def platform_size(cables: FloatArray) -> float:
+    """Length that makes rotations comparable with translations: the largest arm of an attachment point [mm]."""
+    size = 1e-3
+    for j in range(cables.shape[0]):
+        p = vec(cables[j], 7)
+        size = max(size, math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]))
+    return size
+
+
+@inline
+def invert(cables: FloatArray, pose: FloatArray, J: FloatArray, inverse: FloatArray, size: float) -> float:
+    """Inverse of the rows about the tool origin into `inverse` (6, 6): column i is the unit-rate twist of cable i, (omega; v).
+
+    Returns the determinant of the rows with moments divided by size (its sign tells the assembly); 0 when singular.
+    """
+    for j in range(CABLES):
+        _, e, arm = span_at(cables[j], pose)
+        moment = cross(arm, e)
+        for c in range(3):
+            J[j, c] = moment[c] / size
+            J[j, 3 + c] = e[c]
+        for c in range(CABLES):
+            inverse[j, c] = 1.0 if c == j else 0.0
+    det = eliminate(J, inverse)
+    for c in range(CABLES):
+        for k in range(3):
+            inverse[k, c] /= size
+    return det
+
+
+@inline
+def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArray) -> float:
+    """Largest pressure-angle analogue [rad] of a pose (thesis 5.7).
+
+    Angle between the free span e_i and the velocity v_i of its attachment point when only cable i changes. The unit-rate twist has
+    e_i . v_i = 1, so the angle is arccos(1/|v_i|).
+    """
+    fastest = 1.0
+    for i in range(CABLES):
+        _, _, arm = span_at(cables[i], pose)
+        omega = (inverse[0, i], inverse[1, i], inverse[2, i])
+        v = add((inverse[3, i], inverse[4, i], inverse[5, i]), cross(omega, arm))
+        fastest = max(fastest, math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
+    return math.acos(1.0 / fastest)
+
+
+@kernel
+def solve_pose(cables: FloatArray, targets: FloatArray, start: FloatArray) -> tuple[int, int, float, FloatArray]:
+    """One pose from six lengths [mm], by the screw method from a start pose: (status, iterations, largest residual [mm], pose)."""
+    pose = start.copy()
+    status, iterations, worst = newton(cables, targets, pose, np.empty((CABLES, CABLES)), np.empty((CABLES, 1)), platform_size(cables))
+    return status, iterations, worst, pose
+
+
+@kernel
+def track(
+    cables: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
+    """Poses of a run by continuation: each sample starts from the last good one.
+
+    cables (6, 16); start (7,) pose at which the counters were zeroed; changes (n, 6) of the free cables since then [mm]; flags (n,) of
+    `STATUS`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is gone in parts along the
+    straight line in lengths, so that the way to another assembly is not jumped over. A pose whose determinant has the other sign than
+    the start's is in another assembly.
+
+    Returns poses (n, 7), residuals (n,) [mm], iterations (n,), status (n,), worst pressure angles (n,) [rad]. What is not OK is NaN.
+    """
+    n = changes.shape[0]
+    poses, residual, angle = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    iterations, status = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    J, r, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, 1)), np.empty((CABLES, CABLES))
+    size = platform_size(cables)
+    zero = np.empty(CABLES)
+    for j in range(CABLES):
+        zero[j] = span_at(cables[j], start)[0]
+    side = invert(cables, start, J, inverse, size)
+    good, good_change = start.copy(), np.zeros(CABLES)
+    pose, targets = np.empty(7), np.empty(CABLES)
+    for i in range(n):
+        if flags[i] != OK:
+            status[i] = flags[i]
+            continue
+        longest = 0.0
+        for j in range(CABLES):
+            longest = max(longest, abs(changes[i, j] - good_change[j]))
+        parts = max(1, math.ceil(longest / STRIDE_MM))
+        pose[:] = good
+        state, worst = OK, 0.0
+        for part in range(1, parts + 1):
+            f = part / parts
+            for j in range(CABLES):
+                # the last part aims at the target itself, free of the rounding of the interpolation
+                way = changes[i, j] if part == parts else good_change[j] + f * (changes[i, j] - good_change[j])
+                targets[j] = zero[j] + way
+            state, steps, worst = newton(cables, targets, pose, J, r, size)
+            iterations[i] += steps
+            if state != OK:
+                break
+        if state == OK:
+            det = invert(cables, pose, J, inverse, size)
+            if det == 0.0:
+                state = SINGULAR
+            elif det * side < 0.0:
+                state = OTHER_ASSEMBLY
+        status[i] = state
+        if state == OK:
+            poses[i] = pose
+            residual[i] = worst
+            angle[i] = worst_pressure_angle(cables, pose, inverse)
+            good[:] = pose
+            good_change[:] = changes[i]
+    return poses, residual, iterations, status, angle
+
+
+@kernel
+def pose_covariances(
+    cables: FloatArray,
+    start: FloatArray,
+    poses: FloatArray,
+    counts: FloatArray,
+    scales: FloatArray,
+    count_variance: FloatArray,
+    parameter_covariance: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Covariances of poses, random and systematic: two (n, 6, 6) arrays.
+
+    The error of a pose is delta = (rotation; translation of the tool origin), R_true = Exp(delta_rotation) R, base axes [rad, mm];
+    delta = inverse(rows) dl. Random: the lengths' own independent variances (m,) [mm^2]. Systematic: the rig parameters' covariance
+    (12 m, 12 m) in the order of `PARAMETERS` per cable; a parameter moves the length at the pose *and* at the zero pose, where the counters
+    started. NaN poses give NaN.
+    """
+    n = poses.shape[0]
+    random, systematic = np.full((n, 6, 6), np.nan), np.zeros((n, 6, 6))
+    J, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES))
+    size = platform_size(cables)
+    at_start, here = np.empty((CABLES, 12)), np.empty((CABLES, 12))
+    C = np.empty((CABLES, CABLES))
+    linked = np.any(parameter_covariance != 0.0)
+    for j in range(CABLES):
+        length_gradient(cables[j], start, 0.0, scales[j], at_start[j])
+    for i in range(n):
+        if math.isnan(poses[i, 0]):
+            systematic[i] = np.nan
+            continue
+        invert(cables, poses[i], J, inverse, size)
+        for a in range(6):
+            for b in range(6):
+                s = 0.0
+                for j in range(CABLES):
+                    s += inverse[a, j] * count_variance[j] * inverse[b, j]
+                random[i, a, b] = s
+        if not linked:
+            continue
+        for j in range(CABLES):
+            length_gradient(cables[j], poses[i], counts[i, j], scales[j], here[j])
+            for c in range(12):
+                here[j, c] -= at_start[j, c]
+        for j in range(CABLES):
+            for k in range(CABLES):
+                s = 0.0
+                for a in range(12):
+                    t = 0.0
+                    for b in range(12):
+                        t += parameter_covariance[12 * j + a, 12 * k + b] * here[k, b]
+                    s += here[j, a] * t
+                C[j, k] = s
+        for a in range(6):
+            for b in range(6):
+                s = 0.0
+                for j in range(CABLES):
+                    for k in range(CABLES):
+                        s += inverse[a, j] * C[j, k] * inverse[b, k]
+                systematic[i, a, b] = s
+    return random, systematic

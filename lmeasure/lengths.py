@@ -1,0 +1,225 @@
+"""Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure import files
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.counts import Counts, unwrap
+from lmeasure.errors import FileFormatError, GeometryError
+from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels.screw import GAP, JUMP, OK, STATUS
+from lmeasure.rig import Cable, Rig
+from lmeasure.run import Run
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+Reasons = tuple[tuple[NDArray[np.bool_], int, str], ...]
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Changes of the free cables since the counters were zeroed.
+
+    time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose; counts (n, m) true
+    counts k; flags (n,) of `kernels.screw.STATUS` (ok, gap or jump), cause (n,) and cable (n,) say why and which; notes for the reader.
+    """
+
+    time_s: FloatArray
+    cables: tuple[str, ...]
+    change_mm: FloatArray
+    counts: FloatArray
+    flags: IntArray
+    cause: list[str]
+    cable: list[str]
+    notes: tuple[str, ...] = ()
+
+    def columns(self) -> dict[str, Any]:
+        """Columns of a lengths file."""
+        out: dict[str, Any] = {"time_s": self.time_s}
+        out |= {f"{name}_mm": self.change_mm[:, i] for i, name in enumerate(self.cables)}
+        out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
+        return out | {"status": [STATUS[f] for f in self.flags], "cause": self.cause, "cable": self.cable}
+
+
+def write_lengths(path: Path, lengths: Lengths) -> None:
+    """Write .csv or .parquet: time_s, one `<cable>_mm` and `<cable>_count` per cable, status, cause, cable."""
+    files.write_table(path, lengths.columns())
+
+
+def read_lengths(path: Path) -> Lengths:
+    """Read what `write_lengths` wrote."""
+    table = files.read_table(path)
+    names = tuple(c.removesuffix("_mm") for c in table.columns if c.endswith("_mm"))
+    if not names:
+        raise FileFormatError(f"{path}: has no column <cable>_mm")
+    status = table.text("status")
+    for row, text in enumerate(status):
+        if text not in STATUS:
+            raise FileFormatError(f"{path}: sample {row}: status {text!r} is not one of {', '.join(STATUS)}")
+    return Lengths(
+        table.numbers("time_s"),
+        names,
+        table.matrix([f"{n}_mm" for n in names], gaps=True),
+        table.matrix([f"{n}_count" for n in names], gaps=True),
+        np.array([STATUS.index(text) for text in status], dtype=np.int64),
+        table.text("cause"),
+        table.text("cable"),
+    )
+
+
+def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, at (n, 7) poses; GeometryError names pose and cable."""
+    chosen = rig.cable if cables is None else cables
+    out = cable_kernels.span_lengths(rig.cable_rows(chosen), np.ascontiguousarray(rows))
+    bad = np.argwhere(~np.isfinite(out))
+    if len(bad):
+        i, j = (int(x) for x in bad[0])
+        raise GeometryError(
+            f"pose {i + 1}: cable {chosen[j].name}: {chosen[j].to_point} is on the swivel axis of {chosen[j].from_point} or inside its pulley"
+        )
+    return np.asarray(out)
+
+
+def counts_from_poses(rig: Rig, rows: FloatArray, zero: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(n, m) true counts k, not rounded, at (n, 7) poses when the counters were zeroed at the pose zero (7,)."""
+    chosen = rig.cable if cables is None else cables
+    lengths = span_lengths(rig, np.vstack([zero[None, :], rows]), chosen)
+    return np.asarray(cable_kernels.counts_from_changes(rig.cable_rows(chosen), lengths[1:] - lengths[0]))
+
+
+def recorded_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(n, m) counts as the encoders record them: whole, with sign and scale, wrapped to signed counters of the stated width."""
+    chosen = rig.cable if cables is None else cables
+    out = np.empty_like(counts)
+    for j, c in enumerate(chosen):
+        drum = rig.point(c.from_point).drum
+        values = np.rint(drum.count_sign * drum.scale * counts[:, j])
+        if drum.counter_bits is not None:
+            half = 2.0 ** (drum.counter_bits - 1)
+            values = (values + half) % (2 * half) - half
+        out[:, j] = values
+    return out
+
+
+def changes_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(n, m) changes of the free cables [mm] from (n, m) true counts."""
+    return np.asarray(cable_kernels.changes_from_counts(rig.cable_rows(cables), np.ascontiguousarray(counts)))
+
+
+def count_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(m,) variance [mm^2] of a length read in whole counts: independent, uniform within half a recorded count."""
+    chosen = rig.cable if cables is None else cables
+    drums = [rig.point(c.from_point).drum for c in chosen]
+    return np.array([(d.count_length_mm / d.scale) ** 2 / 12.0 for d in drums])
+
+
+def lengths_from_counts(run: Run) -> Lengths:
+    """The run's counts as changes of its cables, on the time base of pass 1.
+
+    A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes are
+    shifted so that their first rising sync edges coincide with pass 1's, where both have one, and interpolated linearly.
+    """
+    time_s = run.passes[0].time_s
+    n, m = len(time_s), len(run.rig.cable)
+    k = np.full((n, m), np.nan)
+    flags = np.zeros(n, np.int64)
+    cause, where = [""] * n, [""] * n
+    notes: list[str] = []
+    for j, c in enumerate(run.rig.cable):
+        counts = run.passes[c.passage - 1]
+        drum = run.rig.point(c.from_point).drum
+        rate = drum.max_cable_speed_mm_s / drum.count_length_mm * drum.scale
+        counter = unwrap(counts.of(c.channel), counts.time_s, rate, drum.counter_bits)
+        if counter.inferred_bits is not None:
+            notes.append(
+                f"{counts.source}: channel {c.channel}: counter_bits is not stated; its jumps are those of {counter.inferred_bits} bits"
+            )
+        values = np.where(counter.bad | counter.unsure, np.nan, counter.counts) * drum.count_sign / drum.scale
+        reasons: Reasons = (
+            (
+                counter.bad,
+                JUMP,
+                f"channel {c.channel} jumped faster than max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g} allows",
+            ),
+            (
+                counter.unsure,
+                GAP,
+                f"channel {c.channel} may have wrapped unseen: the pause is too long for max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}",
+            ),
+            (np.isnan(counter.counts), GAP, f"channel {c.channel} has no count"),
+        )
+        if c.passage > 1:
+            values, reasons = _on_time_base(run, c.passage, values, reasons)
+        k[:, j] = values
+        for mask, flag, text in reasons:
+            for i in np.flatnonzero(mask & (flags == OK)):
+                flags[i], cause[i], where[i] = flag, text, c.name
+    change = changes_from_counts(run.rig, k)
+    return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes))
+
+
+def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) -> tuple[FloatArray, Reasons]:
+    """Counts of a later pass at pass 1's times; what lies outside it, or next to a sample that is not good, is flagged."""
+    first, later = run.passes[0], run.passes[passage - 1]
+    shift = 0.0
+    edges = _first_edge(first), _first_edge(later)
+    if edges[0] is not None and edges[1] is not None:
+        shift = edges[0] - edges[1]
+    source = later.time_s + shift
+    if len(source) == len(first.time_s) and np.allclose(source, first.time_s, rtol=0, atol=1e-9):
+        return values, reasons
+    right = np.clip(np.searchsorted(source, first.time_s), 1, max(len(source) - 1, 1))
+    left = right - 1
+    if len(source) == 1:
+        right = left
+    outside = (first.time_s < source[0]) | (first.time_s > source[-1])
+    width = np.where(source[right] > source[left], source[right] - source[left], 1.0)
+    f = (first.time_s - source[left]) / width
+    # on a sample only that sample counts: its neighbour may be a gap
+    at_left, at_right = f == 0.0, f == 1.0
+    out = np.where(at_left, values[left], np.where(at_right, values[right], (1 - f) * values[left] + f * values[right]))
+    out[outside] = np.nan
+    moved = tuple(((mask[left] & ~at_right | mask[right] & ~at_left) & ~outside, flag, text) for mask, flag, text in reasons)
+    return out, (*moved, (outside, GAP, f"pass {passage} does not cover this time"))
+
+
+def _first_edge(counts: Counts) -> float | None:
+    """Time of the first sample at which sync is 1 after being 0 (or from the beginning) [s]; None without a sync column or edge."""
+    if counts.sync is None or not (counts.sync == 1).any():
+        return None
+    return float(counts.time_s[int(np.argmax(counts.sync == 1))])
+
+
+def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:
+    """For each cable the calibration record's names of the kernels' parameters (`kernels.cable.PARAMETERS`)."""
+    out: list[list[str]] = []
+    for c in rig.cable if cables is None else cables:
+        point = c.from_point
+        own = (
+            "x_mm",
+            "y_mm",
+            "z_mm",
+            "guide_alpha_deg",
+            "guide_beta_deg",
+            "pulley_radius_mm",
+            "scale",
+            "tangent_length_mm",
+            "axial_offset_mm",
+        )
+        out.append([f"{point}.{key}" for key in own] + [f"{c.to_point}.{axis}_mm" for axis in "xyz"])
+    return out
+
+
+def cable_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(12 m, 12 m) covariance of the cables' parameters, mm and rad, in the kernels' order; zero without a record."""
+    m = len(rig.cable if cables is None else cables)
+    if record is None:
+        return np.zeros((12 * m, 12 * m))
+    return record.cable_covariance(parameter_names(rig, cables))

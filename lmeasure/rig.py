@@ -1,0 +1,262 @@
+"""The rig: observation points, drums, attachment points and cables, exactly as rig.toml writes them."""
+
+import difflib
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from lmeasure import conventions, files
+from lmeasure.errors import RigError
+from lmeasure.kernels.cable import CABLE_COLUMNS
+
+FloatArray = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
+
+MAX_LENGTH_MM = 1e6  # a kilometre: beyond it a length is a slip of units
+CABLES_FOR_A_POSE = 6
+
+
+def _finite_length(value: float) -> float:
+    if not abs(value) <= MAX_LENGTH_MM:
+        raise ValueError(f"must be a length of at most {MAX_LENGTH_MM:.0f} mm")
+    return value
+
+
+Length = Annotated[float, AfterValidator(_finite_length)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(_finite_length)]
+NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=False)
+
+
+class Drum(_Strict):
+    """A grooved drum with its encoder. Lengths in mm; see the contract of rig.toml for each."""
+
+    counts_per_revolution: Annotated[int, Field(gt=0, le=2**32)]
+    count_length_mm: Positive
+    groove_pitch_mm: Length
+    tangent_length_mm: NotNegative
+    axial_offset_mm: Length
+    count_sign: Literal[1, -1] = 1
+    scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    """Decoding factor: recorded count = count_sign * scale * k."""
+    counter_bits: Annotated[int, Field(ge=8, le=64)] | None = None
+    max_cable_speed_mm_s: Positive = 20000.0
+    u_scale: NotNegative | None = None
+    u_tangent_length_mm: NotNegative | None = None
+    u_axial_offset_mm: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _groove_is_shallow(self) -> Self:
+        turn = self.counts_per_revolution * self.count_length_mm
+        if abs(self.groove_pitch_mm) >= turn:
+            raise ValueError(f"groove_pitch_mm: must be less than the cable of one turn, {turn:g} mm")
+        return self
+
+    @property
+    def axial_per_count_mm(self) -> float:
+        """Axial travel of the pay-out point per count [mm]."""
+        return self.groove_pitch_mm / self.counts_per_revolution
+
+
+class ObservationPoint(_Strict):
+    """A fixed point B with its swivel pulley and drum. position_mm in the robot's base frame."""
+
+    name: Name
+    position_mm: tuple[Length, Length, Length]
+    guide_alpha_deg: Annotated[float, Field(ge=-90, le=90)]
+    guide_beta_deg: Annotated[float, Field(ge=-360, le=360)]
+    pulley_radius_mm: NotNegative
+    drum: Drum
+    u_position_mm: NotNegative | None = None
+    u_guide_deg: NotNegative | None = None
+    u_pulley_radius_mm: NotNegative | None = None
+
+
+class Cable(_Strict):
+    """A cable from an observation point to an attachment point, counted by a channel in one pass of the motion."""
+
+    name: Name
+    channel: Name
+    from_point: Annotated[str, Field(alias="from")]
+    to_point: Annotated[str, Field(alias="to")]
+    passage: Annotated[int, Field(alias="pass", ge=1, le=1000)] = 1
+
+
+class Rig(_Strict):
+    """A rig as rig.toml states it. Frozen; `cable_rows` gives the kernels' arrays."""
+
+    schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    angles: str = conventions.DEFAULT
+    assumed: tuple[str, ...] = ()
+    calibration: str | None = None
+    observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
+    tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
+    cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.angles not in conventions.CONVENTIONS:
+            raise ValueError(f"angles: {self.angles!r} is not one of {', '.join(conventions.CONVENTIONS)}")
+        for kind, names in (
+            ("observation_point", [p.name for p in self.observation_point]),
+            ("cable", [c.name for c in self.cable]),
+        ):
+            for name, times in Counter(names).items():
+                if times > 1:
+                    raise ValueError(f"{kind}: the name {name!r} is given {times} times")
+        points = [p.name for p in self.observation_point]
+        for c in self.cable:
+            if c.from_point not in points:
+                raise ValueError(f"cable {c.name}: from = {c.from_point!r} is no observation_point ({', '.join(points)})")
+            if c.to_point not in self.tool:
+                raise ValueError(f"cable {c.name}: to = {c.to_point!r} is no point of [tool] ({', '.join(self.tool)})")
+        for (channel, passage), times in Counter((c.channel, c.passage) for c in self.cable).items():
+            if times > 1:
+                raise ValueError(f"cable: channel = {channel!r} serves {times} cables in pass {passage}; one cable per pass")
+        passes = {c.passage for c in self.cable}
+        if passes != set(range(1, len(passes) + 1)):
+            raise ValueError(f"cable: the passes are {sorted(passes)}; they must be numbered from 1 without a hole")
+        known = set(self.parameter_names())
+        for name in self.assumed:
+            if name not in known:
+                close = difflib.get_close_matches(name, known, n=1)
+                hint = f"; did you mean {close[0]!r}?" if close else ""
+                raise ValueError(f"assumed: {name!r} names no value of this rig{hint}")
+        return self
+
+    def parameter_names(self) -> list[str]:
+        """Names that `assumed` may hold: `<observation point>.<key>`, drum keys included, and `<attachment point>`."""
+        keys = [k for k in ObservationPoint.model_fields if k not in {"name", "drum"} and not k.startswith("u_")]
+        keys += [k for k in Drum.model_fields if not k.startswith("u_")]
+        return [f"{p.name}.{k}" for p in self.observation_point for k in keys] + list(self.tool)
+
+    def point(self, name: str) -> ObservationPoint:
+        """The observation point of that name."""
+        return next(p for p in self.observation_point if p.name == name)
+
+    @property
+    def passes(self) -> int:
+        """How many passes of the motion the cables need."""
+        return max(c.passage for c in self.cable)
+
+    def cables_of(self, passage: int) -> tuple[Cable, ...]:
+        """The cables measured in one pass."""
+        return tuple(c for c in self.cable if c.passage == passage)
+
+    def cable_rows(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+        """(m, 16) rows of the kernels (see `lmeasure.kernels.cable`) for the given cables, default all: mm and rad, B and u in the base
+        frame, P in the tool frame."""
+        rows = np.empty((len(self.cable if cables is None else cables), CABLE_COLUMNS))
+        for row, c in zip(rows, self.cable if cables is None else cables, strict=True):
+            p = self.point(c.from_point)
+            a, b = math.radians(p.guide_alpha_deg), math.radians(p.guide_beta_deg)
+            row[0:3] = p.position_mm
+            row[3:6] = (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
+            row[6] = p.pulley_radius_mm
+            row[7:10] = self.tool[c.to_point]
+            row[10:14] = (
+                p.drum.tangent_length_mm,
+                p.drum.axial_offset_mm,
+                p.drum.axial_per_count_mm,
+                p.drum.count_length_mm,
+            )
+            row[14:16] = a, b
+        return rows
+
+    def scales(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+        """(m,) decoding scales of the cables' counters."""
+        return np.array([self.point(c.from_point).drum.scale for c in (self.cable if cables is None else cables)])
+
+    def require_pose(self) -> None:
+        """RigError unless the cables can tell a whole pose: six of them, to attachment points that do not lie on one line."""
+        if len(self.cable) != CABLES_FOR_A_POSE:
+            raise RigError(
+                f"rig {self.name!r}: has {len(self.cable)} cables; a pose is reconstructed from exactly {CABLES_FOR_A_POSE}, "
+                "in one pass or in several"
+            )
+        used = sorted({c.to_point for c in self.cable})
+        points = np.array([self.tool[name] for name in used])
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if len(used) < 3 or spread[1] < 1e-6 * max(spread[0], 1e-9) or spread[1] < 1e-3:
+            raise RigError(
+                f"rig {self.name!r}: tool: the attachment points {', '.join(used)} lie on one line; the orientation cannot be measured"
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of rig.toml, optional keys left out where they are not set."""
+        return self.model_dump(by_alias=True, exclude_none=True, mode="json")
+
+
+def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
+    """A checked rig; RigError names the source and the key."""
+    try:
+        return Rig.model_validate(data)
+    except ValidationError as error:
+        raise RigError(f"{source}: {_first_line(error, data)}") from None
+
+
+def read_rig(path: Path) -> Rig:
+    """Read and check a rig.toml; RigError names the file and the key."""
+    return rig_from_dict(files.read_toml(path), str(path))
+
+
+def write_rig(path: Path, rig: Rig) -> None:
+    """Write a rig.toml, whole or not at all."""
+    files.write_toml(path, rig.to_dict())
+
+
+def _first_line(error: ValidationError, data: Any) -> str:
+    """The first complaint of pydantic as one line that names the key as the file writes it."""
+    first = error.errors(include_url=False)[0]
+    where: list[str] = []
+    here = data
+    for step in first["loc"]:
+        if step in {"schema_", "from_point", "to_point", "passage", "[key]"}:
+            continue
+        if isinstance(step, int) and isinstance(here, list) and step < len(here) and isinstance(here[step], dict):
+            where.append(str(here[step].get("name", f"number {step + 1}")))
+        elif isinstance(step, int):
+            where.append(f"[{step}]")
+        else:
+            where.append(str(step))
+        try:
+            here = here[step]
+        except (KeyError, IndexError, TypeError):
+            here = None
+    key = str(first["loc"][-1]) if first["loc"] else ""
+    place = " ".join(where)
+    if first["type"] == "extra_forbidden":
+        return f"{place}: unknown key {key!r}{_unit_hint(key, first['loc'])}"
+    if first["type"] == "missing":
+        return f"{place}: is missing"
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[:1].lower() + message[1:] if message.startswith("Input") else message
+    shown = first.get("input")
+    got = f" (got {shown!r})" if isinstance(shown, int | float | str) and len(repr(shown)) < 60 else ""
+    return " ".join(f"{place}: {message}{got}".removeprefix(": ").split())
+
+
+def _unit_hint(key: str, loc: tuple[int | str, ...]) -> str:
+    models: dict[str, type[BaseModel]] = {"observation_point": ObservationPoint, "drum": Drum, "cable": Cable}
+    owner: type[BaseModel] = Rig
+    for step in loc[:-1]:
+        owner = models.get(str(step), owner)
+    known = [f.alias or name for name, f in owner.model_fields.items()]
+    stem = key
+    for unit in ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s"):
+        stem = stem.removesuffix(unit)
+    same = [k for k in known if k.removesuffix("_mm").removesuffix("_deg").removesuffix("_mm_s") == stem]
+    if same:
+        return f"; the unit is part of the name: {same[0]!r}"
+    close = difflib.get_close_matches(key, known, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; known here: {', '.join(known)}"

@@ -1,0 +1,1 @@
+"""Robots under test and their identification. (Its own part of the plan.)"""

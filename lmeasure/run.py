@@ -1,0 +1,123 @@
+"""The run folder: run.toml, the rig (with its calibration record when linked) and the counts of each pass."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure import conventions, files
+from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
+from lmeasure.counts import Counts, read_counts, write_counts
+from lmeasure.errors import FileFormatError
+from lmeasure.poses import poses_from_rows
+from lmeasure.rig import Rig, read_rig, write_rig
+
+FloatArray = NDArray[np.float64]
+
+SCHEMA = "lmeasure.run/1"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes."""
+
+    rig: Rig
+    start: FloatArray
+    passes: tuple[Counts, ...]
+    calibration: CalibrationRecord | None = None
+
+
+def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
+    """A rig and the calibration record that its `calibration` key names, which must be there."""
+    rig = read_rig(path)
+    if rig.calibration is None:
+        return rig, None
+    return rig, read_calibration_record(Path(path).parent / rig.calibration)
+
+
+def read_run(folder: Path, rig_path: Path | None = None) -> Run:
+    """Read a run folder; rig_path replaces the rig it names. FileFormatError names the file and key."""
+    folder = Path(folder)
+    path = folder / "run.toml"
+    if not folder.is_dir():
+        raise FileFormatError(f"{folder}: is not a run folder")
+    data = files.read_toml(path)
+    unknown = sorted(set(data) - {"schema", "rig", "start", "pass", "note", "recording"})
+    if unknown:
+        raise FileFormatError(f"{path}: unknown key {unknown[0]!r}")
+    if data.get("schema") != SCHEMA:
+        raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads {SCHEMA!r}")
+    if not isinstance(data.get("rig"), str) and rig_path is None:
+        raise FileFormatError(f"{path}: rig is missing; it names the rig file inside this folder")
+    rig, calibration = read_linked_rig(rig_path or _inside(folder, data["rig"], f"{path}: rig"))
+    passes = data.get("pass")
+    if not isinstance(passes, list) or not passes or not all(isinstance(p, dict) for p in passes):
+        raise FileFormatError(f"{path}: [[pass]] is missing")
+    if len(passes) < rig.passes:
+        raise FileFormatError(f"{path}: has {len(passes)} [[pass]], but the rig's cables need {rig.passes}")
+    counts = []
+    for number, entry in enumerate(passes, 1):
+        if not isinstance(entry.get("counts"), str):
+            raise FileFormatError(f"{path}: pass {number}: counts is missing")
+        counts.append(read_counts(_inside(folder, entry["counts"], f"{path}: pass {number}: counts")))
+    return Run(rig, _start(data.get("start"), rig.angles, path), tuple(counts), calibration)
+
+
+def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
+    """Write a run folder: counts first, run.toml last, so that a folder with a run.toml is whole."""
+    folder = Path(folder)
+    rig = run.rig.model_copy(update={"calibration": "calibration.json" if run.calibration else None})
+    if run.calibration:
+        write_calibration_record(folder / "calibration.json", run.calibration)
+    write_rig(folder / "rig.toml", rig)
+    names = [f"pass{i + 1}{suffix}" for i in range(len(run.passes))]
+    for name, counts in zip(names, run.passes, strict=True):
+        write_counts(folder / name, counts)
+    start = {"position_mm": [float(x) for x in run.start[:3]], "quaternion_xyzw": [float(x) for x in run.start[3:]]}
+    files.write_toml(
+        folder / "run.toml",
+        {"schema": SCHEMA, "rig": "rig.toml", "start": start, "pass": [{"counts": n} for n in names]} | (extra or {}),
+    )
+
+
+def _inside(folder: Path, name: str, what: str) -> Path:
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise FileFormatError(f"{what} = {name!r} lies outside the run folder")
+    return folder / name
+
+
+def _start(start: Any, angles: str, path: Path) -> FloatArray:
+    if not isinstance(start, dict):
+        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
+    convention = conventions.convention(angles)
+    unit = convention.columns[0].rsplit("_", 1)[1]
+    angle_key = "_".join(c.rsplit("_", 1)[0] for c in convention.columns) + f"_{unit}"
+    unknown = sorted(set(start) - {"position_mm", "quaternion_xyzw", angle_key})
+    if unknown:
+        raise FileFormatError(f"{path}: start: unknown key {unknown[0]!r}; known: position_mm, quaternion_xyzw, {angle_key}")
+    position = _numbers(start, "position_mm", 3, path)
+    if ("quaternion_xyzw" in start) == (angle_key in start):
+        raise FileFormatError(f"{path}: start: give either quaternion_xyzw or {angle_key}")
+    if "quaternion_xyzw" in start:
+        quaternion = _numbers(start, "quaternion_xyzw", 4, path)
+    else:
+        quaternion = conventions.rotation_from_angles(angles, _numbers(start, angle_key, 3, path)).as_quat()
+    try:
+        return np.asarray(poses_from_rows(np.concatenate([position, quaternion])).rows[0])
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: start: {error}") from None
+
+
+def _numbers(table: dict[str, Any], key: str, count: int, path: Path) -> FloatArray:
+    values = table.get(key)
+    if (
+        not isinstance(values, list)
+        or len(values) != count
+        or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+        or not np.isfinite(values).all()
+    ):
+        raise FileFormatError(f"{path}: start: {key} must be {count} numbers")
+    return np.array(values, dtype=np.float64)
