@@ -82,7 +82,7 @@ def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Cable, ...] | None = 
     if len(bad):
         i, j = (int(x) for x in bad[0])
         raise GeometryError(
-            f"pose {i + 1}: cable {chosen[j].name}: {chosen[j].to_point} is on the swivel axis of {chosen[j].from_point} or inside its pulley"
+            f"pose {i + 1}: cable {chosen[j].name}: {chosen[j].to_point} lies on the axis of {chosen[j].from_point} or inside its pulley"
         )
     return np.asarray(out)
 
@@ -151,7 +151,7 @@ def lengths_from_counts(run: Run) -> Lengths:
             (
                 counter.unsure,
                 GAP,
-                f"channel {c.channel} may have wrapped unseen: the pause is too long for max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}",
+                f"channel {c.channel} may have wrapped unseen at max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}",
             ),
             (np.isnan(counter.counts), GAP, f"channel {c.channel} has no count"),
         )

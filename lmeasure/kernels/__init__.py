@@ -40,4 +40,4 @@ def _cache_folder() -> Path:
 
 if "NUMBA_CACHE_DIR" not in os.environ:
     os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
-    numba.config.reload_config()  # type: ignore[attr-defined]
+    numba.config.reload_config()  # type: ignore[no-untyped-call]
