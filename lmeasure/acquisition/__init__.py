@@ -1,0 +1,1 @@
+"""Every frame sent or received: buses, log files, decoders, counters, the recorder, the simulated feed."""
