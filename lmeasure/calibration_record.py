@@ -97,7 +97,7 @@ class CalibrationRecord(_Record):
         return np.array(self.covariance, dtype=np.float64).reshape(len(self.parameters), len(self.parameters))
 
     def cable_covariance(self, names: list[list[str]]) -> FloatArray:
-        """(12 m, 12 m) covariance of the kernels' parameters, mm and rad, for m cables.
+        """(13 m, 13 m) covariance of the kernels' parameters, mm and rad, for m cables.
 
         names[j] are the record's names of cable j's parameters in the kernels' order (`kernels.cable.PARAMETERS`).
         Parameters that were not solved are taken as exact.

@@ -213,13 +213,14 @@ def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[l
             "tangent_length_mm",
             "axial_offset_mm",
         )
-        out.append([f"{point}.{key}" for key in own] + [f"{c.to_point}.{axis}_mm" for axis in "xyz"])
+        attachment = [f"tool.{c.to_point}.{axis}_mm" for axis in "xyz"]
+        out.append([*(f"{point}.{key}" for key in own), *attachment, f"{point}.groove_pitch_mm"])
     return out
 
 
 def cable_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(12 m, 12 m) covariance of the cables' parameters, mm and rad, in the kernels' order; zero without a record."""
+    """(13 m, 13 m) covariance of the cables' parameters, mm and rad, in the kernels' order; zero without a record."""
     m = len(rig.cable if cables is None else cables)
     if record is None:
-        return np.zeros((12 * m, 12 * m))
+        return np.zeros((m * len(cable_kernels.PARAMETERS), m * len(cable_kernels.PARAMETERS)))
     return record.cable_covariance(parameter_names(rig, cables))

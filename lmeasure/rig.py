@@ -154,7 +154,7 @@ class Rig(_Strict):
         return tuple(c for c in self.cable if c.passage == passage)
 
     def cable_rows(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-        """(m, 16) rows of the kernels (see `lmeasure.kernels.cable`) for the given cables, default all: mm and rad, B and u in the base
+        """(m, 17) rows of the kernels (see `lmeasure.kernels.cable`) for the given cables, default all: mm and rad, B and u in the base
         frame, P in the tool frame."""
         rows = np.empty((len(self.cable if cables is None else cables), CABLE_COLUMNS))
         for row, c in zip(rows, self.cable if cables is None else cables, strict=True):
@@ -170,7 +170,7 @@ class Rig(_Strict):
                 p.drum.axial_per_count_mm,
                 p.drum.count_length_mm,
             )
-            row[14:16] = a, b
+            row[14:17] = a, b, p.drum.counts_per_revolution
         return rows
 
     def scales(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:

@@ -26,7 +26,7 @@ which grows strictly with k when g < N c, a condition the rig file is held to.
 Rows
 ----
 A cable is a row of `CABLE_COLUMNS` floats: B (0:3), u (3:6), R (6), P in the tool frame (7:10), t_d (10), a0 (11), g/N (12), c (13),
-alpha (14), beta (15). A pose is a row `x, y, z, qx, qy, qz, qw`.
+alpha (14), beta (15), N (16). A pose is a row `x, y, z, qx, qy, qz, qw`.
 """
 
 import math
@@ -39,7 +39,7 @@ from lmeasure.kernels.vector import Quat, Vec3, add, cross, dot, norm, rotate, r
 
 FloatArray = NDArray[np.float64]
 
-CABLE_COLUMNS = 16
+CABLE_COLUMNS = 17
 PARAMETERS = (
     "x_mm",
     "y_mm",
@@ -53,6 +53,7 @@ PARAMETERS = (
     "attachment_x_mm",
     "attachment_y_mm",
     "attachment_z_mm",
+    "groove_pitch_mm",
 )
 """What `length_gradient` differentiates by, in its order: observation point, guide, pulley, counter, drum, attachment point."""
 
@@ -94,7 +95,10 @@ def span(point: Vec3, base: Vec3, u: Vec3, radius: float) -> tuple[float, Vec3]:
         return length, scale(1.0 / length, d)
     q, p, n = wrap_plane(d, u)
     phi, t = wrap(q, p, radius)
-    return radius * phi + t, add(scale(math.cos(phi), u), scale(math.sin(phi), n))
+    # cos phi and sin phi from the two equations above, which spares their series
+    x = p - radius
+    k = 1.0 / (q * q + x * x)
+    return radius * phi + t, add(scale(k * (q * t - x * radius), u), scale(k * (q * radius + x * t), n))
 
 
 @inline
@@ -208,7 +212,7 @@ def counts_from_changes(cables: FloatArray, changes: FloatArray) -> FloatArray:
 
 @inline
 def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor: float, out: FloatArray) -> None:
-    """Derivatives of F(pose) - D(k) by `PARAMETERS`, into out (12,).
+    """Derivatives of F(pose) - D(k) by `PARAMETERS`, into out (13,).
 
     k is decoded from a recorded count by 1/scale, hence dk/dscale = -k/scale. The count's zero pose enters by a second call with k = 0.
     """
@@ -244,8 +248,9 @@ def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor:
         out[6] = (cable[13] - travel * a / h) * k / scale_factor
         out[7] = tangent / h - tangent / h0
         out[8] = a / h - axial / h0
+        out[12] = a / h * k / cable[16]
     else:
-        out[6], out[7], out[8] = cable[13] * k / scale_factor, 0.0, 0.0
+        out[6], out[7], out[8], out[12] = cable[13] * k / scale_factor, 0.0, 0.0, 0.0
     inward = rotate_back(q4, e)
     for c in range(3):
         out[9 + c] = inward[c]
@@ -253,8 +258,8 @@ def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor:
 
 @kernel
 def length_gradients(cables: FloatArray, poses: FloatArray, counts: FloatArray, scales: FloatArray) -> FloatArray:
-    """(n, m, 12) derivatives of F(pose) - D(k) by `PARAMETERS`, for (n, m) true counts and (m,) decoding scales."""
-    out = np.empty((poses.shape[0], cables.shape[0], 12))
+    """(n, m, 13) derivatives of F(pose) - D(k) by `PARAMETERS`, for (n, m) true counts and (m,) decoding scales."""
+    out = np.empty((poses.shape[0], cables.shape[0], len(PARAMETERS)))
     for i in range(poses.shape[0]):
         for j in range(cables.shape[0]):
             length_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])

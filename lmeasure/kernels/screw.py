@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import FloatArray, length_gradient, orientation, span_at, vec
+from lmeasure.kernels.cable import PARAMETERS, FloatArray, length_gradient, orientation, span_at, vec
 from lmeasure.kernels.se3 import exp_rotation, exp_translation
-from lmeasure.kernels.vector import add, cross, multiply
+from lmeasure.kernels.vector import add, cross, multiply, rotate
 
 IntArray = NDArray[np.int64]
 
@@ -22,6 +22,7 @@ OK, SINGULAR, NOT_CONVERGED, GAP, JUMP, SLACK, OTHER_ASSEMBLY = range(7)
 STATUS = ("ok", "singular", "not_converged", "gap", "jump", "slack", "other_assembly")
 
 CABLES = 6
+WIDTH = len(PARAMETERS)
 TOLERANCE_MM = 1e-11  # a hundred units in the last place of a metre: Newton's last step leaves far less
 MAX_ITERATIONS = 30
 STRIDE_MM = 5.0  # longest change of a cable that one Newton start is asked to bridge; more is gone in parts
@@ -103,7 +104,10 @@ def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
 
 @inline
 def newton(cables: FloatArray, targets: FloatArray, pose: FloatArray, J: FloatArray, r: FloatArray, size: float) -> tuple[int, int, float]:
-    """Move the pose (in place) until the six lengths are the targets: (status, iterations, largest residual)."""
+    """Move the pose (in place) until the six lengths are the targets: (status, iterations, largest residual).
+
+    When OK, J holds the rows at the pose that was found.
+    """
     previous = math.inf
     for iteration in range(MAX_ITERATIONS):
         worst = _fill(cables, pose, targets, J, r[:, 0], size)
@@ -130,6 +134,19 @@ def platform_size(cables: FloatArray) -> float:
 
 
 @inline
+def _invert_rows(J: FloatArray, inverse: FloatArray, size: float) -> float:
+    """`invert` for rows that are already in J, which is used up."""
+    for j in range(CABLES):
+        for c in range(CABLES):
+            inverse[j, c] = 1.0 if c == j else 0.0
+    det = eliminate(J, inverse)
+    for c in range(CABLES):
+        for k in range(3):
+            inverse[k, c] /= size
+    return det
+
+
+@inline
 def invert(cables: FloatArray, pose: FloatArray, J: FloatArray, inverse: FloatArray, size: float) -> float:
     """Inverse of the rows about the tool origin into `inverse` (6, 6): column i is the unit-rate twist of cable i, (omega; v).
 
@@ -141,13 +158,7 @@ def invert(cables: FloatArray, pose: FloatArray, J: FloatArray, inverse: FloatAr
         for c in range(3):
             J[j, c] = moment[c] / size
             J[j, 3 + c] = e[c]
-        for c in range(CABLES):
-            inverse[j, c] = 1.0 if c == j else 0.0
-    det = eliminate(J, inverse)
-    for c in range(CABLES):
-        for k in range(3):
-            inverse[k, c] /= size
-    return det
+    return _invert_rows(J, inverse, size)
 
 
 @inline
@@ -159,7 +170,7 @@ def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArr
     """
     fastest = 1.0
     for i in range(CABLES):
-        _, _, arm = span_at(cables[i], pose)
+        arm = rotate(orientation(pose), vec(cables[i], 7))
         omega = (inverse[0, i], inverse[1, i], inverse[2, i])
         v = add((inverse[3, i], inverse[4, i], inverse[5, i]), cross(omega, arm))
         fastest = max(fastest, math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
@@ -180,7 +191,7 @@ def track(
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """Poses of a run by continuation: each sample starts from the last good one.
 
-    cables (6, 16); start (7,) pose at which the counters were zeroed; changes (n, 6) of the free cables since then [mm]; flags (n,) of
+    cables (6, 17); start (7,) pose at which the counters were zeroed; changes (n, 6) of the free cables since then [mm]; flags (n,) of
     `STATUS`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is gone in parts along the
     straight line in lengths, so that the way to another assembly is not jumped over. A pose whose determinant has the other sign than
     the start's is in another assembly.
@@ -219,7 +230,7 @@ def track(
             if state != OK:
                 break
         if state == OK:
-            det = invert(cables, pose, J, inverse, size)
+            det = _invert_rows(J, inverse, size)
             if det == 0.0:
                 state = SINGULAR
             elif det * side < 0.0:
@@ -248,14 +259,14 @@ def pose_covariances(
 
     The error of a pose is delta = (rotation; translation of the tool origin), R_true = Exp(delta_rotation) R, base axes [rad, mm];
     delta = inverse(rows) dl. Random: the lengths' own independent variances (m,) [mm^2]. Systematic: the rig parameters' covariance
-    (12 m, 12 m) in the order of `PARAMETERS` per cable; a parameter moves the length at the pose *and* at the zero pose, where the counters
+    (13 m, 13 m) in the order of `PARAMETERS` per cable; a parameter moves the length at the pose *and* at the zero pose, where the counters
     started. NaN poses give NaN.
     """
     n = poses.shape[0]
     random, systematic = np.full((n, 6, 6), np.nan), np.zeros((n, 6, 6))
     J, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES))
     size = platform_size(cables)
-    at_start, here = np.empty((CABLES, 12)), np.empty((CABLES, 12))
+    at_start, here = np.empty((CABLES, WIDTH)), np.empty((CABLES, WIDTH))
     C = np.empty((CABLES, CABLES))
     linked = np.any(parameter_covariance != 0.0)
     for j in range(CABLES):
@@ -275,15 +286,15 @@ def pose_covariances(
             continue
         for j in range(CABLES):
             length_gradient(cables[j], poses[i], counts[i, j], scales[j], here[j])
-            for c in range(12):
+            for c in range(WIDTH):
                 here[j, c] -= at_start[j, c]
         for j in range(CABLES):
             for k in range(CABLES):
                 s = 0.0
-                for a in range(12):
+                for a in range(WIDTH):
                     t = 0.0
-                    for b in range(12):
-                        t += parameter_covariance[12 * j + a, 12 * k + b] * here[k, b]
+                    for b in range(WIDTH):
+                        t += parameter_covariance[WIDTH * j + a, WIDTH * k + b] * here[k, b]
                     s += here[j, a] * t
                 C[j, k] = s
         for a in range(6):
