@@ -26,8 +26,11 @@ WIDTH = len(PARAMETERS)
 TOLERANCE_MM = 1e-11  # a hundred units in the last place of a metre: Newton's last step leaves far less
 MAX_ITERATIONS = 30
 STRIDE_MM = 5.0  # longest change of a cable that one Newton start is asked to bridge; more is gone in parts
-SINGULAR_PIVOT = 1e-10  # of the rows scaled to unit size: a direction the cables do not see at all
+SINGULAR_PIVOT = 1e-7  # of the rows scaled to unit size: a count moves the pose by kilometres
 MAX_STEP_ROTATION = 0.5  # rad
+NEAR_SINGULAR = math.radians(80.0)  # worst pressure angle from which a change of the determinant's sign is looked for
+LOOK_AHEAD = 2.0  # steps of the motion
+COVERAGE = 3.0  # standard deviations of the lengths
 
 
 @inline
@@ -162,19 +165,44 @@ def invert(cables: FloatArray, pose: FloatArray, J: FloatArray, inverse: FloatAr
 
 
 @inline
-def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArray) -> float:
-    """Largest pressure-angle analogue [rad] of a pose (thesis 5.7).
+def attachment_speed(cables: FloatArray, pose: FloatArray, inverse: FloatArray, i: int) -> float:
+    """|v_i|: speed of cable i's attachment point per unit rate of cable i, the other lengths held; `inverse` is that of `invert`."""
+    arm = rotate(orientation(pose), vec(cables[i], 7))
+    omega = (inverse[0, i], inverse[1, i], inverse[2, i])
+    v = add((inverse[3, i], inverse[4, i], inverse[5, i]), cross(omega, arm))
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
-    Angle between the free span e_i and the velocity v_i of its attachment point when only cable i changes. The unit-rate twist has
+
+@inline
+def pressure_angles(cables: FloatArray, pose: FloatArray, inverse: FloatArray, out: FloatArray) -> None:
+    """Pressure-angle analogues [rad] of the cables at a pose into out (6,) (thesis 5.1, 5.7).
+
+    The angle between the free span e_i and the velocity v_i of its attachment point when only cable i changes. The unit-rate twist has
     e_i . v_i = 1, so the angle is arccos(1/|v_i|).
     """
+    for i in range(CABLES):
+        out[i] = math.acos(1.0 / max(1.0, attachment_speed(cables, pose, inverse, i)))
+
+
+@inline
+def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArray) -> float:
+    """Largest of `pressure_angles` [rad]."""
     fastest = 1.0
     for i in range(CABLES):
-        arm = rotate(orientation(pose), vec(cables[i], 7))
-        omega = (inverse[0, i], inverse[1, i], inverse[2, i])
-        v = add((inverse[3, i], inverse[4, i], inverse[5, i]), cross(omega, arm))
-        fastest = max(fastest, math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
+        fastest = max(fastest, attachment_speed(cables, pose, inverse, i))
     return math.acos(1.0 / fastest)
+
+
+@kernel
+def pose_pressure_angles(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, 6) `pressure_angles` [rad] at (n, 7) poses; NaN where the cables do not determine the pose."""
+    out = np.full((poses.shape[0], CABLES), np.nan)
+    J, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES))
+    size = platform_size(cables)
+    for i in range(poses.shape[0]):
+        if invert(cables, poses[i], J, inverse, size) != 0.0:
+            pressure_angles(cables, poses[i], inverse, out[i])
+    return out
 
 
 @kernel
@@ -185,9 +213,65 @@ def solve_pose(cables: FloatArray, targets: FloatArray, start: FloatArray) -> tu
     return status, iterations, worst, pose
 
 
+@inline
+def _could_turn(
+    cables: FloatArray, pose: FloatArray, u: FloatArray, side: float, probe: FloatArray, J: FloatArray, inverse: FloatArray, size: float
+) -> bool:
+    """Whether the determinant changes its sign within COVERAGE standard uncertainties of the pose, for lengths uncertain by u (6,) [mm].
+
+    Near a singularity all columns of the inverse point along the one direction that the cables see badly: the probes go there.
+    """
+    total, largest, worst = 0.0, 0.0, 0
+    for i in range(CABLES):
+        s = 0.0
+        for c in range(6):
+            x = inverse[c, i] * (size if c < 3 else 1.0)
+            s += x * x
+        s = math.sqrt(s) * u[i]
+        total += s * s
+        if s > largest:
+            largest, worst = s, i
+    reach = COVERAGE * math.sqrt(total) / largest * u[worst]
+    twist = np.empty(6)
+    for c in range(6):
+        twist[c] = inverse[c, worst] * reach
+    for sign in (1.0, -1.0):
+        probe[:] = pose
+        displace(probe, sign * twist, 1.0)
+        if invert(cables, probe, J, inverse, size) * side <= 0.0:
+            return True
+    return False
+
+
+@inline
+def _next_could_turn(
+    cables: FloatArray,
+    before: FloatArray,
+    pose: FloatArray,
+    side: float,
+    probe: FloatArray,
+    J: FloatArray,
+    inverse: FloatArray,
+    size: float,
+) -> bool:
+    """Whether the determinant changes its sign when the motion goes on by LOOK_AHEAD steps like the last one."""
+    s, aligned = 0.0, 0.0
+    for c in range(3, 7):
+        aligned += pose[c] * before[c]
+    sign = 1.0 if aligned >= 0.0 else -1.0
+    for c in range(7):
+        probe[c] = pose[c] + LOOK_AHEAD * (pose[c] - (sign if c > 2 else 1.0) * before[c])
+        if c > 2:
+            s += probe[c] * probe[c]
+    s = math.sqrt(s)
+    for c in range(3, 7):
+        probe[c] /= s
+    return invert(cables, probe, J, inverse, size) * side <= 0.0
+
+
 @kernel
 def track(
-    cables: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray
+    cables: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """Poses of a run by continuation: each sample starts from the last good one.
 
@@ -195,6 +279,10 @@ def track(
     `STATUS`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is gone in parts along the
     straight line in lengths, so that the way to another assembly is not jumped over. A pose whose determinant has the other sign than
     the start's is in another assembly.
+
+    Two assemblies meet at a singular pose. There the same lengths have two poses, and the start's sign of the determinant fits the wrong one
+    once the motion went through. So a sample that lengths uncertain by u (6,) [mm] cannot tell from a singular pose is SINGULAR, and from it,
+    or from a sample whose next ones could lie beyond, everything is OTHER_ASSEMBLY: it cannot be told which of the two.
 
     Returns poses (n, 7), residuals (n,) [mm], iterations (n,), status (n,), worst pressure angles (n,) [rad]. What is not OK is NaN.
     """
@@ -208,17 +296,21 @@ def track(
         zero[j] = span_at(cables[j], start)[0]
     side = invert(cables, start, J, inverse, size)
     good, good_change = start.copy(), np.zeros(CABLES)
-    pose, targets = np.empty(7), np.empty(CABLES)
+    pose, probe, targets = np.empty(7), np.empty(7), np.empty(CABLES)
+    lost = False
     for i in range(n):
         if flags[i] != OK:
             status[i] = flags[i]
+            continue
+        if lost:
+            status[i] = OTHER_ASSEMBLY
             continue
         longest = 0.0
         for j in range(CABLES):
             longest = max(longest, abs(changes[i, j] - good_change[j]))
         parts = max(1, math.ceil(longest / STRIDE_MM))
         pose[:] = good
-        state, worst = OK, 0.0
+        state, worst, reached = OK, 0.0, 0.0
         for part in range(1, parts + 1):
             f = part / parts
             for j in range(CABLES):
@@ -235,11 +327,17 @@ def track(
                 state = SINGULAR
             elif det * side < 0.0:
                 state = OTHER_ASSEMBLY
+        if state == OK:
+            reached = worst_pressure_angle(cables, pose, inverse)
+            if reached > NEAR_SINGULAR:
+                if _could_turn(cables, pose, u, side, probe, J, inverse, size):
+                    state = SINGULAR
+                lost = state == SINGULAR or _next_could_turn(cables, good, pose, side, probe, J, inverse, size)
         status[i] = state
         if state == OK:
             poses[i] = pose
             residual[i] = worst
-            angle[i] = worst_pressure_angle(cables, pose, inverse)
+            angle[i] = reached
             good[:] = pose
             good_change[:] = changes[i]
     return poses, residual, iterations, status, angle
