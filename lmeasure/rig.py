@@ -8,15 +8,16 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from lmeasure import conventions, files
+from lmeasure.can_table import CAN_TABLES, CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
+from lmeasure.checked import Name, Strict, complaint
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import CABLE_COLUMNS
 
 FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
 
 MAX_LENGTH_MM = 1e6  # a kilometre: beyond it a length is a slip of units
 CABLES_FOR_A_POSE = 6
@@ -33,11 +34,7 @@ Positive = Annotated[float, Field(gt=0), AfterValidator(_finite_length)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=False)
-
-
-class Drum(_Strict):
+class Drum(Strict):
     """A grooved drum with its encoder. Lengths in mm; see the contract of rig.toml for each."""
 
     counts_per_revolution: Annotated[int, Field(gt=0, le=2**32)]
@@ -67,7 +64,7 @@ class Drum(_Strict):
         return self.groove_pitch_mm / self.counts_per_revolution
 
 
-class ObservationPoint(_Strict):
+class ObservationPoint(Strict):
     """A fixed point B with its swivel pulley and drum. position_mm in the robot's base frame."""
 
     name: Name
@@ -81,7 +78,7 @@ class ObservationPoint(_Strict):
     u_pulley_radius_mm: NotNegative | None = None
 
 
-class Cable(_Strict):
+class Cable(Strict):
     """A cable from an observation point to an attachment point, counted by a channel in one pass of the motion."""
 
     name: Name
@@ -91,7 +88,7 @@ class Cable(_Strict):
     passage: Annotated[int, Field(alias="pass", ge=1, le=1000)] = 1
 
 
-class Rig(_Strict):
+class Rig(Strict):
     """A rig as rig.toml states it. Frozen; `cable_rows` gives the kernels' arrays."""
 
     schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
@@ -102,6 +99,7 @@ class Rig(_Strict):
     observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
     tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
+    can: CanTable | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -126,6 +124,8 @@ class Rig(_Strict):
         passes = {c.passage for c in self.cable}
         if passes != set(range(1, len(passes) + 1)):
             raise ValueError(f"cable: the passes are {sorted(passes)}; they must be numbered from 1 without a hole")
+        if self.can is not None:
+            check_channels(self.can, set(self.channels))
         known = set(self.parameter_names())
         for name in self.assumed:
             if name not in known:
@@ -148,6 +148,20 @@ class Rig(_Strict):
     def passes(self) -> int:
         """How many passes of the motion the cables need."""
         return max(c.passage for c in self.cable)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The counter channels of the cables, each once, in the cables' order."""
+        return tuple(dict.fromkeys(c.channel for c in self.cable))
+
+    def drums_of(self, passage: int = 1) -> dict[str, Drum]:
+        """The drum that each channel counts in one pass."""
+        return {c.channel: self.point(c.from_point).drum for c in self.cables_of(passage)}
+
+    @property
+    def can_table(self) -> RawCan | DbcCan | CanOpenCan | J1939Can:
+        """The `[can]` table, or the default frames of CiA 406 encoders."""
+        return self.can or default_can(self.channels)
 
     def cables_of(self, passage: int) -> tuple[Cable, ...]:
         """The cables measured in one pass."""
@@ -197,12 +211,15 @@ class Rig(_Strict):
         return self.model_dump(by_alias=True, exclude_none=True, mode="json")
 
 
+_TABLES: dict[str, type[BaseModel]] = {"observation_point": ObservationPoint, "drum": Drum, "cable": Cable, **CAN_TABLES}
+
+
 def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
     """A checked rig; RigError names the source and the key."""
     try:
         return Rig.model_validate(data)
     except ValidationError as error:
-        raise RigError(f"{source}: {_first_line(error, data)}") from None
+        raise RigError(f"{source}: {complaint(error, data, Rig, _TABLES)}") from None
 
 
 def read_rig(path: Path) -> Rig:
@@ -213,50 +230,3 @@ def read_rig(path: Path) -> Rig:
 def write_rig(path: Path, rig: Rig) -> None:
     """Write a rig.toml, whole or not at all."""
     files.write_toml(path, rig.to_dict())
-
-
-def _first_line(error: ValidationError, data: Any) -> str:
-    """The first complaint of pydantic as one line that names the key as the file writes it."""
-    first = error.errors(include_url=False)[0]
-    where: list[str] = []
-    here = data
-    for step in first["loc"]:
-        if step in {"schema_", "from_point", "to_point", "passage", "[key]"}:
-            continue
-        if isinstance(step, int) and isinstance(here, list) and step < len(here) and isinstance(here[step], dict):
-            where.append(str(here[step].get("name", f"number {step + 1}")))
-        elif isinstance(step, int):
-            where.append(f"[{step}]")
-        else:
-            where.append(str(step))
-        try:
-            here = here[step]
-        except (KeyError, IndexError, TypeError):
-            here = None
-    key = str(first["loc"][-1]) if first["loc"] else ""
-    place = " ".join(where)
-    if first["type"] == "extra_forbidden":
-        return f"{place}: unknown key {key!r}{_unit_hint(key, first['loc'])}"
-    if first["type"] == "missing":
-        return f"{place}: is missing"
-    message = first["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:] if message.startswith("Input") else message
-    shown = first.get("input")
-    got = f" (got {shown!r})" if isinstance(shown, int | float | str) and len(repr(shown)) < 60 else ""
-    return " ".join(f"{place}: {message}{got}".removeprefix(": ").split())
-
-
-def _unit_hint(key: str, loc: tuple[int | str, ...]) -> str:
-    models: dict[str, type[BaseModel]] = {"observation_point": ObservationPoint, "drum": Drum, "cable": Cable}
-    owner: type[BaseModel] = Rig
-    for step in loc[:-1]:
-        owner = models.get(str(step), owner)
-    known = [f.alias or name for name, f in owner.model_fields.items()]
-    stem = key
-    for unit in ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s"):
-        stem = stem.removesuffix(unit)
-    same = [k for k in known if k.removesuffix("_mm").removesuffix("_deg").removesuffix("_mm_s") == stem]
-    if same:
-        return f"; the unit is part of the name: {same[0]!r}"
-    close = difflib.get_close_matches(key, known, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; known here: {', '.join(known)}"

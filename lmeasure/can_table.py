@@ -1,0 +1,163 @@
+"""The `[can]` table of a rig: which frames of which bus carry the counters.
+
+Absent, the encoders are taken to send what a CiA 406 encoder sends by default: the n-th channel as a signed 32-bit little-endian
+number in bytes 0 to 3 of the frame 180h + n, answering SYNC 80h.
+"""
+
+from collections import Counter
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from lmeasure.checked import Name, Strict
+
+SYNC_ID = 0x80
+FIRST_PDO = 0x180
+
+Identifier = Annotated[int, Field(ge=0, lt=2**29)]
+
+
+class CounterChannel(Strict):
+    """What every decoder needs to know of one counter."""
+
+    channel: Name
+    scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    """Recorded counts per unit of the device."""
+    range: Annotated[int, Field(ge=256, le=2**64)] | None = None
+    """How many units the device counts before it starts again; default the drum's counter_bits, or all values of its field."""
+    start: int = 0
+    """What the device shows at the start pose."""
+
+
+class RawChannel(CounterChannel):
+    """A counter at a fixed place of a frame."""
+
+    id: Identifier
+    extended: bool = False
+    byte_offset: Annotated[int, Field(ge=0, le=63)] = 0
+    bits: Literal[16, 24, 32, 64] = 32
+    signed: bool = True
+    byte_order: Literal["little", "big"] = "little"
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if not self.extended and self.id > 0x7FF:
+            raise ValueError(f"id: {self.id:#x} has more than 11 bits; say extended = true")
+        if self.byte_offset + self.bits // 8 > 64:
+            raise ValueError(f"byte_offset: {self.bits} bits from byte {self.byte_offset} do not fit a frame")
+        return self
+
+
+class DbcChannel(CounterChannel):
+    """A counter as a signal of a DBC file."""
+
+    message: str
+    signal: str
+
+
+class NodeChannel(CounterChannel):
+    """A counter that is the position value of a CiA 406 encoder."""
+
+    node: Annotated[int, Field(ge=1, le=127)]
+
+
+class J1939Channel(CounterChannel):
+    """A counter in a J1939 parameter group of a draw-wire sensor; source_address absent: any sender."""
+
+    pgn: Annotated[int, Field(ge=0, lt=2**18)]
+    source_address: Annotated[int, Field(ge=0, le=255)] | None = None
+    byte_offset: Annotated[int, Field(ge=0, le=7)] = 0
+    bits: Literal[16, 24, 32, 64] = 32
+    signed: bool = False
+    byte_order: Literal["little", "big"] = "little"
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.byte_offset + self.bits // 8 > 8:
+            raise ValueError(f"byte_offset: {self.bits} bits from byte {self.byte_offset} do not fit a frame")
+        return self
+
+
+class StartInput(Strict):
+    """One bit of a frame that rises when counting starts (thesis Rashoyan 2021, 5.4); it becomes the column `sync`."""
+
+    id: Identifier
+    extended: bool = False
+    byte_offset: Annotated[int, Field(ge=0, le=63)] = 0
+    bit: Annotated[int, Field(ge=0, le=7)] = 0
+
+
+class _Bus(Strict):
+    """What every decoder needs to know of the bus."""
+
+    bit_rate: Annotated[int, Field(gt=0, le=20_000_000)] | None = None
+    timing: Literal["sync", "free"] = "sync"
+    """sync: every encoder latches its count at the SYNC frame and then sends it; free: each sends by its own timer."""
+    sync_id: Identifier = SYNC_ID
+    start_input: StartInput | None = None
+
+
+class RawCan(_Bus):
+    """Counters at fixed places of frames."""
+
+    decoder: Literal["raw"] = "raw"
+    channel: Annotated[tuple[RawChannel, ...], Field(min_length=1)]
+
+
+class DbcCan(_Bus):
+    """Counters named by a DBC file, a path beside the rig file."""
+
+    decoder: Literal["dbc"]
+    dbc: Annotated[str, Field(min_length=1)]
+    channel: Annotated[tuple[DbcChannel, ...], Field(min_length=1)]
+
+
+class CanOpenCan(_Bus):
+    """CiA 406 encoders, asked over SDO where they put their position.
+
+    sync_period_ms: this program produces the SYNC itself with that period; absent, somebody else does.
+    """
+
+    decoder: Literal["cia406"]
+    sync_period_ms: Annotated[float, Field(ge=0.5, le=10_000)] | None = None
+    eds: str | None = None
+    channel: Annotated[tuple[NodeChannel, ...], Field(min_length=1)]
+
+
+class J1939Can(_Bus):
+    """Draw-wire sensors that send parameter groups by their own timers."""
+
+    decoder: Literal["j1939"]
+    timing: Literal["sync", "free"] = "free"
+    channel: Annotated[tuple[J1939Channel, ...], Field(min_length=1)]
+
+
+CanTable = Annotated[RawCan | DbcCan | CanOpenCan | J1939Can, Field(discriminator="decoder")]
+
+CAN_TABLES: dict[str, type[Strict]] = {
+    "raw": RawCan,
+    "raw channel": RawChannel,
+    "dbc": DbcCan,
+    "dbc channel": DbcChannel,
+    "cia406": CanOpenCan,
+    "cia406 channel": NodeChannel,
+    "j1939": J1939Can,
+    "j1939 channel": J1939Channel,
+    "start_input": StartInput,
+}
+"""Models by key, for `checked.complaint`."""
+
+
+def default_can(channels: tuple[str, ...]) -> RawCan:
+    """The table of a rig without one: the default frames of CiA 406 encoders on nodes 1, 2, ..."""
+    return RawCan(channel=tuple(RawChannel(channel=name, id=FIRST_PDO + i) for i, name in enumerate(channels, 1)))
+
+
+def check_channels(table: RawCan | DbcCan | CanOpenCan | J1939Can, wanted: set[str]) -> None:
+    """ValueError when a channel stands twice in the table, or one that a cable needs is missing."""
+    for name, times in Counter(c.channel for c in table.channel).items():
+        if times > 1:
+            raise ValueError(f"can: channel {name!r} is given {times} times")
+    missing = sorted(wanted - {c.channel for c in table.channel})
+    if missing:
+        raise ValueError(f"can: channel {missing[0]!r} of the cables is missing")

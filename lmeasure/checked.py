@@ -1,0 +1,69 @@
+"""Checked tables: models that refuse unknown keys, and pydantic's complaint as one line that names the key."""
+
+import difflib
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
+
+_UNITS = ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s")
+
+
+class Strict(BaseModel):
+    """A frozen table of a file: unknown keys and numbers that are not finite are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=False)
+
+
+def complaint(error: ValidationError, data: Any, root: type[BaseModel], tables: Mapping[str, type[BaseModel]]) -> str:
+    """The first complaint of pydantic as one line that names the key as the file writes it.
+
+    root is the model of the file and tables the models of its tables, by key or by `<key above> <key>`, for a hint where a key is unknown.
+    """
+    first = error.errors(include_url=False)[0]
+    where: list[str] = []
+    here = data
+    for step in first["loc"]:
+        if step in {"schema_", "from_point", "to_point", "passage", "[key]"}:
+            continue
+        if isinstance(here, dict) and isinstance(step, str) and step not in here and step != first["loc"][-1]:
+            continue  # pydantic's own word for the chosen kind of table
+        if isinstance(step, int) and isinstance(here, list) and step < len(here) and isinstance(here[step], dict):
+            where.append(str(here[step].get("name", f"number {step + 1}")))
+        elif isinstance(step, int):
+            where.append(f"[{step}]")
+        else:
+            where.append(str(step))
+        try:
+            here = here[step]
+        except (KeyError, IndexError, TypeError):
+            here = None
+    key = str(first["loc"][-1]) if first["loc"] else ""
+    place = " ".join(where)
+    if first["type"] == "extra_forbidden":
+        owner = root
+        path = [step for step in first["loc"][:-1] if isinstance(step, str)]
+        for above, step in zip(["", *path], path, strict=False):
+            owner = tables.get(f"{above} {step}", tables.get(step, owner))
+        return f"{place}: unknown key {key!r}{_hint(key, owner)}"
+    if first["type"] == "missing":
+        return f"{place}: is missing"
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[:1].lower() + message[1:] if message.startswith("Input") else message
+    shown = first.get("input")
+    got = f" (got {shown!r})" if isinstance(shown, int | float | str) and len(repr(shown)) < 60 else ""
+    return " ".join(f"{place}: {message}{got}".removeprefix(": ").split())
+
+
+def _hint(key: str, owner: type[BaseModel]) -> str:
+    known = [f.alias or name for name, f in owner.model_fields.items()]
+    stem = key
+    for unit in _UNITS:
+        stem = stem.removesuffix(unit)
+    same = [k for k in known if k.removesuffix("_mm").removesuffix("_deg").removesuffix("_mm_s") == stem]
+    if same:
+        return f"; the unit is part of the name: {same[0]!r}"
+    close = difflib.get_close_matches(key, known, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; known here: {', '.join(known)}"
