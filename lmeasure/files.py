@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 from lmeasure.errors import FileFormatError, LMeasureError
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+TextArray = NDArray[np.object_]
+"""(n,) texts, few of them different: millions of samples share the same strings."""
 
 
 @contextmanager
@@ -135,6 +138,29 @@ class Table:
         cells = self._column(name).to_pylist()
         return ["" if c is None else str(int(c)) if isinstance(c, float) and c.is_integer() else str(c) for c in cells]
 
+    def labels(self, name: str) -> TextArray:
+        """(n,) cells of a column of few different texts; an empty cell is the empty text."""
+        texts, codes = self._encoded(name)
+        return np.array(texts, dtype=np.object_)[codes]
+
+    def choices(self, name: str, options: Sequence[str]) -> IntArray:
+        """(n,) positions of the cells' texts among the options; FileFormatError names the row of any other text."""
+        texts, codes = self._encoded(name)
+        place = np.array([options.index(t) if t in options else -1 for t in texts], dtype=np.int64)[codes]
+        if (place < 0).any():
+            row = int(np.argmax(place < 0))
+            raise FileFormatError(f"{self.path}: {self._row(row)}: {name} {texts[codes[row]]!r} is not one of {', '.join(options)}")
+        return place
+
+    def _encoded(self, name: str) -> tuple[list[str], IntArray]:
+        column = self._column(name)
+        if pa.types.is_dictionary(column.type):
+            column = column.cast(column.type.value_type)
+        if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type) or pa.types.is_null(column.type)):
+            raise FileFormatError(f"{self.path}: column {name!r} is not a column of text")
+        coded = column.cast(pa.string()).fill_null("").combine_chunks().dictionary_encode()
+        return coded.dictionary.to_pylist() or [""], np.asarray(coded.indices).astype(np.int64)
+
 
 def read_table(path: Path) -> Table:
     """Read .csv (comma, header line, empty cells are gaps) or .parquet. FileFormatError names the file and what is wrong with it."""
@@ -173,12 +199,7 @@ def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, s
     suffix = path.suffix.lower()
     if suffix not in {".csv", ".parquet"}:
         raise FileFormatError(f"{path}: the name must end in .csv or .parquet")
-    arrays = {
-        name: pa.array(np.asarray(values), from_pandas=suffix == ".csv" and np.asarray(values).dtype.kind == "f")
-        if not isinstance(values, list)
-        else pa.array(values)
-        for name, values in columns.items()
-    }
+    arrays = {name: _arrow(values, nan_is_null=suffix == ".csv") for name, values in columns.items()}
     data = pa.table(arrays)
     if metadata:
         data = data.replace_schema_metadata(dict(metadata))
@@ -187,3 +208,12 @@ def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, s
             pa.parquet.write_table(data, temporary, compression="zstd")
         else:
             pa.csv.write_csv(data, temporary, pa.csv.WriteOptions(quoting_style="needed", quoting_header="none"))
+
+
+def _arrow(values: Any, *, nan_is_null: bool) -> pa.Array:
+    if isinstance(values, list):
+        return pa.array(values)
+    values = np.asarray(values)
+    if values.dtype.kind == "O":
+        return pa.array(values, pa.string())
+    return pa.array(values, from_pandas=nan_is_null and values.dtype.kind == "f")

@@ -36,8 +36,8 @@ class Lengths:
     change_mm: FloatArray
     counts: FloatArray
     flags: IntArray
-    cause: list[str]
-    cable: list[str]
+    cause: files.TextArray
+    cable: files.TextArray
     notes: tuple[str, ...] = ()
 
     def columns(self) -> dict[str, Any]:
@@ -45,7 +45,7 @@ class Lengths:
         out: dict[str, Any] = {"time_s": self.time_s}
         out |= {f"{name}_mm": self.change_mm[:, i] for i, name in enumerate(self.cables)}
         out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
-        return out | {"status": [STATUS[f] for f in self.flags], "cause": self.cause, "cable": self.cable}
+        return out | {"status": np.array(STATUS, dtype=np.object_)[self.flags], "cause": self.cause, "cable": self.cable}
 
 
 def write_lengths(path: Path, lengths: Lengths) -> None:
@@ -59,18 +59,14 @@ def read_lengths(path: Path) -> Lengths:
     names = tuple(c.removesuffix("_mm") for c in table.columns if c.endswith("_mm"))
     if not names:
         raise FileFormatError(f"{path}: has no column <cable>_mm")
-    status = table.text("status")
-    for row, text in enumerate(status):
-        if text not in STATUS:
-            raise FileFormatError(f"{path}: sample {row}: status {text!r} is not one of {', '.join(STATUS)}")
     return Lengths(
         table.numbers("time_s"),
         names,
         table.matrix([f"{n}_mm" for n in names], gaps=True),
         table.matrix([f"{n}_count" for n in names], gaps=True),
-        np.array([STATUS.index(text) for text in status], dtype=np.int64),
-        table.text("cause"),
-        table.text("cable"),
+        table.choices("status", STATUS),
+        table.labels("cause"),
+        table.labels("cable"),
     )
 
 
@@ -130,7 +126,7 @@ def lengths_from_counts(run: Run) -> Lengths:
     n, m = len(time_s), len(run.rig.cable)
     k = np.full((n, m), np.nan)
     flags = np.zeros(n, np.int64)
-    cause, where = [""] * n, [""] * n
+    cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
     notes: list[str] = []
     for j, c in enumerate(run.rig.cable):
         counts = run.passes[c.passage - 1]
@@ -159,8 +155,8 @@ def lengths_from_counts(run: Run) -> Lengths:
             values, reasons = _on_time_base(run, c.passage, values, reasons)
         k[:, j] = values
         for mask, flag, text in reasons:
-            for i in np.flatnonzero(mask & (flags == OK)):
-                flags[i], cause[i], where[i] = flag, text, c.name
+            first = mask & (flags == OK)
+            flags[first], cause[first], where[first] = flag, text, c.name
     change = changes_from_counts(run.rig, k)
     return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes))
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.conventions import QUATERNION_COLUMNS
-from lmeasure.errors import FileFormatError, GeometryError, TrajectoryError
+from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import screw
 from lmeasure.lengths import cable_covariance, count_variance, lengths_from_counts, span_lengths
 from lmeasure.poses import POSITION_COLUMNS
@@ -22,9 +22,9 @@ IntArray = NDArray[np.int64]
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
 
 _CAUSES = {
-    screw.SINGULAR: "the cables do not determine the pose: their Pluecker matrix is singular on the way here",
+    screw.SINGULAR: "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here",
     screw.NOT_CONVERGED: "no pose was found whose lengths are these counts",
-    screw.OTHER_ASSEMBLY: "the lengths lead to another assembly: the determinant changed its sign",
+    screw.OTHER_ASSEMBLY: "beyond a singular pose the lengths fit two assemblies: which one cannot be told",
 }
 
 
@@ -44,8 +44,8 @@ class Trajectory:
     residual_mm: FloatArray
     iterations: IntArray
     status: IntArray
-    cause: list[str]
-    cable: list[str]
+    cause: files.TextArray
+    cable: files.TextArray
     worst_pressure_angle_deg: FloatArray
     random: FloatArray
     systematic: FloatArray
@@ -66,7 +66,7 @@ class Trajectory:
         out |= {
             "residual_mm": self.residual_mm,
             "iterations": self.iterations,
-            "status": [screw.STATUS[s] for s in self.status],
+            "status": np.array(screw.STATUS, dtype=np.object_)[self.status],
             "cause": self.cause,
             "cable": self.cable,
             "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
@@ -75,10 +75,10 @@ class Trajectory:
 
     def summary(self) -> str:
         """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
-        counts = Counter(screw.STATUS[s] for s in self.status)
+        counts = Counter({screw.STATUS[code]: int(times) for code, times in zip(*np.unique(self.status, return_counts=True), strict=True)})
         lines = [f"{len(self.time_s)} samples: " + ", ".join(f"{n} {name}" for name, n in counts.most_common())]
-        first = next((i for i, s in enumerate(self.status) if s != screw.OK), None)
-        if first is not None:
+        if (self.status != screw.OK).any():
+            first = int(np.argmax(self.status != screw.OK))
             cable = f", cable {self.cable[first]}" if self.cable[first] else ""
             lines.append(f"first that is not ok: sample {first} at {self.time_s[first]:.6g} s{cable}: {self.cause[first]}")
         if counts["ok"]:
@@ -107,20 +107,23 @@ def reconstruct(run: Run) -> Trajectory:
         raise GeometryError(f"start {error}") from None
     rows = rig.cable_rows()
     lengths = lengths_from_counts(run)
-    _, _, _, start_status, _ = screw.track(rows, run.start, np.zeros((1, 6)), np.zeros(1, np.int64))
+    variance = count_variance(rig)
+    u = np.sqrt(variance)
+    _, _, _, start_status, _ = screw.track(rows, run.start, np.zeros((1, 6)), np.zeros(1, np.int64), u)
     if start_status[0] != screw.OK:
         raise TrajectoryError(f"start: {_CAUSES[int(start_status[0])]}")
-    poses, residual, iterations, status, angle = screw.track(rows, run.start, lengths.change_mm, lengths.flags)
+    poses, residual, iterations, status, angle = screw.track(rows, run.start, lengths.change_mm, lengths.flags, u)
     random, systematic = screw.pose_covariances(
         rows,
         run.start,
         poses,
         lengths.counts,
         rig.scales(),
-        count_variance(rig),
+        variance,
         cable_covariance(rig, run.calibration),
     )
-    cause = [c or _CAUSES.get(int(s), "") for c, s in zip(lengths.cause, status, strict=True)]
+    solved = np.array([_CAUSES.get(code, "") for code in range(len(screw.STATUS))], dtype=np.object_)[status]
+    cause = np.where(lengths.flags == screw.OK, solved, lengths.cause)
     covers = (
         "counts of half a unit and the linked calibration"
         if run.calibration
@@ -150,19 +153,15 @@ def write_trajectory(path: Path, trajectory: Trajectory) -> None:
 def read_trajectory(path: Path) -> Trajectory:
     """Read what `write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
     table = files.read_table(path)
-    status = table.text("status")
-    for row, text in enumerate(status):
-        if text not in screw.STATUS:
-            raise FileFormatError(f"{path}: sample {row}: status {text!r} is not one of {', '.join(screw.STATUS)}")
     u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)[:, [3, 4, 5, 0, 1, 2]]
     return Trajectory(
         table.numbers("time_s"),
         table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True),
         table.numbers("residual_mm", gaps=True),
         table.numbers("iterations").astype(np.int64),
-        np.array([screw.STATUS.index(text) for text in status], dtype=np.int64),
-        table.text("cause"),
-        table.text("cable"),
+        table.choices("status", screw.STATUS),
+        table.labels("cause"),
+        table.labels("cable"),
         table.numbers("worst_pressure_angle_deg", gaps=True),
         np.einsum("ni,ij->nij", u**2, np.eye(6)),
         np.zeros((len(u), 6, 6)),
