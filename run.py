@@ -1,0 +1,182 @@
+"""Set up lmeasure beside this file, then run it. Needs only Python itself.
+
+    python3 run.py                      set up, then the demo
+    python3 run.py test [PYTEST ARGS]   set up, then the tests
+    python3 run.py COMMAND ...          set up, then `lmeasure COMMAND ...`
+
+Everything is installed into `.venv` in this folder, with uv when it is on the PATH, else with pip. A stamp written last says what was
+installed: when nothing changed the set-up is only looked at, and one that was interrupted is begun again.
+"""
+
+import sys
+
+if sys.version_info < (3, 11):  # noqa: UP036 - this line is for those whose Python is older
+    sys.exit("run.py: lmeasure needs Python 3.11 or newer; this is Python %d.%d (%s)" % (*sys.version_info[:2], sys.executable))  # noqa: UP031
+
+import hashlib
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any, NoReturn
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+PROBE = "import importlib.metadata as m, sys; m.distribution('lmeasure'); print(sys.version)"
+
+
+class SetUpError(Exception):
+    """The set-up cannot be done; the text is one line for the person at the keyboard."""
+
+
+def plan(arguments: list[str]) -> tuple[frozenset[str], list[str]]:
+    """(extras to install, command inside the environment) for the arguments of this script; the command's first word is its script."""
+    if not arguments:
+        return frozenset(), ["lmeasure", "demo"]
+    if arguments[0] == "test":
+        return frozenset({"test"}), ["pytest", *arguments[1:]]
+    return frozenset(), ["lmeasure", *arguments]
+
+
+def script(name: str, venv: Path = VENV, windows: bool = os.name == "nt") -> Path:
+    """Path of a program inside the environment."""
+    return venv / "Scripts" / f"{name}.exe" if windows else venv / "bin" / name
+
+
+def identity(root: Path = ROOT) -> dict[str, str]:
+    """What the environment was made from; a change of the first two needs a new one, of the last a new installation."""
+    return {
+        "folder": str(root),
+        "python": sys.version,
+        "pyproject": hashlib.sha256((root / "pyproject.toml").read_bytes()).hexdigest(),
+    }
+
+
+def read_stamp(path: Path) -> dict[str, Any]:
+    """The stamp of the last complete set-up; empty when there is none."""
+    try:
+        stamp = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return stamp if isinstance(stamp, dict) and isinstance(stamp.get("extras"), list) else {}
+
+
+def write_stamp(path: Path, made_from: dict[str, str], extras: frozenset[str]) -> None:
+    """Write the stamp, whole or not at all."""
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps({**made_from, "extras": sorted(extras)}, indent=1), encoding="utf-8")
+    temporary.replace(path)
+
+
+def todo(stamp: dict[str, Any], made_from: dict[str, str], extras: frozenset[str]) -> str:
+    """What the stamp leaves to do: "nothing", "install" into the environment that is there, or "rebuild" it."""
+    if any(stamp.get(key) != made_from[key] for key in ("folder", "python")):
+        return "rebuild"
+    if stamp.get("pyproject") != made_from["pyproject"] or not extras <= set(stamp["extras"]):
+        return "install"
+    return "nothing"
+
+
+def works(venv: Path = VENV) -> bool:
+    """True when the environment's Python runs, is this version, and has lmeasure installed."""
+    try:
+        answer = subprocess.run([script("python", venv), "-I", "-c", PROBE], capture_output=True, text=True, check=False, timeout=120)
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return answer.returncode == 0 and answer.stdout.strip() == sys.version.strip() and script("lmeasure", venv).exists()
+
+
+def say(text: str) -> None:
+    """Tell the person what is being done; standard output is left to the command."""
+    print(f"run.py: {text}", file=sys.stderr, flush=True)
+
+
+def call(command: list[str], what: str) -> None:
+    """Run one step with its output on standard error; SetUpError when it fails."""
+    try:
+        code = subprocess.call(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=sys.stderr)
+    except OSError as error:
+        raise SetUpError(f"{what} failed: {command[0]}: {error.strerror or error}") from error
+    if code != 0:
+        raise SetUpError(f"{what} failed (exit {code}); its own message is above. The next call begins again")
+
+
+def make_environment(uv: str | None) -> None:
+    """A new empty environment in place of whatever is there."""
+    if uv is None and importlib.util.find_spec("ensurepip") is None:
+        raise SetUpError("this Python cannot make environments with pip; install python3-venv (Debian, Ubuntu), or uv")
+    say(f"making {VENV.name} with Python {sys.version.split()[0]}")
+    if VENV.is_symlink() or VENV.is_file():
+        VENV.unlink()
+    elif VENV.exists():
+        shutil.rmtree(VENV)
+    call([sys.executable, "-m", "venv", *(["--without-pip"] if uv else []), str(VENV)], "making the environment")
+
+
+def install(extras: frozenset[str], uv: str | None) -> None:
+    """Install the project, editable, with these extras and everything they need."""
+    project = f"{ROOT}[{','.join(sorted(extras))}]" if extras else str(ROOT)
+    python = str(script("python"))
+    tool = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install", "--disable-pip-version-check"]
+    say(f"installing lmeasure with {'uv' if uv else 'pip'} (the first time takes a few minutes)")
+    call([*tool, "--editable", project], "the installation")
+
+
+def set_up(extras: frozenset[str]) -> None:
+    """Bring the environment to what pyproject.toml and the extras ask for; does nothing when it is there already."""
+    stamp_path = VENV / "lmeasure-set-up.json"
+    stamp, made_from = read_stamp(stamp_path), identity()
+    left = todo(stamp, made_from, extras)
+    if left != "rebuild" and not works():
+        say(f"{VENV.name} does not work; it is made again")
+        left = "rebuild"
+    if left == "nothing":
+        return
+    extras |= frozenset(stamp.get("extras", ()))
+    uv = shutil.which("uv")
+    # without a stamp an interrupted installation is recognised: pip would take half-unpacked packages for whole ones
+    if VENV.is_dir():
+        stamp_path.unlink(missing_ok=True)
+    if left == "rebuild":
+        make_environment(uv)
+    install(extras, uv)
+    if not works():
+        raise SetUpError(f"the installation ended well, but lmeasure does not start from {VENV}")
+    write_stamp(stamp_path, made_from, extras)
+    say("set up")
+
+
+def hand_over(command: list[str]) -> NoReturn:
+    """Become the command inside the environment; does not return."""
+    program = script(command[0])
+    environment = os.environ | {"VIRTUAL_ENV": str(VENV), "PATH": f"{program.parent}{os.pathsep}{os.environ.get('PATH', '')}"}
+    environment.pop("PYTHONHOME", None)
+    line = [str(program), *command[1:]]
+    if os.name != "nt":
+        os.execve(program, line, environment)
+    # Windows cannot replace a process: wait, and leave Ctrl-C to the command
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(subprocess.call(line, env=environment))
+
+
+def main(arguments: list[str]) -> NoReturn:
+    """Set up, then become the command that the arguments ask for."""
+    extras, command = plan(arguments)
+    try:
+        set_up(extras)
+        if command[0] == "pytest":
+            os.chdir(ROOT)
+        hand_over(command)
+    except SetUpError as error:
+        sys.exit(f"run.py: {error}")
+    except OSError as error:
+        sys.exit(f"run.py: {error.filename or ROOT}: {error.strerror or error}")
+    except KeyboardInterrupt:
+        sys.exit("run.py: interrupted; the next call begins the set-up again")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

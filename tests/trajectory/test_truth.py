@@ -1,0 +1,66 @@
+"""Runs of an independent simulator, against where the tool really was (see tests/authorities/truth/README.md)."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.run import read_run
+from lmeasure.trajectory import Trajectory, reconstruct
+
+AUTHORITY = Path(__file__).parents[1] / "authorities" / "truth"
+
+
+def truth_of(name: str) -> NDArray[np.float64]:
+    """(n, 8) rows time_s, x, y, z [mm], qx, qy, qz, qw of the simulator."""
+    with gzip.open(AUTHORITY / name / "truth.csv.gz", "rt") as file:
+        return np.asarray(np.loadtxt(file, delimiter=",", skiprows=1))
+
+
+def errors(trajectory: Trajectory, truth: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) distances of the tool origin [mm] and angles of rotation [rad] between truth and result, sample by sample."""
+    np.testing.assert_array_equal(trajectory.time_s, truth[:, 0])
+    distance = np.linalg.norm(trajectory.poses[:, :3] - truth[:, 1:4], axis=1)
+    angle = (Rotation.from_quat(trajectory.poses[:, 3:]) * Rotation.from_quat(truth[:, 4:]).inv()).magnitude()
+    return distance, np.asarray(angle)
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_exact_counts_give_the_exact_motion() -> None:
+    """Nothing is rounded here, so what is left is the model's and the solver's own error: none beyond floating point."""
+    distance, angle = errors(reconstruct(read_run(AUTHORITY / "cell-run-exact")), truth_of("cell-run-exact"))
+    assert distance.max() < 1e-9
+    assert angle.max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "position_mm", "rotation_rad"),
+    [("cell-run", 0.004612, 3.963e-5), ("three-drums-two-passes", 0.005721, 3.633e-5), ("cell-run-long", 0.004859, 4.378e-5)],
+)
+def test_whole_counts_cost_what_they_cost_a_generic_optimiser(name: str, position_mm: float, rotation_rad: float) -> None:
+    distance, angle = errors(reconstruct(read_run(AUTHORITY / name)), truth_of(name))
+    assert rms(distance) == pytest.approx(position_mm, rel=0.05)
+    assert rms(angle) == pytest.approx(rotation_rad, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["cell-run", "three-drums-two-passes", "cell-run-long"])
+def test_stated_uncertainty_is_the_error_met(name: str) -> None:
+    """No calibration is linked, the rig is the true one: rounding is the only error, and the stated uncertainties must be its size."""
+    trajectory, truth = reconstruct(read_run(AUTHORITY / name)), truth_of(name)
+    difference = trajectory.poses[:, :3] - truth[:, 1:4]
+    turn = (Rotation.from_quat(truth[:, 4:]) * Rotation.from_quat(trajectory.poses[:, 3:]).inv()).as_rotvec()
+    normalised = np.hstack([difference, turn]) / trajectory.u
+    # neighbouring samples at rest share their rounding: 10 % on the rms of thousands of samples, not the 1 % of independent ones
+    np.testing.assert_allclose(np.sqrt(np.mean(normalised**2, axis=0)), 1.0, atol=0.1)
+
+
+def test_a_counter_of_16_bits_tells_the_same_motion() -> None:
+    wide, narrow = (reconstruct(read_run(AUTHORITY / name)) for name in ("cell-run-long", "cell-run-16-bit"))
+    assert set(narrow.status) == {0}
+    np.testing.assert_array_equal(narrow.poses, wide.poses)
