@@ -161,6 +161,16 @@ def lengths_from_counts(run: Run) -> Lengths:
     return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes))
 
 
+def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
+    """(n, m) residuals [mm] of each cable at (n, 7) poses on the time base of pass 1: change by the counts less change by the model.
+
+    NaN where the pose or the count is not known.
+    """
+    rows = run.rig.cable_rows()
+    modelled = cable_kernels.span_lengths(rows, np.ascontiguousarray(poses)) - cable_kernels.span_lengths(rows, run.start[None, :])
+    return np.asarray(lengths_from_counts(run).change_mm - modelled)
+
+
 def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) -> tuple[FloatArray, Reasons]:
     """Counts of a later pass at pass 1's times; what lies outside it, or next to a sample that is not good, is flagged."""
     first, later = run.passes[0], run.passes[passage - 1]
