@@ -25,6 +25,7 @@ from typing import Any, NoReturn
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
+WINDOWS = os.name == "nt"
 PROBE = "import importlib.metadata as m, sys; m.distribution('lmeasure'); print(sys.version)"
 
 
@@ -41,17 +42,17 @@ def plan(arguments: list[str]) -> tuple[frozenset[str], list[str]]:
     return frozenset(), ["lmeasure", *arguments]
 
 
-def script(name: str, venv: Path = VENV, windows: bool = os.name == "nt") -> Path:
+def script(name: str) -> Path:
     """Path of a program inside the environment."""
-    return venv / "Scripts" / f"{name}.exe" if windows else venv / "bin" / name
+    return VENV / "Scripts" / f"{name}.exe" if WINDOWS else VENV / "bin" / name
 
 
-def identity(root: Path = ROOT) -> dict[str, str]:
+def identity() -> dict[str, str]:
     """What the environment was made from; a change of the first two needs a new one, of the last a new installation."""
     return {
-        "folder": str(root),
+        "folder": str(ROOT),
         "python": sys.version,
-        "pyproject": hashlib.sha256((root / "pyproject.toml").read_bytes()).hexdigest(),
+        "pyproject": hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest(),
     }
 
 
@@ -80,13 +81,13 @@ def todo(stamp: dict[str, Any], made_from: dict[str, str], extras: frozenset[str
     return "nothing"
 
 
-def works(venv: Path = VENV) -> bool:
+def works() -> bool:
     """True when the environment's Python runs, is this version, and has lmeasure installed."""
     try:
-        answer = subprocess.run([script("python", venv), "-I", "-c", PROBE], capture_output=True, text=True, check=False, timeout=120)
+        answer = subprocess.run([script("python"), "-I", "-c", PROBE], capture_output=True, text=True, check=False, timeout=120)
     except (OSError, subprocess.TimeoutExpired):
         return False
-    return answer.returncode == 0 and answer.stdout.strip() == sys.version.strip() and script("lmeasure", venv).exists()
+    return answer.returncode == 0 and answer.stdout.strip() == sys.version.strip() and script("lmeasure").exists()
 
 
 def say(text: str) -> None:
@@ -155,7 +156,7 @@ def hand_over(command: list[str]) -> NoReturn:
     environment = os.environ | {"VIRTUAL_ENV": str(VENV), "PATH": f"{program.parent}{os.pathsep}{os.environ.get('PATH', '')}"}
     environment.pop("PYTHONHOME", None)
     line = [str(program), *command[1:]]
-    if os.name != "nt":
+    if not WINDOWS:
         os.execve(program, line, environment)
     # Windows cannot replace a process: wait, and leave Ctrl-C to the command
     signal.signal(signal.SIGINT, signal.SIG_IGN)
