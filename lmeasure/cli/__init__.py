@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import reconstruct
+from lmeasure.cli import reconstruct, simulate
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(
@@ -38,6 +38,8 @@ def _options(
 
 
 app.command("reconstruct")(reconstruct.reconstruct)
+app.command("zone")(zone.zone)
+app.command("simulate")(simulate.simulate)
 
 
 def main() -> None:

@@ -1,0 +1,95 @@
+"""The instrument as a forward model: poses in, recorded counts out. It shares no inverse with the solvers."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.counts import Counts
+from lmeasure.lengths import counts_from_poses, recorded_from_counts
+from lmeasure.poses import Poses, poses_from_rows
+from lmeasure.rig import Rig
+from lmeasure.run import Run
+from lmeasure.simulation.motion import scattered_poses
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A run and the true poses (n, 7) of its samples."""
+
+    run: Run
+    poses: FloatArray
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A calibration campaign: the nominal rig a person would write down, the true one, the reference poses as measured and as they were,
+    and the recorded counts (n, m) of the channels of pass 1, zeroed at the first pose."""
+
+    nominal: Rig
+    true: Rig
+    measured: Poses
+    poses: FloatArray
+    channels: tuple[str, ...]
+    recorded: FloatArray
+
+
+def simulate_run(rig: Rig, time_s: FloatArray, poses: FloatArray, noise_mm: float, rng: np.random.Generator) -> SimulatedRun:
+    """Every pass of the rig along the same motion, zeroed at its first pose.
+
+    noise_mm: standard deviation of each length at each sample, independent. GeometryError when a cable cannot run at a pose.
+    """
+    start = poses[0]
+    passes = []
+    for number in range(1, rig.passes + 1):
+        cables = rig.cables_of(number)
+        true = counts_from_poses(rig, poses, start, cables)
+        length = np.array([rig.point(c.from_point).drum.count_length_mm for c in cables])
+        noisy = true + rng.normal(0.0, 1.0, true.shape) * noise_mm / length if noise_mm else true
+        recorded = recorded_from_counts(rig, noisy, cables)
+        passes.append(Counts(time_s, tuple(c.channel for c in cables), recorded, source=f"simulated pass {number}"))
+    return SimulatedRun(Run(rig, start, tuple(passes)), poses)
+
+
+def simulate_campaign(
+    rig: Rig,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    centre: FloatArray,
+    half_mm: tuple[float, float, float],
+    tilt_rad: float,
+    u_position_mm: float = 0.0,
+    u_rotation_rad: float = 0.0,
+    nominal_shift_mm: float = 0.0,
+    nominal_shift_deg: float = 0.0,
+) -> Campaign:
+    """Counts at scattered reference poses whose measurement has the given standard uncertainties.
+
+    The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
+    """
+    poses = scattered_poses(count, half_mm, tilt_rad, centre, rng)
+    cables = rig.cables_of(1)
+    recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0], cables), cables)
+    rows = poses.copy()
+    rows[:, :3] += u_position_mm * rng.normal(size=(count, 3))
+    rows[:, 3:] = (Rotation.from_rotvec(u_rotation_rad * rng.normal(size=(count, 3))) * Rotation.from_quat(rows[:, 3:])).as_quat()
+    measured = replace(poses_from_rows(rows), u_position_mm=np.full(count, u_position_mm), u_rotation_rad=np.full(count, u_rotation_rad))
+    nominal = rig.model_copy(
+        update={
+            "observation_point": tuple(
+                p.model_copy(
+                    update={
+                        "position_mm": tuple(float(x) for x in p.position_mm + rng.uniform(-nominal_shift_mm, nominal_shift_mm, 3)),
+                        "guide_alpha_deg": float(np.clip(p.guide_alpha_deg + rng.uniform(-nominal_shift_deg, nominal_shift_deg), -90, 90)),
+                        "guide_beta_deg": p.guide_beta_deg + float(rng.uniform(-nominal_shift_deg, nominal_shift_deg)),
+                    }
+                )
+                for p in rig.observation_point
+            )
+        }
+    )
+    return Campaign(nominal, rig, measured, poses, tuple(c.channel for c in cables), recorded)

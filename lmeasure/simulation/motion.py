@@ -1,0 +1,66 @@
+"""Motions of a robot: smooth paths through waypoints, and scattered poses."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.errors import FileFormatError
+
+FloatArray = NDArray[np.float64]
+
+PEAK = 1.875
+"""Largest rate of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its mean rate: at s = 1/2."""
+MAX_SAMPLES = 50_000_000
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A straight way to a pose (7,) and a rest there. Speeds are the largest on the way, of the tool origin and of the rotation."""
+
+    pose: FloatArray
+    speed_mm_s: float = 500.0
+    rotation_speed_rad_s: float = 1.0
+    dwell_s: float = 0.0
+
+
+def smooth_path(start: FloatArray, legs: Sequence[Leg], rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """(n,) times [s] and (n, 7) poses along the legs, from rest to rest on each, sampled at rate_hz.
+
+    The tool origin runs straight and the rotation about a fixed axis, both by the minimum-jerk profile (Flash and Hogan 1985): position,
+    velocity and acceleration are continuous. The slower of the two sets the duration. FileFormatError beyond `MAX_SAMPLES`.
+    """
+    edges, ways = [0.0], []
+    here = np.asarray(start, dtype=np.float64)
+    for leg in legs:
+        turn = (Rotation.from_quat(here[3:]).inv() * Rotation.from_quat(leg.pose[3:])).as_rotvec()
+        shift = leg.pose[:3] - here[:3]
+        moving = PEAK * max(float(np.linalg.norm(shift)) / leg.speed_mm_s, float(np.linalg.norm(turn)) / leg.rotation_speed_rad_s)
+        ways.append((here, shift, turn, moving))
+        edges.append(edges[-1] + moving + leg.dwell_s)
+        here = np.asarray(leg.pose, dtype=np.float64)
+    n = math.floor(edges[-1] * rate_hz + 1e-9) + 1
+    if n > MAX_SAMPLES:
+        raise FileFormatError(f"the motion takes {edges[-1]:.6g} s, {n} samples at {rate_hz:g} Hz; at most {MAX_SAMPLES} are simulated")
+    time_s = np.arange(n) / rate_hz
+    rows = np.tile(np.asarray(start, dtype=np.float64), (n, 1))
+    of = np.clip(np.searchsorted(edges, time_s, side="right") - 1, 0, len(ways) - 1)
+    for i, (origin, shift, turn, moving) in enumerate(ways):
+        mine = of == i
+        s = np.clip((time_s[mine] - edges[i]) / moving, 0.0, 1.0) if moving > 0 else np.ones(int(mine.sum()))
+        part = (s**3 * (10.0 + s * (6.0 * s - 15.0)))[:, None]
+        rows[mine, :3] = origin[:3] + part * shift
+        rows[mine, 3:] = (Rotation.from_quat(origin[3:]) * Rotation.from_rotvec(part * turn)).as_quat()
+    return time_s, rows
+
+
+def scattered_poses(count: int, half_mm: Sequence[float], tilt_rad: float, centre: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(count, 7) poses, uniform over a box of half widths (3,) [mm] about the centre pose (7,), each component of the rotation vector
+    uniform up to tilt_rad, in base axes."""
+    rows = np.empty((count, 7))
+    rows[:, :3] = centre[:3] + rng.uniform(-1.0, 1.0, (count, 3)) * np.asarray(half_mm)
+    rows[:, 3:] = (Rotation.from_rotvec(rng.uniform(-tilt_rad, tilt_rad, (count, 3))) * Rotation.from_quat(centre[3:])).as_quat()
+    return rows

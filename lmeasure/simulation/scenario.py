@@ -1,0 +1,211 @@
+"""Scenarios: scenario.toml says which rig moves how, and what is recorded of it."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+
+from lmeasure import files
+from lmeasure.checked import Strict, complaint
+from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.errors import FileFormatError
+from lmeasure.poses import POSITION_COLUMNS, poses_from_rows, write_poses
+from lmeasure.rig import Rig, rig_from_dict, write_rig
+from lmeasure.run import read_linked_rig, write_run
+from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
+from lmeasure.simulation.instrument import Campaign, SimulatedRun, simulate_campaign, simulate_run
+from lmeasure.simulation.motion import Leg, smooth_path
+
+FloatArray = NDArray[np.float64]
+
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Position = tuple[Coordinate, Coordinate, Coordinate]
+
+
+def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    length = math.hypot(*value)
+    if abs(length - 1.0) > 1e-6:
+        raise ValueError(f"the quaternion's length is {length:.9g}, not 1")
+    return value[0] / length, value[1] / length, value[2] / length, value[3] / length
+
+
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
+
+
+class Start(Strict):
+    """Where the counters are zeroed and the motion starts."""
+
+    position_mm: Position = (0.0, 0.0, 0.0)
+    quaternion_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class Waypoint(Strict):
+    """A pose to stop at; what is not given is taken from [motion], an orientation not given from the waypoint before."""
+
+    position_mm: Position
+    quaternion_xyzw: Quaternion | None = None
+    speed_mm_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    rotation_speed_deg_s: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    dwell_s: Annotated[float, Field(ge=0, le=1e5)] | None = None
+
+
+class Motion(Strict):
+    """Largest speeds on the way, rest at each waypoint, and how often the waypoints are gone through."""
+
+    speed_mm_s: Annotated[float, Field(gt=0, le=1e6)] = 500.0
+    rotation_speed_deg_s: Annotated[float, Field(gt=0, le=1e5)] = 60.0
+    dwell_s: Annotated[float, Field(ge=0, le=1e5)] = 0.2
+    cycles: Annotated[int, Field(ge=1, le=100_000)] = 1
+    back_to_start: bool = True
+
+
+class ReferencePoses(Strict):
+    """A calibration campaign: scattered poses about the start, measured with the stated uncertainty."""
+
+    count: Annotated[int, Field(ge=1, le=100_000)] = 12
+    half_mm: tuple[Coordinate, Coordinate, Coordinate] = (WORK_SPACE_MM, WORK_SPACE_MM, WORK_SPACE_MM)
+    tilt_rad: Annotated[float, Field(ge=0, le=math.pi)] = WORK_TILT_RAD
+    u_position_mm: Annotated[float, Field(ge=0, le=1e3)] = 0.0
+    u_rotation_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    nominal_shift_mm: Annotated[float, Field(ge=0, le=1e3)] = 30.0
+    nominal_shift_deg: Annotated[float, Field(ge=0, le=45)] = 5.0
+
+
+class Scenario(Strict):
+    """A scenario as scenario.toml states it; rig is a path beside the file, a whole rig table, or absent: the built-in cell."""
+
+    schema_: Annotated[Literal["lmeasure.scenario/1"], Field(alias="schema")]
+    rig: str | dict[str, Any] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    rate_hz: Annotated[float, Field(gt=0, le=1e6)] = 1000.0
+    noise_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
+    start: Start = Start()
+    motion: Motion = Motion()
+    waypoint: tuple[Waypoint, ...] = ()
+    reference_poses: ReferencePoses | None = None
+
+    @model_validator(mode="after")
+    def _does_something(self) -> Self:
+        if not self.waypoint and self.reference_poses is None:
+            raise ValueError("nothing to simulate: give [[waypoint]] or [reference_poses]")
+        return self
+
+    @property
+    def start_pose(self) -> FloatArray:
+        """(7,) pose at which the counters are zeroed."""
+        return np.array([*self.start.position_mm, *self.start.quaternion_xyzw])
+
+    def legs(self) -> list[Leg]:
+        """The ways from waypoint to waypoint, all cycles."""
+        points = list(self.waypoint)
+        if self.motion.back_to_start:
+            points.append(Waypoint(position_mm=self.start.position_mm, quaternion_xyzw=self.start.quaternion_xyzw))
+        out, quaternion = [], self.start.quaternion_xyzw
+        for w in points * self.motion.cycles:
+            quaternion = w.quaternion_xyzw or quaternion
+            out.append(
+                Leg(
+                    np.array([*w.position_mm, *quaternion]),
+                    self.motion.speed_mm_s if w.speed_mm_s is None else w.speed_mm_s,
+                    math.radians(self.motion.rotation_speed_deg_s if w.rotation_speed_deg_s is None else w.rotation_speed_deg_s),
+                    self.motion.dwell_s if w.dwell_s is None else w.dwell_s,
+                )
+            )
+        return out
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What a scenario gives: a run when it has waypoints, a campaign when it asks for one."""
+
+    run: SimulatedRun | None
+    campaign: Campaign | None
+
+    def summary(self) -> str:
+        """A line for a person on each part."""
+        lines = []
+        if self.run is not None:
+            counts = self.run.run.passes[0]
+            lines.append(
+                f"{len(counts.time_s)} samples over {counts.time_s[-1]:.6g} s, {len(self.run.run.passes)} pass(es) of "
+                f"{', '.join(counts.channels)}; true poses in truth.parquet"
+            )
+        if self.campaign is not None:
+            lines.append(f"{len(self.campaign.poses)} reference poses in calibration/, the true rig and poses in calibration/true/")
+        return "\n".join(lines)
+
+
+_TABLES: dict[str, type[BaseModel]] = {
+    "start": Start,
+    "motion": Motion,
+    "waypoint": Waypoint,
+    "reference_poses": ReferencePoses,
+}
+
+
+def read_scenario(path: Path) -> tuple[Scenario, Rig]:
+    """Read scenario.toml and the rig it names; FileFormatError names the file and the key."""
+    path = Path(path)
+    data = files.read_toml(path)
+    try:
+        scenario = Scenario.model_validate(data)
+    except ValidationError as error:
+        raise FileFormatError(f"{path}: {complaint(error, data, Scenario, _TABLES)}") from None
+    if scenario.rig is None:
+        return scenario, cell_rig(scenario.seed)
+    if isinstance(scenario.rig, str):
+        return scenario, read_linked_rig(path.parent / scenario.rig)[0].model_copy(update={"calibration": None})
+    return scenario, rig_from_dict(scenario.rig, f"{path}: rig")
+
+
+def simulate(scenario: Scenario, rig: Rig) -> Simulated:
+    """Run the forward model; the same scenario and rig give the same counts. GeometryError when a cable cannot run at a pose."""
+    rng = np.random.default_rng(scenario.seed)
+    run, campaign = None, None
+    if scenario.waypoint:
+        time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz)
+        run = simulate_run(rig, time_s, poses, scenario.noise_mm, rng)
+    if scenario.reference_poses is not None:
+        asked = scenario.reference_poses
+        campaign = simulate_campaign(
+            rig,
+            asked.count,
+            rng,
+            centre=scenario.start_pose,
+            half_mm=asked.half_mm,
+            tilt_rad=asked.tilt_rad,
+            u_position_mm=asked.u_position_mm,
+            u_rotation_rad=math.radians(asked.u_rotation_deg),
+            nominal_shift_mm=asked.nominal_shift_mm,
+            nominal_shift_deg=asked.nominal_shift_deg,
+        )
+    return Simulated(run, campaign)
+
+
+def write_simulated(folder: Path, simulated: Simulated) -> None:
+    """Write the run folder with `truth.parquet` beside its counts, and the calibration folder `calibration/` with the true rig."""
+    folder = Path(folder)
+    if simulated.campaign is not None:
+        write_campaign(folder / "calibration", simulated.campaign)
+    if simulated.run is not None:
+        rows = simulated.run.poses
+        columns = {"time_s": simulated.run.run.passes[0].time_s}
+        columns |= dict(zip((*POSITION_COLUMNS, *QUATERNION_COLUMNS), rows.T, strict=True))
+        files.write_table(folder / "truth.parquet", columns)
+        write_run(folder, simulated.run.run)
+
+
+def write_campaign(folder: Path, campaign: Campaign) -> None:
+    """Write a calibration folder: nominal rig.toml, reference_poses.csv, counts.csv; the true rig and poses in `true/`."""
+    folder = Path(folder)
+    write_rig(folder / "true" / "rig.toml", campaign.true)
+    write_poses(folder / "true" / "reference_poses.csv", poses_from_rows(campaign.poses))
+    write_rig(folder / "rig.toml", campaign.nominal)
+    write_poses(folder / "reference_poses.csv", campaign.measured, campaign.nominal.angles)
+    columns: dict[str, Any] = {"pose": list(campaign.measured.names)}
+    columns |= {name: campaign.recorded[:, i].astype(np.int64) for i, name in enumerate(campaign.channels)}
+    files.write_table(folder / "counts.csv", columns)
