@@ -40,6 +40,7 @@ from lmeasure.kernels.vector import Quat, Vec3, add, cross, dot, norm, rotate, r
 FloatArray = NDArray[np.float64]
 
 CABLE_COLUMNS = 17
+ON_AXIS_MM = 1e-9  # nearer to the swivel axis than this the side is a matter of rounding
 PARAMETERS = (
     "x_mm",
     "y_mm",
@@ -67,10 +68,12 @@ def guide_direction(alpha: float, beta: float) -> Vec3:
 
 @inline
 def wrap_plane(d: Vec3, u: Vec3) -> tuple[float, float, Vec3]:
-    """(q, p, n) of the point d from B: coordinate along u, distance from the axis, unit vector away from it."""
+    """(q, p, n) of the point d from B: coordinate along u, distance from the axis, unit vector away from it; NaN on the axis."""
     q = dot(d, u)
     across = sub(d, scale(q, u))
     p = norm(across)
+    if p < ON_AXIS_MM:
+        p = math.nan  # the length would be finite, but the pulley has no plane to turn into
     return q, p, scale(1.0 / p, across)
 
 

@@ -1,0 +1,238 @@
+"""The cable: wrap, drum and their derivatives against a string laid around a disc and 40-digit arithmetic."""
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lmeasure.kernels import cable
+
+FloatArray = NDArray[np.float64]
+
+NANOMETRE = 1e-6  # in mm
+ROUNDING_MM = 1e-11  # some units in the last place of a few metres
+
+
+def row_of(c: oracles.Cable) -> FloatArray:
+    """The kernels' row of an oracle's cable, in doubles."""
+    row = np.empty(cable.CABLE_COLUMNS)
+    row[0:3] = [float(v) for v in c.base]
+    a, b = float(c.alpha), float(c.beta)
+    row[3:6] = [-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a)]
+    row[6] = float(c.radius)
+    row[7:10] = [float(v) for v in c.attachment]
+    row[10:14] = float(c.tangent), float(c.axial), float(c.pitch) / c.counts_per_revolution, float(c.count_length)
+    row[14:17] = a, b, c.counts_per_revolution
+    return row
+
+
+def random_cables(seed: int, number: int, radius: float | None = None) -> Iterator[tuple[oracles.Cable, FloatArray, float]]:
+    """Cables from random points over random pulleys, a pose each and a count."""
+    g = np.random.default_rng(seed)
+    for _ in range(number):
+        base = g.uniform(-1500, 1500, 3)
+        q = g.normal(size=4)
+        # the generators draw every wrap from nearly none to nearly a full turn: the guide points anywhere
+        pose = np.r_[g.uniform(-400, 400, 3), q / np.linalg.norm(q)]
+        c = oracles.Cable(
+            base=tuple(base.tolist()),
+            alpha=float(g.uniform(-1.5, 1.5)),
+            beta=float(g.uniform(-3, 3)),
+            radius=float(g.uniform(5, 40)) if radius is None else radius,
+            attachment=tuple(g.uniform(-150, 150, 3).tolist()),
+            tangent=float(g.uniform(0, 300)),
+            axial=float(g.uniform(-80, 80)),
+            pitch=float(g.uniform(-3, 3)),
+            count_length=float(g.uniform(0.005, 0.02)),
+            scale=float(g.choice([0.5, 1.0, 2.0])),
+        )
+        yield c, pose, float(g.uniform(-90_000, 90_000))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_wrap_is_a_string_laid_around_a_disc(seed: int) -> None:
+    for c, pose, _ in random_cables(seed, 1):
+        length, angle, heading = oracles.string_around_disc(
+            oracles.attachment_in_base(c, pose), c.base, oracles.guide(c.alpha, c.beta), c.radius
+        )
+        rows, poses = row_of(c)[None], pose[None]
+        assert cable.span_lengths(rows, poses)[0, 0] == pytest.approx(float(length), abs=ROUNDING_MM)
+        assert cable.wrap_geometry(rows, poses)[3][0, 0] == pytest.approx(float(angle), abs=1e-12)
+        assert cable.span_rows(rows, pose)[0, 3:] == pytest.approx([float(v) for v in heading], abs=1e-13)
+
+
+def test_wraps_of_every_size_were_among_them() -> None:
+    angles = [float(cable.wrap_geometry(row_of(c)[None], p[None])[3][0, 0]) for s in range(40) for c, p, _ in random_cables(s, 1)]
+    assert min(angles) < 0.5
+    assert max(angles) > 2.5
+
+
+@pytest.mark.parametrize("turn", [1e-9, 0.3, math.pi / 2, math.pi - 1e-6, math.pi, math.pi + 1e-6, 4.0, 2 * math.pi - 0.05])
+def test_wrap_angle_is_built_by_hand(turn: float) -> None:
+    """A point set at the end of a known arc and a known straight part gives back both, up to nearly a full turn."""
+    u, n = np.array([1.0, 0, 0]), np.array([0.0, 0.6, 0.8])
+    base, radius, straight = np.array([100.0, -200.0, 300.0]), 30.0, 700.0
+    end = base + radius * n + radius * (math.sin(turn) * u - math.cos(turn) * n) + straight * (math.cos(turn) * u + math.sin(turn) * n)
+    # beyond half a turn the point can come to lie on the other side of the axis: there it is another, shorter wrap
+    across = float((end - base) @ n)
+    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row[0, :3], row[0, 3:6], row[0, 6], row[0, 16] = base, u, radius, 6000
+    pose = np.r_[end, 0, 0, 0, 1][None]
+    if across > 0:
+        assert cable.span_lengths(row, pose)[0, 0] == pytest.approx(radius * turn + straight, abs=1e-10)
+        assert cable.wrap_geometry(row, pose)[3][0, 0] == pytest.approx(turn, abs=1e-12)
+    else:
+        expected = oracles.string_around_disc(tuple(end), tuple(base), tuple(u), radius)
+        assert cable.span_lengths(row, pose)[0, 0] == pytest.approx(float(expected[0]), abs=1e-10)
+
+
+def test_long_wraps_on_the_near_side() -> None:
+    """Behind the pulley and close to it the cable goes round by more than half a turn."""
+    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row[0, 3:6], row[0, 6], row[0, 16] = (1, 0, 0), 30.0, 6000
+    for q, p in ((-200.0, 10.0), (-60.0, 1.0), (-45.0, 25.0), (-40.0, 0.01)):
+        pose = np.array([[q, p, 0, 0, 0, 0, 1.0]])
+        length, angle, _ = oracles.string_around_disc((q, p, 0), (0, 0, 0), (1, 0, 0), 30)
+        assert float(angle) > math.pi
+        assert cable.span_lengths(row, pose)[0, 0] == pytest.approx(float(length), abs=1e-10)
+        assert cable.wrap_geometry(row, pose)[3][0, 0] == pytest.approx(float(angle), abs=1e-12)
+
+
+def test_tangent_points_lie_on_the_pulley_and_see_the_point() -> None:
+    for c, pose, _ in random_cables(7, 50):
+        row = row_of(c)
+        centre, tangent, point, angle = (x[0, 0] for x in cable.wrap_geometry(row[None], pose[None]))
+        assert np.linalg.norm(centre - row[:3]) == pytest.approx(c.radius, abs=1e-11)
+        assert (centre - row[:3]) @ row[3:6] == pytest.approx(0, abs=1e-10)
+        assert np.linalg.norm(tangent - centre) == pytest.approx(c.radius, abs=1e-11)
+        assert (tangent - centre) @ (point - tangent) == pytest.approx(0, abs=1e-8)
+        length = cable.span_lengths(row[None], pose[None])[0, 0]
+        assert c.radius * angle + np.linalg.norm(point - tangent) == pytest.approx(length, abs=1e-10)
+
+
+def test_no_cable_from_inside_the_pulley_or_on_its_axis() -> None:
+    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row[0, 3:6], row[0, 6], row[0, 16] = (0, 0, 1), 20.0, 6000
+    inside, on_axis = np.array([0, 20.0, 5.0, 0, 0, 0, 1]), np.array([0, 0, 500.0, 0, 0, 0, 1])
+    assert np.isnan(cable.span_lengths(row, np.array([inside, on_axis]))).all()
+    row[0, 6] = 0
+    assert cable.span_lengths(row, on_axis[None])[0, 0] == 500.0
+    assert np.isnan(cable.span_rows(row, np.array([0, 0, 0, 0, 0, 0, 1.0]))).all(), "a cable of no length has no direction"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_row_is_the_derivative_of_the_length_by_the_twist(seed: int) -> None:
+    for c, pose, _ in random_cables(seed, 4):
+        row = row_of(c)[None]
+        analytic = cable.span_rows(row, pose)[0]
+        for axis in range(6):
+            h = 1e-3 if axis >= 3 else 1e-6
+            step = np.zeros(6)
+            step[axis] = h
+            ahead, behind = (float(oracles.free_length(c, oracles.compose(pose, sign * step[:3], sign * step[3:]))) for sign in (1, -1))
+            # rounding of the composed quaternions over the step bounds this one
+            assert analytic[axis] == pytest.approx((ahead - behind) / (2 * h), abs=2e-6 if axis < 3 else 1e-8)
+
+
+def moved(c: oracles.Cable, pose: FloatArray, recorded: Any, name: str, step: Any) -> Any:
+    return oracles.misclosure(c.moved(name, step), pose, recorded)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_every_parameter_against_difference_quotients(seed: int) -> None:
+    """All of PARAMETERS against an independent length in 40 digits; radius 0 is another branch."""
+    for c, pose, k in random_cables(100 + seed, 1, radius=0.0 if seed == 0 else None):
+        recorded = mp.mpf(k) * mp.mpf(c.scale)
+        got = cable.length_gradients(row_of(c)[None], pose[None], np.array([[k]]), np.array([c.scale]))[0, 0]
+        for name, value in zip(cable.PARAMETERS, got, strict=True):
+            if c.radius == 0.0 and name == "pulley_radius_mm":
+                # one-sided: there is no pulley of negative radius
+                h = 1e-12
+                expected = float((moved(c, pose, recorded, name, h) - moved(c, pose, recorded, name, 0)) / h)
+                tolerance = 1e-9
+            else:
+                expected, tolerance = oracles.derivative(partial(moved, c, pose, recorded, name)), 1e-11
+            assert value == pytest.approx(expected, rel=tolerance, abs=tolerance), name
+
+
+def test_drum_is_a_hypotenuse() -> None:
+    for c, _, k in random_cables(3, 200):
+        row = row_of(c)[None]
+        for count in (k, 1.0, -1.0, 1e-6, 0.0):
+            expected = float(oracles.drum_change(count, c))
+            assert cable.changes_from_counts(row, np.array([[count]]))[0, 0] == pytest.approx(expected, rel=4e-15, abs=1e-300)
+
+
+def test_published_drum_geometry() -> None:
+    """|E_1 B_H| of the recomputed example of thesis 5.5 from its two legs."""
+    assert math.hypot(149.756507, 20.0) == pytest.approx(151.086106, abs=1e-6)
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(
+    k=st.floats(-1e7, 1e7),
+    tangent=st.floats(0, 500),
+    axial=st.floats(-200, 200),
+    pitch=st.floats(-60, 60),
+    length=st.floats(0.011, 0.02),
+)
+def test_counts_and_changes_are_inverse(k: float, tangent: float, axial: float, pitch: float, length: float) -> None:
+    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row[0, 10:14] = tangent, axial, pitch / 6000, length
+    change = cable.changes_from_counts(row, np.array([[k]]))
+    back = cable.counts_from_changes(row, change)[0, 0]
+    # a groove nearly as long as its turn leaves little cable per count: conditioning of 1/(1 - |g|/Nc)
+    assert back == pytest.approx(k, rel=1e-11, abs=1e-9)
+
+
+def test_change_grows_with_the_count() -> None:
+    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row[0, 10:14] = 0.0, 25.0, 71.9 / 6000, 0.012  # no tangent part and a groove nearly as long as a turn: the steepest case
+    counts = np.linspace(-20_000, 20_000, 4001)[:, None]
+    assert (np.diff(cable.changes_from_counts(row, counts)[:, 0]) > 0).all()
+    assert cable.counts_from_changes(row, cable.changes_from_counts(row, counts)) == pytest.approx(counts, rel=1e-9, abs=1e-6)
+
+
+def test_pitch_zero_is_a_plain_drum() -> None:
+    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row[0, 10:14] = 180.0, 25.0, 0.0, 0.012
+    assert cable.changes_from_counts(row, np.array([[12345.0]]))[0, 0] == 12345 * 0.012
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lengths_do_not_depend_on_the_frame(seed: int) -> None:
+    """The whole rig and the pose turned and shifted together: the guide's angles change, the lengths do not."""
+    g = np.random.default_rng(seed)
+    turn = g.normal(size=3)
+    shift = g.uniform(-1000, 1000, 3)
+    for c, pose, _ in random_cables(200 + seed, 20):
+        moved = oracles.compose(np.r_[0, 0, 0, pose[3:]], turn, [0, 0, 0])
+        rotation = oracles.matrix_of_quaternion(oracles.compose(np.r_[0, 0, 0, 0, 0, 0, 1], turn, [0, 0, 0])[3:])
+        row = row_of(c)
+        other = row.copy()
+        other[:3] = rotation @ row[:3] + shift
+        way = -(rotation @ row[3:6])
+        alpha, beta = math.asin(-way[2]), math.atan2(way[0], way[1])
+        other[3:6] = -math.cos(alpha) * math.sin(beta), -math.cos(alpha) * math.cos(beta), math.sin(alpha)
+        other[14:16] = alpha, beta
+        before = cable.span_lengths(row[None], pose[None])[0, 0]
+        after = cable.span_lengths(other[None], np.r_[rotation @ pose[:3] + shift, moved[3:]][None])[0, 0]
+        assert after == pytest.approx(before, abs=1e-10)
+
+
+def test_small_pulley_tends_to_a_straight_cable() -> None:
+    for c, pose, _ in random_cables(11, 20, radius=1e-7):
+        straight = row_of(c)
+        straight[6] = 0.0
+        rows = np.array([row_of(c), straight])
+        assert np.ptp(cable.span_lengths(rows, pose[None])) < NANOMETRE
+        gradients = cable.length_gradients(rows, pose[None], np.zeros((1, 2)), np.ones(2))[0]
+        assert gradients[0] == pytest.approx(gradients[1], abs=1e-6)
