@@ -1,0 +1,82 @@
+"""Log files of CAN frames, read in batches of bounded size: BLF, ASC and candump by compiled scans, the rest by python-can's readers.
+
+A log that breaks off gives everything up to the break, and the report says where. Lines that cannot be read are counted, never guessed.
+Times are those of python-can's readers with absolute times: what the log says plus the start it states (0 where it states none).
+"""
+
+import gzip
+import itertools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from lmeasure.acquisition.frames import Frames, frames_from_messages, join, no_frames
+from lmeasure.acquisition.log_blf import blf_batches
+from lmeasure.acquisition.log_common import LogReport, checked
+from lmeasure.acquisition.log_text import asc_batches, candump_batches
+from lmeasure.errors import FileFormatError
+
+__all__ = ["LogReport", "log_batches", "read_log"]
+
+Progress = Callable[[int, int], None]
+
+COMPILED = {".blf": blf_batches, ".asc": asc_batches, ".log": candump_batches}
+OTHERS = (".csv", ".trc", ".mf4")
+MESSAGES_AT_ONCE = 20_000
+
+
+def log_batches(path: Path, report: LogReport, progress: Progress | None = None) -> Iterator[Frames]:
+    """The log's frames in batches of at most some ten thousand, in the order of the file.
+
+    progress gets the bytes read so far and the size of the file. FileFormatError when the file is no such log, or cannot be opened.
+    """
+    path = Path(path)
+    suffixes = [s.lower() for s in path.suffixes[-2:]]
+    packed = suffixes[-1:] == [".gz"]
+    suffix = "".join(suffixes[:-1] if packed else suffixes[-1:])
+    if suffix not in COMPILED and (packed or suffix not in OTHERS):
+        raise FileFormatError(f"{path}: is no log this program reads: {', '.join([*COMPILED, *OTHERS])}, the first three also as .gz")
+    try:
+        size = path.stat().st_size
+        raw = path.open("rb")
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+    with raw:
+        if size == 0:
+            raise FileFormatError(f"{path}: is empty")
+        if suffix in COMPILED:
+            batches = COMPILED[suffix](path, cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw, report)
+        else:
+            batches = _library_batches(path, raw, report)
+        for batch in batches:
+            report.frames += len(batch)
+            if progress:
+                progress(raw.tell(), size)
+            if len(batch):
+                yield batch
+        if progress:
+            progress(size, size)
+
+
+def read_log(path: Path) -> tuple[Frames, LogReport]:
+    """The whole log at once, and what reading it met."""
+    report = LogReport()
+    parts = list(log_batches(path, report))
+    return (join(parts) if parts else no_frames(str(path), "log")), report
+
+
+def _library_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
+    """Frames by python-can's reader for the file's suffix. Whatever goes wrong inside it ends the reading."""
+    import can
+
+    messages = None
+    try:
+        # its readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
+        messages = iter(can.LogReader(path))
+        while batch := [checked(m) for m in itertools.islice(messages, MESSAGES_AT_ONCE)]:
+            yield frames_from_messages(batch, "log", str(path))
+    except Exception as error:
+        why = " ".join(str(error).split()) or type(error).__name__
+        if report.frames == 0:
+            raise FileFormatError(f"{path}: cannot be read: {why}") from error
+        report.ended_early = f"after frame {report.frames}: {why}"

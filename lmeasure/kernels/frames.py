@@ -1,0 +1,188 @@
+"""Scan of a BLF log's objects into arrays of frames, and extraction of integers from payloads.
+
+The layout of the objects is that of python-can's reader (`can.io.blf`), which follows Vector's binlog.h; what that reader yields, the scan
+yields bit for bit. An object that contradicts itself stops the scan: nothing behind it can be trusted.
+
+Every scan fills the same columns: time [s], identifier, flags (bits of `lmeasure.acquisition.frames`), length in bytes, data (n, 8) or
+(n, 64), channel as an index into the names found so far.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.kernels import inline, kernel
+
+Bytes = NDArray[np.uint8]
+Columns = tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], Bytes, NDArray[np.int16]]
+
+i64: Any = np.int64  # a byte shifted or added to as it is would stay a byte's kind of number
+u64: Any = np.uint64
+
+EXTENDED, REMOTE, ERROR, FD, BITRATE_SWITCH, ERROR_STATE, SENT = 1, 2, 4, 8, 16, 32, 64
+
+DONE = 0
+"""All whole objects or lines were read."""
+BROKEN = 1
+"""What stands at the position returned contradicts itself."""
+WIDE = 2
+"""A payload longer than the data columns: scan again with 64."""
+ODD = 3
+"""A line that the scan does not know."""
+
+CAN_MESSAGE, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64 = 1, 73, 86, 100, 101
+SMALLEST_FRAME_OBJECT = 48
+LARGEST_OBJECT = 1 << 24
+NAMED_CHANNELS = 1 << 16
+
+FD_LENGTH = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.uint8)
+
+
+@inline
+def _u16(b: Bytes, i: int) -> int:
+    return i64(b[i]) | i64(b[i + 1]) << 8
+
+
+@inline
+def _u32(b: Bytes, i: int) -> int:
+    return i64(b[i]) | i64(b[i + 1]) << 8 | i64(b[i + 2]) << 16 | i64(b[i + 3]) << 24
+
+
+@inline
+def _u64(b: Bytes, i: int) -> Any:
+    return u64(_u32(b, i)) | u64(_u32(b, i + 4)) << u64(32)
+
+
+@inline
+def _seconds(ticks: Any, per_second: Any) -> float:
+    """ticks / per_second as the nearest double, ties to even, for every 64-bit count (beyond 2^53 a plain division rounds twice)."""
+    if ticks < u64(1 << 53):
+        return float(ticks) / float(per_second)
+    whole = ticks // per_second
+    rest = ticks % per_second
+    shift = u64(53)  # bits of the significand that stand behind the point
+    top = whole
+    while top != u64(0):
+        top >>= u64(1)
+        shift -= u64(1)
+    rest <<= shift  # whole has at least 30 bits here, so this stays under 2^53
+    significand = (whole << shift) + rest // per_second
+    twice = u64(2) * (rest % per_second)
+    if twice > per_second or (twice == per_second and significand & u64(1)):
+        significand += u64(1)
+    return float(significand) / float(u64(1) << shift)
+
+
+@inline
+def _copy(b: Bytes, start: int, count: int, data: Bytes, row: int) -> None:
+    for k in range(data.shape[1]):
+        data[row, k] = 0
+    for k in range(count):
+        data[row, k] = b[start + k]
+
+
+@kernel
+def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], places_used: int) -> tuple[int, int, int, int]:
+    """Frames of the objects in b, the unpacked content of log containers.
+
+    b (k,) uint8; start_s is added to each time; out the columns; places (65536,) int32, index of each channel number or -1, and
+    places_used how many it holds, both carried on. Returns (frames, bytes used, status, places_used).
+    """
+    time, identifier, flags, length, data, channel = out
+    width = data.shape[1]
+    end = len(b)
+    n = 0
+    pos = 0
+    while True:
+        # the next object starts within the padding of the last: at most four bytes on
+        at = pos
+        while at <= pos + 4 and at + 4 <= end and not (b[at] == 76 and b[at + 1] == 79 and b[at + 2] == 66 and b[at + 3] == 74):
+            at += 1
+        if at > pos + 4 or at + 4 > end:
+            return n, pos, BROKEN if pos + 8 <= end else DONE, places_used
+        if at + 16 > end:
+            return n, pos, DONE, places_used
+        header_size, version, size, kind = _u16(b, at + 4), _u16(b, at + 6), _u32(b, at + 8), _u32(b, at + 12)
+        if size < 16 or size > LARGEST_OBJECT:
+            return n, pos, BROKEN, places_used
+        following = at + size
+        if following > end:
+            return n, pos, DONE, places_used
+        is_frame = kind in (CAN_MESSAGE, CAN_MESSAGE2, CAN_ERROR_EXT, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64)
+        if not is_frame or version < 1 or version > 2:
+            pos = following
+            continue
+        i = at + (32 if version == 1 else 40)
+        if kind == CAN_FD_MESSAGE:
+            needed = 84
+        elif kind == CAN_FD_MESSAGE_64:
+            needed = 40
+        elif kind == CAN_ERROR_EXT:
+            needed = 32
+        else:
+            needed = 16
+        if i + needed > following:
+            return n, pos, BROKEN, places_used
+        per_second = u64(100_000) if _u32(b, at + 16) == 1 else u64(1_000_000_000)
+        mark = 0
+        if kind == CAN_FD_MESSAGE_64:
+            number = i64(b[i])
+            wanted, valid = i64(b[i + 1]), i64(b[i + 2])
+            raw = _u32(b, i + 4)
+            fd_flags = _u32(b, i + 12)
+            mark |= REMOTE if fd_flags & 0x0010 else 0
+            mark |= FD if fd_flags & 0x1000 else 0
+            mark |= BITRATE_SWITCH if fd_flags & 0x2000 else 0
+            mark |= ERROR_STATE if fd_flags & 0x4000 else 0
+            mark |= SENT if b[i + 34] else 0
+            wanted = i64(FD_LENGTH[wanted]) if wanted < 16 else 64
+            beyond = i64(b[i + 35])
+            start = i + 40
+            # the object may hold fewer bytes than it says; the rest is zero, as Vector's library reads it
+            count = max(0, min(valid, (beyond if beyond else size) - header_size - 40))
+            if valid > 64 or start + count > following:
+                return n, pos, BROKEN, places_used
+        elif kind == CAN_FD_MESSAGE:
+            number = _u16(b, i)
+            wanted = i64(b[i + 3])
+            raw = _u32(b, i + 4)
+            mark |= REMOTE if b[i + 2] & 0x80 else 0
+            mark |= SENT if b[i + 2] & 1 else 0
+            mark |= FD if b[i + 13] & 1 else 0
+            mark |= BITRATE_SWITCH if b[i + 13] & 2 else 0
+            mark |= ERROR_STATE if b[i + 13] & 4 else 0
+            wanted = i64(FD_LENGTH[wanted]) if wanted < 16 else 64
+            valid = min(i64(b[i + 14]), 64)
+            start, count = i + 20, valid
+        elif kind == CAN_ERROR_EXT:
+            number = _u16(b, i)
+            wanted = i64(b[i + 10])
+            raw = _u32(b, i + 16)
+            mark |= ERROR
+            valid = min(wanted, 8)
+            start, count = i + 24, valid
+        else:
+            number = _u16(b, i)
+            wanted = i64(b[i + 3])
+            raw = _u32(b, i + 4)
+            mark |= REMOTE if b[i + 2] & 0x80 else 0
+            mark |= SENT if b[i + 2] & 1 else 0
+            valid = min(wanted, 8)
+            start, count = i + 8, valid
+        mark |= EXTENDED if raw & 0x80000000 else 0
+        if mark & REMOTE:
+            valid, count = wanted, 0
+        if count > width or (valid > width and not mark & REMOTE):
+            return n, pos, WIDE, places_used
+        if places[number] < 0:
+            places[number] = places_used
+            places_used += 1
+        time[n] = _seconds(_u64(b, at + 24), per_second) + start_s
+        identifier[n] = raw & 0x1FFFFFFF
+        flags[n] = mark
+        length[n] = valid
+        channel[n] = places[number]
+        _copy(b, start, count, data, n)
+        n += 1
+        pos = following
