@@ -106,8 +106,11 @@ class Table:
             column = column.cast(pa.float64())
         except pa.ArrowInvalid as error:
             raise FileFormatError(f"{self.path}: column {name!r} is not a column of numbers: {error}") from error
-        empty = np.asarray(column.is_null())
+        empty = np.array(column.is_null())
         values = np.array(column.to_numpy(), dtype=np.float64)
+        if self.path.suffix.lower() == ".parquet":
+            # there a missing float is a NaN as often as a null; in a CSV the text "nan" is a cell that is not a number
+            empty |= np.isnan(values)
         bad = ~np.isfinite(values) & ~empty
         if not gaps:
             bad |= empty

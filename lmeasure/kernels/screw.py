@@ -34,6 +34,13 @@ COVERAGE = 3.0  # standard deviations of the lengths
 
 
 @inline
+def copy(source: FloatArray, target: FloatArray) -> None:
+    """target[:] = source; the slice assignment would compile the text of an error that cannot happen."""
+    for c in range(len(source)):
+        target[c] = source[c]
+
+
+@kernel
 def _fill(cables: FloatArray, pose: FloatArray, targets: FloatArray, J: FloatArray, r: FloatArray, size: float) -> float:
     """Rows (arm x e / size ; e) into J, residuals target - length into r; the largest absolute residual."""
     worst = 0.0
@@ -50,7 +57,7 @@ def _fill(cables: FloatArray, pose: FloatArray, targets: FloatArray, J: FloatArr
     return worst
 
 
-@inline
+@kernel
 def eliminate(A: FloatArray, B: FloatArray) -> float:
     """Solve A X = B in place by elimination with row pivots (X in B); the determinant of A, or 0 when a pivot vanishes."""
     n, m = A.shape[0], B.shape[1]
@@ -86,7 +93,7 @@ def eliminate(A: FloatArray, B: FloatArray) -> float:
     return det
 
 
-@inline
+@kernel
 def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
     """Displace the pose by the finite twist (x[0:3]/size ; x[3:6]) about the tool origin, at most MAX_STEP_ROTATION of it."""
     omega = (x[0] / size, x[1] / size, x[2] / size)
@@ -105,7 +112,7 @@ def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
         pose[3 + c] = f * q[c]
 
 
-@inline
+@kernel
 def newton(cables: FloatArray, targets: FloatArray, pose: FloatArray, J: FloatArray, r: FloatArray, size: float) -> tuple[int, int, float]:
     """Move the pose (in place) until the six lengths are the targets: (status, iterations, largest residual).
 
@@ -136,7 +143,7 @@ def platform_size(cables: FloatArray) -> float:
     return size
 
 
-@inline
+@kernel
 def _invert_rows(J: FloatArray, inverse: FloatArray, size: float) -> float:
     """`invert` for rows that are already in J, which is used up."""
     for j in range(CABLES):
@@ -149,7 +156,7 @@ def _invert_rows(J: FloatArray, inverse: FloatArray, size: float) -> float:
     return det
 
 
-@inline
+@kernel
 def invert(cables: FloatArray, pose: FloatArray, J: FloatArray, inverse: FloatArray, size: float) -> float:
     """Inverse of the rows about the tool origin into `inverse` (6, 6): column i is the unit-rate twist of cable i, (omega; v).
 
@@ -184,7 +191,7 @@ def pressure_angles(cables: FloatArray, pose: FloatArray, inverse: FloatArray, o
         out[i] = math.acos(1.0 / max(1.0, attachment_speed(cables, pose, inverse, i)))
 
 
-@inline
+@kernel
 def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArray) -> float:
     """Largest of `pressure_angles` [rad]."""
     fastest = 1.0
@@ -213,7 +220,7 @@ def solve_pose(cables: FloatArray, targets: FloatArray, start: FloatArray) -> tu
     return status, iterations, worst, pose
 
 
-@inline
+@kernel
 def _could_turn(
     cables: FloatArray, pose: FloatArray, u: FloatArray, side: float, probe: FloatArray, J: FloatArray, inverse: FloatArray, size: float
 ) -> bool:
@@ -235,15 +242,17 @@ def _could_turn(
     twist = np.empty(6)
     for c in range(6):
         twist[c] = inverse[c, worst] * reach
-    for sign in (1.0, -1.0):
-        probe[:] = pose
-        displace(probe, sign * twist, 1.0)
+    for _ in range(2):
+        copy(pose, probe)
+        displace(probe, twist, 1.0)
+        for c in range(6):
+            twist[c] = -twist[c]
         if invert(cables, probe, J, inverse, size) * side <= 0.0:
             return True
     return False
 
 
-@inline
+@kernel
 def _next_could_turn(
     cables: FloatArray,
     before: FloatArray,
@@ -280,9 +289,9 @@ def track(
     straight line in lengths, so that the way to another assembly is not jumped over. A pose whose determinant has the other sign than
     the start's is in another assembly.
 
-    Two assemblies meet at a singular pose. There the same lengths have two poses, and the start's sign of the determinant fits the wrong one
-    once the motion went through. So a sample that lengths uncertain by u (6,) [mm] cannot tell from a singular pose is SINGULAR, and from it,
-    or from a sample whose next ones could lie beyond, everything is OTHER_ASSEMBLY: it cannot be told which of the two.
+    Two assemblies meet at a singular pose. There the same lengths have two poses, and the start's sign of the determinant fits the
+    wrong one once the motion went through. So a sample that lengths uncertain by u (6,) [mm] cannot tell from a singular pose is
+    SINGULAR, and from it, or from a sample whose next ones could lie beyond, everything is OTHER_ASSEMBLY: it cannot be told which.
 
     Returns poses (n, 7), residuals (n,) [mm], iterations (n,), status (n,), worst pressure angles (n,) [rad]. What is not OK is NaN.
     """
@@ -309,7 +318,7 @@ def track(
         for j in range(CABLES):
             longest = max(longest, abs(changes[i, j] - good_change[j]))
         parts = max(1, math.ceil(longest / STRIDE_MM))
-        pose[:] = good
+        copy(good, pose)
         state, worst, reached = OK, 0.0, 0.0
         for part in range(1, parts + 1):
             f = part / parts
@@ -335,11 +344,11 @@ def track(
                 lost = state == SINGULAR or _next_could_turn(cables, good, pose, side, probe, J, inverse, size)
         status[i] = state
         if state == OK:
-            poses[i] = pose
+            copy(pose, poses[i])
             residual[i] = worst
             angle[i] = reached
-            good[:] = pose
-            good_change[:] = changes[i]
+            copy(pose, good)
+            copy(changes[i], good_change)
     return poses, residual, iterations, status, angle
 
 

@@ -1,0 +1,125 @@
+"""The stated covariances against what real reconstructions scatter by, counts redrawn and the rig drawn from its calibration."""
+
+import numpy as np
+from cells import START, FloatArray, cell, motion, record
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.run import Run
+from lmeasure.trajectory import reconstruct
+
+TRIALS = 600
+SAMPLES = (0, 700, 1500, 2999)
+# a standard deviation of 600 draws is known to 1/sqrt(1200) = 2.9 %: four times that
+TOLERANCE = 0.12
+
+
+def deviations(poses: FloatArray, truth: FloatArray) -> FloatArray:
+    """(..., 6) errors found less true, (tool origin [mm]; rotation vector in base axes [rad])."""
+    turn = Rotation.from_quat(poses[..., 3:]) * Rotation.from_quat(truth[..., 3:]).inv()
+    return np.concatenate([poses[..., :3] - truth[..., :3], turn.as_rotvec()], axis=-1)
+
+
+def samples_of(n: int = 3000) -> tuple[FloatArray, FloatArray]:
+    times, poses = motion(n)
+    return times[list(SAMPLES)], poses[list(SAMPLES)]
+
+
+def test_the_counts_resolution_is_what_repeated_runs_scatter_by() -> None:
+    """Rounding of a count at an unknown place within its step: a uniform error of half a count."""
+    rig = cell(None)
+    times, poses = samples_of()
+    exact = record(rig, times, poses, exact=True)
+    stated = reconstruct(exact)
+    generator = np.random.default_rng(1)
+    found = []
+    for _ in range(TRIALS):
+        noise = generator.uniform(-0.5, 0.5, exact.passes[0].recorded.shape)
+        counts = exact.passes[0].recorded + noise
+        noisy = Run(rig, START, (type(exact.passes[0])(times, exact.passes[0].channels, counts),))
+        found.append(deviations(reconstruct(noisy).poses, poses))
+    scatter = np.std(np.array(found), axis=0)
+    np.testing.assert_allclose(scatter, stated.u, rtol=TOLERANCE)
+    covariance = np.array([np.cov(np.array(found)[:, i].T) for i in range(len(SAMPLES))])
+    order = [3, 4, 5, 0, 1, 2]
+    for i in range(len(SAMPLES)):
+        u = stated.u[i]
+        correlation = stated.random[i][np.ix_(order, order)] / np.outer(u, u)
+        np.testing.assert_allclose(covariance[i] / np.outer(u, u), correlation, atol=3 * TOLERANCE)
+
+
+CALIBRATED = {
+    "x_mm": 0.05,
+    "y_mm": 0.04,
+    "z_mm": 0.06,
+    "guide_alpha_deg": 0.02,
+    "guide_beta_deg": 0.03,
+    "pulley_radius_mm": 0.01,
+    "tangent_length_mm": 0.5,
+    "axial_offset_mm": 0.3,
+}
+
+
+def calibrated() -> tuple[Rig, CalibrationRecord]:
+    """A rig with a record whose parameters are correlated within each point."""
+    rig = cell(None)
+    generator = np.random.default_rng(7)
+    names = [f"{point.name}.{key}" for point in rig.observation_point for key in CALIBRATED]
+    u = np.array(list(CALIBRATED.values()) * len(rig.observation_point))
+    k = len(CALIBRATED)
+    covariance = np.zeros((len(names), len(names)))
+    for i in range(0, len(names), k):
+        factor = np.linalg.qr(generator.normal(size=(k, k)))[0] * generator.uniform(0.3, 1.0, k)
+        correlation = factor @ factor.T
+        d = np.sqrt(np.diag(correlation))
+        covariance[i : i + k, i : i + k] = correlation / np.outer(d, d) * np.outer(u[i : i + k], u[i : i + k])
+    parameters = [{"name": n, "value": 0.0, "u": float(s), "prior_u": 1.0} for n, s in zip(names, u, strict=True)]
+    record_ = CalibrationRecord.model_validate(
+        {
+            "schema": "lmeasure.calibration/1",
+            "rig": rig.name,
+            "parameters": parameters,
+            "covariance": covariance.tolist(),
+            "residuals": [],
+            "equations": 0,
+            "unknowns": len(names),
+            "rank": len(names),
+        }
+    )
+    return rig, record_
+
+
+def drawn(rig: Rig, record_: CalibrationRecord, shift: FloatArray) -> Rig:
+    """The rig with its calibrated values moved by the shifts, one per parameter of the record."""
+    data = rig.to_dict()
+    points = {p["name"]: p for p in data["observation_point"]}
+    for parameter, delta in zip(record_.parameters, shift, strict=True):
+        name, key = parameter.name.split(".")
+        point = points[name]
+        if key in ("x_mm", "y_mm", "z_mm"):
+            point["position_mm"]["xyz".index(key[0])] += delta
+        elif key in point:
+            point[key] += delta
+        else:
+            point["drum"][key] += delta
+    return rig_from_dict(data)
+
+
+def test_the_calibration_covariance_is_what_true_rigs_drawn_from_it_scatter_by() -> None:
+    rig, record_ = calibrated()
+    times, poses = samples_of()
+    stated = reconstruct(Run(rig, START, record(rig, times, poses, exact=True).passes, record_))
+    assert "calibration" in stated.covers
+    generator = np.random.default_rng(3)
+    shifts = generator.multivariate_normal(np.zeros(len(record_.parameters)), record_.covariance_matrix(), TRIALS, method="cholesky")
+    found = []
+    for shift in shifts:
+        true = record(drawn(rig, record_, shift), times, poses, exact=True)
+        found.append(deviations(reconstruct(Run(rig, START, true.passes)).poses, poses))
+    scatter = np.std(np.array(found), axis=0)
+    u = np.sqrt(np.einsum("nii->ni", stated.systematic))[:, [3, 4, 5, 0, 1, 2]]
+    # at the start pose the counters were zeroed there: a wrong rig does not show
+    assert scatter[0].max() < 1e-9
+    assert u[0].max() < 1e-9
+    np.testing.assert_allclose(scatter[1:], u[1:], rtol=TOLERANCE)
