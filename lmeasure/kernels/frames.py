@@ -186,3 +186,69 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
         _copy(b, start, count, data, n)
         n += 1
         pos = following
+
+
+KEY, MASK, FIRST_BIT, BITS, BIG_ENDIAN, SIGNED = range(6)
+"""Columns of a field: see `extract`."""
+FIELD_COLUMNS = 6
+
+
+@inline
+def _little(data: Bytes, row: int, first: int, bits: int) -> Any:
+    """The bits from bit `first` on, counted from the lowest bit of byte 0 upwards; the first is the lowest."""
+    at, shift = first >> 3, first & 7
+    value = u64(data[row, at]) >> u64(shift)
+    got = 8 - shift
+    while got < bits:
+        at += 1
+        value |= u64(data[row, at]) << u64(got)
+        got += 8
+    return value
+
+
+@inline
+def _big(data: Bytes, row: int, first: int, bits: int) -> Any:
+    """The bits from bit `first` on, counted from the highest bit of byte 0 downwards; the first is the highest."""
+    at, shift = first >> 3, first & 7
+    value = u64(data[row, at]) & u64(0xFF >> shift)
+    got = 8 - shift
+    while got + 8 <= bits:
+        at += 1
+        value = value << u64(8) | u64(data[row, at])
+        got += 8
+    if got < bits:
+        left = bits - got
+        return value << u64(left) | u64(data[row, at + 1]) >> u64(8 - left)
+    return value >> u64(got - bits)
+
+
+@kernel
+def extract(frames: Columns, fields: NDArray[np.int64], rows: NDArray[np.int64], values: NDArray[np.int64]) -> Any:
+    """Integers at given places of given frames.
+
+    frames: columns of n frames. fields (m, 6): key and mask, a frame being meant where (identifier + 2^29 if extended) & mask = key; first
+    bit, bits (1 to 64), 1 for big-endian, 1 for signed. The first bit counts from the lowest bit of byte 0 upwards, or where big-endian from
+    the highest bit of byte 0 downwards. Fills rows (m, n) with the positions of the frames that carry field j, and values (m, n) with their
+    integers (an unsigned one of 64 bits as the same bits). Returns (m, 2): how many, and how many frames were too short to hold the field;
+    remote and error frames carry none.
+    """
+    identifier, flags, length, data = frames[1], frames[2], frames[3], frames[4]
+    found = np.zeros((len(fields), 2), np.int64)
+    for i in range(len(identifier)):
+        if flags[i] & (REMOTE | ERROR):
+            continue
+        name = i64(identifier[i]) | (i64(1) << 29 if flags[i] & EXTENDED else i64(0))
+        for j in range(len(fields)):
+            if name & fields[j, MASK] != fields[j, KEY]:
+                continue
+            first, bits = fields[j, FIRST_BIT], fields[j, BITS]
+            if first + bits > i64(length[i]) * 8 or first + bits > 8 * data.shape[1]:
+                found[j, 1] += 1
+                continue
+            value = _big(data, i, first, bits) if fields[j, BIG_ENDIAN] else _little(data, i, first, bits)
+            lift = u64(64 - bits)  # the field's highest bit to the word's, and back: clears what is above, or repeats the sign
+            at = found[j, 0]
+            values[j, at] = i64(value << lift) >> i64(lift) if fields[j, SIGNED] else i64(value << lift >> lift)
+            rows[j, at] = i
+            found[j, 0] += 1
+    return found
