@@ -69,12 +69,12 @@ def _library_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[
     """Frames by python-can's reader for the file's suffix. Whatever goes wrong inside it ends the reading."""
     import can
 
-    messages = None
     try:
         # its readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
-        messages = iter(can.LogReader(path))
-        while batch := [checked(m) for m in itertools.islice(messages, MESSAGES_AT_ONCE)]:
-            yield frames_from_messages(batch, "log", str(path))
+        with can.LogReader(path) as reader:
+            messages = iter(reader)
+            while batch := [checked(m) for m in itertools.islice(messages, MESSAGES_AT_ONCE)]:
+                yield frames_from_messages(batch, "log", str(path))
     except Exception as error:
         why = " ".join(str(error).split()) or type(error).__name__
         if report.frames == 0:

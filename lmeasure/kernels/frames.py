@@ -227,10 +227,10 @@ def extract(frames: Columns, fields: NDArray[np.int64], rows: NDArray[np.int64],
     """Integers at given places of given frames.
 
     frames: columns of n frames. fields (m, 6): key and mask, a frame being meant where (identifier + 2^29 if extended) & mask = key; first
-    bit, bits (1 to 64), 1 for big-endian, 1 for signed. The first bit counts from the lowest bit of byte 0 upwards, or where big-endian from
-    the highest bit of byte 0 downwards. Fills rows (m, n) with the positions of the frames that carry field j, and values (m, n) with their
-    integers (an unsigned one of 64 bits as the same bits). Returns (m, 2): how many, and how many frames were too short to hold the field;
-    remote and error frames carry none.
+    bit, bits (1 to 64), 1 for big-endian, 1 for signed. The first bit counts from the lowest bit of byte 0 upwards, or where big-endian
+    from the highest bit of byte 0 downwards. Fills rows (m, n) with the positions of the frames that carry field j, and values (m, n) with
+    their integers (an unsigned one of 64 bits as the same bits). Returns (m, 2): how many, and how many frames were too short to hold the
+    field; remote and error frames carry none.
     """
     identifier, flags, length, data = frames[1], frames[2], frames[3], frames[4]
     found = np.zeros((len(fields), 2), np.int64)
