@@ -31,3 +31,7 @@ class TrajectoryError(LMeasureError, ValueError):
 
 class AcquisitionError(LMeasureError, OSError):
     """A bus or a log that does not deliver what the rig says it should."""
+
+
+class AccuracyError(LMeasureError, ValueError):
+    """An accuracy zone or a placement that cannot be worked out from what was asked."""

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import reconstruct, simulate
+from lmeasure.cli import reconstruct, simulate, zone
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(

@@ -1,0 +1,168 @@
+"""Zones: against definitions worked out apart, against the thesis, and as files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from zone_oracle import length_rows, pressure_angles, sphere_radius
+from zone_rigs import cell, published
+
+from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
+from lmeasure.accuracy.zone import REASONS, axis, summary, tilts
+from lmeasure.calibration_record import CalibrationRecord, Parameter
+from lmeasure.conventions import rotation_from_angles
+from lmeasure.errors import AccuracyError, FileFormatError, RigError
+from lmeasure.kernels.screw import pose_covariances
+from lmeasure.lengths import cable_covariance, count_variance, counts_from_poses
+from lmeasure.rig import Rig
+
+COUNT_MM = 0.0125
+
+
+def plain(rig: Rig) -> list[dict[str, np.ndarray]]:
+    return [{"B": r[0:3], "u": r[3:6], "R": r[6], "P": r[7:10]} for r in rig.cable_rows()]
+
+
+@pytest.mark.parametrize("rig", [published(), cell(0), cell(1)], ids=["published", "cell-0", "cell-1"])
+def test_angles_and_radius_are_those_of_the_definitions(rig: Rig) -> None:
+    random = np.random.default_rng(7)
+    cables = plain(rig)
+    for _ in range(4):
+        at, turn = random.uniform(-200, 200, 3), Rotation.from_rotvec(random.uniform(-0.3, 0.3, 3))
+        zone = scan_zone(rig, None, at[:1], at[1:2], at[2:], Rotation.concatenate([turn]))
+        angles = pressure_angles(at, turn.as_matrix(), cables)
+        assert zone["worst_pressure_angle_deg"].item() == pytest.approx(np.degrees(angles.max()), abs=1e-4)
+        inverse = np.linalg.inv(length_rows(at, turn.as_matrix(), cables))
+        covariance = inverse[3:] @ inverse[3:].T * COUNT_MM**2 / 12
+        assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
+
+
+def test_worst_is_over_all_orientations() -> None:
+    rig, nodes = cell(), axis(-100, 100, 100)
+    all_of_them = tilts(0.3, 3)
+    zone = scan_zone(rig, None, nodes, nodes, nodes, all_of_them)
+    alone = [scan_zone(rig, None, nodes, nodes, nodes, all_of_them[i : i + 1]) for i in range(27)]
+    for name, worst in (("worst_pressure_angle_deg", np.max), ("u95_position_mm", np.max), ("shortest_cable_mm", np.min)):
+        np.testing.assert_array_equal(zone[name].values, worst([z[name].values for z in alone], axis=0))
+
+
+def test_thesis_example_at_the_origin() -> None:
+    """Thesis 5.7 recomputed on its refined base points: angles 86.4 78.6 79.2 87.1 86.6 86.3, lengths 2158 to 1770 mm."""
+    zero = rotation_from_angles("puma-oat", [[0.0, 0.0, 0.0]])
+    zone = scan_zone(published(), None, np.zeros(1), np.zeros(1), np.zeros(1), zero)
+    assert zone["worst_pressure_angle_deg"].item() == pytest.approx(87.1, abs=0.05)
+    assert zone["shortest_cable_mm"].item() == pytest.approx(1770, abs=0.5)
+    assert zone["longest_cable_mm"].item() == pytest.approx(2158, abs=0.5)
+    np.testing.assert_allclose(
+        np.degrees(pressure_angles(np.zeros(3), zero[0].as_matrix(), plain(published()))), [86.4, 78.6, 79.2, 87.1, 86.6, 86.3], atol=0.05
+    )
+
+
+def test_no_pose_of_the_published_rig_lies_within_60_degrees() -> None:
+    zero = rotation_from_angles("puma-oat", [[0.0, 0.0, 0.0]])
+    zone = scan_zone(
+        published(), None, axis(-750, 750, 150), axis(-750, 750, 150), axis(-300, 700, 100), zero, length_limits=(700.0, 2300.0)
+    )
+    reachable = (zone["rejected_because"].values & (1 << REASONS.index("cable_too_long") | 1 << REASONS.index("cable_too_short"))) == 0
+    assert reachable.sum() == 846
+    assert zone["worst_pressure_angle_deg"].values[reachable].min() == pytest.approx(80.2, abs=0.05)
+    assert zone.attrs["nodes_in_zone"] == 0
+    assert zone.attrs["zone_volume_mm3"] == 0
+
+
+def test_limit_of_the_thesis() -> None:
+    assert limit_from_accuracy(0.025, 0.05) == pytest.approx(60.0, abs=1e-12)
+    assert limit_from_accuracy(0.0125, 0.05) == pytest.approx(75.522, abs=5e-4)
+    with pytest.raises(AccuracyError, match="cannot be asked"):
+        limit_from_accuracy(0.05, 0.025)
+
+
+def record(rig: Rig, random: np.random.Generator) -> CalibrationRecord:
+    names = [f"{p.name}.{key}" for p in rig.observation_point for key in ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")]
+    draws = random.standard_normal((len(names), 2 * len(names))) * 0.02
+    covariance = draws @ draws.T / len(names)
+    return CalibrationRecord(
+        rig=rig.name,
+        parameters=tuple(Parameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)),
+        residuals=(),
+        equations=100,
+        unknowns=len(names),
+        rank=len(names),
+    )
+
+
+def test_linked_calibration_enters_with_the_zero_pose() -> None:
+    rig, random = cell(), np.random.default_rng(3)
+    calibration = record(rig, random)
+    start = np.array([10.0, -20.0, 30.0, 0.0, 0.0, 0.0, 1.0])
+    at = np.array([150.0, 120.0, -80.0])
+    zone = scan_zone(rig, calibration, at[:1], at[1:2], at[2:], Rotation.identity(1), start=start)
+    pose = np.concatenate([at, [0, 0, 0, 1]])[None, :]
+    counts = counts_from_poses(rig, pose, start)
+    both = pose_covariances(rig.cable_rows(), start, pose, counts, rig.scales(), count_variance(rig), cable_covariance(rig, calibration))
+    covariance = (both[0] + both[1])[0, 3:, 3:]
+    assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
+    assert "linked calibration" in zone.attrs["u95_covers"]
+    # at the start pose itself only the counts are unsure
+    here = scan_zone(rig, calibration, start[:1], start[1:2], start[2:3], Rotation.identity(1), start=start)
+    alone = scan_zone(rig, None, start[:1], start[1:2], start[2:3], Rotation.identity(1))
+    assert here["u95_position_mm"].item() == pytest.approx(alone["u95_position_mm"].item(), rel=1e-12)
+
+
+def test_what_cannot_run_or_is_singular_is_ninety_degrees_and_never_in_the_zone() -> None:
+    rig = cell()
+    base = np.array(rig.observation_point[0].position_mm)
+    arm = np.array(rig.tool["P1"])
+    # P1 inside the pulley of B1
+    normal = np.cross(rig.cable_rows()[0][3:6], [0, 0, 1.0])
+    at = base - arm + rig.observation_point[0].pulley_radius_mm * normal / np.linalg.norm(normal)
+    zone = scan_zone(rig, None, at[:1], at[1:2], at[2:], Rotation.identity(1), limit_deg=90.0)
+    assert zone["worst_pressure_angle_deg"].item() == 90.0
+    assert np.isinf(zone["u95_position_mm"].item())
+    assert zone["in_zone"].item() == 0
+    assert zone["rejected_because"].item() & 1
+
+
+def test_volume_is_nodes_times_their_cell(tmp_path: Path) -> None:
+    zone = scan_zone(cell(), None, axis(-300, 300, 100), axis(-300, 300, 150), axis(0, 300, 50), tilts(0.1, 2), 80.0)
+    assert zone.attrs["nodes_in_zone"] > 0
+    assert zone.attrs["zone_volume_mm3"] == pytest.approx(int(zone["in_zone"].sum()) * 100 * 150 * 50)
+    write_zone(tmp_path / "zone.nc", zone)
+    back = read_zone(tmp_path / "zone.nc")
+    for name in zone.data_vars:
+        np.testing.assert_array_equal(back[name].values, zone[name].values)
+    assert summary(back) == summary(zone)
+    (tmp_path / "other.nc").write_bytes(b"not netCDF")
+    with pytest.raises(FileFormatError, match=r"other\.nc"):
+        read_zone(tmp_path / "other.nc")
+
+
+def test_limits_asked_for_are_kept_and_named() -> None:
+    nodes = axis(-300, 300, 100)
+    free = scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.2, 3))
+    u95, longest = float(free["u95_position_mm"].median()), float(free["longest_cable_mm"].median())
+    held = scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.2, 3), 80.0, (0.0, longest), u95_limit_mm=u95)
+    expected = (free["worst_pressure_angle_deg"] <= 80) & (free["longest_cable_mm"] <= longest) & (free["u95_position_mm"] <= u95)
+    np.testing.assert_array_equal(held["in_zone"].values, expected.values)
+    np.testing.assert_array_equal(held["in_zone"].values == 0, held["rejected_because"].values != 0)
+    assert held["rejected_because"].attrs["flag_meanings"].split() == list(REASONS)
+
+
+@pytest.mark.parametrize("span", [(0, 10, 3), (0, 10, 0), (10, 0, 1), (0, float("nan"), 1), (0, 1, -1)])
+def test_axis_that_cannot_be_is_refused(span: tuple[float, float, float]) -> None:
+    with pytest.raises(AccuracyError, match=":"):
+        axis(*span)
+
+
+def test_axis_includes_both_ends() -> None:
+    np.testing.assert_allclose(axis(-0.3, 0.3, 0.1), [-0.3, -0.2, -0.1, 0, 0.1, 0.2, 0.3], atol=1e-15)
+    assert len(axis(5, 5, 1)) == 1
+
+
+def test_rig_that_cannot_tell_a_pose_is_refused() -> None:
+    rig = published()
+    short = rig.model_copy(update={"cable": rig.cable[:5]})
+    with pytest.raises(RigError, match="5 cables"):
+        scan_zone(short, None, np.zeros(1), np.zeros(1), np.zeros(1), Rotation.identity(1))
