@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from rows import row_of
 
 from lmeasure.kernels import cable
 
@@ -19,19 +20,6 @@ FloatArray = NDArray[np.float64]
 
 NANOMETRE = 1e-6  # in mm
 ROUNDING_MM = 1e-11  # some units in the last place of a few metres
-
-
-def row_of(c: oracles.Cable) -> FloatArray:
-    """The kernels' row of an oracle's cable, in doubles."""
-    row = np.empty(cable.CABLE_COLUMNS)
-    row[0:3] = [float(v) for v in c.base]
-    a, b = float(c.alpha), float(c.beta)
-    row[3:6] = [-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a)]
-    row[6] = float(c.radius)
-    row[7:10] = [float(v) for v in c.attachment]
-    row[10:14] = float(c.tangent), float(c.axial), float(c.pitch) / c.counts_per_revolution, float(c.count_length)
-    row[14:17] = a, b, c.counts_per_revolution
-    return row
 
 
 def random_cables(seed: int, number: int, radius: float | None = None) -> Iterator[tuple[oracles.Cable, FloatArray, float]]:

@@ -1,0 +1,418 @@
+"""The screw method: published steps, poses from lengths made by an independent model, continuation, covariances by difference quotients."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import oracles
+import pytest
+from numpy.typing import NDArray
+from rows import HOME, cell, cell_rows, straight_row
+from scipy.spatial.transform import Rotation
+
+from lmeasure.kernels import cable, screw
+
+FloatArray = NDArray[np.float64]
+
+NANOMETRE = 1e-6  # mm
+NANORADIAN = 1e-9
+U = np.full(6, 0.012 / math.sqrt(12))  # standard uncertainty of lengths in whole counts [mm]
+
+# Thesis Rashoyan 2021, 4.4: a platform of three points on six legs of length 2, unit lengths throughout
+SIX_LEGS = (
+    ((0, 3, 0), (0, 1, 0)),
+    ((-2, 1, 0), (0, 1, 0)),
+    ((0, 1, -2), (0, 1, 0)),
+    ((1, 0, -2), (1, 0, 0)),
+    ((3, 0, 0), (1, 0, 0)),
+    ((-1, 0, -2), (-1, 0, 0)),
+)
+# Thesis Table 5.1, with the pairing of legs to platform points that its figures imply
+TABLE_5_1 = (
+    ((3, -4.5, 0), (3, -3, 3)),
+    ((4, -0.5, 0), (3, -3, 3)),
+    ((2, -1.5, 0), (3, -3, 3)),
+    ((3, 1, 0), (2, 1, 3)),
+    ((2, 1, 0), (2, 1, 3)),
+    ((0, -2, 0), (0, -2, 3)),
+)
+
+
+def legs(table: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]) -> FloatArray:
+    return np.array([straight_row(b, p) for b, p in table])
+
+
+def lengths_at(pose: FloatArray, seed: int = 0) -> FloatArray:
+    """(6,) free lengths of the cell by the string oracle."""
+    return np.array([float(oracles.free_length(c, pose)) for c in cell(seed)])
+
+
+def poses_apart(a: FloatArray, b: FloatArray) -> tuple[float, float]:
+    """Distance [mm] and angle [rad] between two poses."""
+    turn = (Rotation.from_quat(a[3:]) * Rotation.from_quat(b[3:]).inv()).magnitude()
+    return float(np.linalg.norm(a[:3] - b[:3])), float(turn)
+
+
+def random_pose(g: np.random.Generator, reach: float = 250.0, turn: float = 0.3) -> FloatArray:
+    return oracles.compose(HOME, g.uniform(-turn, turn, 3), g.uniform(-reach, reach, 3))
+
+
+# --- published steps ---------------------------------------------------------------------------------------------------------------
+
+
+def test_published_matrix_of_six_legs() -> None:
+    """(4.27): rows (e; m) of the legs, determinant -2."""
+    rows = cable.span_rows(legs(SIX_LEGS), HOME)
+    printed = np.array(
+        [[0, -1, 0, 0, 0, 0], [1, 0, 0, 0, 0, -1], [0, 0, 1, 1, 0, 0], [0, 0, 1, 0, -1, 0], [-1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 1, 0]]
+    )
+    assert rows[:, [3, 4, 5, 0, 1, 2]] == pytest.approx(printed, abs=1e-15)
+    assert np.linalg.det(printed) == pytest.approx(-2)
+
+
+@pytest.mark.parametrize(
+    ("signs", "twist", "moved"),
+    [
+        ((1, 1, 1, 1, 1, 1), (0.05, 0.05, -0.1, 0, -0.1, 0.05), ((0.1, 0.9, 0.1), (1, -0.2, 0), (-1, 0, 0.1))),
+        # the transformed matrix: counts taken on levers, which turns the sign of legs 1, 2 and 5
+        ((-1, -1, 1, 1, -1, 1), (0.05, 0.05, 0.1, 0, 0.1, 0.05), ((-0.1, 1.1, 0.1), (1, 0.2, 0), (-1, 0, 0.1))),
+    ],
+)
+def test_published_screw_step(signs: tuple[int, ...], twist: tuple[float, ...], moved: tuple[tuple[float, ...], ...]) -> None:
+    """Thesis 4.4: the twist of dl = (.1, .1, .1, 0, 0, .1) and the residuals 0.00475, 0.01 and 0 of its linear move.
+
+    The printed z of P1 has a misprinted sign: only +0.1 gives the printed residual of leg 3.
+    """
+    table = legs(SIX_LEGS)
+    change = np.array([0.1, 0.1, 0.1, 0, 0, 0.1])
+    matrix = np.array(signs)[:, None] * cable.span_rows(table, HOME)
+    solution = change[:, None].copy()
+    screw.eliminate(matrix.copy(), solution)
+    assert solution[:, 0] == pytest.approx(twist, abs=1e-15)
+    omega, v = solution[:3, 0], solution[3:, 0]
+    points = np.array([p for _, p in SIX_LEGS], dtype=np.float64)
+    linear = points + v + np.cross(omega, points)
+    assert linear[[0, 3, 5]] == pytest.approx(np.array(moved), abs=1e-15)
+    base = np.array([b for b, _ in SIX_LEGS], dtype=np.float64)
+    if all(sign == 1 for sign in signs):
+        residual = np.linalg.norm(linear - base, axis=1) - (2 + change)
+        assert sorted(np.abs(residual)) == pytest.approx([0, 0.004757, 0.004757, 0.004757, 0.009975, 0.009975], abs=1e-6)
+
+
+def test_the_finite_screw_goes_on_until_the_lengths_are_met() -> None:
+    """Where the published step stops at 0.01 the method goes on: residuals vanish and the platform stays rigid."""
+    table = legs(SIX_LEGS)
+    targets = 2 + np.array([0.1, 0.1, 0.1, 0, 0, 0.1])
+    status, iterations, worst, pose = screw.solve_pose(table, targets, HOME)
+    assert (status, worst < 1e-11) == (screw.OK, True)
+    assert iterations <= 6
+    turned = oracles.matrix_of_quaternion(pose[3:])
+    for (b, p), length in zip(SIX_LEGS, targets, strict=True):
+        assert np.linalg.norm(turned @ np.array(p) + pose[:3] - b) == pytest.approx(length, abs=1e-11)
+
+
+def test_published_pressure_angles() -> None:
+    """Table 5.1: printed 36.7, 57.2, 61.2, 72.2, 72, 0."""
+    table = legs(TABLE_5_1)
+    angles = np.degrees(screw.pose_pressure_angles(table, HOME[None])[0])
+    assert angles == pytest.approx([36.7132, 57.1537, 61.2138, 72.1344, 72.0798, 0.0], abs=6e-5)
+    _, _, _, _, worst = screw.track(table, HOME, np.zeros((1, 6)), np.zeros(1, np.int64), U * 1e-6)
+    assert np.degrees(worst[0]) == pytest.approx(72.1344, abs=6e-5)
+    rows = cable.span_rows(table, HOME)
+    assert abs(np.linalg.det(rows)) == pytest.approx(6.174488, abs=1e-6)
+
+
+def test_pressure_angles_from_their_definition() -> None:
+    """Angle between the free span and the velocity of its point when the other five lengths are held."""
+    rows = cell_rows()
+    g = np.random.default_rng(5)
+    for _ in range(5):
+        pose = random_pose(g)
+        angles = screw.pose_pressure_angles(rows, pose[None])[0]
+        for i in range(6):
+            h = 1e-4
+            ends = []
+            for step in (h, -h):
+                targets = cable.span_lengths(rows, pose[None])[0]
+                targets[i] += step
+                _, _, _, moved = screw.solve_pose(rows, targets, pose)
+                ends.append(oracles.matrix_of_quaternion(moved[3:]) @ rows[i, 7:10] + moved[:3])
+            v = (ends[0] - ends[1]) / (2 * h)
+            e = cable.span_rows(rows, pose)[i, 3:]
+            assert angles[i] == pytest.approx(math.acos(e @ v / np.linalg.norm(v)), abs=1e-6)
+
+
+# --- linear algebra ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_elimination_against_lapack(seed: int) -> None:
+    g = np.random.default_rng(seed)
+    for m in (1, 3, 6):
+        a, b = g.normal(size=(6, 6)), g.normal(size=(6, m))
+        x, used = b.copy(), a.copy()
+        assert screw.eliminate(used, x) == pytest.approx(np.linalg.det(a), rel=1e-12)
+        assert x == pytest.approx(np.linalg.solve(a, b), rel=1e-10, abs=1e-12)
+
+
+def test_elimination_says_singular() -> None:
+    g = np.random.default_rng(1)
+    a = g.normal(size=(6, 6))
+    a[4] = a[1] + a[2]
+    assert screw.eliminate(a.copy(), np.eye(6)) == 0.0
+    a[0, 0] = np.nan
+    assert screw.eliminate(a, np.eye(6)) == 0.0
+
+
+# --- poses from lengths ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pose_from_lengths_of_an_independent_model(seed: int) -> None:
+    g = np.random.default_rng(seed)
+    rows = cell_rows(seed)
+    for _ in range(4):
+        truth = random_pose(g, 150.0, 0.2)
+        status, iterations, worst, pose = screw.solve_pose(rows, lengths_at(truth, seed), HOME)
+        assert status == screw.OK
+        assert iterations <= 8
+        assert worst < 1e-9
+        away, turn = poses_apart(pose, truth)
+        assert away < NANOMETRE * 1e-3
+        assert turn < NANORADIAN * 1e-2
+
+
+def test_the_frame_does_not_matter() -> None:
+    """The rig turned and shifted as a whole: the pose found is the pose turned and shifted."""
+    rows = cell_rows()
+    frame = oracles.compose(HOME, [0.7, -1.1, 2.0], [500.0, -800.0, 300.0])
+    turn = oracles.matrix_of_quaternion(frame[3:])
+    other = rows.copy()
+    other[:, :3] = rows[:, :3] @ turn.T + frame[:3]
+    other[:, 3:6] = rows[:, 3:6] @ turn.T
+    truth = random_pose(np.random.default_rng(3), 100.0, 0.1)
+    targets = cable.span_lengths(rows, truth[None])[0]
+    _, _, _, here = screw.solve_pose(rows, targets, HOME)
+    _, _, _, there = screw.solve_pose(other, targets, frame)
+    expected = np.r_[turn @ here[:3] + frame[:3], (Rotation.from_matrix(turn) * Rotation.from_quat(here[3:])).as_quat()]
+    away, angle = poses_apart(there, expected)
+    assert away < 1e-8
+    assert angle < 1e-11
+
+
+@pytest.mark.parametrize("targets", [np.full(6, 1e15), np.full(6, -1000.0), np.full(6, np.nan), np.full(6, np.inf), np.zeros(6)])
+def test_impossible_lengths_are_no_pose(targets: FloatArray) -> None:
+    assert screw.solve_pose(cell_rows(), targets, HOME)[0] != screw.OK
+
+
+# --- runs --------------------------------------------------------------------------------------------------------------------------
+
+
+def motion(n: int = 400) -> FloatArray:
+    """(n, 7) poses of a smooth motion that begins at HOME."""
+    t = np.linspace(0, 2 * math.pi, n)
+    shift = np.column_stack([150 * np.sin(t), 100 * np.sin(2 * t), 80 * (1 - np.cos(t))])
+    turn = np.column_stack([0.2 * np.sin(2 * t), 0.15 * np.sin(t), 0.2 * np.sin(3 * t)])
+    return np.array([oracles.compose(HOME, w, v) for w, v in zip(turn, shift, strict=True)])
+
+
+def changes_of(poses: FloatArray, rows: FloatArray) -> FloatArray:
+    lengths = cable.span_lengths(rows, np.vstack([HOME, poses]))
+    return np.asarray(lengths[1:] - lengths[0])
+
+
+def worst_apart(a: FloatArray, b: FloatArray) -> tuple[float, float]:
+    apart = [poses_apart(x, y) for x, y in zip(a, b, strict=True)]
+    return max(x for x, _ in apart), max(y for _, y in apart)
+
+
+def test_a_run_is_followed() -> None:
+    rows, truth = cell_rows(), motion()
+    poses, residual, iterations, status, angle = screw.track(rows, HOME, changes_of(truth, rows), np.zeros(400, np.int64), U)
+    assert (status == screw.OK).all()
+    away, turn = worst_apart(poses, truth)
+    assert away < 1e-8
+    assert turn < 1e-11
+    assert residual.max() < 1e-9
+    assert np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1).max() < 1e-15
+    assert np.median(iterations) <= 4
+    assert (angle > 0).all()
+    assert (angle < math.pi / 2).all()
+    assert all(a[3:] @ b[3:] > 0 for a, b in pairwise(poses)), "the quaternion's sign does not flip on the way"
+
+
+def test_a_run_begins_anywhere_and_goes_on_behind_gaps() -> None:
+    rows, truth = cell_rows(), motion()
+    changes = changes_of(truth, rows)
+    flags = np.zeros(400, np.int64)
+    flags[100:250] = screw.GAP
+    flags[300:310] = screw.JUMP
+    changes[100:250] = np.nan
+    poses, residual, _, status, angle = screw.track(rows, HOME, changes, flags, U)
+    assert (status == flags).all()
+    assert np.isnan(poses[flags != 0]).all()
+    assert np.isnan(residual[flags != 0]).all()
+    assert np.isnan(angle[flags != 0]).all()
+    away, turn = worst_apart(poses[flags == 0], truth[flags == 0])
+    assert away < 1e-8
+    assert turn < 1e-11
+    # the first sample need not be at the start: here it is 150 samples into the motion
+    late, _, _, status, _ = screw.track(rows, HOME, changes[260:], flags[260:], U)
+    assert (status == flags[260:]).all()
+    assert worst_apart(late[flags[260:] == 0], truth[260:][flags[260:] == 0])[0] < 1e-8
+
+
+def test_lengths_that_no_pose_has_are_said_and_the_rest_is_followed() -> None:
+    rows, truth = cell_rows(), motion()
+    changes = changes_of(truth, rows)
+    changes[200] += [4000, -900, 3000, -900, 0, 5000]
+    changes[220] = np.nan
+    changes[240] = 1e300
+    poses, _, _, status, _ = screw.track(rows, HOME, changes, np.zeros(400, np.int64), U)
+    bad = np.zeros(400, np.bool_)
+    bad[[200, 220, 240]] = True
+    assert (status[bad] != screw.OK).all()
+    assert np.isnan(poses[bad]).all()
+    assert (status[~bad] == screw.OK).all()
+    assert worst_apart(poses[~bad], truth[~bad])[0] < 1e-8
+
+
+def test_a_rig_that_cannot_tell_the_pose_is_singular() -> None:
+    """All cables through one line of attachment points: the turn about it moves no cable."""
+    rows = cell_rows()
+    rows[:, 7:10] = [[x, 0, 0] for x in (-100, -60, -20, 20, 60, 100)]
+    poses, _, _, status, _ = screw.track(rows, HOME, np.zeros((3, 6)) + 0.1, np.zeros(3, np.int64), U)
+    assert (status == screw.SINGULAR).all()
+    assert np.isnan(poses).all()
+    assert np.isnan(screw.pose_pressure_angles(rows, HOME[None])).all()
+
+
+def test_the_other_assembly_is_never_given() -> None:
+    """Legs from a plane: the mirrored platform has the same lengths. A motion through the plane must not come back as either."""
+    table = legs(SIX_LEGS)
+    table[:, :3] *= 200
+    table[:, 7:10] *= 200
+    base = table.copy()
+    base[:, 2] = -400  # all fixed points in one plane
+    base[:, 0] = [0, -400, 300, 500, 700, -400]
+    base[:, 1] = [500, 200, 400, -300, 100, -200]
+    heights = np.linspace(0, -800, 400)  # the platform goes through the plane of the fixed points, where the legs lie flat
+    truth = np.column_stack([np.zeros((400, 2)), heights, np.zeros((400, 3)), np.ones(400)])
+    poses, _, _, status, _ = screw.track(base, HOME, changes_of(truth, base), np.zeros(400, np.int64), U)
+    good = status == screw.OK
+    assert good[:150].all()
+    assert not good[-150:].any()
+    assert set(status[~good]) <= {screw.SINGULAR, screw.OTHER_ASSEMBLY, screw.NOT_CONVERGED}
+    assert worst_apart(poses[good], truth[good])[0] < 1e-3
+
+
+# --- covariance --------------------------------------------------------------------------------------------------------------------
+
+
+def pose_error(found: FloatArray, pose: FloatArray) -> FloatArray:
+    """(6,) delta = (rotation; translation) of R_found = Exp(delta) R, base axes."""
+    turn = Rotation.from_quat(found[3:]) * Rotation.from_quat(pose[3:]).inv()
+    return np.r_[turn.as_rotvec(), found[:3] - pose[:3]]
+
+
+def refound(rows: FloatArray, start: FloatArray, counts: FloatArray, pose: FloatArray, noise: FloatArray | None = None) -> FloatArray:
+    """The pose that a rig finds from counts."""
+    change = cable.changes_from_counts(rows, counts[None])[0] + (0 if noise is None else noise)
+    targets = cable.span_lengths(rows, start[None])[0] + change
+    status, _, _, found = screw.solve_pose(rows, targets, pose)
+    assert status == screw.OK
+    return np.asarray(found)
+
+
+def with_parameter(rows: FloatArray, j: int, name: str, step: float) -> FloatArray:
+    """The rig with one parameter of cable j changed; scale acts on the counts and is left to the caller."""
+    out = rows.copy()
+    column = {
+        "x_mm": 0,
+        "y_mm": 1,
+        "z_mm": 2,
+        "pulley_radius_mm": 6,
+        "attachment_x_mm": 7,
+        "attachment_y_mm": 8,
+        "attachment_z_mm": 9,
+        "tangent_length_mm": 10,
+        "axial_offset_mm": 11,
+        "guide_alpha_rad": 14,
+        "guide_beta_rad": 15,
+    }
+    if name == "groove_pitch_mm":
+        out[j, 12] += step / out[j, 16]
+    elif name != "scale":
+        out[j, column[name]] += step
+        a, b = out[j, 14:16]
+        out[j, 3:6] = -math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a)
+    return out
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_covariances_against_difference_quotients(seed: int) -> None:
+    """Each length and each of the 78 parameters is moved and the pose found again: J S J' for a full random covariance S."""
+    rows, g = cell_rows(seed), np.random.default_rng(seed)
+    start, pose = random_pose(g, 100.0, 0.1), random_pose(g, 200.0, 0.25)
+    lengths = cable.span_lengths(rows, np.array([start, pose]))
+    counts = cable.counts_from_changes(rows, lengths[1:] - lengths[:1])[0]
+    scales = np.array([1.0, 0.5, 1, 2, 1, 1])
+    variance = g.uniform(1e-6, 1e-4, 6)
+    width = len(cable.PARAMETERS)
+    factor = g.normal(size=(6 * width, 6 * width)) * 1e-2
+    covariance = factor @ factor.T
+    random, systematic = screw.pose_covariances(rows, start, pose[None], counts[None], scales, variance, covariance)
+
+    h = 1e-3
+    by_length = np.empty((6, 6))
+    for j in range(6):
+        ends = [pose_error(refound(rows, start, counts, pose, sign * h * np.eye(6)[j]), pose) for sign in (1, -1)]
+        by_length[:, j] = (ends[0] - ends[1]) / (2 * h)
+    assert random[0] == pytest.approx(by_length @ np.diag(variance) @ by_length.T, rel=1e-5, abs=1e-5 * np.abs(random[0]).max())
+
+    by_parameter = np.empty((6, 6 * width))
+    for j in range(6):
+        for i, name in enumerate(cable.PARAMETERS):
+            step = 1e-6 if name == "scale" or name.startswith("guide") else 1e-3
+            ends = []
+            for sign in (1, -1):
+                moved = counts.copy()
+                if name == "scale":
+                    moved[j] *= scales[j] / (scales[j] + sign * step)
+                ends.append(pose_error(refound(with_parameter(rows, j, name, sign * step), start, moved, pose), pose))
+            by_parameter[:, width * j + i] = (ends[0] - ends[1]) / (2 * step)
+    expected = by_parameter @ covariance @ by_parameter.T
+    size = np.sqrt(np.diag(expected))
+    assert systematic[0] / np.outer(size, size) == pytest.approx(expected / np.outer(size, size), abs=1e-5)
+
+
+def test_random_covariance_is_what_noise_does() -> None:
+    """Monte Carlo: poses found from counts that were rounded scatter as the covariance says."""
+    rows, g = cell_rows(), np.random.default_rng(9)
+    truth = random_pose(g)
+    counts = cable.counts_from_changes(rows, changes_of(truth[None], rows))[0]
+    noise = g.uniform(-0.006, 0.006, (4000, 6))
+    errors = np.array([pose_error(refound(rows, HOME, counts, truth, e), truth) for e in noise])
+    random, _ = screw.pose_covariances(
+        rows, HOME, truth[None], counts[None], np.ones(6), np.full(6, 0.012**2 / 12), np.zeros((6 * len(cable.PARAMETERS),) * 2)
+    )
+    size = np.sqrt(np.diag(random[0]))
+    assert np.cov(errors.T) / np.outer(size, size) == pytest.approx(random[0] / np.outer(size, size), abs=0.08)
+
+
+def test_start_pose_is_known_whatever_the_rig() -> None:
+    """At the pose where the counters were zeroed an error of the rig moves nothing: systematic covariance 0."""
+    rows = cell_rows()
+    width = 6 * len(cable.PARAMETERS)
+    random, systematic = screw.pose_covariances(rows, HOME, HOME[None], np.zeros((1, 6)), np.ones(6), U**2, np.eye(width))
+    assert np.abs(systematic).max() < 1e-20
+    assert np.isfinite(random).all()
+
+
+def test_no_pose_has_no_covariance() -> None:
+    width = 6 * len(cable.PARAMETERS)
+    random, systematic = screw.pose_covariances(
+        cell_rows(), HOME, np.full((1, 7), np.nan), np.zeros((1, 6)), np.ones(6), U**2, np.eye(width)
+    )
+    assert np.isnan(random).all()
+    assert np.isnan(systematic).all()
