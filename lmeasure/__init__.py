@@ -1,0 +1,79 @@
+"""lmeasure: cables, drums and encoders as a 6-DOF metrology instrument.
+
+Counts -> lengths -> poses -> accuracy -> certificate. Everything public is a name of this package; each is imported when it is first used,
+so that `import lmeasure` costs nothing. All errors are `LMeasureError`.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from lmeasure.errors import LMeasureError
+
+if TYPE_CHECKING:
+    from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
+    from lmeasure.conventions import angles_from_rotation, rotation_from_angles
+    from lmeasure.counts import Counts, read_counts, write_counts
+    from lmeasure.lengths import Lengths, lengths_from_counts, read_lengths, write_lengths
+    from lmeasure.poses import Poses, poses_from_rows, read_poses, write_poses
+    from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
+    from lmeasure.run import Run, read_run, write_run
+    from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct, write_trajectory
+
+__all__ = [
+    "CalibrationRecord",
+    "Counts",
+    "LMeasureError",
+    "Lengths",
+    "Poses",
+    "Rig",
+    "Run",
+    "Trajectory",
+    "angles_from_rotation",
+    "lengths_from_counts",
+    "poses_from_rows",
+    "read_calibration_record",
+    "read_counts",
+    "read_lengths",
+    "read_poses",
+    "read_rig",
+    "read_run",
+    "read_trajectory",
+    "reconstruct",
+    "rig_from_dict",
+    "rotation_from_angles",
+    "write_calibration_record",
+    "write_counts",
+    "write_lengths",
+    "write_poses",
+    "write_rig",
+    "write_run",
+    "write_trajectory",
+]
+
+_HOMES = {
+    "calibration_record": ("CalibrationRecord", "read_calibration_record", "write_calibration_record"),
+    "conventions": ("angles_from_rotation", "rotation_from_angles"),
+    "counts": ("Counts", "read_counts", "write_counts"),
+    "lengths": ("Lengths", "lengths_from_counts", "read_lengths", "write_lengths"),
+    "poses": ("Poses", "poses_from_rows", "read_poses", "write_poses"),
+    "rig": ("Rig", "read_rig", "rig_from_dict", "write_rig"),
+    "run": ("Run", "read_run", "write_run"),
+    "trajectory": ("Trajectory", "read_trajectory", "reconstruct", "write_trajectory"),
+}
+_HOME = {name: f"lmeasure.{module}" for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("lmeasure")
+    if name not in _HOME:
+        raise AttributeError(f"module 'lmeasure' has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
