@@ -22,7 +22,9 @@ def complaint(error: ValidationError, data: Any, root: type[BaseModel], tables: 
 
     root is the model of the file and tables the models of its tables, by key or by `<key above> <key>`, for a hint where a key is unknown.
     """
-    first = error.errors(include_url=False)[0]
+    complaints = error.errors(include_url=False)
+    # a key written wrongly is unknown and its right name missing: the first says what to do
+    first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
     where: list[str] = []
     here = data
     for step in first["loc"]:
