@@ -1,0 +1,197 @@
+"""Reconstruction of a log, side by side with SciPy's `least_squares` per pose on the same model, on one core.
+
+    python benchmarks/reconstruction.py [--write]
+
+The comparison is what a user would write: the rig's lengths in vectorised NumPy, each pose started from the one before. Every line is
+measured in this run, on the same log; ratios are against the first line. --write keeps the table in results/reconstruction.md.
+"""
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from lmeasure.kernels import screw
+from lmeasure.lengths import count_variance, lengths_from_counts, span_lengths
+from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.run import Run
+
+FloatArray = NDArray[np.float64]
+
+RESULTS = Path(__file__).parent / "results" / "reconstruction.md"
+NOISE_MM = 0.02
+SAMPLES = 200_000
+START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+def cell() -> Rig:
+    """Six drums around a cell, two cables to each corner of a triangle."""
+    positions = [(-754, 293, 833), (1354, -63, 412), (402, -807, 1199), (110, -1284, -478), (537, -1183, 1360), (1312, 1347, 689)]
+    tool = {"P1": (0.0, 150.0, 0.0), "P2": (-130.0, -75.0, 10.0), "P3": (130.0, -75.0, -10.0)}
+    points = []
+    for i, (x, y, z) in enumerate(positions):
+        drum = {"counts_per_revolution": 6000, "count_length_mm": 0.012, "groove_pitch_mm": 1.2, "tangent_length_mm": 180.0}
+        points.append(
+            {
+                "name": f"B{i + 1}",
+                "position_mm": (x, y, z),
+                "guide_alpha_deg": float(np.degrees(np.arctan2(-z, np.hypot(x, y)))) + 8.0,
+                "guide_beta_deg": float(np.degrees(np.arctan2(x, y))) - 5.0,
+                "pulley_radius_mm": 14.0 + 2 * i,
+                "drum": drum | {"axial_offset_mm": 25.0, "counter_bits": 32},
+            }
+        )
+    cables = [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i // 2 + 1}"} for i in range(6)]
+    return rig_from_dict({"name": "benchmark cell", "observation_point": points, "tool": tool, "cable": cables})
+
+
+def motion(n: int, rate_hz: float = 1000.0) -> tuple[FloatArray, FloatArray]:
+    """(times [s], (n, 7) poses): a smooth motion of +-200 mm and +-0.2 rad, up to 0.5 m/s."""
+    t = np.arange(n) / rate_hz
+    w = 2.0 * np.pi * np.array([0.31, 0.43, 0.37])
+    position = 200.0 * np.sin(np.outer(t, w)) * [1.0, -0.8, 0.6]
+    rotation = Rotation.from_rotvec(0.2 * np.sin(np.outer(t, w[::-1])) * [0.9, 0.7, -1.0])
+    return t, np.column_stack([position, rotation.as_quat()])
+
+
+def noisy_changes(rig: Rig, poses: FloatArray, noise_mm: float) -> FloatArray:
+    """(n, 6) changes of the free cables with Gaussian noise [mm]."""
+    lengths = span_lengths(rig, poses) - span_lengths(rig, START[None])
+    return lengths + np.random.default_rng(0).normal(0.0, noise_mm, lengths.shape)
+
+
+def by_scipy(rows: FloatArray, changes: FloatArray) -> FloatArray:
+    """(n, 6) poses (position, rotation vector) as a user would write it: NumPy over the cables, SciPy per pose."""
+    B, u, R, P = rows[:, 0:3], rows[:, 3:6], rows[:, 6], rows[:, 7:10]
+
+    def lengths(x: FloatArray) -> FloatArray:
+        d = x[:3] + Rotation.from_rotvec(x[3:]).apply(P) - B
+        q = np.einsum("ij,ij->i", d, u)
+        p = np.linalg.norm(d - q[:, None] * u, axis=1)
+        t = np.sqrt(q**2 + (p - R) ** 2 - R**2)
+        phi = np.arctan2(q * R + (p - R) * t, q * t - (p - R) * R) % (2 * np.pi)
+        return np.asarray(R * phi + t)
+
+    zero = lengths(np.zeros(6))
+    scale = np.array([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])
+    out, x = np.empty((len(changes), 6)), np.zeros(6)
+    for i, change in enumerate(changes):
+        x = least_squares(lambda y, c=change: lengths(y) - zero - c, x, x_scale=scale, xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+        out[i] = x
+    return out
+
+
+def best_time(work: Callable[[], object], repeats: int) -> float:
+    """Shortest wall time [s] of several."""
+    times = []
+    for _ in range(repeats):
+        t = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - t)
+    return min(times)
+
+
+def command_time(arguments: list[str], environment: dict[str, str] | None = None) -> float:
+    """Wall time [s] of a command."""
+    t = time.perf_counter()
+    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL, env=os.environ | (environment or {}))
+    return time.perf_counter() - t
+
+
+def machine() -> str:
+    """The processor's name, as the operating system states it."""
+    info = Path("/proc/cpuinfo")
+    names = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")] if info.exists() else []
+    name = names[0] if names else platform.processor() or platform.machine()
+    return f"{name}, one core of {os.cpu_count()}, Python {platform.python_version()}, NumPy {np.__version__}"
+
+
+def kernels(lines: list[str]) -> None:
+    """Poses per second, kernels only: lengths in, poses with status, residual and pressure angle out."""
+    rig = cell()
+    rows, u = rig.cable_rows(), np.full(6, NOISE_MM)
+    _, poses = motion(SAMPLES)
+    changes = noisy_changes(rig, poses, NOISE_MM)
+    flags = np.zeros(SAMPLES, np.int64)
+    few = 300
+    t = time.perf_counter()
+    by_hand = by_scipy(rows, changes[:few])
+    scipy_rate = few / (time.perf_counter() - t)
+    screw.track(rows, START, changes[:10], flags[:10], u)
+    found = screw.track(rows, START, changes, flags, u)[0]
+    difference = np.abs(by_hand[:, :3] - found[:few, :3]).max()
+    plain_rate = SAMPLES / best_time(lambda: screw.track(rows, START, changes, flags, u), 5)
+    lines += [
+        f"Log of {SAMPLES:,} samples with {NOISE_MM} mm of noise on every length ({few} of them for SciPy).",
+        "",
+        "| what | poses per second | against SciPy |",
+        "|---|---|---|",
+        f"| SciPy `least_squares` per pose, model in NumPy | {scipy_rate:,.0f} | 1 |",
+        f"| screw method, sample by sample | {plain_rate:,.0f} | {plain_rate / scipy_rate:,.0f} |",
+        "",
+        f"Both give the same poses: largest difference {difference:.1e} mm (SciPy stops at its own tolerance).",
+        "",
+    ]
+
+
+def commands(lines: list[str]) -> None:
+    """Cold and warm starts of the command line."""
+    from lmeasure.run import write_run
+    from lmeasure.lengths import counts_from_poses, recorded_from_counts
+    from lmeasure.counts import Counts
+
+    rig = cell()
+    times, poses = motion(10_000)
+    recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, START))
+    run = Run(rig, START, (Counts(times, tuple(c.channel for c in rig.cable), recorded),))
+    lengths_from_counts(run)
+    count_variance(rig)
+    with tempfile.TemporaryDirectory() as folder:
+        write_run(Path(folder) / "run", run)
+        lmeasure = [sys.executable, "-m", "lmeasure"]
+        reconstruct = [*lmeasure, "reconstruct", f"{folder}/run", "--out", f"{folder}/out.parquet"]
+        cache = {"NUMBA_CACHE_DIR": f"{folder}/cache"}
+        cold = command_time(reconstruct, cache)
+        warm = min(command_time(reconstruct, cache) for _ in range(3))
+        shown = min(command_time([*lmeasure, "--help"]) for _ in range(3))
+    lines += [
+        "| command | seconds |",
+        "|---|---|",
+        f"| `lmeasure --help` | {shown:.2f} |",
+        f"| `lmeasure reconstruct`, 10,000 samples, nothing compiled before | {cold:.2f} |",
+        f"| the same again | {warm:.2f} |",
+        "",
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="keep the table in benchmarks/results")
+    arguments = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    lines = ["# Reconstruction", "", f"Machine: {machine()}.", ""]
+    kernels(lines)
+    commands(lines)
+    text = "\n".join(lines)
+    print(text)
+    if arguments.write:
+        RESULTS.parent.mkdir(exist_ok=True)
+        RESULTS.write_text(text)
+
+
+if __name__ == "__main__":
+    main()
