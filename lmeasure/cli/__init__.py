@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import reconstruct, simulate, zone
+from lmeasure.cli import reconstruct, simulate, view, zone
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(
@@ -40,6 +40,7 @@ def _options(
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("zone")(zone.zone)
 app.command("simulate")(simulate.simulate)
+app.command("view")(view.view)
 
 
 def main() -> None:

@@ -1,0 +1,23 @@
+"""Stages as a rerun recording (.rrd), written by columns.
+
+Every figure is logged as its stage gave it; nothing is computed here but shapes to draw. Space is in metres (rerun keeps it as float32: the
+record of truth is Parquet), scalars carry their unit in the name. What cannot be known is empty or NaN, never the last good picture.
+
+Entities
+--------
+/world/rig/...                  observation points, directions of the guides; /world/nominal/... the same before calibration
+/world/cables/<cable>           from B along the wrapped arc over the tangent point to the attachment point
+/world/pulleys, /world/tangent_points, /world/platform
+/world/tool                     base_from_tool over time; /world/path the whole way; /world/truth where it is known
+/world/zone/inside, /outside    nodes coloured by their worst pressure angle
+/residual_mm/<cable>, /worst_pressure_angle_deg, /position_mm, /u_position_mm, /u_rotation_rad, /counts/pass<n>/<channel>
+/calibration_residual_mm/<channel>   on the timeline `pose`
+/status (text log), /status_lane, /notes
+
+Timelines: `time` (seconds of the run) and `sample` (its row), or `pose` (number of the reference pose, from 1).
+"""
+
+from lmeasure.view.recording import check_recording, open_viewer
+from lmeasure.view.stages import write_recording
+
+__all__ = ["check_recording", "open_viewer", "write_recording"]

@@ -1,0 +1,130 @@
+"""What stands and moves in space: rig, cables, tool, ways and zones. Shapes are drawn here; no figure is computed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+import xarray as xr
+from numpy.typing import NDArray
+
+from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.poses import Poses
+from lmeasure.rig import Rig
+from lmeasure.view.recording import (
+    CABLE_COLOURS,
+    Colour,
+    FloatArray,
+    IntArray,
+    at_rows,
+    cable_colour,
+    changed_rows,
+    entity_path,
+)
+
+MAX_FRAMES = 3000  # pictures of the cables: a run of a minute at fifty a second
+MAX_PATH_POINTS = 20000
+# thicknesses in pixels stay visible at any distance
+CABLE, THIN, THICK = rr.Radius.ui_points(1.2), rr.Radius.ui_points(0.8), rr.Radius.ui_points(2.0)
+ARC_POINTS = 13
+CIRCLE_POINTS = 25
+
+GREY, WHITE, TRUTH_COLOUR = (130, 130, 130), (235, 235, 235), (120, 220, 120)
+# worst pressure angle: teal to yellow within the limit, on to red at 90 degrees
+ZONE_COLOURS = ((33, 145, 140), (253, 231, 37), (170, 20, 30))
+
+
+def metres(values_mm: FloatArray) -> NDArray[np.float32]:
+    """Millimetres as rerun keeps lengths."""
+    return (1e-3 * values_mm).astype(np.float32)
+
+
+def log_rig(rec: rr.RecordingStream, rig: Rig, root: str, colour: Colour) -> None:
+    """Observation points, and the last stretch of each guide: the cable comes to B along it."""
+    names = [p.name for p in rig.observation_point]
+    at = metres(np.array([p.position_mm for p in rig.observation_point]))
+    along = {c.from_point: row[3:6] for c, row in zip(rig.cable, rig.cable_rows(), strict=True)}
+    used = [i for i, name in enumerate(names) if name in along]
+    way = 0.15 * np.array([along[names[i]] for i in used])
+    rec.log(f"{root}/observation_points", rr.Points3D(at, radii=0.012, colors=colour, labels=names, show_labels=True), static=True)
+    rec.log(f"{root}/guides", rr.Arrows3D(vectors=way, origins=at[used] - way, radii=0.003, colors=colour), static=True)
+
+
+def _arcs(centres: FloatArray, bases: FloatArray, along: FloatArray, angles: FloatArray, points: int) -> FloatArray:
+    """(n, m, points, 3) arcs about (n, m, 3) pulley centres, from B through (n, m) angles; B (m, 3) and R u (m, 3), all in one unit."""
+    outward = centres - bases
+    turn = (angles[..., None] * np.linspace(0.0, 1.0, points))[..., None]
+    return np.asarray(centres[..., None, :] + np.sin(turn) * along[:, None, :] - np.cos(turn) * outward[..., None, :])
+
+
+def log_motion(rec: rr.RecordingStream, rig: Rig, indexes: Sequence[rr.TimeColumn], poses: FloatArray, frames: IntArray) -> None:
+    """Tool at (n, 7) poses [mm], cables and pulleys at the rows `frames` of them; a pose of NaN shows nothing."""
+    ok = ~np.isnan(poses[:, 0])
+    each = ok.astype(np.int64)
+    tool = rr.Transform3D.columns(translation=metres(poses[ok, :3]), quaternion=poses[ok, 3:])
+    rec.send_columns("/world/tool", indexes, tool.partition(each))
+    rec.send_columns("/world/tool", indexes, rr.TransformAxes3D.columns(axis_length=np.full(ok.sum(), 0.1)).partition(each))
+
+    rows = rig.cable_rows()
+    at, shown = at_rows(indexes, frames), each[frames]
+    centre, tangent, attachment, angle = wrap_geometry(rows, poses[frames[ok[frames]]])
+    along = rows[:, 6:7] * rows[:, 3:6]
+    wrapped = _arcs(centre, rows[:, 0:3], along, angle, ARC_POINTS)
+    cables = metres(np.concatenate([wrapped, attachment[:, :, None, :]], axis=2))
+    for j, c in enumerate(rig.cable):
+        entity = entity_path("world", "cables", c.name)
+        rec.log(entity, rr.LineStrips3D.from_fields(colors=cable_colour(j), radii=CABLE), static=True)
+        rec.send_columns(entity, at, rr.LineStrips3D.columns(strips=cables[:, j]).partition(shown))
+    circles = metres(_arcs(centre, rows[:, 0:3], along, np.full(angle.shape, 2 * np.pi), CIRCLE_POINTS))
+    m = len(rig.cable)
+    rec.log("/world/pulleys", rr.LineStrips3D.from_fields(colors=WHITE, radii=THIN), static=True)
+    rec.send_columns("/world/pulleys", at, rr.LineStrips3D.columns(strips=circles.reshape(-1, CIRCLE_POINTS, 3)).partition(m * shown))
+    rec.log("/world/tangent_points", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
+    points = rr.Points3D.columns(positions=metres(tangent.reshape(-1, 3)))
+    rec.send_columns("/world/tangent_points", at, points.partition(m * shown))
+    # the platform: through the attachment points in the order of the cables, each once
+    corners = list({c.to_point: j for j, c in enumerate(rig.cable)}.values())
+    outline = metres(attachment[:, [*corners, corners[0]]])
+    rec.log("/world/platform", rr.LineStrips3D.from_fields(colors=WHITE, radii=THICK), static=True)
+    rec.send_columns("/world/platform", at, rr.LineStrips3D.columns(strips=outline).partition(shown))
+
+
+def spread_rows(n: int, limit: int, keep: IntArray) -> IntArray:
+    """About `limit` of n rows at equal steps, with the last and those to keep."""
+    return np.union1d(np.arange(0, n, -(-n // limit)), np.append(keep, n - 1)).astype(np.int64)
+
+
+def log_path(rec: rr.RecordingStream, entity: str, poses: FloatArray, ok: NDArray[np.bool_], colour: Colour) -> list[str]:
+    """The whole way of the tool origin, broken where it is not known."""
+    rows = spread_rows(len(poses), MAX_PATH_POINTS, changed_rows(ok))
+    pieces = np.split(rows, changed_rows(ok[rows])[1:])
+    strips = [metres(poses[piece, :3]) for piece in pieces if ok[piece[0]] and len(piece) > 1]
+    rec.log(entity, rr.LineStrips3D(strips, colors=colour, radii=THIN), static=True)
+    return [f"the line {entity} shows {len(rows)} of {len(poses)} samples"] if len(rows) < len(poses) else []
+
+
+def log_reference(rec: rr.RecordingStream, rig: Rig, reference: Poses) -> None:
+    """Reference poses on their own timeline, and all of them as points."""
+    index = [rr.TimeColumn("pose", sequence=np.arange(1, len(reference) + 1))]
+    log_motion(rec, rig, index, reference.rows, np.arange(len(reference)))
+    at = metres(reference.rows[:, :3])
+    points = rr.Points3D(at, radii=0.006, colors=CABLE_COLOURS[1], labels=reference.names, show_labels=False)
+    rec.log("/world/reference_poses", points, static=True)
+
+
+def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
+    """Nodes of an accuracy zone as two clouds, with the angle kept beside each node; nodes without an angle are not drawn."""
+    angle = zone["worst_pressure_angle_deg"].transpose("x", "y", "z").to_numpy().astype(np.float64)
+    inside = zone["in_zone"].transpose("x", "y", "z").to_numpy() == 1
+    nodes = np.stack(np.meshgrid(*(zone[axis].to_numpy() for axis in "xyz"), indexing="ij"), axis=-1)
+    limit = float(zone.attrs["limit_deg"])
+    known = np.isfinite(angle)
+    for name, mask, radius in (("inside", inside & known, THICK), ("outside", ~inside & known, THIN)):
+        values = angle[mask]
+        shades = [np.interp(values, (0.0, limit, 90.0), channel) for channel in zip(*ZONE_COLOURS, strict=True)]
+        cloud = rr.Points3D(metres(nodes[mask]), colors=np.stack(shades, axis=-1).astype(np.uint8), radii=radius)
+        rec.log(f"/world/zone/{name}", cloud, rr.AnyValues(worst_pressure_angle_deg=values), static=True)
+    drawn = int((inside & known).sum())
+    return [
+        f"zone: {drawn} of {angle.size} nodes inside a worst pressure angle of {limit:g} deg; teal is small, yellow the limit, red 90 deg",
+        *([f"zone: {int((~known).sum())} nodes have no angle and are not drawn"] if not known.all() else []),
+    ]
