@@ -1,0 +1,6 @@
+"""Where the observation points are: calibration from reference poses and counts."""
+
+from lmeasure.calibration.campaign import Campaign, read_campaign
+from lmeasure.calibration.solve import Calibration, Settings, calibrate
+
+__all__ = ["Calibration", "Campaign", "Settings", "calibrate", "read_campaign"]

@@ -1,0 +1,64 @@
+"""What the counts cannot tell: per observation point the directions in which only the prior speaks, in numbers and words."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.calibration.refine import Fit
+from lmeasure.calibration.unknowns import Unknowns
+from lmeasure.calibration_record import Unobservable
+
+FloatArray = NDArray[np.float64]
+
+_WORDS = {
+    "guide_alpha_deg": ("guide alpha", "deg"),
+    "guide_beta_deg": ("guide beta", "deg"),
+    "pulley_radius_mm": ("the pulley radius", "mm"),
+    "scale": ("the count scale", ""),
+    "tangent_length_mm": ("the drum's tangent length", "mm"),
+    "axial_offset_mm": ("the drum's axial offset", "mm"),
+    "groove_pitch_mm": ("the groove pitch", "mm"),
+}
+
+
+def unobservable_directions(unknowns: Unknowns, fit: Fit, sight: dict[str, FloatArray]) -> list[Unobservable]:
+    """The undetermined directions of each owner of unknowns, strongest first.
+
+    The silent subspace of all unknowns together has no preferred basis, and would mix points; the projector onto it has: its block for
+    one point has an eigenvalue near 1 for each direction of that point alone. sight (3,) is the unit vector from each observation point
+    towards the middle of its poses.
+    """
+    silent = fit.directions[~fit.known]
+    projector = silent.T @ silent
+    out = []
+    for owner in dict.fromkeys(unknowns.owner(i) for i in range(len(unknowns.names))):
+        own = unknowns.of(owner)
+        values, vectors = np.linalg.eigh(projector[np.ix_(own, own)])
+        for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
+            if value < 0.5:
+                continue
+            change = vector * unknowns.width[own]
+            if change[np.argmax(np.abs(vector))] < 0:
+                vector, change = -vector, -change
+            keys = [unknowns.names[i].rsplit(".", 1)[1] for i in own]
+            direction = {unknowns.names[i]: float(v) for i, v in zip(own, vector, strict=True)}
+            out.append(Unobservable(point=owner, direction=direction, text=_text(owner, keys, change, vector, sight.get(owner))))
+    return out
+
+
+def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> str:
+    """One line: what moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
+    by_key = dict(zip(keys, change, strict=True))
+    parts = []
+    move = np.array([by_key.get(k, 0.0) for k in ("x_mm", "y_mm", "z_mm")])
+    length = float(np.linalg.norm(move))
+    place = [i for i, k in enumerate(keys) if k in ("x_mm", "y_mm", "z_mm")]
+    if place and float(np.linalg.norm(vector[place])) > 0.05:
+        along = abs(float(move @ sight)) / length if sight is not None else 0.0
+        way = "along its line of sight" if along > 0.9 else "across its line of sight" if along < 0.4 else "askew to its line of sight"
+        unit = ", ".join(f"{c:.2f}" for c in move / length)
+        parts.append(f"moves {length:.3g} mm {way} ({unit})")
+    for key, value, weight in zip(keys, change, vector, strict=True):
+        if key in _WORDS and abs(weight) > 0.05:
+            name, unit = _WORDS[key]
+            parts.append(f"{name} changes by {value:+.3g} {unit}".rstrip())
+    return f"{owner} " + " while ".join(parts) + ": the counts stay the same, only the prior holds it"

@@ -1,0 +1,186 @@
+"""Least squares: the calibration's optimum, with priors where the data are silent.
+
+Everything is done in z = (theta - nominal)/prior_u, so that the prior is a unit normal, and with residuals whitened by their covariance V
+(count resolution, plus reference-pose errors, which are shared between the cables of a pose and, through the zero pose, between all poses
+of a cable; solving with V is total least squares in the reference poses to first order). The singular values s of the whitened
+Jacobian in z then say how much better than the prior the data know each direction: u_data = prior_u/s. A direction with s < 1 is one
+the data leave undetermined: there, and only there, the prior decides (unless it is asked to act everywhere).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+from numpy.typing import NDArray
+
+from lmeasure.calibration.unknowns import Model
+from lmeasure.lengths import count_variance
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MAX_STEPS = 100
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard uncertainties of the reference poses (n,): of each coordinate [mm] and each small rotation [rad]."""
+
+    u_position_mm: FloatArray
+    u_rotation_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class Fit:
+    """An optimum.
+
+    theta (p,) in the units of the unknowns; residuals (e,) modelled less measured [mm]; V (e, e) their covariance [mm^2]; s (p,) singular
+    values of the whitened, prior-scaled Jacobian (zero-padded), directions (p, p) its right singular vectors as rows; known (p,) True
+    where the data decide; covariance (p, p) of theta; chi2 of the residuals under V; prior_misfit: squared prior widths from the nominal
+    values, in the directions where the prior acts.
+    """
+
+    theta: FloatArray
+    residuals: FloatArray
+    V: FloatArray
+    s: FloatArray
+    directions: FloatArray
+    known: BoolArray
+    covariance: FloatArray
+    chi2: float
+    prior_misfit: float
+    converged: bool
+
+    @property
+    def rank(self) -> int:
+        """How many directions the data determine."""
+        return int(self.known.sum())
+
+    @property
+    def objective(self) -> float:
+        """Twice the negative log posterior, constants left out: chi-squared of the data and of the prior."""
+        return self.chi2 + self.prior_misfit
+
+
+def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
+    """(e, e) covariance of the residuals [mm^2]: whole counts, and reference-pose errors where they are stated."""
+    variance = count_variance(model.campaign.rig, model.campaign.cables)
+    V = np.diag(variance[model.cable_index])
+    if noise.u_position_mm.any() or noise.u_rotation_rad.any():
+        J = model.pose_jacobian(theta)
+        J = np.concatenate([J[:, :, :3] * noise.u_rotation_rad[:, None], J[:, :, 3:] * noise.u_position_mm[:, None]], axis=2)
+        flat = J.reshape(len(J), -1)
+        V = V + flat @ flat.T
+    return np.asarray(V)
+
+
+class _Whitened:
+    """Whitened residuals and Jacobian of a model in z, for one covariance of the residuals."""
+
+    def __init__(self, model: Model, V: FloatArray) -> None:
+        self.model = model
+        # the inverse once: it is applied hundreds of times, and V is far from singular (whole counts on its diagonal)
+        diagonal = np.sqrt(np.diag(V))
+        correlated = np.count_nonzero(V) > len(V)
+        self._W = (
+            scipy.linalg.solve_triangular(np.linalg.cholesky(V), np.eye(len(V)), lower=True) if correlated else 1.0 / diagonal[:, None]
+        )
+        self._nominal, self._width = model.unknowns.nominal, model.unknowns.width
+
+    def theta(self, z: FloatArray) -> FloatArray:
+        return np.asarray(self._nominal + self._width * z)
+
+    def residuals(self, z: FloatArray) -> FloatArray:
+        return self._whiten(self.model.residuals(self.theta(z))[:, None])[:, 0]
+
+    def jacobian(self, z: FloatArray) -> FloatArray:
+        return self._whiten(self.model.jacobian(self.theta(z)) * self._width)
+
+    def _whiten(self, columns: FloatArray) -> FloatArray:
+        return np.asarray(self._W * columns if self._W.shape[1] == 1 else self._W @ columns)
+
+
+def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool) -> Fit:
+    """The optimum nearest to start (p,): first with the prior on every direction, which is always well posed; then, unless the prior is
+    to act everywhere, the prior is taken off the directions that the data determine."""
+    z = (start - model.unknowns.nominal) / model.unknowns.width
+    converged = True
+    V = residual_covariance(model, start, noise)
+    for _ in range(3 if (noise.u_position_mm.any() or noise.u_rotation_rad.any()) else 1):
+        w = _Whitened(model, V)
+        found = scipy.optimize.least_squares(
+            lambda z, w=w: np.concatenate([w.residuals(z), z]),
+            z,
+            jac=lambda z, w=w: np.vstack([w.jacobian(z), np.eye(len(z))]),
+            method="lm",
+            x_scale=1.0,
+            ftol=1e-14,
+            xtol=1e-14,
+            gtol=1e-14,
+            max_nfev=400,
+        )
+        z = found.x
+        if not prior_everywhere:
+            z, converged = _release(w, z)
+        else:
+            converged = found.status > 0
+        V = residual_covariance(model, w.theta(z), noise)
+    return _describe(model, z, V, prior_everywhere, converged)
+
+
+def _split(w: _Whitened, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    U, s, Vt = np.linalg.svd(w.jacobian(z), full_matrices=True)
+    s = np.concatenate([s, np.zeros(len(z) - len(s))])
+    return U, s, Vt, s > 1.0
+
+
+def _release(w: _Whitened, z: FloatArray) -> tuple[FloatArray, bool]:
+    """Gauss-Newton that fits the data in the directions they determine and goes back to the nominal value in the others."""
+    r = w.residuals(z)
+    for _ in range(MAX_STEPS):
+        U, s, Vt, known = _split(w, z)
+        step = np.zeros(len(z))
+        k = np.flatnonzero(known)
+        step += Vt[k].T @ (-(U[:, k].T @ r) / s[k])
+        silent = Vt[~known]
+        step -= silent.T @ (silent @ z)
+        size = float(np.linalg.norm(step))
+        if size < 1e-11 * (1.0 + float(np.linalg.norm(z))):
+            return z, True
+        merit = float(r @ r) + float(np.sum((silent @ z) ** 2))
+        fraction = min(1.0, 2.0 / size)
+        for _ in range(12):
+            trial = z + fraction * step
+            r_trial = w.residuals(trial)
+            if float(r_trial @ r_trial) + float(np.sum((silent @ trial) ** 2)) <= merit * (1 + 1e-12):
+                break
+            fraction *= 0.5
+        else:
+            # no shorter step helps: at the rounding floor when the predicted gain is nothing, stuck otherwise
+            return z, size < 1e-6
+        z, r = trial, r_trial
+    return z, False
+
+
+def _describe(model: Model, z: FloatArray, V: FloatArray, prior_everywhere: bool, converged: bool) -> Fit:
+    w = _Whitened(model, V)
+    _, s, Vt, known = _split(w, z)
+    variance = 1.0 / (1.0 + s**2) if prior_everywhere else np.where(known, 1.0 / np.where(known, s, 1.0) ** 2, 1.0)
+    width = model.unknowns.width
+    covariance = (Vt.T * variance) @ Vt * np.outer(width, width)
+    r = w.residuals(z)
+    theta = w.theta(z)
+    penalty = z if prior_everywhere else Vt[~known] @ z
+    return Fit(
+        theta,
+        model.residuals(theta),
+        V,
+        s,
+        Vt,
+        known,
+        np.asarray((covariance + covariance.T) / 2),
+        float(r @ r),
+        float(penalty @ penalty),
+        converged,
+    )
