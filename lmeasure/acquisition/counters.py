@@ -1,0 +1,100 @@
+"""Counters: wraps undone, start offsets taken off, and what no drum can do found. One state per channel, fed piece by piece."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.decoders import CounterField
+from lmeasure.acquisition.events import Event, EventLog
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+NO_WRAP = 2**62
+"""Ranges from here on are never passed: no unwrapping, and integers stay within 64 bits."""
+RESET_WITHIN = 2
+"""Units from zero within which a device that starts again is found."""
+RESET_FACTOR = 20
+"""A step to zero this many times longer than its neighbours is a reset even where the speed limit would allow it."""
+RESET_LEAST = 200
+"""Units: a shorter step to zero is not looked at."""
+
+
+@dataclass
+class CounterState:
+    """One channel: its field, the largest rate [device units/s], whether later stages unwrap it themselves, and where it stands."""
+
+    field: CounterField
+    max_rate: float
+    wraps_later: bool = False
+    value: int = 0
+    total: int = 0
+    time_s: float = float("nan")
+    step: int = 0
+    seen: bool = False
+    lost: bool = False
+
+    def advance(self, values: IntArray, times: FloatArray, samples: IntArray, events: EventLog) -> FloatArray:
+        """(n,) recorded counts of the (n,) values read at the times [s], for the rows `samples`; NaN once the origin is lost."""
+        if len(values) == 0:
+            return np.empty(0)
+        modulus, half = self.field.modulus, self.field.modulus // 2
+        wraps = modulus < NO_WRAP
+        if not self.seen:
+            first = int(values[0]) - self.field.start
+            self.total = (first + half) % modulus - half if wraps else first
+            self.value, self.time_s, self.seen = int(values[0]), float(times[0]), True
+        before = np.concatenate([[self.value], values[:-1]])
+        pause = np.diff(times, prepend=self.time_s)
+        with np.errstate(over="ignore"):
+            plain = values - before
+        steps = (plain + half) % modulus - half if wraps else plain
+        totals = self.total + np.cumsum(steps)
+        limit = self.max_rate * pause + 1.0
+        self._find(values, plain, steps, limit, times, samples, events)
+        out = self.field.scale * totals
+        if self.lost:
+            out[:] = np.nan
+        elif (ends := self._origin_lost(values, steps, limit, times, samples, events)) is not None:
+            out[ends:] = np.nan
+            self.lost = True
+        self.value, self.total, self.time_s, self.step = int(values[-1]), int(totals[-1]), float(times[-1]), int(steps[-1])
+        if self.wraps_later:
+            full = self.field.scale * modulus
+            out = (out + full / 2) % full - full / 2
+        return out
+
+    def _find(
+        self, values: IntArray, plain: IntArray, steps: IntArray, limit: FloatArray, times: FloatArray, samples: IntArray, events: EventLog
+    ) -> None:
+        for i in np.flatnonzero(plain != steps):
+            events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "wrap", f"from {values[i] - plain[i]} to {values[i]}"))
+        for i in np.flatnonzero(np.abs(steps) > limit):
+            text = f"{steps[i]} units where {limit[i]:.0f} are possible"
+            events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "jump", text))
+
+    def _origin_lost(
+        self, values: IntArray, steps: IntArray, limit: FloatArray, times: FloatArray, samples: IntArray, events: EventLog
+    ) -> int | None:
+        """Row from which the origin is lost: after a pause in which the counter could have wrapped unseen, or a start again at zero."""
+        found: list[tuple[int, str, str]] = []
+        if self.field.modulus < NO_WRAP and not self.wraps_later:
+            pauses = np.flatnonzero(limit > self.field.modulus / 2)
+            if len(pauses):
+                text = f"{limit[pauses[0]]:.0f} units are possible since its last count, half its range is {self.field.modulus // 2}"
+                found.append((int(pauses[0]), "lost_wrap", text))
+        length = np.abs(steps)
+        previous = np.concatenate([[abs(self.step)], length[:-1]])
+        following = np.concatenate([length[1:], [0]])
+        usual = np.maximum(previous, following)
+        zero = (np.abs(values) <= RESET_WITHIN) & (length > RESET_LEAST) & ((length > RESET_FACTOR * usual) | (length > limit))
+        if zero.any():
+            i = int(np.argmax(zero))
+            found.append((i, "reset", f"from {int(values[i] - steps[i])} to {values[i]}"))
+        if not found:
+            return None
+        row, kind, text = min(found)
+        events.add(Event(int(samples[row]), float(times[row]), self.field.channel, kind, text))
+        return row

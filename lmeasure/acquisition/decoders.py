@@ -1,0 +1,196 @@
+"""Decoders: which bits of which frames are counters, and their values.
+
+Whatever names a counter (a place in a frame, a signal of a DBC file, a J1939 parameter group, the mapping read from a CiA 406 encoder),
+it comes down to one `CounterField`; decoding and encoding know nothing else.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.can_table import CounterChannel, DbcCan, J1939Can, RawCan
+from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.rig import Rig
+
+IntArray = NDArray[np.int64]
+
+ALL_BITS = 0x1FFFFFFF
+PDU1_LIMIT = 240
+"""J1939: below this PDU format the lower byte of the group's number is the receiver's address (SAE J1939-21)."""
+
+
+@dataclass(frozen=True)
+class CounterField:
+    """Where a counter stands and how its device counts.
+
+    A frame carries it when identifier & mask agrees. first_bit is the field's least significant bit in little-endian order (bit i of byte j
+    is 8 j + i), its most significant one in big-endian order (8 j + 7 - i). modulus: units after which the device starts again; start:
+    what it shows at the start pose; recorded count = scale * (unwrapped value - start).
+    """
+
+    channel: str
+    identifier: int
+    mask: int
+    extended: bool
+    first_bit: int
+    bits: int
+    byte_order: Literal["little", "big"]
+    signed: bool
+    modulus: int
+    start: int = 0
+    scale: float = 1.0
+
+    @property
+    def bytes_needed(self) -> int:
+        """Bytes a frame must have to hold the field."""
+        return (self.first_bit + self.bits + 7) // 8
+
+    def shifts(self) -> list[tuple[int, int]]:
+        """(byte of the frame, left shift of its value in the field; right shift where negative)."""
+        first, last = self.first_bit // 8, self.bytes_needed - 1
+        if self.byte_order == "little":
+            return [(b, 8 * b - self.first_bit) for b in range(first, last + 1)]
+        end = 8 * (last + 1) - self.first_bit - self.bits
+        return [(b, 8 * (last - b) - end) for b in range(first, last + 1)]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Decoded values in the order of their frames: frame (n,) position of the frame in its batch, field (n,) index of the field, time_s
+    (n,), value (n,) int64 in device units (of an unsigned 64-bit field its two's complement). short: per field, frames too short for it."""
+
+    frame: NDArray[np.intp]
+    field: NDArray[np.int16]
+    time_s: NDArray[np.float64]
+    value: IntArray
+    short: tuple[int, ...]
+
+
+def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[CounterField, ...]:
+    """The fields of the channels that the cables of one pass need, in the cables' order, as the rig's `[can]` table names them.
+
+    folder: where a DBC file's path starts, the rig file's folder. A CiA 406 table needs the devices: see `canopen_nodes`.
+    FileFormatError when the DBC file does not say what the table expects of it.
+    """
+    table = rig.can_table
+    drums = rig.drums_of(passage)
+    known = {c.channel: c for c in table.channel}
+    places: dict[str, Place]
+    if isinstance(table, RawCan):
+        places = {c.channel: (c.id, ALL_BITS, c.extended, _first_bit(c.byte_offset), c.bits, c.byte_order, c.signed) for c in table.channel}
+    elif isinstance(table, J1939Can):
+        places = {
+            c.channel: (*_parameter_group(c.pgn, c.source_address), True, _first_bit(c.byte_offset), c.bits, c.byte_order, c.signed)
+            for c in table.channel
+        }
+    elif isinstance(table, DbcCan):
+        places = _dbc_places(table, folder)
+    else:
+        raise AcquisitionError("can: decoder 'cia406' asks the encoders where they put their counts: it needs the bus, not a log file")
+    return tuple(field_at(known[channel], places[channel], drum.counter_bits) for channel, drum in drums.items())
+
+
+Place = tuple[int, int, bool, int, int, Literal["little", "big"], bool]
+"""identifier, mask, extended, first bit, bits, byte order, signed."""
+
+
+def field_at(channel: CounterChannel, place: Place, counter_bits: int | None) -> CounterField:
+    """The field of a channel at a place; its device counts the stated range, else the drum's counter_bits, else all values of the field."""
+    identifier, mask, extended, first_bit, bits, byte_order, signed = place
+    modulus = channel.range or 2 ** (counter_bits or bits)
+    if modulus > 2**bits:
+        raise AcquisitionError(f"can: channel {channel.channel}: its device counts {modulus} units, more than {bits} bits can carry")
+    if counter_bits is not None and channel.scale * modulus != 2**counter_bits:
+        raise AcquisitionError(
+            f"can: channel {channel.channel}: its device counts {channel.scale * modulus:g} counts, but its drum says "
+            f"counter_bits = {counter_bits}"
+        )
+    return CounterField(
+        channel.channel, identifier, mask, extended, first_bit, bits, byte_order, signed, modulus, channel.start, channel.scale
+    )
+
+
+def _first_bit(byte_offset: int) -> int:
+    return 8 * byte_offset
+
+
+def _parameter_group(pgn: int, source_address: int | None) -> tuple[int, int]:
+    """(identifier, mask) of a J1939 group: priority never counts, the receiver's address not below PDU format 240."""
+    mask = 0x03FFFF00 if (pgn >> 8) & 0xFF >= PDU1_LIMIT else 0x03FF0000
+    if source_address is not None:
+        mask |= 0xFF
+    return ((pgn << 8) | (source_address or 0)) & mask, mask
+
+
+def _dbc_places(table: DbcCan, folder: Path) -> dict[str, Place]:
+    import cantools
+
+    path = folder / table.dbc
+    try:
+        database: Any = cantools.database.load_file(str(path), database_format="dbc")
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # its parser raises whatever a broken file leads it into
+        raise FileFormatError(f"{path}: is no DBC file: {' '.join(str(error).split())[:200]}") from error
+    out: dict[str, Place] = {}
+    for c in table.channel:
+        where = f"{path}: channel {c.channel}: message {c.message!r}"
+        message = next((m for m in database.messages if m.name == c.message), None)
+        if message is None:
+            raise FileFormatError(f"{where} is not in it")
+        signal = next((s for s in message.signals if s.name == c.signal), None)
+        if signal is None:
+            raise FileFormatError(f"{where} has no signal {c.signal!r}; it has {', '.join(s.name for s in message.signals)}")
+        if signal.is_multiplexer or signal.multiplexer_ids or signal.conversion.is_float or not 8 <= signal.length <= 64:
+            raise FileFormatError(f"{where}: signal {c.signal!r} is not a plain integer of 8 to 64 bits")
+        first = signal.start if signal.byte_order == "little_endian" else 8 * (signal.start // 8) + 7 - signal.start % 8
+        order: Literal["little", "big"] = "little" if signal.byte_order == "little_endian" else "big"
+        out[c.channel] = (message.frame_id, ALL_BITS, message.is_extended_frame, first, signal.length, order, signal.is_signed)
+    return out
+
+
+def decode(frames: Frames, fields: tuple[CounterField, ...]) -> Readings:
+    """All values of the fields in the frames. Error and remote frames carry none; a frame too short for its field is counted, not read."""
+    usable = (frames.flags & (ERROR | REMOTE)) == 0
+    extended = (frames.flags & EXTENDED) != 0
+    at, index, values, short = [], [], [], []
+    for i, field in enumerate(fields):
+        mine = np.flatnonzero(usable & (extended == field.extended) & ((frames.identifier & field.mask) == field.identifier))
+        fits = frames.length[mine] >= field.bytes_needed
+        short.append(int(len(mine) - fits.sum()))
+        mine = mine[fits]
+        at.append(mine)
+        index.append(np.full(len(mine), i, np.int16))
+        values.append(field_values(frames.data[mine], field))
+    frame = np.concatenate(at) if at else np.empty(0, np.intp)
+    order = np.argsort(frame, kind="stable")
+    frame = frame[order]
+    return Readings(frame, np.concatenate(index)[order], frames.time_s[frame], np.concatenate(values)[order], tuple(short))
+
+
+def field_values(data: NDArray[np.uint8], field: CounterField) -> IntArray:
+    """(n,) values of the field in (n, w) data bytes."""
+    value = np.zeros(len(data), np.uint64)
+    for byte, shift in field.shifts():
+        if byte >= data.shape[1]:
+            continue
+        part = data[:, byte].astype(np.uint64)
+        value |= part << np.uint64(shift) if shift >= 0 else part >> np.uint64(-shift)
+    if field.bits < 64:
+        value &= np.uint64(2**field.bits - 1)
+        if field.signed:
+            top = np.uint64(1 << (field.bits - 1))
+            return (value ^ top).view(np.int64) - np.int64(top)
+    return value.view(np.int64)
+
+
+def encode(values: IntArray, field: CounterField, data: NDArray[np.uint8]) -> None:
+    """Write (n,) values in device units into (n, w) data bytes: the inverse of `field_values`."""
+    bits = np.uint64(2**field.bits - 1)
+    value = values.view(np.uint64) & bits
+    for byte, shift in field.shifts():
+        data[:, byte] |= ((value >> np.uint64(shift) if shift >= 0 else value << np.uint64(-shift)) & np.uint64(0xFF)).astype(np.uint8)

@@ -1,0 +1,116 @@
+"""A simulated feed: recorded counts as the frames that encoders would send, on a real python-can bus."""
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.decoders import CounterField, counter_fields, encode
+from lmeasure.acquisition.frames import CLASSIC_BYTES, EXTENDED, FD, FD_BYTES, Frames, frames_from_messages, messages_from_frames
+from lmeasure.acquisition.samples import Assembled, counts_from_frames
+from lmeasure.counts import Counts
+from lmeasure.errors import AcquisitionError
+from lmeasure.rig import Rig
+
+if TYPE_CHECKING:
+    import can
+
+FloatArray = NDArray[np.float64]
+
+FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
+"""Data lengths a frame can have."""
+
+_places = itertools.count()
+
+
+def frames_from_counts(time_s: FloatArray, recorded: FloatArray, fields: tuple[CounterField, ...], sync_id: int) -> Frames:
+    """For each of the (n,) times a SYNC and then one frame per field with its count of (n, m), all stamped with that time.
+
+    Counts are whole; channels that share an identifier share the frame. AcquisitionError where a count is missing.
+    """
+    if not np.isfinite(recorded).all():
+        raise AcquisitionError(f"sample {int(np.argmax(~np.isfinite(recorded).all(axis=1)))}: has no count to send")
+    n = len(time_s)
+    frames: dict[tuple[int, bool], list[int]] = {}
+    for i, f in enumerate(fields):
+        frames.setdefault((f.identifier, f.extended), []).append(i)
+    lengths = [int(FD_LENGTHS[np.searchsorted(FD_LENGTHS, max(fields[i].bytes_needed for i in shared))]) for shared in frames.values()]
+    width = FD_BYTES if max(lengths) > CLASSIC_BYTES else CLASSIC_BYTES
+    per = 1 + len(frames)
+    data = np.zeros((n, per, width), np.uint8)
+    for j, shared in enumerate(frames.values(), 1):
+        for i in shared:
+            f = fields[i]
+            values = np.rint(recorded[:, i] / f.scale).astype(np.int64) + f.start
+            encode(values if f.modulus >= 2**62 else values % f.modulus, f, data[:, j])
+    flags = [0] + [(EXTENDED if e else 0) | (FD if length > CLASSIC_BYTES else 0) for (_, e), length in zip(frames, lengths, strict=True)]
+    return Frames(
+        np.repeat(time_s, per),
+        np.tile(np.array([sync_id] + [identifier for identifier, _ in frames], np.uint32), n),
+        np.tile(np.array(flags, np.uint8), n),
+        np.tile(np.array([0, *lengths], np.uint8), n),
+        data.reshape(n * per, width),
+        np.zeros(n * per, np.int16),
+        source="simulated feed",
+    )
+
+
+def send(frames: Frames, bus: "can.BusABC", *, paced: bool, stop: threading.Event | None = None) -> int:
+    """Send the frames in their order, at their own times when paced, else as fast as the bus takes them; how many were sent."""
+    begin = time.perf_counter()
+    first = float(frames.time_s[0]) if len(frames) else 0.0
+    sent = 0
+    for message in messages_from_frames(frames):
+        if stop is not None and stop.is_set():
+            break
+        if paced:
+            wait = message.timestamp - first - (time.perf_counter() - begin)
+            if wait > 0:
+                time.sleep(wait)
+        bus.send(message)
+        sent += 1
+    return sent
+
+
+def record_feed(rig: Rig, counts: Counts, passage: int = 1, progress: Callable[[int, int], None] | None = None) -> Assembled:
+    """Send a pass of simulated counts over python-can's virtual bus from a thread and assemble what arrives on its other side.
+
+    The frames keep the simulation's times. AcquisitionError when the feed stops before its last frame.
+    """
+    import can
+
+    fields = counter_fields(rig, passage)
+    recorded = np.column_stack([counts.of(f.channel) for f in fields])
+    frames = frames_from_counts(counts.time_s, recorded, fields, rig.can_table.sync_id)
+    name = f"lmeasure-feed-{next(_places)}"
+    stop = threading.Event()
+    with (
+        can.Bus(interface="virtual", channel=name) as receiver,
+        can.Bus(interface="virtual", channel=name, preserve_timestamps=True) as sender,
+    ):
+        thread = threading.Thread(target=send, args=(frames, sender), kwargs={"paced": False, "stop": stop}, daemon=True)
+        thread.start()
+        try:
+            return counts_from_frames(rig, _received(receiver, len(frames), progress), fields, passage, "simulated feed")
+        finally:
+            stop.set()
+            thread.join()
+
+
+def _received(bus: "can.BusABC", expected: int, progress: Callable[[int, int], None] | None) -> Iterator[Frames]:
+    got = 0
+    while got < expected:
+        batch: list[can.Message] = []
+        while len(batch) < min(8192, expected - got):
+            message = bus.recv(10.0)
+            if message is None:
+                raise AcquisitionError(f"simulated feed: nothing came for 10 s after frame {got + len(batch)} of {expected}")
+            batch.append(message)
+        got += len(batch)
+        if progress is not None:
+            progress(got, expected)
+        yield frames_from_messages(batch, "host", "simulated feed")

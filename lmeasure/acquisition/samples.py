@@ -1,0 +1,210 @@
+"""From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.counters import CounterState
+from lmeasure.acquisition.decoders import CounterField, decode
+from lmeasure.acquisition.events import Event, EventLog
+from lmeasure.acquisition.frames import ERROR, REMOTE, Frames, no_frames
+from lmeasure.counts import Counts
+from lmeasure.errors import AcquisitionError
+from lmeasure.rig import Rig
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+FIRST_PERIOD_S = 1e-3
+"""Taken for the SYNC period until there are enough SYNCs to tell it."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples ready to be written: time_s (n,); recorded (n, m) counts, NaN where there is none."""
+
+    time_s: FloatArray
+    recorded: FloatArray
+
+
+class SyncAssembler:
+    """Samples of encoders that latch at SYNC and then send.
+
+    A sample is a SYNC and the frames up to the next one. A sample is given out when the frames after the next SYNC are known too, so that
+    a frame on the wrong side of its SYNC can be put back.
+    """
+
+    def __init__(self, fields: tuple[CounterField, ...], counters: tuple[CounterState, ...], sync_id: int, events: EventLog) -> None:
+        self.fields, self.counters, self.events = fields, counters, events
+        self._sync_id = sync_id
+        self._sync_time: FloatArray = np.empty(0)
+        self._window: IntArray = np.empty(0, np.int64)
+        self._field: IntArray = np.empty(0, np.int64)
+        self._value: IntArray = np.empty(0, np.int64)
+        self._period: float | None = None
+        self._last_time = -np.inf
+        self._time_shift = 0.0
+        self.given = 0
+        self.before_sync = 0
+
+    def feed(self, frames: Frames, last: bool = False) -> Samples:
+        """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        readings = decode(frames, self.fields)
+        is_sync = (frames.identifier == self._sync_id) & ((frames.flags & (ERROR | REMOTE)) == 0)
+        sync_at = np.flatnonzero(is_sync)
+        window = np.searchsorted(sync_at, readings.frame) - 1 + len(self._sync_time)
+        early = window < 0
+        self.before_sync += int(early.sum())
+        self._sync_time = np.concatenate([self._sync_time, frames.time_s[sync_at] + self._time_shift])
+        self._window = np.concatenate([self._window, window[~early]])
+        self._field = np.concatenate([self._field, readings.field[~early].astype(np.int64)])
+        self._value = np.concatenate([self._value, readings.value[~early]])
+        for field, short in zip(self.fields, readings.short, strict=True):
+            for _ in range(short):
+                self._event(0, field.channel, "short_frame", f"fewer than {field.bytes_needed} bytes")
+        return self._give(last)
+
+    def _event(self, row: int, channel: str, kind: str, text: str = "") -> None:
+        time_s = float(self._sync_time[min(row, len(self._sync_time) - 1)]) if len(self._sync_time) else float("nan")
+        self.events.add(Event(self.given + row, time_s, channel, kind, text))
+
+    def _give(self, last: bool) -> Samples:
+        self._drop_double_syncs()
+        self._rise()
+        total, m = len(self._sync_time), len(self.fields)
+        ready = total if last else max(total - 2, 0)
+        if ready == 0:
+            return Samples(np.empty(0), np.empty((0, m)))
+        place = self._window * m + self._field
+        n = np.bincount(place, minlength=total * m).reshape(total, m)
+        value = np.zeros((total, m), np.int64)
+        value.reshape(-1)[place[::-1]] = self._value[::-1]  # of several the first stays
+        gone = np.zeros(len(place), np.bool_)
+        for w in np.flatnonzero((n[: total if last else total - 1] > 1).any(axis=1)):
+            self._settle(int(w), n, value, gone, ready)
+        for w, c in np.argwhere(n[:ready] == 0):
+            self._event(int(w), self.fields[c].channel, "gap")
+        time_s = self._sync_time[:ready]
+        self._last_time = float(time_s[-1])
+        recorded = np.full((ready, m), np.nan)
+        for c, counter in enumerate(self.counters):
+            rows = np.flatnonzero(n[:ready, c] == 1)
+            recorded[rows, c] = counter.advance(value[rows, c], time_s[rows], self.given + rows, self.events)
+        keep = (self._window >= ready) & ~gone
+        self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
+        self._sync_time = self._sync_time[ready:]
+        self.given += ready
+        return Samples(time_s, recorded)
+
+    def _settle(self, w: int, n: IntArray, value: IntArray, gone: NDArray[np.bool_], ready: int) -> None:
+        """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
+        several = np.flatnonzero(n[w] > 1)
+        alone = w + 1 >= len(n)
+        spacing = np.inf if alone else self._sync_time[w + 1] - self._sync_time[w]
+        if self._period is not None and not alone and spacing > 1.5 * self._period and 2 * len(several) > len(self.fields):
+            if w < ready:
+                self._event(w + 1, "", "missing_sync", f"{spacing:.6g} s without SYNC, frames of {len(several)} channels without a sample")
+                n[w, several] = 1
+            return
+        for c in several:
+            mine = np.flatnonzero((self._window == w) & (self._field == c) & ~gone)
+            values = self._value[mine]
+            channel = self.fields[c].channel
+            late = w > 0 and n[w - 1, c] == 0
+            if len(mine) == 2 and late and values[0] != values[1]:
+                n[w - 1, c], value[w - 1, c] = 1, values[0]
+                n[w, c], value[w, c] = 1, values[1]
+                gone[mine[0]] = True
+                self._event(w - 1, channel, "reordered", "after the next SYNC")
+            elif w >= ready:
+                continue  # what follows is not known yet
+            elif len(mine) == 2 and not alone and n[w + 1, c] == 0 and values[0] != values[1]:
+                n[w + 1, c], value[w + 1, c] = 1, values[1]
+                n[w, c] = 1
+                self._window[mine[1]] = w + 1
+                self._event(w + 1, channel, "reordered", "before its SYNC")
+            elif (values == values[0]).all():
+                n[w, c] = 1
+                for _ in range(len(mine) - 1):
+                    self._event(w, channel, "duplicate")
+            else:
+                n[w, c] = -1  # neither one value nor a gap
+                self._event(w, channel, "conflict", ", ".join(str(v) for v in values[:4]))
+
+    def _drop_double_syncs(self) -> None:
+        """A SYNC at once after another, with nothing between them, is the same one."""
+        if len(self._sync_time) > 3:
+            self._period = float(np.median(np.abs(np.diff(self._sync_time))))
+        if self._period is None or len(self._sync_time) < 2:
+            return
+        filled = np.bincount(self._window, minlength=len(self._sync_time)) > 0
+        double = np.zeros(len(self._sync_time), np.bool_)
+        double[1:] = (np.diff(self._sync_time) < 0.25 * self._period) & ~filled[:-1] & (np.diff(self._sync_time) >= 0)
+        if not double.any():
+            return
+        for w in np.flatnonzero(double):
+            self._event(int(w), "", "duplicate_sync")
+        number = np.cumsum(~double) - 1
+        self._window = number[self._window]
+        self._sync_time = self._sync_time[~double]
+
+    def _rise(self) -> None:
+        """Where the clock went back, the times continue one period after the last."""
+        while True:
+            back = np.flatnonzero(np.diff(self._sync_time, prepend=self._last_time) <= 0)
+            if len(back) == 0:
+                return
+            i = int(back[0])
+            step = (self._sync_time[i - 1] if i else self._last_time) - self._sync_time[i]
+            self._event(i, "", "time", f"back by {step:.6g} s")
+            self._sync_time[i:] += step + (self._period or FIRST_PERIOD_S)
+            self._time_shift += step + (self._period or FIRST_PERIOD_S)
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """Counts of one pass, the faults found on the way, and how many frames were looked at."""
+
+    counts: Counts
+    events: EventLog
+    frames: int
+    before_sync: int
+
+
+def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) -> SyncAssembler:
+    """An assembler for the rig's `[can]` table."""
+    drums = rig.drums_of(passage)
+    counters = tuple(
+        CounterState(
+            f,
+            drums[f.channel].max_cable_speed_mm_s / drums[f.channel].count_length_mm * drums[f.channel].scale / f.scale,
+            wraps_later=drums[f.channel].counter_bits is not None,
+        )
+        for f in fields
+    )
+    return SyncAssembler(fields, counters, rig.can_table.sync_id, EventLog())
+
+
+def counts_from_frames(
+    rig: Rig, batches: Iterable[Frames], fields: tuple[CounterField, ...], passage: int = 1, source: str = "frames"
+) -> Assembled:
+    """Counts of one pass from batches of frames in the order of their reception; time_s is as the frames give it.
+
+    AcquisitionError when there is not one sample.
+    """
+    assembler = new_assembler(rig, fields, passage)
+    parts, frames = [], 0
+    for batch in batches:
+        parts.append(assembler.feed(batch))
+        frames += len(batch)
+    parts.append(assembler.feed(no_frames(source), last=True))
+    time_s = np.concatenate([p.time_s for p in parts])
+    if len(time_s) == 0:
+        raise AcquisitionError(
+            f"{source}: {frames} frames, but no SYNC {rig.can_table.sync_id:#x} among them; see timing and sync_id in the rig's [can] table"
+        )
+    recorded = np.vstack([p.recorded for p in parts])
+    counts = Counts(time_s, tuple(f.channel for f in fields), recorded, source=source)
+    return Assembled(counts, assembler.events, frames, assembler.before_sync)
