@@ -18,10 +18,13 @@ from typing import Any
 import numba
 from numba import njit
 
-kernel: Any = njit(error_model="numpy", cache=True, nogil=True)
+# a * b + c in one rounding and a division by a reciprocal are allowed; both keep the meaning of NaN, which the rest of fastmath does not
+_FAST = {"contract", "arcp"}
+
+kernel: Any = njit(error_model="numpy", cache=True, nogil=True, fastmath=_FAST)
 """Decorator of a compiled function that Python calls."""
 
-inline: Any = njit(error_model="numpy", forceinline=True)
+inline: Any = njit(error_model="numpy", forceinline=True, fastmath=_FAST)
 """Decorator of a small function that only other kernels call."""
 
 

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.vector import Quat, Vec3, add, cross, dot, norm, rotate, rotate_back, scale, sub
+from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, norm, rotate, rotate_back, scale, sub
 
 FloatArray = NDArray[np.float64]
 
@@ -82,8 +82,18 @@ def wrap(q: float, p: float, radius: float) -> tuple[float, float]:
     """(phi, t): wrapped angle in [0, 2 pi) and straight length. NaN inside the pulley."""
     x = p - radius
     t = math.sqrt(q * q + x * x - radius * radius)
-    phi = math.atan2(q * radius + x * t, q * t - x * radius)
-    return (phi if phi >= 0.0 else phi + 2.0 * math.pi), t
+    return angle(q * radius + x * t, q * t - x * radius), t
+
+
+@inline
+def wrapped_span(d: Vec3, u: Vec3, radius: float) -> tuple[float, Vec3]:
+    """`span` to the point d from B, without a branch; NaN on the axis even of a pulley of radius 0."""
+    q, p, n = wrap_plane(d, u)
+    phi, t = wrap(q, p, radius)
+    # cos phi and sin phi from the two equations above, which spares their series
+    x = p - radius
+    k = 1.0 / (q * q + x * x)
+    return radius * phi + t, add(scale(k * (q * t - x * radius), u), scale(k * (q * radius + x * t), n))
 
 
 @inline
@@ -96,12 +106,7 @@ def span(point: Vec3, base: Vec3, u: Vec3, radius: float) -> tuple[float, Vec3]:
     if radius == 0.0:
         length = norm(d)
         return length, scale(1.0 / length, d)
-    q, p, n = wrap_plane(d, u)
-    phi, t = wrap(q, p, radius)
-    # cos phi and sin phi from the two equations above, which spares their series
-    x = p - radius
-    k = 1.0 / (q * q + x * x)
-    return radius * phi + t, add(scale(k * (q * t - x * radius), u), scale(k * (q * radius + x * t), n))
+    return wrapped_span(d, u, radius)
 
 
 @inline
