@@ -5,10 +5,11 @@ Times are those of python-can's readers with absolute times: what the log says p
 """
 
 import gzip
+import io
 import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 from lmeasure.acquisition.frames import Frames, frames_from_messages, join, no_frames
 from lmeasure.acquisition.log_blf import blf_batches
@@ -47,7 +48,7 @@ def log_batches(path: Path, report: LogReport, progress: Progress | None = None)
         if suffix in COMPILED:
             batches = COMPILED[suffix](path, cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw, report)
         else:
-            batches = _library_batches(path, raw, report)
+            batches = _library_batches(path, report)
         for batch in batches:
             report.frames += len(batch)
             if progress:
@@ -65,18 +66,21 @@ def read_log(path: Path) -> tuple[Frames, LogReport]:
     return (join(parts) if parts else no_frames(str(path), "log")), report
 
 
-def _library_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
+def _library_batches(path: Path, report: LogReport) -> Iterator[Frames]:
     """Frames by python-can's reader for the file's suffix. Whatever goes wrong inside it ends the reading."""
-    import can
+    from can.io import MF4Reader
+    from can.io.player import MESSAGE_READERS
 
-    try:
-        # its readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
-        with can.LogReader(path) as reader:
-            messages = iter(reader)
+    reader = MESSAGE_READERS[path.suffix.lower()]
+    with path.open("rb") as raw:
+        file: Any = raw if reader is MF4Reader else io.TextIOWrapper(raw, encoding="utf-8")
+        try:
+            # these readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
+            messages = iter(reader(file))
             while batch := [checked(m) for m in itertools.islice(messages, MESSAGES_AT_ONCE)]:
                 yield frames_from_messages(batch, "log", str(path))
-    except Exception as error:
-        why = " ".join(str(error).split()) or type(error).__name__
-        if report.frames == 0:
-            raise FileFormatError(f"{path}: cannot be read: {why}") from error
-        report.ended_early = f"after frame {report.frames}: {why}"
+        except Exception as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            if report.frames == 0:
+                raise FileFormatError(f"{path}: cannot be read: {why}") from error
+            report.ended_early = f"after frame {report.frames}: {why}"

@@ -190,7 +190,6 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
 
 KEY, MASK, FIRST_BIT, BITS, BIG_ENDIAN, SIGNED = range(6)
 """Columns of a field: see `extract`."""
-FIELD_COLUMNS = 6
 
 
 @inline
@@ -223,17 +222,19 @@ def _big(data: Bytes, row: int, first: int, bits: int) -> Any:
 
 
 @kernel
-def extract(frames: Columns, fields: NDArray[np.int64], rows: NDArray[np.int64], values: NDArray[np.int64]) -> Any:
-    """Integers at given places of given frames.
+def extract(frames: Columns, fields: NDArray[np.int64]) -> Any:
+    """Integers at given places of given frames, in the order of the frames.
 
     frames: columns of n frames. fields (m, 6): key and mask, a frame being meant where (identifier + 2^29 if extended) & mask = key; first
     bit, bits (1 to 64), 1 for big-endian, 1 for signed. The first bit counts from the lowest bit of byte 0 upwards, or where big-endian
-    from the highest bit of byte 0 downwards. Fills rows (m, n) with the positions of the frames that carry field j, and values (m, n) with
-    their integers (an unsigned one of 64 bits as the same bits). Returns (m, 2): how many, and how many frames were too short to hold the
-    field; remote and error frames carry none.
+    from the highest bit of byte 0 downwards. Returns positions of the frames, indices of the fields and values, (k,) each (an unsigned
+    value of 64 bits as the same bits), and (m,) how many frames were too short to hold the field. Remote and error frames carry none.
     """
-    identifier, flags, length, data = frames[1], frames[2], frames[3], frames[4]
-    found = np.zeros((len(fields), 2), np.int64)
+    _, identifier, flags, length, data, _ = frames
+    short = np.zeros(len(fields), np.int64)
+    most = len(identifier) * len(fields)
+    row, index, values = np.empty(most, np.int64), np.empty(most, np.int16), np.empty(most, np.int64)
+    at = 0
     for i in range(len(identifier)):
         if flags[i] & (REMOTE | ERROR):
             continue
@@ -243,12 +244,12 @@ def extract(frames: Columns, fields: NDArray[np.int64], rows: NDArray[np.int64],
                 continue
             first, bits = fields[j, FIRST_BIT], fields[j, BITS]
             if first + bits > i64(length[i]) * 8 or first + bits > 8 * data.shape[1]:
-                found[j, 1] += 1
+                short[j] += 1
                 continue
             value = _big(data, i, first, bits) if fields[j, BIG_ENDIAN] else _little(data, i, first, bits)
             lift = u64(64 - bits)  # the field's highest bit to the word's, and back: clears what is above, or repeats the sign
-            at = found[j, 0]
-            values[j, at] = i64(value << lift) >> i64(lift) if fields[j, SIGNED] else i64(value << lift >> lift)
-            rows[j, at] = i
-            found[j, 0] += 1
-    return found
+            values[at] = i64(value << lift) >> i64(lift) if fields[j, SIGNED] else i64(value << lift >> lift)
+            row[at] = i
+            index[at] = j
+            at += 1
+    return row[:at], index[:at], values[:at], short

@@ -1,0 +1,421 @@
+"""Log files against python-can's readers: the same frames, bit for bit, wherever those read the log rightly."""
+
+import gzip
+import itertools
+import struct
+import tracemalloc
+import zlib
+from decimal import Decimal
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from can.io.blf import BLFWriter
+from hypothesis import given
+from hypothesis import strategies as st
+from log_corpus import Row, library_rows, messages, rows, write
+
+from lmeasure.acquisition.frames import messages_from_frames
+from lmeasure.acquisition.logfiles import LogReport, log_batches, read_log
+from lmeasure.errors import FileFormatError
+from lmeasure.kernels.frames import _seconds
+
+SUFFIXES = (".blf", ".asc", ".log")
+ERROR_COLUMN = 4
+
+
+def read_rows(path: Path) -> tuple[list[Row], LogReport]:
+    frames, report = read_log(path)
+    found = rows(messages_from_frames(frames))
+    # python-can drops the channel of candump's error frames; the scan keeps it
+    return [(*r[:-1], "0") if r[ERROR_COLUMN] and path.suffix == ".log" else r for r in found], report
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("fd", [False, True])
+def test_same_frames_as_the_library(tmp_path: Path, suffix: str, seed: int, fd: bool) -> None:
+    path = write(tmp_path / f"log{suffix}", messages(1500, seed, fd=fd))
+    expected, whole = library_rows(path)
+    found, report = read_rows(path)
+    assert whole
+    assert len(expected) == 1500
+    assert found == expected
+    assert report.notes() == []
+
+
+@pytest.mark.parametrize(
+    "options", [{"compression_level": 0}, {"max_container_size": 333}, {"compression_level": 0, "max_container_size": 100}]
+)
+def test_blf_containers(tmp_path: Path, options: dict[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stored instead of packed, and so small that objects span two and three containers; blocks as small as one container."""
+    monkeypatch.setattr("lmeasure.acquisition.log_blf.BLOCK_BYTES", 1)
+    path = write(tmp_path / "log.blf", messages(400, 9), **options)
+    expected, whole = library_rows(path)
+    found, report = read_rows(path)
+    assert whole
+    assert found == expected
+    assert report.notes() == []
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".log"])
+def test_text_blocks_break_anywhere(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lmeasure.acquisition.log_text.BLOCK_BYTES", 97)
+    path = write(tmp_path / f"log{suffix}", messages(300, 10))
+    assert read_rows(path)[0] == library_rows(path)[0]
+
+
+@pytest.mark.parametrize("line_end", [b"\r\n", b"\r"])
+@pytest.mark.parametrize("suffix", [".asc", ".log"])
+def test_line_ends_of_other_systems(tmp_path: Path, suffix: str, line_end: bytes) -> None:
+    path = write(tmp_path / f"log{suffix}", messages(200, 11))
+    path.write_bytes(path.read_bytes().replace(b"\n", line_end))
+    found, report = read_rows(path)
+    assert found == library_rows(path)[0]
+    assert len(found) == 200
+    assert report.notes() == []
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_gzip(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"log{suffix}", messages(200, 12))
+    packed = tmp_path / f"log{suffix}.gz"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    assert rows(messages_from_frames(read_log(packed)[0])) == rows(messages_from_frames(read_log(path)[0]))
+    packed.write_bytes(packed.read_bytes()[:-3000])
+    assert "ended early" in read_log(packed)[1].notes()[0]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".trc", ".mf4"])
+def test_other_formats_through_the_library(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"log{suffix}", [m for m in messages(200, 13, fd=suffix == ".mf4", channels=(0, 1)) if not m.is_error_frame])
+    found, report = read_rows(path)
+    assert found == library_rows(path)[0]
+    assert len(found) > 100
+    assert report.notes() == []
+
+
+# truncation -------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_cut_blf_gives_everything_up_to_the_break_and_says_so(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.blf", messages(400, 20), max_container_size=4096).read_bytes()
+    complete = library_rows(tmp_path / "whole.blf")[0]
+    cut = tmp_path / "cut.blf"
+    lengths = []
+    for size in range(144, len(whole), 211):
+        cut.write_bytes(whole[:size])
+        found, report = read_rows(cut)
+        assert found == library_rows(cut)[0] == complete[: len(found)]
+        assert report.ended_early is not None
+        lengths.append(len(found))
+    assert lengths[-1] > 350
+    assert lengths == sorted(lengths)
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".log"])
+def test_a_cut_text_log_gives_its_whole_lines_and_says_so(tmp_path: Path, suffix: str) -> None:
+    """A number cut short would pass for another: the line that has no end is not read."""
+    whole = write(tmp_path / f"whole{suffix}", messages(60, 21)).read_bytes()
+    complete, _ = read_rows(tmp_path / f"whole{suffix}")
+    cut = tmp_path / f"cut{suffix}"
+    for size in range(200, len(whole) - 17, 7):
+        cut.write_bytes(whole[:size])
+        found, report = read_rows(cut)
+        lines = whole[:size].count(b"\n")
+        assert found == complete[: len(found)]
+        assert len(found) == lines - (5 if suffix == ".asc" else 0)
+        assert (report.ended_early is not None) == (suffix == ".asc" or not whole[:size].endswith(b"\n"))
+
+
+def test_a_recorder_that_was_killed(tmp_path: Path) -> None:
+    """python-can writes the sizes into the header when it closes the file; killed, it never does."""
+    path = tmp_path / "log.blf"
+    writer = BLFWriter(path, max_container_size=1000)
+    for message in messages(200, 22):
+        writer.on_message_received(message)
+    writer.file.flush()
+    found, report = read_rows(path)
+    writer.file.close()
+    assert found == library_rows(path)[0]
+    assert len(found) > 150
+    assert report.notes() == ["ended early: the recorder did not close the file; everything before it was read"]
+
+
+# BLF objects that python-can's writer does not write --------------------------------------------------------------------------------
+
+
+def blf(objects: bytes, *, start: tuple[int, ...] = (2024, 2, 4, 29, 12, 30, 15, 250)) -> bytes:
+    """A BLF file with one stored container."""
+    container = b"LOBJ" + struct.pack("<HHLL", 16, 1, 32 + len(objects), 10) + struct.pack("<H6xL4x", 0, len(objects)) + objects
+    container += bytes((32 + len(objects)) % 4)
+    header = struct.pack("<4sLBBBBBBBBQQLL8H8H", b"LOGG", 144, 5, 0, 0, 0, 2, 6, 8, 1, 144 + len(container), 0, 0, 0, *start, *start)
+    return header.ljust(144, b"\0") + container
+
+
+def blf_object(kind: int, body: bytes, *, time: int = 123456789, flags: int = 2, version: int = 1, size: int | None = None) -> bytes:
+    head = struct.pack("<LHHQ", flags, 0, 0, time) if version == 1 else struct.pack("<LBxHQ8x", flags, 0, 0, time)
+    stated = 16 + len(head) + len(body) if size is None else size
+    return b"LOBJ" + struct.pack("<HHLL", 16 + len(head), version, stated, kind) + head + body + bytes(stated % 4 if size is None else 0)
+
+
+def can_message(identifier: int = 0x181, data: bytes = b"\1\2\3\4", dlc: int | None = None, flags: int = 0, channel: int = 1) -> bytes:
+    return struct.pack("<HBBL8s", channel, flags, len(data) if dlc is None else dlc, identifier, data)
+
+
+def fd_message_64(dlc: int, valid: int, flags: int, data: bytes, direction: int = 0, beyond: int = 0) -> bytes:
+    return struct.pack("<BBBBLLLLLLLHBBL", 2, dlc, valid, 0, 0x80000123, 0, flags, 0, 0, 0, 0, 0, direction, beyond, 0) + data
+
+
+OBJECTS = {
+    "ten microseconds": blf_object(1, can_message(), flags=1),
+    "version 2 header": blf_object(1, can_message(), version=2),
+    "message 2": blf_object(86, can_message(0x9ABCDEF0) + struct.pack("<LBBH", 120, 64, 0, 0)),
+    "sent remote": blf_object(1, can_message(dlc=5, flags=0x81)),
+    "ninth channel": blf_object(1, can_message(channel=9)),
+    "channel zero": blf_object(1, can_message(channel=0)),
+    "code above eight": blf_object(1, can_message(data=bytes(range(8)), dlc=15)),
+    "error": blf_object(73, struct.pack("<HHLBBBxLLH2x8s", 3, 0, 0, 0, 0, 2, 0, 0x80000007, 0, b"ab")),
+    "fd 64": blf_object(101, fd_message_64(13, 32, 0x7000, bytes(range(32)), direction=1)),
+    "fd 64, bytes left out": blf_object(101, fd_message_64(15, 64, 0x1000, bytes(range(20)))),
+    "fd 64, trailer": blf_object(101, fd_message_64(9, 12, 0x1000, bytes(range(12)) + b"xxxx", beyond=32 + 40 + 12)),
+    "fd 64, classic remote": blf_object(101, fd_message_64(8, 0, 0x0010, b"")),
+    "fd, classic": blf_object(100, struct.pack("<HBBLLBBB5x64s", 1, 0, 8, 0x7FF, 0, 0, 0, 8, bytes(range(64)))),
+    "unknown kind": blf_object(64, b"12345678"),
+    "unknown header version": blf_object(1, can_message(), version=1).replace(b"\x20\x00\x01\x00", b"\x20\x00\x07\x00", 1),
+    "beyond 2^53 ns": blf_object(1, can_message(), time=1_700_000_000_123_456_789),
+    "all ones": blf_object(1, can_message(), time=2**64 - 1),
+}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_blf_objects(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "log.blf"
+    path.write_bytes(blf(blf_object(1, can_message()) + OBJECTS[name] + blf_object(1, can_message(0x182))))
+    found, report = read_rows(path)
+    assert found == library_rows(path)[0]
+    assert found[-1][1] == 0x182
+    assert len(found) == (2 if name.startswith("unknown") else 3)
+    assert report.notes() == []
+
+
+@given(ticks=st.integers(0, 2**64 - 1), fine=st.booleans())
+def test_ticks_are_the_nearest_double(ticks: int, fine: bool) -> None:
+    per_second = 10**9 if fine else 10**5
+    assert _seconds.py_func(np.uint64(ticks), np.uint64(per_second)) == float(Decimal(ticks) / per_second)
+
+
+BROKEN = {
+    "an object without size": blf_object(1, can_message(), size=0),
+    "an object too small for its kind": blf_object(1, can_message(), size=40),
+    "an object of four gigabytes": blf_object(1, can_message(), size=2**32 - 16),
+    "no object": b"nothing that begins with four letters",
+    "65 bytes": blf_object(101, fd_message_64(15, 65, 0x1000, bytes(80))),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_blf_that_contradicts_itself_ends_there(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "log.blf"
+    path.write_bytes(blf(blf_object(1, can_message()) + BROKEN[name] + blf_object(1, can_message())))
+    found, report = read_rows(path)
+    assert len(found) == 1
+    assert report.notes() == ["ended early: after frame 1 an object contradicts itself; everything before it was read"]
+
+
+def container(body: bytes, *, size: int | None = None, unpacked: int = 0) -> bytes:
+    stated = 32 + len(body) if size is None else size
+    return b"LOBJ" + struct.pack("<HHLL", 16, 1, stated, 10) + struct.pack("<H6xL4x", 2, unpacked) + body
+
+
+def test_sizes_are_not_believed(tmp_path: Path) -> None:
+    """Headers that promise four gigabytes, and a container that would unpack to one: none is given the memory."""
+    head = blf(b"")[:144]
+    bomb = zlib.compressobj(9)
+    zeros = b"".join(bomb.compress(bytes(1 << 20)) for _ in range(1000)) + bomb.flush()
+    path = tmp_path / "log.blf"
+    read_rows(write(tmp_path / "warm.blf", messages(10, 0)))
+    for text in (
+        container(zlib.compress(blf_object(1, can_message())), size=2**32 - 1, unpacked=2**32 - 1),
+        container(zlib.compress(blf_object(1, can_message())), unpacked=2**32 - 1),
+        container(zeros),
+    ):
+        path.write_bytes(head + text)
+        tracemalloc.start()
+        _, report = read_rows(path)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 100e6
+        assert len(report.notes()) == (0 if text[8:12] != b"\xff\xff\xff\xff" and len(text) < 1000 else 1)
+
+
+# ASC and candump as other programs write them ---------------------------------------------------------------------------------------
+
+ASC = """date Thu Feb 29 12:30:15.250 pm 2024
+base {base}  timestamps {timestamps}
+no internal events logged
+// version 8.5.0
+Begin Triggerblock Thu Feb 29 12:30:15.250 pm 2024
+   0.000000 Start of measurement
+   0.010000 1  181             Rx   d 4 01 02 03 04  Length = 140000 BitCount = 73 ID = 385
+   0.010100 2  18FF0110x       Tx   d 8 10 11 12 13 14 15 16 17
+   0.010200 1  Statistic: D 12 R 0 XD 0 XR 0 E 0 O 0 B 1.20%
+   0.010300 1  182             Rx   r 8 Length = 0
+   0.010400 1  183             Rx   r
+   0.010500 3  ErrorFrame
+   0.010600 CAN 1 Status:chip status error active
+   0.010700 SV: 2 0 1 ::sys::x = 1
+   0.010800 CANFD   1 Rx        184  Counter_Message                 1 0 9 12 01 02 03 04 05 06 07 08 09 10 11 12   0 0 3000 0 0 0 0 0
+   0.010900 CANFD   2 Tx        185                                  0 1 2  2 01 02   0 0 5000 0 0 0 0 0
+   0.011000 CANFD   2 Rx ErrorFrame   Not Acknowledge error, dominant error flag
+   0.011100 1  7ff  Rx   d 0
+   0.011200 1  184             Rx   d 2 1 2
+   0.0113   10 185             Rx   d 1 07
+   1.500000 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F
+End TriggerBlock
+"""
+
+
+@pytest.mark.parametrize("base", ["hex", "dec"])
+def test_asc_of_canoe(tmp_path: Path, base: str) -> None:
+    path = tmp_path / "log.asc"
+    text = ASC.format(base=base, timestamps="absolute")
+    path.write_text(text.replace("18FF0110x", "419365136x").replace("7ff", "2047").replace("0F", "15") if base == "dec" else text)
+    expected, whole = library_rows(path)
+    found, report = read_rows(path)
+    assert whole
+    assert found == expected
+    assert len(found) == 11
+    assert report.notes() == []
+
+
+def test_asc_times_that_count_from_the_event_before(tmp_path: Path) -> None:
+    """`timestamps relative`: python-can gives the differences as they stand; events that are no frames count too."""
+    path = tmp_path / "log.asc"
+    path.write_text(ASC.format(base="hex", timestamps="relative"))
+    found, _ = read_rows(path)
+    texts = [line.split()[0] for line in path.read_text().splitlines()[5:-1]]
+    sums = list(itertools.accumulate(Decimal(t) for t in texts))
+    frames = [i for i in range(len(texts)) if i not in {0, 3, 7, 8, 15}]
+    start = found[0][0] - float(sums[1])
+    assert [r[0] - start for r in found] == pytest.approx([float(sums[i]) for i in frames], abs=1e-6)
+    assert [r[1:] for r in found] == [r[1:] for r in library_rows(path)[0]]
+
+
+def test_asc_without_a_header_keeps_its_first_frame(tmp_path: Path) -> None:
+    """python-can takes the first line for the header, whatever it holds."""
+    path = tmp_path / "log.asc"
+    path.write_text("0.1 1 181 Rx d 1 07\n0.2 1 181 Rx d 1 08\n")
+    assert [r[10] for r in read_rows(path)[0]] == [b"\7", b"\10"]
+    assert [r[10] for r in library_rows(path)[0]] == [b"\10"]
+
+
+CANDUMP = (
+    """(1436509052.249713) vcan0 044#2A366C2BBA
+(1436509052.449847) vcan0 0F6#7ADFE07BD2 R
+(1436509052.650004) can1 123ABC78#R8 T
+(1436509052.7) can1 12#r
+(1436509052.850183) a_longer_name_than_the_scan_keeps_for_itself 181##311223344 T
+(1436509053.050400) 3 181##0
+  (1436509053.1)  can1   1FFFFFFF#0011223344556677
+
+(12) can0 7FF#
+(0.000001) can0 20000088#0000000000000000
+(1436509053.250600) can1 181##5"""
+    + "ab" * 64
+    + "\n"
+)
+
+
+def test_candump_of_can_utils(tmp_path: Path) -> None:
+    path = tmp_path / "log.log"
+    path.write_text(CANDUMP)
+    expected, whole = library_rows(path)
+    found, report = read_rows(path)
+    assert whole
+    assert found == expected
+    assert len(found) == 10
+    assert report.notes() == []
+
+
+def test_candump_error_frames_of_every_class(tmp_path: Path) -> None:
+    """python-can takes an error frame without the bus-error bit for data of an extended identifier."""
+    path = tmp_path / "log.log"
+    path.write_text("(1.0) can0 20000004#0010000000000000\n(2.0) can0 00000004#0010000000000000\n")
+    found, _ = read_rows(path)
+    assert [r[ERROR_COLUMN] for r in found] == [True, False]
+    assert [r[ERROR_COLUMN] for r in library_rows(path)[0]] == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "bad"),
+    [
+        (".log", "(1.0) can0 181#012"),
+        (".log", "(1.0) can0 181"),
+        (".log", "(x) can0 181#01"),
+        (".log", "(nan) can0 181#01"),
+        (".log", "(1.0) can0 x81#01"),
+        (".log", "(1.0) can0 181#0g"),
+        (".log", "can0  181   [4]  01 02 03 04"),
+        (".asc", "1.0 1 181 Rx d 4 01 02 03"),
+        (".asc", "1.0 1 Engine Rx d 2 01 02"),
+        (".asc", "1.0 1 181 Rx d 2 01 100"),
+        (".asc", "1.0 1 FFFFFFFFx Rx d 2 01 10"),
+        (".asc", "1.0 CANFD 1 Rx 181 0 0 9 12 01 02"),
+    ],
+)
+def test_a_line_that_nobody_can_read_is_counted(tmp_path: Path, suffix: str, bad: str) -> None:
+    path = tmp_path / f"log{suffix}"
+    good = {".log": "(1.0) can0 181#01\n", ".asc": "1.0 1 181 Rx d 1 01\n"}[suffix]
+    path.write_text("date Mon Jan 1 10:00:00 2024\nbase hex timestamps absolute\n" * (suffix == ".asc") + good + bad + "\n" + good)
+    found, report = read_rows(path)
+    assert len(found) == 2
+    assert report.unread == 1
+    assert repr(bad)[1:-1] in report.notes()[0]
+
+
+# refusals ---------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("log.blf", b"no log at all", "does not begin with LOGG"),
+        ("log.blf", b"LOGG\x90\0\0\0", "breaks off inside the file header"),
+        ("log.blf", b"LOGG" + bytes(140), "the file header says it is 0 bytes long"),
+        ("log.blf", b"", "is empty"),
+        ("log.txt", b"(1.0) can0 181#01\n", "is no log this program reads: .blf, .asc, .log, .csv, .trc, .mf4"),
+        ("log", b"x", "is no log this program reads"),
+        ("log.mf4.gz", b"x", "is no log this program reads"),
+        ("log.log", b"x" * 200_000, "a line is longer than 65536 bytes"),
+        ("log.mf4", b"no log at all", "cannot be read"),
+        ("log.csv", b"timestamp,arbitration_id\n1,zz\n", "cannot be read"),
+    ],
+)
+def test_refused_in_one_line(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=str(path)) as caught:
+        read_log(path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"gone\.blf: cannot be read: No such file"):
+        list(log_batches(tmp_path / "gone.blf", LogReport()))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_batches_are_bounded_and_progress_reaches_the_end(tmp_path: Path, suffix: str) -> None:
+    times = (1e9 + i * 1e-3 for i in range(120_000))
+    log = [can.Message(timestamp=t, arbitration_id=0x181, is_extended_id=False, data=bytes(4), channel=0) for t in times]
+    path = write(tmp_path / f"log{suffix}", log)
+    seen: list[tuple[int, int]] = []
+    sizes = [len(batch) for batch in log_batches(path, LogReport(), lambda done, of: seen.append((done, of)))]
+    assert sum(sizes) == len(log)
+    assert max(sizes) < 80_000
+    assert len(sizes) > 1
+    assert seen == sorted(seen)
+    assert seen[-1] == (path.stat().st_size, path.stat().st_size)
