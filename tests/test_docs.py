@@ -1,0 +1,97 @@
+"""The documents: their code runs, their commands print what they say they print, their links lead somewhere.
+
+A ```python block is run, and what it prints must be the ```text block that follows it. A ```console block holds lines
+`$ lmeasure ...`, each followed by what it prints; `...` stands for anything. The blocks of one file run in order in one folder that
+has the project's data at its place.
+"""
+
+import contextlib
+import doctest
+import io
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DATA = ("tests/authorities/truth", "datasets", "calibration")
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
+
+
+@dataclass(frozen=True)
+class Block:
+    kind: str
+    text: str
+    line: int
+
+
+def blocks_of(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 2) for m in BLOCK.finditer(text)]
+
+
+def assert_prints(where: str, expected: str, printed: str) -> None:
+    __tracebackhide__ = True
+    checker, flags = doctest.OutputChecker(), doctest.ELLIPSIS
+    if not checker.check_output(expected, printed, flags):
+        pytest.fail(f"{where}\n{checker.output_difference(doctest.Example('', expected), printed, flags)}", pytrace=False)
+
+
+def run_commands(block: Block, where: str) -> None:
+    for command, expected in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block.text, re.MULTILINE):
+        program, *arguments = shlex.split(command)
+        assert program == "lmeasure", f"{where}: only lmeasure is run here, not {program}"
+        done = subprocess.run([sys.executable, "-m", "lmeasure", *arguments], capture_output=True, text=True, check=False)
+        assert_prints(f"{where}: $ {command}", expected, done.stdout + done.stderr)
+
+
+PAGES_WITH_CODE = [p for p in PAGES if any(b.kind in {"python", "console"} for b in blocks_of(p))]
+
+
+@pytest.mark.parametrize("page", PAGES_WITH_CODE, ids=lambda p: p.name)
+def test_code_and_commands_print_what_the_page_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder in DATA:
+        if (ROOT / folder).exists():
+            shutil.copytree(ROOT / folder, tmp_path / folder)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {"__name__": page.stem}
+    blocks = blocks_of(page)
+    for block, following in zip(blocks, [*blocks[1:], None], strict=True):
+        where = f"{page.relative_to(ROOT)}, line {block.line}"
+        if block.kind == "console":
+            run_commands(block, where)
+        elif block.kind == "python":
+            printed = io.StringIO()
+            with contextlib.redirect_stdout(printed):
+                exec(compile("\n" * (block.line - 1) + block.text, str(page), "exec"), names)
+            expected = following.text if following is not None and following.kind == "text" else ""
+            assert_prints(where, expected, printed.getvalue())
+
+
+def test_the_tutorial_and_the_conventions_are_run() -> None:
+    assert {"tutorial.md", "conventions.md"} <= {p.name for p in PAGES_WITH_CODE}
+
+
+def test_pictures_are_those_of_the_program(tmp_path: Path) -> None:
+    """Drawn again, they are the committed ones, up to a tenth of a pixel in any number (rounding of another machine)."""
+    subprocess.run([sys.executable, str(ROOT / "docs" / "draw_pictures.py"), str(tmp_path)], check=True)
+    number = re.compile(r"-?\d+(?:\.\d+)?")
+    for drawn in tmp_path.iterdir():
+        new, old = (p.read_text(encoding="utf-8") for p in (drawn, ROOT / "docs" / "images" / drawn.name))
+        assert number.sub("0", new) == number.sub("0", old)
+        assert [float(x) for x in number.findall(new)] == pytest.approx([float(x) for x in number.findall(old)], abs=0.11)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_to_files(page: Path) -> None:
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        if not target.startswith(("http://", "https://")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
