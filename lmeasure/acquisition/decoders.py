@@ -11,9 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.frames import Frames
 from lmeasure.can_table import CounterChannel, DbcCan, J1939Can, RawCan
 from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.kernels.frames import extract
 from lmeasure.rig import Rig
 
 IntArray = NDArray[np.int64]
@@ -48,6 +49,12 @@ class CounterField:
     def bytes_needed(self) -> int:
         """Bytes a frame must have to hold the field."""
         return (self.first_bit + self.bits + 7) // 8
+
+    def row(self) -> tuple[int, ...]:
+        """The field as `kernels.frames.extract` takes it: the extended flag stands above the identifier's bits."""
+        above = ALL_BITS + 1
+        key = self.identifier | (above if self.extended else 0)
+        return key, self.mask | above, self.first_bit, self.bits, int(self.byte_order == "big"), int(self.signed)
 
     def shifts(self) -> list[tuple[int, int]]:
         """(byte of the frame, left shift of its value in the field; right shift where negative)."""
@@ -155,41 +162,13 @@ def _dbc_places(table: DbcCan, folder: Path) -> dict[str, Place]:
 
 def decode(frames: Frames, fields: tuple[CounterField, ...]) -> Readings:
     """All values of the fields in the frames. Error and remote frames carry none; a frame too short for its field is counted, not read."""
-    usable = (frames.flags & (ERROR | REMOTE)) == 0
-    extended = (frames.flags & EXTENDED) != 0
-    at, index, values, short = [], [], [], []
-    for i, field in enumerate(fields):
-        mine = np.flatnonzero(usable & (extended == field.extended) & ((frames.identifier & field.mask) == field.identifier))
-        fits = frames.length[mine] >= field.bytes_needed
-        short.append(int(len(mine) - fits.sum()))
-        mine = mine[fits]
-        at.append(mine)
-        index.append(np.full(len(mine), i, np.int16))
-        values.append(field_values(frames.data[mine], field))
-    frame = np.concatenate(at) if at else np.empty(0, np.intp)
-    order = np.argsort(frame, kind="stable")
-    frame = frame[order]
-    return Readings(frame, np.concatenate(index)[order], frames.time_s[frame], np.concatenate(values)[order], tuple(short))
-
-
-def field_values(data: NDArray[np.uint8], field: CounterField) -> IntArray:
-    """(n,) values of the field in (n, w) data bytes."""
-    value = np.zeros(len(data), np.uint64)
-    for byte, shift in field.shifts():
-        if byte >= data.shape[1]:
-            continue
-        part = data[:, byte].astype(np.uint64)
-        value |= part << np.uint64(shift) if shift >= 0 else part >> np.uint64(-shift)
-    if field.bits < 64:
-        value &= np.uint64(2**field.bits - 1)
-        if field.signed:
-            top = np.uint64(1 << (field.bits - 1))
-            return (value ^ top).view(np.int64) - np.int64(top)
-    return value.view(np.int64)
+    columns = (frames.time_s, frames.identifier, frames.flags, frames.length, frames.data, frames.channel)
+    frame, field, value, short = extract(columns, np.array([f.row() for f in fields], np.int64))
+    return Readings(frame, field, frames.time_s[frame], value, tuple(short.tolist()))
 
 
 def encode(values: IntArray, field: CounterField, data: NDArray[np.uint8]) -> None:
-    """Write (n,) values in device units into (n, w) data bytes: the inverse of `field_values`."""
+    """Write (n,) values in device units into (n, w) data bytes: what `decode` reads back."""
     bits = np.uint64(2**field.bits - 1)
     value = values.view(np.uint64) & bits
     for byte, shift in field.shifts():
