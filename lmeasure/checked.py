@@ -4,17 +4,57 @@ import difflib
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
+
+
+def whole(value: Any) -> int:
+    """A number of a file as an integer; ValueError (pydantic's) when it is none."""
+    if isinstance(value, bool) or not (isinstance(value, int) or (isinstance(value, float) and value.is_integer())):
+        raise ValueError("must be a whole number")
+    return int(value)
+
+
+Whole = Annotated[int, BeforeValidator(whole)]
+"""A whole number; 6000.0 is one, true is not."""
+
+_PLAIN = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+    "tuple_type": "must be an array",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "too_short": "must not be empty",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "may hold no spaces, commas, points, semicolons or control characters",
+    "finite_number": "must be a finite number",
+}
+"""Pydantic's complaints in the words of the file."""
 
 _UNITS = ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s")
 
 
 class Strict(BaseModel):
-    """A frozen table of a file: unknown keys and numbers that are not finite are refused."""
+    """A frozen table of a file. Unknown keys, numbers that are not finite, and text or true/false for a number are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True, strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _arrays_are_tuples(cls, data: Any) -> Any:
+        # files have only lists, frozen models only tuples: the one conversion that a strict model must not refuse
+        return {key: _as_tuple(value) for key, value in data.items()} if isinstance(data, dict) else data
+
+
+def _as_tuple(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_as_tuple(v) for v in value)
+    # a table of arrays such as [tool]; tables of tables convert their own
+    return {k: _as_tuple(v) for k, v in value.items()} if isinstance(value, dict) else value
 
 
 def complaint(error: ValidationError, data: Any, root: type[BaseModel], tables: Mapping[str, type[BaseModel]]) -> str:
@@ -52,8 +92,7 @@ def complaint(error: ValidationError, data: Any, root: type[BaseModel], tables: 
         return f"{place}: unknown key {key!r}{_hint(key, owner)}"
     if first["type"] == "missing":
         return f"{place}: is missing"
-    message = first["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:] if message.startswith("Input") else message
+    message = _PLAIN.get(first["type"], first["msg"].removeprefix("Value error, ").replace("Input should", "must"))
     shown = first.get("input")
     got = f" (got {shown!r})" if isinstance(shown, int | float | str) and len(repr(shown)) < 60 else ""
     return " ".join(f"{place}: {message}{got}".removeprefix(": ").split())

@@ -39,6 +39,8 @@ CONVENTIONS = {
     )
 }
 DEFAULT = "puma-oat"
+RESERVED_COLUMNS = ("time_s", "sync", "pose", "pass")
+"""Columns of counts files that are no counter."""
 QUATERNION_COLUMNS = ("qx", "qy", "qz", "qw")
 
 

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure import files
+from lmeasure import conventions, files
 from lmeasure.errors import FileFormatError
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 INFERRED_BITS = (16, 24, 32)
-RESERVED = ("time_s", "sync")
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class Counts:
 def read_counts(path: Path) -> Counts:
     """Read `time_s, ch1, ch2, ..., optional sync` from .csv or .parquet; FileFormatError names the row and column."""
     table = files.read_table(path)
-    channels = tuple(c for c in table.columns if c not in RESERVED)
+    channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS)
     if not channels:
         raise FileFormatError(f"{path}: has no count column besides {', '.join(table.columns)}")
     sync = None

@@ -51,6 +51,8 @@ def read_bytes(path: Path) -> bytes:
         return Path(path).read_bytes()
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a zero byte in the name
+        raise FileFormatError(f"{str(path)!r}: cannot be read: {error}") from error
 
 
 def sha256(path: Path) -> str:
@@ -64,7 +66,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(read_bytes(path).decode("utf-8"))
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start})") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # besides TOMLDecodeError: numbers of thousands of digits
         raise FileFormatError(f"{path}: is not TOML: {error}") from error
 
 

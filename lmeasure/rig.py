@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from lmeasure import conventions, files
 from lmeasure.can_table import CAN_TABLES, CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
-from lmeasure.checked import Name, Strict, complaint
+from lmeasure.checked import Name, Strict, Whole, complaint, whole
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import CABLE_COLUMNS
 
@@ -29,6 +29,12 @@ def _finite_length(value: float) -> float:
     return value
 
 
+def _one_line(value: str) -> str:
+    if not value.isprintable():
+        raise ValueError("must be one line of printable text")
+    return value
+
+
 Length = Annotated[float, AfterValidator(_finite_length)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(_finite_length)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
@@ -37,15 +43,15 @@ NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
 class Drum(Strict):
     """A grooved drum with its encoder. Lengths in mm; see the contract of rig.toml for each."""
 
-    counts_per_revolution: Annotated[int, Field(gt=0, le=2**32)]
+    counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
     count_length_mm: Positive
     groove_pitch_mm: Length
     tangent_length_mm: NotNegative
     axial_offset_mm: Length
-    count_sign: Literal[1, -1] = 1
+    count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     """Decoding factor: recorded count = count_sign * scale * k."""
-    counter_bits: Annotated[int, Field(ge=8, le=64)] | None = None
+    counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
     max_cable_speed_mm_s: Positive = 20000.0
     u_scale: NotNegative | None = None
     u_tangent_length_mm: NotNegative | None = None
@@ -85,14 +91,14 @@ class Cable(Strict):
     channel: Name
     from_point: Annotated[str, Field(alias="from")]
     to_point: Annotated[str, Field(alias="to")]
-    passage: Annotated[int, Field(alias="pass", ge=1, le=1000)] = 1
+    passage: Annotated[Whole, Field(alias="pass", ge=1, le=1000)] = 1
 
 
 class Rig(Strict):
     """A rig as rig.toml states it. Frozen; `cable_rows` gives the kernels' arrays."""
 
     schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
-    name: Annotated[str, Field(min_length=1, max_length=200)]
+    name: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
     angles: str = conventions.DEFAULT
     assumed: tuple[str, ...] = ()
     calibration: str | None = None
@@ -113,7 +119,11 @@ class Rig(Strict):
                 if times > 1:
                     raise ValueError(f"{kind}: the name {name!r} is given {times} times")
         points = [p.name for p in self.observation_point]
+        for name in set(points) & set(self.tool):
+            raise ValueError(f"tool: {name!r} is an observation_point too; a parameter's name must tell them apart")
         for c in self.cable:
+            if c.channel in conventions.RESERVED_COLUMNS:
+                raise ValueError(f"cable {c.name}: channel = {c.channel!r} is the name of another column of counts files")
             if c.from_point not in points:
                 raise ValueError(f"cable {c.name}: from = {c.from_point!r} is no observation_point ({', '.join(points)})")
             if c.to_point not in self.tool:
@@ -216,8 +226,10 @@ _TABLES: dict[str, type[BaseModel]] = {"observation_point": ObservationPoint, "d
 
 def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
     """A checked rig; RigError names the source and the key."""
+    if "schema" not in data:
+        raise RigError(f"{source}: schema: is missing; this program reads 'lmeasure.rig/1'")
     try:
-        return Rig.model_validate(data)
+        return Rig.model_validate(data, by_alias=True, by_name=False)
     except ValidationError as error:
         raise RigError(f"{source}: {complaint(error, data, Rig, _TABLES)}") from None
 
