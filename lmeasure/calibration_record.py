@@ -76,6 +76,7 @@ class CalibrationRecord(_Record):
     warnings: tuple[Finding, ...] = ()
     inputs: tuple[Input, ...] = ()
     coarse: tuple[dict[str, Any], ...] = ()
+    ranges: tuple[dict[str, Any], ...] = ()
     noise: dict[str, float] = Field(default_factory=dict)
     settings: dict[str, Any] = Field(default_factory=dict)
 

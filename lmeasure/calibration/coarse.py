@@ -31,8 +31,10 @@ class CoarseSolution:
     physical: bool
 
 
-def coarse_solutions(points: FloatArray, changes: FloatArray, zero: int) -> list[CoarseSolution]:
-    """Both roots from (n, 3) positions of the attachment point [mm] and (n,) changes of the cable [mm], physical and best-fitting first.
+def coarse_solutions(points: FloatArray, changes: FloatArray, zero: int, near: FloatArray) -> list[CoarseSolution]:
+    """Both roots from (n, 3) positions of the attachment point [mm] and (n,) changes of the cable [mm].
+
+    Physical roots stand first; of two, the one nearer to the point's nominal position near (3,): four poses fit both exactly.
 
     Empty when there are fewer than four poses or they lie in a plane. When noise leaves no real root, the nearest (double) one is given.
     """
@@ -58,4 +60,4 @@ def coarse_solutions(points: FloatArray, changes: FloatArray, zero: int) -> list
         misfit = np.linalg.norm(x - Q, axis=1) - (length + dl)
         physical = bool(length > 0 and (length + dl > 0).all())
         out.append(CoarseSolution(points[zero] + x, float(length), float(np.sqrt(np.mean(misfit**2))), physical))
-    return sorted(out, key=lambda c: (not c.physical, c.rms > 1e-6, c.rms))
+    return sorted(out, key=lambda c: (not c.physical, float(np.linalg.norm(c.position - near))))

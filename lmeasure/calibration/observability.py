@@ -52,13 +52,16 @@ def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, s
     move = np.array([by_key.get(k, 0.0) for k in ("x_mm", "y_mm", "z_mm")])
     length = float(np.linalg.norm(move))
     place = [i for i, k in enumerate(keys) if k in ("x_mm", "y_mm", "z_mm")]
-    if place and float(np.linalg.norm(vector[place])) > 0.05:
+    if place and float(np.linalg.norm(vector[place])) > 0.1:
         along = abs(float(move @ sight)) / length if sight is not None else 0.0
         way = "along its line of sight" if along > 0.9 else "across its line of sight" if along < 0.4 else "askew to its line of sight"
         unit = ", ".join(f"{c:.2f}" for c in move / length)
         parts.append(f"moves {length:.3g} mm {way} ({unit})")
+    turns = []
     for key, value, weight in zip(keys, change, vector, strict=True):
-        if key in _WORDS and abs(weight) > 0.05:
+        if key in _WORDS and abs(weight) > 0.1:
             name, unit = _WORDS[key]
-            parts.append(f"{name} changes by {value:+.3g} {unit}".rstrip())
+            turns.append(f"{name} changes by {value:+.3g} {unit}".rstrip())
+    if turns:
+        parts.append(", ".join(turns))
     return f"{owner} " + " while ".join(parts) + ": the counts stay the same, only the prior holds it"

@@ -20,7 +20,8 @@ from lmeasure.lengths import count_variance
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-MAX_STEPS = 100
+MAX_STEPS = 200
+SETTLED = 1e-9  # of a prior width
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ class Fit:
 
     theta (p,) in the units of the unknowns; residuals (e,) modelled less measured [mm]; V (e, e) their covariance [mm^2]; s (p,) singular
     values of the whitened, prior-scaled Jacobian (zero-padded), directions (p, p) its right singular vectors as rows; known (p,) True
-    where the data decide; covariance (p, p) of theta; chi2 of the residuals under V; prior_misfit: squared prior widths from the nominal
-    values, in the directions where the prior acts.
+    where the data decide; covariance (p, p) of theta; chi2 of the residuals under V; prior_misfit: squared distance from the
+    nominal values in prior widths where the prior acts; nominal_misfit: the same in all directions.
     """
 
     theta: FloatArray
@@ -50,6 +51,7 @@ class Fit:
     covariance: FloatArray
     chi2: float
     prior_misfit: float
+    nominal_misfit: float
     converged: bool
 
     @property
@@ -59,8 +61,8 @@ class Fit:
 
     @property
     def objective(self) -> float:
-        """Twice the negative log posterior, constants left out: chi-squared of the data and of the prior."""
-        return self.chi2 + self.prior_misfit
+        """Twice the negative log posterior, constants left out: what tells one minimum from another."""
+        return self.chi2 + self.nominal_misfit
 
 
 def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
@@ -146,8 +148,8 @@ def _release(w: _Whitened, z: FloatArray) -> tuple[FloatArray, bool]:
         silent = Vt[~known]
         step -= silent.T @ (silent @ z)
         size = float(np.linalg.norm(step))
-        if size < 1e-11 * (1.0 + float(np.linalg.norm(z))):
-            return z, True
+        if size < SETTLED * (1.0 + float(np.linalg.norm(z))):
+            return z + step, True
         merit = float(r @ r) + float(np.sum((silent @ z) ** 2))
         fraction = min(1.0, 2.0 / size)
         for _ in range(12):
@@ -158,7 +160,7 @@ def _release(w: _Whitened, z: FloatArray) -> tuple[FloatArray, bool]:
             fraction *= 0.5
         else:
             # no shorter step helps: at the rounding floor when the predicted gain is nothing, stuck otherwise
-            return z, size < 1e-6
+            return z, size < 1e-4
         z, r = trial, r_trial
     return z, False
 
@@ -182,5 +184,6 @@ def _describe(model: Model, z: FloatArray, V: FloatArray, prior_everywhere: bool
         np.asarray((covariance + covariance.T) / 2),
         float(r @ r),
         float(penalty @ penalty),
+        float(z @ z),
         converged,
     )

@@ -14,10 +14,10 @@ from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
 from lmeasure.calibration.lp_search import Box, point_data, search_point
+from lmeasure.calibration.ranges import position_range
 from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
 from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual
-from lmeasure.lengths import changes_from_counts
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -121,9 +121,11 @@ def _solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise
     coarse = {}
     for j, c in enumerate(own.cables):
         rows = np.flatnonzero(np.isfinite(own.counts[:, j]))
-        change = changes_from_counts(own.rig, own.counts[rows][:, [j]], (c,))[:, 0]
+        # thesis 5.6: straight cables, dl = k * 0.012 mm; the drum's own part is as small as the wrap that is left out
+        change = own.counts[rows, j] * nominal.drum.count_length_mm
         zero = int(np.flatnonzero(rows == own.zero[j])[0])
-        coarse[c.channel] = coarse_solutions(own.poses.points(own.rig.tool[c.to_point])[rows], change, zero)
+        points = own.poses.points(own.rig.tool[c.to_point])[rows]
+        coarse[c.channel] = coarse_solutions(points, change, zero, np.array(nominal.position_mm))
     half = np.array([settings.neighbourhood_mm] * 3 + [math.radians(settings.neighbourhood_deg)] * 2)
     # nobody measured an assumed angle: all of its range is searched
     for key, i, whole in (("guide_alpha_deg", 3, math.pi / 2), ("guide_beta_deg", 4, math.pi)):
@@ -332,6 +334,8 @@ def _record(
         for i, s in enumerate(solutions)
     ]
     freedom = len(found.residuals) - found.rank
+    assumed = {name.split(".")[0] for name in campaign.rig.assumed}
+    ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in assumed]
     return CalibrationRecord(
         rig=campaign.rig.name,
         parameters=tuple(
@@ -350,6 +354,11 @@ def _record(
         warnings=tuple(findings),
         inputs=campaign.inputs,
         coarse=tuple(coarse),
+        ranges=tuple(
+            {"point": r.point, "low_mm": r.low.tolist(), "high_mm": r.high.tolist(), "fitting": r.fitting, "tried": r.tried}
+            for r in ranges
+            if r is not None
+        ),
         noise={
             "chi_squared": found.chi2,
             "degrees_of_freedom": float(freedom),

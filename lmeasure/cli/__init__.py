@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import reconstruct, simulate, view, zone
+from lmeasure.cli import calibrate, reconstruct, simulate, view, zone
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(
@@ -37,6 +37,7 @@ def _options(
     pass
 
 
+app.command("calibrate")(calibrate.calibrate)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("zone")(zone.zone)
 app.command("simulate")(simulate.simulate)

@@ -1,0 +1,51 @@
+"""`lmeasure calibrate`: from reference poses and counts to calibrated observation points."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def calibrate(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Calibration folder: rig.toml (nominal), reference_poses.csv, counts.csv.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for rig.toml, calibration.json and report.html.")],
+    solve: Annotated[
+        str, typer.Option("--solve", help="What to solve for: position, guide, radius, scale, tangent, axial, pitch, attachment.")
+    ] = "position,guide",
+    neighbourhood_mm: Annotated[
+        float,
+        typer.Option("--neighbourhood-mm", min=1e-3, max=1e5, help="Half width of the search around the nominal and coarse positions."),
+    ] = 100.0,
+    neighbourhood_deg: Annotated[
+        float, typer.Option("--neighbourhood-deg", min=1e-3, max=180, help="Half width of the search around the nominal guide angles.")
+    ] = 15.0,
+    prior: Annotated[
+        bool, typer.Option("--prior", help="Use the nominal rig's priors in every direction, not only where data are silent.")
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the LP-search.")] = 0,
+) -> None:
+    """Find the observation points from recorded counts at reference poses, with what the data can and cannot tell."""
+    from lmeasure.calibration import Settings, read_campaign
+    from lmeasure.calibration import calibrate as stage
+    from lmeasure.calibration_record import write_calibration_record
+    from lmeasure.cli.progress import bar
+    from lmeasure.report.calibration import write_calibration_page
+    from lmeasure.rig import write_rig
+
+    groups = tuple(g.strip() for g in solve.split(",") if g.strip())
+    campaign = read_campaign(folder)
+    with bar("calibrating") as progress:
+        result = stage(campaign, Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed), progress)
+    write_calibration_page(out / "report.html", result)
+    write_calibration_record(out / "calibration.json", result.record)
+    write_rig(out / "rig.toml", result.rig)
+    record = result.record
+    for p in record.parameters:
+        typer.echo(f"{p.name:28s} {p.value:14.4f}  u {p.u:.3g}")
+    typer.echo(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
+    typer.echo(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
+    for w in record.warnings:
+        typer.echo(f"warning {w.code}: {w.text}")
+    typer.echo(f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}")

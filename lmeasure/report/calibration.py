@@ -1,0 +1,123 @@
+"""The page of a calibration: what must be known first, then the values, the residuals and the rig in 3-D."""
+
+from collections import Counter
+from pathlib import Path
+
+import plotly.graph_objects as go
+
+from lmeasure.calibration import Calibration
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.report import html
+
+
+def write_calibration_page(path: Path, calibration: Calibration) -> None:
+    """Write a self-contained HTML page of the calibration, whole or not at all."""
+    record = calibration.record
+    html.write_page(
+        path,
+        f"Calibration of rig {record.rig}",
+        [
+            *_summary(record),
+            *_silence(record),
+            html.heading("Values"),
+            html.paragraph("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value."),
+            html.table(
+                ("value", "result", "u", "prior u"),
+                ((p.name, f"{p.value:.4f}", f"{p.u:.3g}", f"{p.prior_u:.3g}") for p in record.parameters),
+            ),
+            *_ranges(record),
+            html.heading("Residuals"),
+            html.paragraph("Measured less modelled change of each cable since its zero pose."),
+            _residuals(record).to_html(full_html=False, include_plotlyjs=True),
+            html.heading("The rig"),
+            _rig(calibration).to_html(full_html=False, include_plotlyjs=False),
+            *_coarse(record),
+            html.heading("Inputs"),
+            html.table(("file", "SHA-256"), ((i.file, i.sha256) for i in record.inputs)),
+        ],
+    )
+
+
+def _summary(record: CalibrationRecord) -> list[str]:
+    parts = [html.paragraph(f"{w.code}: {w.text}", "warning") for w in record.warnings]
+    told = f"{record.equations} equations, {record.unknowns} unknowns, {record.rank} directions determined by the counts. "
+    rms = f"Residuals {record.noise['residual_rms_mm']:.4g} mm rms; "
+    chi = f"chi-squared {record.noise['chi_squared']:.4g} with {record.noise['degrees_of_freedom']:.0f} degrees of freedom."
+    return [*parts, html.paragraph(told + rms + chi)]
+
+
+def _silence(record: CalibrationRecord) -> list[str]:
+    if not record.unobservable:
+        return []
+    return [
+        html.heading("What the counts cannot tell"),
+        html.paragraph("Each line moves by one prior standard uncertainty without changing a count. More and wider spread poses cure it."),
+        "<ul>" + "".join(f"<li>{html.text(u.text)}</li>" for u in record.unobservable) + "</ul>",
+    ]
+
+
+def _ranges(record: CalibrationRecord) -> list[str]:
+    if not record.ranges:
+        return []
+    rows = (
+        (
+            r["point"],
+            *(f"{low:.1f} to {high:.1f}" for low, high in zip(r["low_mm"], r["high_mm"], strict=True)),
+            f"{r['fitting']} of {r['tried']}",
+        )
+        for r in record.ranges
+    )
+    return [
+        html.heading("Result over the range of what nobody measured"),
+        html.paragraph(
+            "Each point was solved again with its assumed values held at sets drawn from their whole range: all these places fit."
+        ),
+        html.table(("point", "x, mm", "y, mm", "z, mm", "sets that fit"), rows),
+    ]
+
+
+def _coarse(record: CalibrationRecord) -> list[str]:
+    if not record.coarse:
+        return []
+    rows = (
+        (c["point"], c["channel"], *(f"{x:.3f}" for x in c["position_mm"]), f"{c['first_length_mm']:.3f}", f"{c['rms_mm']:.3g}",
+         "chosen" if c["chosen"] else "possible" if c["physical"] else "not physical")
+        for c in record.coarse
+    )  # fmt: skip
+    header = ("point", "channel", "x, mm", "y, mm", "z, mm", "first length, mm", "rms, mm", "root")
+    return [html.heading("Coarse solutions: straight cables, both roots"), html.table(header, rows)]
+
+
+def _residuals(record: CalibrationRecord) -> go.Figure:
+    figure = go.Figure()
+    for channel in Counter(r.channel for r in record.residuals):
+        own = [r for r in record.residuals if r.channel == channel]
+        figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.text(channel))
+    figure.update_layout(
+        height=420, margin={"t": 20}, xaxis={"title": "reference pose", "type": "category"}, yaxis={"title": "residual, mm"}
+    )
+    return figure
+
+
+def _rig(calibration: Calibration) -> go.Figure:
+    """Observation points, reference poses, and the cables at the first pose with their tangent points."""
+    campaign, rig = calibration.campaign, calibration.rig
+    rows = rig.cable_rows(campaign.cables)
+    _, tangent, attachment, _ = wrap_geometry(rows, campaign.poses.rows[:1])
+    figure = go.Figure()
+    for j, c in enumerate(campaign.cables):
+        line = [rows[j, :3], tangent[0, j], attachment[0, j]]
+        figure.add_scatter3d(
+            x=[p[0] for p in line], y=[p[1] for p in line], z=[p[2] for p in line], mode="lines", line={"width": 4}, name=html.text(c.name)
+        )
+    points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.cables)]
+    x, y, z = zip(*(p.position_mm for p in points), strict=True)
+    names = [html.text(p.name) for p in points]
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 5, "color": "black"}, name="observation points")
+    x, y, z = campaign.poses.rows[:, :3].T
+    names = [html.text(n) for n in campaign.poses.names]
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, marker={"size": 3, "color": "gray"}, name="reference poses")
+    axes = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
+    figure.update_layout(height=640, margin={"t": 10}, scene=axes)
+    return figure

@@ -1,0 +1,58 @@
+"""The shell of a self-contained page: everything in one file, every text from outside escaped."""
+
+import html
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from lmeasure import files
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<link rel="icon" href="data:,">
+<style>
+body {{ font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #1a1a1a; }}
+h1 {{ font-size: 1.6rem; }} h2 {{ font-size: 1.2rem; margin-top: 2rem; }}
+table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
+th, td {{ padding: .2rem .8rem; text-align: right; border-bottom: 1px solid #ddd; }}
+th:first-child, td:first-child {{ text-align: left; }}
+.warning {{ background: #fff4d6; border-left: 4px solid #d99a00; padding: .4rem .8rem; margin: .4rem 0; }}
+.scroll {{ overflow-x: auto; }}
+</style>
+</head>
+<body>
+<h1>{title}</h1>
+{body}
+</body>
+</html>
+"""
+
+
+def text(value: object) -> str:
+    """Text from outside, safe inside a page."""
+    return html.escape(str(value))
+
+
+def paragraph(value: object, kind: str = "") -> str:
+    """A paragraph of plain text; kind is its CSS class."""
+    return f'<p class="{kind}">{text(value)}</p>' if kind else f"<p>{text(value)}</p>"
+
+
+def heading(value: object) -> str:
+    """A section heading."""
+    return f"<h2>{text(value)}</h2>"
+
+
+def table(header: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
+    """A table of plain texts."""
+    head = "".join(f"<th>{text(c)}</th>" for c in header)
+    body = "".join("<tr>" + "".join(f"<td>{text(c)}</td>" for c in row) + "</tr>" for row in rows)
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def write_page(path: Path, title: str, body: Iterable[str]) -> None:
+    """Write a page of ready HTML parts under an escaped title, whole or not at all."""
+    files.write_text(path, _PAGE.format(title=text(title), body="\n".join(body)))
