@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from lmeasure import conventions, files
 from lmeasure.errors import FileFormatError
+from lmeasure.kernels import counter
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 INFERRED_BITS = (16, 24, 32)
 
@@ -87,74 +88,39 @@ def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None 
 class Unwrapped:
     """A counter with its wraps undone.
 
-    counts (n,) continuous; bad (n,) samples whose count cannot be trusted since a jump; unsure (n,) samples after a pause in which the
-    counter could have wrapped unseen; bits inferred from the data, or None; notes for the reader.
+    counts (n,) continuous, NaN where there is none; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign;
+    inferred_bits: the counter's width when it was not stated and its jumps are those of wraps, or None.
     """
 
     counts: FloatArray
-    bad: BoolArray
-    unsure: BoolArray
+    what: IntArray
     inferred_bits: int | None
 
 
 def unwrap(recorded: FloatArray, time_s: FloatArray, max_rate: float, bits: int | None) -> Unwrapped:
     """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find what cannot be a motion.
 
-    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second. A step between neighbouring samples that
-    is longer than max_rate allows is a jump: from there on the counter's origin is lost, until a jump back to where it could be.
+    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second. See `kernels.counter.follow`.
     """
-    n = len(recorded)
-    counts, bad, unsure = np.full(n, np.nan), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    seen = np.flatnonzero(np.isfinite(recorded))
-    if len(seen) == 0:
-        return Unwrapped(counts, bad, unsure, None)
-    values, times = recorded[seen], time_s[seen]
-    steps = np.diff(values)
-    limit = max_rate * np.diff(times) + 1.0
     inferred = None
     if bits is None:
-        bits = inferred = _infer_bits(values, steps, limit)
-    first = values[0]
-    doubtful = np.zeros(len(steps), np.bool_)
-    if bits is not None:
-        full = 2.0**bits
-        half = full / 2
-        first = (first + half) % full - half
-        # a counter that was never near its ends cannot have wrapped; ask only where the allowed motion reaches half a range
-        doubtful = limit >= half
-        steps = np.where(np.abs(steps) >= half, (steps + half) % full - half, steps)
-    values = np.concatenate([[first], first + np.cumsum(steps)])
-    counts[seen] = values
-    bad[seen] = _after_jumps(values, times, steps, limit, max_rate)
-    if doubtful.any():
-        unsure[seen[int(np.argmax(doubtful)) + 1] :] = True
-    return Unwrapped(counts, bad, unsure & np.isfinite(counts), inferred)
+        bits = inferred = _infer_bits(recorded, time_s, max_rate)
+    counts, what = counter.follow(recorded, time_s, max_rate, 0.0 if bits is None else 2.0**bits)
+    return Unwrapped(counts, what, inferred)
 
 
-def _infer_bits(values: FloatArray, steps: FloatArray, limit: FloatArray) -> int | None:
+def _infer_bits(recorded: FloatArray, time_s: FloatArray, max_rate: float) -> int | None:
     """The smallest usual width that holds all values and turns an impossible step into a possible one; None when no step asks for it."""
+    seen = np.isfinite(recorded)
+    values = recorded[seen]
+    steps, limit = np.diff(values), max_rate * np.diff(time_s[seen]) + 1.0
     impossible = np.abs(steps) > limit
     if not impossible.any():
         return None
+    steps, limit = np.abs(steps[impossible]), limit[impossible]
     for bits in INFERRED_BITS:
         full = 2.0**bits
-        fits = values.min() >= -full / 2 and values.max() < full and values.max() - values.min() < full
-        short = np.abs((steps + full / 2) % full - full / 2) <= limit
-        if fits and bool((short & impossible).any()):
+        fits = values.min() >= -full / 2 and values.max() < full and np.ptp(values) < full
+        if fits and (np.abs(steps - full) <= np.minimum(limit, full / 2)).any():
             return bits
     return None
-
-
-def _after_jumps(values: FloatArray, times: FloatArray, steps: FloatArray, limit: FloatArray, max_rate: float) -> BoolArray:
-    """(n,) True from each impossible step until an impossible step back to a count that the last good one could have reached."""
-    bad = np.zeros(len(values), np.bool_)
-    since: int | None = None
-    for i in np.flatnonzero(np.abs(steps) > limit) + 1:
-        if since is None:
-            since = int(i)
-        elif abs(values[i] - values[since - 1]) <= max_rate * (times[i] - times[since - 1]) + 1.0:
-            bad[since:i] = True
-            since = None
-    if since is not None:
-        bad[since:] = True
-    return bad

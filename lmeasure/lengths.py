@@ -12,6 +12,7 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts, unwrap
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
 from lmeasure.kernels.screw import GAP, JUMP, OK, STATUS
 from lmeasure.rig import Cable, Rig
 from lmeasure.run import Run
@@ -19,6 +20,7 @@ from lmeasure.run import Run
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
 
 Reasons = tuple[tuple[NDArray[np.bool_], int, str], ...]
 
@@ -137,19 +139,13 @@ def lengths_from_counts(run: Run) -> Lengths:
             notes.append(
                 f"{counts.source}: channel {c.channel}: counter_bits is not stated; its jumps are those of {counter.inferred_bits} bits"
             )
-        values = np.where(counter.bad | counter.unsure, np.nan, counter.counts) * drum.count_sign / drum.scale
+        values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) * drum.count_sign / drum.scale
+        speed = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}"
         reasons: Reasons = (
-            (
-                counter.bad,
-                JUMP,
-                f"channel {c.channel} jumped faster than max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g} allows",
-            ),
-            (
-                counter.unsure,
-                GAP,
-                f"channel {c.channel} may have wrapped unseen at max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}",
-            ),
-            (np.isnan(counter.counts), GAP, f"channel {c.channel} has no count"),
+            (counter.what == JUMPED, JUMP, f"channel {c.channel} jumped faster than {speed} allows"),
+            (counter.what == FOREIGN, JUMP, f"channel {c.channel} shows a value that a counter of {drum.counter_bits} bits does not have"),
+            (counter.what == UNSURE, GAP, f"channel {c.channel} may have wrapped unseen at {speed}"),
+            (counter.what == EMPTY, GAP, f"channel {c.channel} has no count"),
         )
         if c.passage > 1:
             values, reasons = _on_time_base(run, c.passage, values, reasons)
@@ -172,7 +168,7 @@ def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
 
 
 def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) -> tuple[FloatArray, Reasons]:
-    """Counts of a later pass at pass 1's times; what lies outside it, or next to a sample that is not good, is flagged."""
+    """Counts of a later pass at pass 1's times; what lies outside it, in a hole of it, or next to a sample that is not good, is flagged."""
     first, later = run.passes[0], run.passes[passage - 1]
     shift = 0.0
     edges = _first_edge(first), _first_edge(later)
@@ -192,8 +188,14 @@ def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) 
     at_left, at_right = f == 0.0, f == 1.0
     out = np.where(at_left, values[left], np.where(at_right, values[right], (1 - f) * values[left] + f * values[right]))
     out[outside] = np.nan
+    hole = ~outside & ~at_left & ~at_right & (width > HOLE * np.median(np.diff(source))) if len(source) > 1 else np.zeros_like(outside)
+    out[hole] = np.nan
     moved = tuple(((mask[left] & ~at_right | mask[right] & ~at_left) & ~outside, flag, text) for mask, flag, text in reasons)
-    return out, (*moved, (outside, GAP, f"pass {passage} does not cover this time"))
+    return out, (
+        *moved,
+        (outside, GAP, f"pass {passage} does not cover this time"),
+        (hole, GAP, f"pass {passage} has no samples around this time"),
+    )
 
 
 def _first_edge(counts: Counts) -> float | None:
