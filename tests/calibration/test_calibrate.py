@@ -1,0 +1,341 @@
+"""Calibration of campaigns whose truth is known, through the files of the contract."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
+from lmeasure.calibration.refine import Noise, fit
+from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.calibration_record import read_calibration_record, write_calibration_record
+from lmeasure.errors import CalibrationError, FileFormatError, LMeasureError
+from lmeasure.lengths import counts_from_poses, span_lengths
+from lmeasure.poses import poses_from_rows
+from lmeasure.rig import Rig, rig_from_dict
+
+TRUTH = Path(__file__).parent.parent / "authorities" / "truth"
+PUBLISHED = Path(__file__).parents[2] / "calibration" / "thesis-5.5"
+
+
+def true_rig(nominal: Rig, folder: Path) -> Rig:
+    """The nominal rig with the simulator's true observation points."""
+    truth = json.loads((folder / "truth.json").read_text())
+    data = nominal.to_dict()
+    for p in data["observation_point"]:
+        t = truth[p["name"]]
+        p |= {"position_mm": t["B"], "guide_alpha_deg": t["alpha_deg"], "guide_beta_deg": t["beta_deg"], "pulley_radius_mm": t["R"]}
+    return rig_from_dict(data)
+
+
+def held_out_errors(found: Rig, truth: Rig, poses: int = 150) -> np.ndarray:
+    """(poses, m) length errors [mm] at random poses within 300 mm and 0.3 rad of the cell's centre, each cable's mean removed."""
+    rng = np.random.default_rng(20)
+    rows = np.column_stack([rng.uniform(-300, 300, (poses, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (poses, 3))).as_quat()])
+    error = span_lengths(found, rows) - span_lengths(truth, rows)
+    return np.asarray(error - error.mean(axis=0))
+
+
+@pytest.fixture(scope="module")
+def twelve() -> Calibration:
+    return calibrate(read_campaign(TRUTH / "cell-12-poses"))
+
+
+@pytest.fixture(scope="module")
+def four() -> Calibration:
+    return calibrate(read_campaign(TRUTH / "thesis-4-poses"))
+
+
+@pytest.fixture(scope="module")
+def published() -> Calibration:
+    return calibrate(read_campaign(PUBLISHED))
+
+
+def codes(result: Calibration) -> dict[str, Any]:
+    return {w.code: w for w in result.record.warnings}
+
+
+def test_twelve_exact_poses_predict_held_out_lengths(twelve: Calibration) -> None:
+    error = held_out_errors(twelve.rig, true_rig(twelve.campaign.rig, TRUTH / "cell-12-poses"))
+    assert np.sqrt(np.mean(error**2)) < 0.004  # mm; a count is 0.012
+    assert twelve.record.rank == twelve.record.unknowns == 30
+    assert twelve.record.equations == 66
+    assert not twelve.record.warnings
+    assert not twelve.record.unobservable
+
+
+def test_stated_uncertainty_holds_the_truth(twelve: Calibration) -> None:
+    truth = true_rig(twelve.campaign.rig, TRUTH / "cell-12-poses")
+    model = Model(twelve.campaign, unknowns_of(twelve.campaign, ("position", "guide")))
+    true_theta = []
+    for name in model.unknowns.names:
+        point, key = name.split(".")
+        p = truth.point(point)
+        true_theta.append(p.position_mm["xyz".index(key[0])] if key[1] == "_" else getattr(p, key))
+    error = np.array([p.value for p in twelve.record.parameters]) - np.array(true_theta)
+    error = (error + 180) % 360 - 180
+    chi2 = float(error @ np.linalg.solve(twelve.record.covariance_matrix(), error))
+    assert 13.8 < chi2 < 53.7  # chi-squared of 30 degrees of freedom within its central 99 %
+
+
+def test_noisy_reference_poses_are_noticed_and_carried() -> None:
+    campaign = read_campaign(TRUTH / "cell-20-poses-noisy")
+    result = calibrate(campaign)
+    error = held_out_errors(result.rig, true_rig(campaign.rig, TRUTH / "cell-20-poses-noisy"))
+    assert np.sqrt(np.mean(error**2)) < 0.041
+    misfit = codes(result)["misfit"]
+    assert misfit.value == pytest.approx(0.05, abs=0.015)  # the simulator's 1 sigma per axis, from 60 drawn numbers
+    assert "outlier" not in codes(result)
+
+
+def test_four_poses_are_underdetermined_and_say_so(four: Calibration) -> None:
+    record = four.record
+    assert (record.equations, record.unknowns, record.rank) == (9, 15, 9)
+    assert [u.point for u in record.unobservable] == ["B1", "B1", "B2", "B2", "B3", "B3"]
+    assert [w.code for w in record.warnings] == ["underdetermined"] * 3
+    assert max(abs(r.mm) for r in record.residuals) < 1e-6
+    rows = np.array([[u.direction.get(p.name, 0.0) for p in record.parameters] for u in record.unobservable])
+    np.testing.assert_allclose(rows @ rows.T, np.eye(6), atol=1e-6)
+
+
+def test_silent_directions_do_not_change_a_count(four: Calibration) -> None:
+    model = Model(four.campaign, unknowns_of(four.campaign, ("position", "guide")))
+    theta = np.array([p.value for p in four.record.parameters])
+    width = np.array([p.prior_u for p in four.record.parameters])
+    for u in four.record.unobservable:
+        direction = np.array([u.direction.get(p.name, 0.0) for p in four.record.parameters]) * width
+        step = 1e-4
+        moved = (model.residuals(theta + step * direction) - model.residuals(theta - step * direction)) / (2 * step)
+        assert np.abs(moved).max() < 1e-3  # mm per prior width, where a seen direction moves millimetres
+
+
+def test_silent_directions_stay_at_the_nominal_value(four: Calibration) -> None:
+    theta = np.array([p.value for p in four.record.parameters])
+    model = Model(four.campaign, unknowns_of(four.campaign, ("position", "guide")))
+    z = (theta - model.unknowns.nominal) / model.unknowns.width
+    for u in four.record.unobservable:
+        assert abs(z @ np.array([u.direction.get(p.name, 0.0) for p in four.record.parameters])) < 1e-6
+
+
+def test_prior_everywhere_pulls_towards_the_nominal(four: Calibration) -> None:
+    both = calibrate(four.campaign, Settings(prior=True))
+    for free, held in zip(four.record.parameters, both.record.parameters, strict=True):
+        assert held.u <= held.prior_u * (1 + 1e-9)
+        assert held.u <= free.u * 1.01  # the two optima differ a little, and so do their derivatives
+
+
+def test_half_scale_channel_is_named_and_no_other() -> None:
+    campaign = read_campaign(TRUTH / "thesis-16-poses-half-scale")
+    result = calibrate(campaign)
+    named = [(w.channel, w.value) for w in result.record.warnings if w.code == "scale"]
+    assert named == [("ch3", 0.5)]
+    assert not [w for w in result.record.warnings if w.code in {"sign", "outlier"}]
+
+
+def test_a_scale_that_is_solved_for_is_found() -> None:
+    campaign = read_campaign(TRUTH / "thesis-16-poses-half-scale")
+    data = campaign.rig.to_dict()
+    data["observation_point"][2]["drum"]["scale"] = 0.49
+    halved = campaign.counts.copy()
+    halved[:, 2] /= 0.49
+    result = calibrate(replace(campaign, rig=rig_from_dict(data), counts=halved), Settings(("position", "guide", "scale")))
+    scales = {p.name: p for p in result.record.parameters if p.name.endswith(".scale")}
+    assert scales["B3.scale"].value == pytest.approx(0.5, abs=5 * scales["B3.scale"].u)
+    assert result.rig.point("B3").drum.scale == scales["B3.scale"].value
+
+
+def test_reversed_channel_is_named() -> None:
+    campaign = read_campaign(TRUTH / "cell-12-poses")
+    counts = campaign.counts.copy()
+    counts[:, 1] *= -1
+    named = [(w.code, w.channel) for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code in {"sign", "scale"}]
+    assert named == [("sign", "ch2")]
+
+
+def test_one_bad_reference_pose_is_named(twelve: Calibration) -> None:
+    campaign = twelve.campaign
+    rows = campaign.poses.rows.copy()
+    rows[4, :3] += [2.0, -1.0, 1.5]
+    result = calibrate(replace(campaign, poses=poses_from_rows(rows, campaign.poses.names)))
+    assert codes(result)["outlier"].pose == campaign.poses.names[4]
+
+
+def test_edge_of_the_neighbourhood_warns(twelve: Calibration) -> None:
+    result = calibrate(twelve.campaign, Settings(neighbourhood_mm=0.5, neighbourhood_deg=0.1))
+    assert "edge" in codes(result)
+
+
+def test_published_rig(published: Calibration) -> None:
+    """Seed of the thesis: three equations a point, channel 3 decoded at half scale, positions known to decimetres at best."""
+    record = published.record
+    assert record.equations == record.rank == 9
+    scale = [(w.channel, w.value) for w in record.warnings if w.code == "scale"]
+    assert scale == [("K3", 0.5)]
+    chosen = {c["point"]: c for c in record.coarse if c["chosen"]}
+    np.testing.assert_allclose(chosen["B1"]["position_mm"], (132.580, -1896.547, 1655.774), atol=6e-4)
+    np.testing.assert_allclose(chosen["B2"]["position_mm"], (8.818, -1150.928, 1413.946), atol=6e-4)
+    spread = {r["point"]: np.subtract(r["high_mm"], r["low_mm"]) for r in record.ranges}
+    assert spread["B1"].max() > 200
+    assert spread["B2"].max() > 100
+
+
+def test_result_does_not_depend_on_the_frame(twelve: Calibration) -> None:
+    """Turning and moving the robot's base about the vertical moves the observation points with it."""
+    campaign = twelve.campaign
+    turn, move = Rotation.from_euler("z", 0.7), np.array([120.0, -340.0, 55.0])
+    rows = campaign.poses.rows
+    moved_rows = np.column_stack([turn.apply(rows[:, :3]) + move, (turn * Rotation.from_quat(rows[:, 3:])).as_quat()])
+    data = campaign.rig.to_dict()
+    for p in data["observation_point"]:
+        p["position_mm"] = (turn.apply(p["position_mm"]) + move).tolist()
+        # beta runs from +Y towards +X, against the sense of rotation about Z
+        p["guide_beta_deg"] = float(np.degrees(np.arctan2(*turn.apply(_way(p["guide_beta_deg"]))[:2])))
+    moved = calibrate(replace(campaign, rig=rig_from_dict(data), poses=poses_from_rows(moved_rows, campaign.poses.names)))
+    for a, b in zip(twelve.rig.observation_point, moved.rig.observation_point, strict=True):
+        np.testing.assert_allclose(turn.apply(a.position_mm) + move, b.position_mm, atol=1e-5)
+        assert a.guide_alpha_deg == pytest.approx(b.guide_alpha_deg, abs=1e-5)
+
+
+def _way(beta_deg: float) -> np.ndarray:
+    return np.array([np.sin(np.radians(beta_deg)), np.cos(np.radians(beta_deg)), 0.0])
+
+
+def test_jacobian_against_difference_quotients(twelve: Calibration) -> None:
+    campaign = twelve.campaign
+    solve = ("position", "guide", "radius", "scale", "tangent", "axial", "pitch", "attachment")
+    model = Model(campaign, unknowns_of(campaign, solve))
+    theta = model.unknowns.nominal
+    J = model.jacobian(theta)
+    for i in range(len(theta)):
+        step = 1e-4 * max(1.0, abs(theta[i])) if not model.unknowns.names[i].endswith("scale") else 1e-5
+        up, down = theta.copy(), theta.copy()
+        up[i] += step
+        down[i] -= step
+        numeric = (model.residuals(up) - model.residuals(down)) / (2 * step)
+        np.testing.assert_allclose(J[:, i], numeric, atol=1e-5 * max(1.0, np.abs(numeric).max()), err_msg=model.unknowns.names[i])
+
+
+def test_pose_jacobian_against_difference_quotients(twelve: Calibration) -> None:
+    campaign = twelve.campaign
+    unknowns = unknowns_of(campaign, ("position", "guide"))
+    J = Model(campaign, unknowns).pose_jacobian(unknowns.nominal)
+    for pose in (0, 3):
+        for axis in range(6):
+            quotient = []
+            for sign in (1, -1):
+                rows = campaign.poses.rows.copy()
+                if axis < 3:
+                    turn = Rotation.from_rotvec(sign * 1e-6 * np.eye(3)[axis])
+                    rows[pose, 3:] = (turn * Rotation.from_quat(rows[pose, 3:])).as_quat()
+                else:
+                    rows[pose, axis - 3] += sign * 1e-6
+                quotient.append(
+                    Model(replace(campaign, poses=poses_from_rows(rows, campaign.poses.names)), unknowns).residuals(unknowns.nominal)
+                )
+            numeric = (quotient[0] - quotient[1]) / 2e-6
+            np.testing.assert_allclose(J[:, pose, axis], numeric, atol=2e-5 * max(1.0, np.abs(numeric).max()))
+
+
+def test_reference_pose_errors_reach_the_covariance(twelve: Calibration) -> None:
+    """The spread of repeated campaigns with drawn pose errors is the stated covariance (chi-squared, 300 campaigns of one point)."""
+    truth = true_rig(twelve.campaign.rig, TRUTH / "cell-12-poses")
+    cable = truth.cable[0]
+    campaign = replace(twelve.campaign, rig=truth, cables=(cable,), counts=twelve.campaign.counts[:, :1], zero=twelve.campaign.zero[:1])
+    rows = campaign.poses.rows
+    exact = counts_from_poses(truth, rows, rows[0], (cable,))
+    unknowns = unknowns_of(campaign, ("position", "guide"))
+    rng = np.random.default_rng(5)
+    n, u = len(rows), 0.05
+    total = 0.0
+    campaigns = 300
+    noise = Noise(np.full(n, u), np.zeros(n))
+    for _ in range(campaigns):
+        moved = rows.copy()
+        moved[:, :3] += rng.normal(0, u, (n, 3))
+        drawn = replace(campaign, poses=poses_from_rows(moved, campaign.poses.names), counts=np.rint(exact))
+        found = fit(Model(drawn, unknowns), unknowns.nominal, noise, prior_everywhere=False)
+        error = found.theta - unknowns.nominal
+        total += float(error @ np.linalg.solve(found.covariance, error))
+    # 5 unknowns a campaign: mean 5, standard deviation of the mean sqrt(2*5/300) = 0.18
+    assert total / campaigns == pytest.approx(5.0, abs=0.75)
+
+
+def test_record_round_trip(tmp_path: Path, twelve: Calibration) -> None:
+    write_calibration_record(tmp_path / "calibration.json", twelve.record)
+    assert read_calibration_record(tmp_path / "calibration.json") == twelve.record
+
+
+def test_same_seed_same_result(twelve: Calibration) -> None:
+    assert calibrate(twelve.campaign).record == twelve.record
+
+
+def test_nothing_to_solve_is_refused(twelve: Calibration) -> None:
+    with pytest.raises(CalibrationError, match="colour"):
+        calibrate(twelve.campaign, Settings(("colour",)))
+
+
+def folder_with(tmp_path: Path, **texts: str) -> Path:
+    for name in ("rig.toml", "reference_poses.csv", "counts.csv"):
+        text = (TRUTH / "cell-12-poses" / name).read_text()
+        (tmp_path / name).write_text(texts.get(name.split(".")[0], text))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("counts", lambda t: t.replace("\n2,", "\nother,"), "pose 'other' is not in reference_poses.csv"),
+        ("counts", lambda t: t + t.splitlines()[-1] + "\n", "counted twice"),
+        ("counts", lambda t: t.replace("ch3", "xx"), "column 'ch3' is missing"),
+        ("counts", lambda t: "\n".join(t.splitlines()[:2]) + "\n", "2 are the least"),
+        ("counts", lambda t: t.splitlines()[0] + "\n", "has no rows"),
+        ("reference_poses", lambda t: t.replace("o_deg", "phi"), "needs the columns"),
+        ("reference_poses", lambda t: t.replace("\n3,", "\n2,"), "is given 2 times"),
+    ],
+)
+def test_bad_folders_are_refused_in_one_line(tmp_path: Path, name: str, change: Any, message: str) -> None:
+    text = (TRUTH / "cell-12-poses" / f"{name}.csv").read_text()
+    with pytest.raises(LMeasureError, match=message) as raised:
+        read_campaign(folder_with(tmp_path, **{name: change(text)}))
+    assert "\n" not in str(raised.value)
+
+
+def test_missing_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="is not a calibration folder"):
+        read_campaign(tmp_path / "nowhere")
+
+
+def test_wrapped_counters_are_continued_by_the_nominal_rig(twelve: Calibration, tmp_path: Path) -> None:
+    """16 bits of 0.012 mm wrap inside the stroke; the nominal rig is off by 30 mm, the register by 786."""
+    rig_text = (TRUTH / "cell-12-poses" / "rig.toml").read_text().replace("count_sign = 1", "count_sign = 1\ncounter_bits = 16")
+    lines = (TRUTH / "cell-12-poses" / "counts.csv").read_text().splitlines()
+    wrapped = [lines[0]]
+    for line in lines[1:]:
+        pose, *counts = line.split(",")
+        wrapped.append(",".join([pose, *(str((int(c) + 2**15) % 2**16 - 2**15) for c in counts)]))
+    assert wrapped != lines
+    campaign = read_campaign(folder_with(tmp_path, rig=rig_text, counts="\n".join(wrapped) + "\n"))
+    np.testing.assert_array_equal(campaign.counts, twelve.campaign.counts)
+    assert "unwrapped" in campaign.notes[0]
+
+
+def test_guide_angles_come_back_to_their_range(twelve: Calibration) -> None:
+    unknowns = unknowns_of(twelve.campaign, ("position", "guide"))
+    theta = unknowns.nominal.copy()
+    a, b = (unknowns.names.index(f"B1.guide_{k}_deg") for k in ("alpha", "beta"))
+    theta[a], theta[b] = 180.0 - theta[a], theta[b] + 180.0
+    same = rig_with(twelve.campaign, unknowns, theta, None)
+    np.testing.assert_allclose(same.cable_rows()[:, :14], twelve.campaign.rig.cable_rows()[:, :14], atol=1e-9)
+    assert abs(same.point("B1").guide_alpha_deg) <= 90
+
+
+def test_campaign_counts_only_what_was_counted(twelve: Calibration) -> None:
+    counts = twelve.campaign.counts.copy()
+    counts[3, 2] = np.nan
+    campaign: Campaign = replace(twelve.campaign, counts=counts)
+    assert campaign.used.sum() == 65
+    assert calibrate(campaign).record.equations == 65
