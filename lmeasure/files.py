@@ -3,9 +3,10 @@
 import hashlib
 import io
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ TextArray = NDArray[np.object_]
 def whole(path: Path) -> Iterator[Path]:
     """A temporary name beside `path` to write to; it becomes `path` only when the block ends without an error."""
     path = Path(path)
+    if not path.name:
+        raise LMeasureError(f"{path}: cannot be written: it names no file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -36,7 +39,8 @@ def whole(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise LMeasureError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # where it could not even be made
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -75,6 +79,20 @@ def write_toml(path: Path, data: Mapping[str, Any]) -> None:
     write_text(path, tomli_w.dumps(data))
 
 
+# what a person calls a number: no nan, no inf, no 1_000, no digits of other scripts
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
+def _shown(cell: str) -> str:
+    return repr(cell if len(cell) <= 40 else cell[:40] + "...")
+
+
+def _reason(error: Exception) -> str:
+    """What another library says, as one short line of printable text."""
+    text = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in str(error)).split())
+    return text if len(text) <= 200 else text[:200] + "..."
+
+
 class Table:
     """Named columns of numbers or text read from a .csv or .parquet file, with errors that name file, row and column."""
 
@@ -102,12 +120,12 @@ class Table:
     def numbers(self, name: str, *, gaps: bool = False) -> FloatArray:
         """(n,) floats. An empty cell is NaN where gaps are allowed, an error otherwise; any other cell must be a finite number."""
         column = self._column(name)
-        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-            column = self._parse(name, column)
         try:
+            if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type) or pa.types.is_null(column.type)):
+                column = self._parse(name, column.cast(pa.string()))
             column = column.cast(pa.float64())
-        except pa.ArrowInvalid as error:
-            raise FileFormatError(f"{self.path}: column {name!r} is not a column of numbers: {error}") from error
+        except pa.ArrowException as error:
+            raise FileFormatError(f"{self.path}: column {name!r} is not a column of numbers: {_reason(error)}") from error
         empty = np.array(column.is_null())
         values = np.array(column.to_numpy(), dtype=np.float64)
         if self.path.suffix.lower() == ".parquet":
@@ -123,16 +141,15 @@ class Table:
         values[empty] = np.nan
         return values
 
-    def _parse(self, name: str, column: pa.ChunkedArray) -> pa.Array:
+    def _parse(self, name: str, column: pa.ChunkedArray) -> pa.ChunkedArray:
         """Text cells as numbers: the column was not read as numbers, so at least one cell is bad, or all are empty."""
         values: list[float | None] = []
         for row, cell in enumerate(column.to_pylist()):
             text = "" if cell is None else cell.strip()
-            try:
-                values.append(float(text) if text else None)
-            except ValueError:
-                raise FileFormatError(f"{self.path}: {self._row(row)}, column {name!r}: {cell!r} is not a number") from None
-        return pa.array(values, pa.float64())
+            if text and not _NUMBER.fullmatch(text):
+                raise FileFormatError(f"{self.path}: {self._row(row)}, column {name!r}: {_shown(cell)} is not a number")
+            values.append(float(text) if text else None)
+        return pa.chunked_array([pa.array(values, pa.float64())])
 
     def matrix(self, names: Sequence[str], *, gaps: bool = False) -> FloatArray:
         """(n, len(names)) floats of several columns."""
@@ -167,11 +184,16 @@ class Table:
         return coded.dictionary.to_pylist() or [""], np.asarray(coded.indices).astype(np.int64)
 
 
-def read_table(path: Path) -> Table:
-    """Read .csv (comma, header line, empty cells are gaps) or .parquet. FileFormatError names the file and what is wrong with it."""
+def read_table(path: Path, *, torn: bool = False) -> Table:
+    """Read .csv (comma, header line, empty cells are gaps) or .parquet. FileFormatError names the file and what is wrong with it.
+
+    torn: a recording that broke off; its last line counts only when it is whole.
+    """
     path = Path(path)
     raw = read_bytes(path)
     suffix = path.suffix.lower()
+    if torn and suffix == ".csv":
+        raw = raw[: raw.rfind(b"\n") + 1]
     try:
         if suffix == ".parquet":
             data = pa.parquet.read_table(pa.BufferReader(raw))
@@ -186,12 +208,14 @@ def read_table(path: Path) -> Table:
             )
         else:
             raise FileFormatError(f"{path}: is neither .csv nor .parquet")
+        names = [name.strip() for name in data.column_names]
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path}: cannot be read as {suffix[1:]}: {' '.join(str(error).split())}") from error
-    names = [name.strip() for name in data.column_names]
+        raise FileFormatError(f"{path}: cannot be read as {suffix[1:]}: {_reason(error)}") from error
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise FileFormatError(f"{path}: column {twice[0]!r} stands twice")
+    if "" in names:
+        raise FileFormatError(f"{path}: column number {names.index('') + 1} has no name")
     return Table(path, data.rename_columns(names))
 
 
