@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import calibrate, demo, import_, reconstruct, simulate, view, zone
+from lmeasure.cli import calibrate, demo, reconstruct, simulate, view, zone
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(
@@ -41,7 +41,6 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("zone")(zone.zone)
 app.command("simulate")(simulate.simulate)
-app.command("import")(import_.import_)
 app.command("view")(view.view)
 app.command("demo")(demo.demo)
 
