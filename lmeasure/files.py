@@ -66,8 +66,9 @@ def sha256(path: Path) -> str:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """A TOML file as a dictionary; FileFormatError names the file and the line."""
+    raw = read_bytes(path)
     try:
-        return tomllib.loads(read_bytes(path).decode("utf-8"))
+        return tomllib.loads(raw.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start})") from error
     except (ValueError, RecursionError) as error:  # besides TOMLDecodeError: numbers of thousands of digits
