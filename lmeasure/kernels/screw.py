@@ -25,7 +25,10 @@ CABLES = 6
 WIDTH = len(PARAMETERS)
 TOLERANCE_MM = 1e-11  # a hundred units in the last place of a metre: Newton's last step leaves far less
 MAX_ITERATIONS = 30
-STRIDE_MM = 5.0  # longest change of a cable that one Newton start is asked to bridge; more is gone in parts
+STRIDE_MM = 10.0  # longest change of a cable that one Newton start is asked to bridge; more is gone in parts
+ON_THE_WAY_MM = 0.5  # residual with which a part that is not the last is left behind
+STATE = 14  # where a run has got to: last good pose (7), change of the cables there (6), 1 when it was lost near a singular pose
+LOST = 13
 SINGULAR_PIVOT = 1e-7  # of the rows scaled to unit size: a count moves the pose by kilometres
 MAX_STEP_ROTATION = 0.5  # rad
 NEAR_SINGULAR = math.radians(80.0)  # worst pressure angle from which a change of the determinant's sign is looked for
@@ -113,8 +116,10 @@ def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
 
 
 @kernel
-def newton(cables: FloatArray, targets: FloatArray, pose: FloatArray, J: FloatArray, r: FloatArray, size: float) -> tuple[int, int, float]:
-    """Move the pose (in place) until the six lengths are the targets: (status, iterations, largest residual).
+def newton(
+    cables: FloatArray, targets: FloatArray, tolerance: float, pose: FloatArray, J: FloatArray, r: FloatArray, size: float
+) -> tuple[int, int, float]:
+    """Move the pose (in place) until the six lengths are the targets within the tolerance: (status, iterations, largest residual).
 
     When OK, J holds the rows at the pose that was found.
     """
@@ -122,7 +127,7 @@ def newton(cables: FloatArray, targets: FloatArray, pose: FloatArray, J: FloatAr
     for iteration in range(MAX_ITERATIONS):
         worst = _fill(cables, pose, targets, J, r[:, 0], size)
         # rounding floor: when the residual is tiny and no longer falls there is nothing left to gain
-        if worst <= TOLERANCE_MM or (worst < 1e-9 and worst >= 0.5 * previous):
+        if worst <= tolerance or (worst < 1e-9 and worst >= 0.5 * previous):
             return OK, iteration, worst
         if not worst < 1e9:
             return NOT_CONVERGED, iteration, worst
@@ -216,7 +221,8 @@ def pose_pressure_angles(cables: FloatArray, poses: FloatArray) -> FloatArray:
 def solve_pose(cables: FloatArray, targets: FloatArray, start: FloatArray) -> tuple[int, int, float, FloatArray]:
     """One pose from six lengths [mm], by the screw method from a start pose: (status, iterations, largest residual [mm], pose)."""
     pose = start.copy()
-    status, iterations, worst = newton(cables, targets, pose, np.empty((CABLES, CABLES)), np.empty((CABLES, 1)), platform_size(cables))
+    J, r = np.empty((CABLES, CABLES)), np.empty((CABLES, 1))
+    status, iterations, worst = newton(cables, targets, TOLERANCE_MM, pose, J, r, platform_size(cables))
     return status, iterations, worst, pose
 
 
@@ -279,8 +285,16 @@ def _next_could_turn(
 
 
 @kernel
-def track(
-    cables: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
+def new_state(start: FloatArray) -> FloatArray:
+    """(STATE,) state of a run that stands at its start pose (7,), where the counters were zeroed."""
+    state = np.zeros(STATE)
+    copy(start, state)
+    return state
+
+
+@kernel
+def resume(
+    cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """Poses of a run by continuation: each sample starts from the last good one.
 
@@ -304,14 +318,13 @@ def track(
     for j in range(CABLES):
         zero[j] = span_at(cables[j], start)[0]
     side = invert(cables, start, J, inverse, size)
-    good, good_change = start.copy(), np.zeros(CABLES)
+    good, good_change = state[:7], state[7 : 7 + CABLES]
     pose, probe, targets = np.empty(7), np.empty(7), np.empty(CABLES)
-    lost = False
     for i in range(n):
         if flags[i] != OK:
             status[i] = flags[i]
             continue
-        if lost:
+        if state[LOST] != 0.0:
             status[i] = OTHER_ASSEMBLY
             continue
         longest = 0.0
@@ -319,37 +332,46 @@ def track(
             longest = max(longest, abs(changes[i, j] - good_change[j]))
         parts = max(1, math.ceil(longest / STRIDE_MM))
         copy(good, pose)
-        state, worst, reached = OK, 0.0, 0.0
+        outcome, worst, reached = OK, 0.0, 0.0
         for part in range(1, parts + 1):
             f = part / parts
             for j in range(CABLES):
                 # the last part aims at the target itself, free of the rounding of the interpolation
                 way = changes[i, j] if part == parts else good_change[j] + f * (changes[i, j] - good_change[j])
                 targets[j] = zero[j] + way
-            state, steps, worst = newton(cables, targets, pose, J, r, size)
+            outcome, steps, worst = newton(cables, targets, TOLERANCE_MM if part == parts else ON_THE_WAY_MM, pose, J, r, size)
             iterations[i] += steps
-            if state != OK:
+            if outcome != OK:
                 break
-        if state == OK:
+        if outcome == OK:
             det = _invert_rows(J, inverse, size)
             if det == 0.0:
-                state = SINGULAR
+                outcome = SINGULAR
             elif det * side < 0.0:
-                state = OTHER_ASSEMBLY
-        if state == OK:
+                outcome = OTHER_ASSEMBLY
+        if outcome == OK:
             reached = worst_pressure_angle(cables, pose, inverse)
             if reached > NEAR_SINGULAR:
                 if _could_turn(cables, pose, u, side, probe, J, inverse, size):
-                    state = SINGULAR
-                lost = state == SINGULAR or _next_could_turn(cables, good, pose, side, probe, J, inverse, size)
-        status[i] = state
-        if state == OK:
+                    outcome = SINGULAR
+                if outcome == SINGULAR or _next_could_turn(cables, good, pose, side, probe, J, inverse, size):
+                    state[LOST] = 1.0
+        status[i] = outcome
+        if outcome == OK:
             copy(pose, poses[i])
             residual[i] = worst
             angle[i] = reached
             copy(pose, good)
             copy(changes[i], good_change)
     return poses, residual, iterations, status, angle
+
+
+@kernel
+def track(
+    cables: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
+    """`resume` from the beginning of a run."""
+    return resume(cables, start, new_state(start), changes, flags, u)
 
 
 @kernel

@@ -1,0 +1,146 @@
+"""The lane kernel gives the poses of the sample-by-sample one, wherever it is allowed to answer."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from rows import HOME, cell_rows
+from scipy.spatial.transform import Rotation
+
+from lmeasure.kernels import cable, lanes, screw
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+U = np.full(6, 0.0035)
+SAME_MM, SAME_RAD = 1e-9, 1e-12
+
+
+def path(n: int, speed: float = 1.0, turn: float = 0.2) -> FloatArray:
+    """(n, 7) poses of a smooth motion at 1 kHz that begins at HOME."""
+    t = np.arange(n) * 1e-3 * speed
+    w = 2.0 * np.pi * np.array([0.31, 0.43, 0.37])
+    position = HOME[:3] + 180.0 * np.sin(np.outer(t, w)) * [1.0, -0.8, 0.6]
+    rotation = Rotation.from_rotvec(turn * np.sin(np.outer(t, w[::-1]))) * Rotation.from_quat(HOME[3:])
+    return np.column_stack([position, rotation.as_quat()])
+
+
+def changes(rows: FloatArray, poses: FloatArray, noise_mm: float = 0.0, seed: int = 0) -> FloatArray:
+    lengths = cable.span_lengths(rows, poses) - cable.span_lengths(rows, HOME[None])
+    return np.asarray(lengths + np.random.default_rng(seed).normal(0.0, 1.0, lengths.shape) * noise_mm)
+
+
+def both(rows: FloatArray, change: FloatArray, flags: IntArray | None = None) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+    flags = np.zeros(len(change), np.int64) if flags is None else flags
+    one = screw.track(rows, HOME, change, flags, U)
+    many = lanes.follow(rows, HOME, screw.new_state(HOME), change, flags, U)
+    return one, many
+
+
+def assert_same(one: tuple[FloatArray, ...], many: tuple[FloatArray, ...]) -> None:
+    np.testing.assert_array_equal(many[3], one[3])
+    ok = one[3] == screw.OK
+    assert np.isnan(many[0][~ok]).all()
+    assert np.isnan(many[1][~ok]).all()
+    np.testing.assert_allclose(many[0][ok, :3], one[0][ok, :3], rtol=0, atol=SAME_MM)
+    turn = Rotation.from_quat(many[0][ok, 3:]) * Rotation.from_quat(one[0][ok, 3:]).inv()
+    if ok.any():
+        assert turn.magnitude().max() < SAME_RAD
+        assert many[1][ok].max() < 1e-10
+    np.testing.assert_allclose(many[4][ok], one[4][ok], rtol=0, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def rows() -> FloatArray:
+    return cell_rows()
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 0.02, 0.2])
+def test_a_log_is_the_same_in_lanes(rows: FloatArray, noise_mm: float) -> None:
+    truth = path(9000)
+    one, many = both(rows, changes(rows, truth, noise_mm))
+    assert (one[3] == screw.OK).all()
+    assert_same(one, many)
+    if noise_mm == 0.0:
+        assert np.abs(many[0][:, :3] - truth[:, :3]).max() < SAME_MM
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 700), st.integers(0, 2**32 - 1), st.floats(0.0, 0.3))
+def test_any_length_of_log_and_any_gaps(n: int, seed: int, missing: float) -> None:
+    table = cell_rows()
+    generator = np.random.default_rng(seed)
+    flags = np.where(generator.random(n) < missing, screw.GAP, screw.OK).astype(np.int64)
+    change = changes(table, path(n, speed=5.0), 0.01, seed)
+    change[flags != screw.OK] = np.nan
+    assert_same(*both(table, change, flags))
+
+
+def test_a_fast_motion_falls_back_sample_by_sample(rows: FloatArray) -> None:
+    # 64 samples move the cables by decimetres: the lanes start too far away
+    truth = path(2000, speed=60.0)
+    one, many = both(rows, changes(rows, truth))
+    assert_same(one, many)
+    assert np.abs(many[0][:, :3] - truth[:, :3]).max() < SAME_MM
+
+
+def test_behind_a_long_gap_the_motion_goes_on(rows: FloatArray) -> None:
+    truth = path(6000)
+    flags = np.zeros(6000, np.int64)
+    flags[1000:3500] = screw.GAP
+    one, many = both(rows, changes(rows, truth, 0.01), flags)
+    assert (one[3][3500:] == screw.OK).all()
+    assert_same(one, many)
+
+
+def test_lengths_of_no_pose_spoil_their_own_samples_only(rows: FloatArray) -> None:
+    change = changes(rows, path(5000), 0.01)
+    change[2000:2010, 0] -= 5000.0
+    one, many = both(rows, change)
+    assert (one[3][2000:2010] != screw.OK).all()
+    assert_same(one, many)
+
+
+def test_what_is_lost_near_a_singular_pose_is_lost_in_lanes(rows: FloatArray) -> None:
+    for axis in np.vstack([np.eye(3), -np.eye(3)]):
+        t = np.linspace(0.0, 1.0, 6000)
+        turn = Rotation.from_rotvec(np.outer(1.6 * np.sin(np.pi * t), axis)) * Rotation.from_quat(HOME[3:])
+        truth = np.column_stack([np.tile(HOME[:3], (6000, 1)) + np.outer(40 * t, [1, 0, 0]), turn.as_quat()])
+        change = changes(rows, truth)
+        if not np.isfinite(change).all():
+            continue
+        one, many = both(rows, change)
+        np.testing.assert_array_equal(many[3] == screw.OK, one[3] == screw.OK)
+        ok = many[3] == screw.OK
+        assert np.abs(many[0][ok, :3] - truth[ok, :3]).max() < 1e-4
+
+
+def test_a_short_dip_through_a_singular_pose_between_coarse_samples_is_seen(rows: FloatArray) -> None:
+    def turned(angles: FloatArray) -> FloatArray:
+        rotation = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, -1.0])) * Rotation.from_quat(HOME[3:])
+        return np.column_stack([np.tile(HOME[:3], (len(angles), 1)), rotation.as_quat()])
+
+    angles = np.linspace(0.0, 2.0, 2001)
+    sides = np.array([np.linalg.det(cable.span_rows(rows, pose)) for pose in turned(angles)])
+    singular = angles[int(np.argmax(sides * sides[0] < 0))]
+    assert 0.5 < singular < 2.0
+    # there slowly, a stand, and a dip of 40 samples to beyond and back that begins behind a coarse sample
+    stand = singular - 0.03
+    turn = np.concatenate([np.linspace(0.0, stand, 64 * 30 + 1), np.full(64 * 4, stand)])
+    dip = slice(64 * 32 + 10, 64 * 32 + 50)
+    turn[dip] += 0.04 * np.sin(np.linspace(0.0, np.pi, 40))
+    one, many = both(rows, changes(rows, turned(turn)))
+    assert (one[3][: dip.start] == screw.OK).all()
+    assert (one[3][dip.stop :] == screw.OTHER_ASSEMBLY).all()
+    assert_same(one, many)
+
+
+def test_a_run_given_in_pieces_is_the_same_run(rows: FloatArray) -> None:
+    change = changes(rows, path(3000), 0.01)
+    flags = np.zeros(3000, np.int64)
+    whole = lanes.follow(rows, HOME, screw.new_state(HOME), change, flags, U)
+    for kernel in (lanes.follow, screw.resume):
+        state = screw.new_state(HOME)
+        parts = [kernel(rows, HOME, state, change[i : i + 700], flags[i : i + 700], U)[0] for i in range(0, 3000, 700)]
+        np.testing.assert_allclose(np.vstack(parts), whole[0], rtol=0, atol=SAME_MM)
