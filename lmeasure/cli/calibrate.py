@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from lmeasure.cli.options import Rerun
+
 
 def calibrate(
     folder: Annotated[
@@ -25,6 +27,7 @@ def calibrate(
         bool, typer.Option("--prior", help="Use the nominal rig's priors in every direction, not only where data are silent.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the LP-search.")] = 0,
+    rerun: Rerun = None,
 ) -> None:
     """Find the observation points from recorded counts at reference poses, with what the data can and cannot tell."""
     from lmeasure.calibration import Settings, read_campaign
@@ -42,6 +45,10 @@ def calibrate(
     write_calibration_record(out / "calibration.json", result.record)
     write_rig(out / "rig.toml", result.rig)
     record = result.record
+    if rerun is not None:
+        from lmeasure.view import write_recording
+
+        write_recording(rerun, result.rig, nominal=campaign.rig, reference=campaign.poses, record=record)
     for p in record.parameters:
         typer.echo(f"{p.name:28s} {p.value:14.4f}  u {p.u:.3g}")
     typer.echo(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")

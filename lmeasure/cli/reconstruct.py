@@ -5,17 +5,25 @@ from typing import Annotated
 
 import typer
 
+from lmeasure.cli.options import Rerun
+
 
 def reconstruct(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: run.toml, rig.toml and the counts of each pass.")],
     out: Annotated[Path, typer.Option("--out", help="Trajectory to write, .parquet or .csv.")],
     rig: Annotated[Path | None, typer.Option("--rig", help="Use this rig.toml instead of the run's own.")] = None,
+    rerun: Rerun = None,
 ) -> None:
     """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
     from lmeasure.run import read_run
     from lmeasure.trajectory import reconstruct as stage
     from lmeasure.trajectory import write_trajectory
 
-    trajectory = stage(read_run(run, rig))
+    recorded = read_run(run, rig)
+    trajectory = stage(recorded)
     write_trajectory(out, trajectory)
+    if rerun is not None:
+        from lmeasure.view import write_recording
+
+        write_recording(rerun, recorded.rig, run=recorded, trajectory=trajectory)
     typer.echo(trajectory.summary())

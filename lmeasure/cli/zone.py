@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lmeasure.cli.options import Rerun
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -31,6 +33,7 @@ def zone(
     length_mm: Annotated[str | None, typer.Option("--length-mm", metavar="MIN:MAX", help="Cable lengths allowed.")] = None,
     u95_mm: Annotated[float | None, typer.Option("--u95-mm", help="Largest 95 % radius of the position allowed.")] = None,
     report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write the page into this folder.")] = None,
+    rerun: Rerun = None,
 ) -> None:
     """Map where every pressure angle stays within the limit, and the 95 % radius of the measured position."""
     from lmeasure.accuracy.zone import scan_zone, summary, write_zone
@@ -61,6 +64,10 @@ def zone(
         from lmeasure.report.zone import write_zone_page
 
         write_zone_page(report / "zone.html", data, linked)
+    if rerun is not None:
+        from lmeasure.view import write_recording
+
+        write_recording(rerun, linked, zone=data)
     typer.echo(summary(data))
 
 

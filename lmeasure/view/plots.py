@@ -30,9 +30,7 @@ def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, er
     changes = np.union1d(changed_rows(trajectory.status), np.union1d(changed_rows(cause), changed_rows(cable)))
     n = len(trajectory.time_s)
     frames = spread_rows(n, MAX_FRAMES, changes)
-    notes = [f"uncertainties: {trajectory.covers}", *trajectory.notes]
-    if len(frames) < n:
-        notes.append(f"cables, pulleys and platform are drawn at {len(frames)} of {n} samples; the tool and all scalars are whole")
+    notes = [f"uncertainties: {trajectory.covers}", *trajectory.notes, *_thinned(len(frames), n)]
     log_motion(rec, rig, indexes, trajectory.poses, frames)
     notes += log_path(rec, "/world/path", trajectory.poses, trajectory.status == OK, WHITE)
 
@@ -55,6 +53,19 @@ def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, er
     rec.log("/status_lane", rr.StateConfiguration(values=STATUS, colors=shades), static=True)
     rec.send_columns("/status_lane", at, rr.StateChange.columns(state=status[changes].tolist()))
     return notes
+
+
+def _thinned(frames: int, samples: int) -> list[str]:
+    text = f"cables, pulleys and platform are drawn at {frames} of {samples} samples; the tool and all scalars are whole"
+    return [text] if frames < samples else []
+
+
+def log_truth(rec: rr.RecordingStream, rig: Rig, run: Run, poses: FloatArray) -> list[str]:
+    """Tool and cables along (n, 7) known poses of the run's samples."""
+    n = len(poses)
+    frames = spread_rows(n, MAX_FRAMES, np.zeros(1, np.int64))
+    log_motion(rec, rig, time_indexes(run.passes[0].time_s), poses, frames)
+    return ["tool and cables move as they truly did", *_thinned(len(frames), n)]
 
 
 def log_residuals(rec: rr.RecordingStream, run: Run, trajectory: Trajectory) -> None:

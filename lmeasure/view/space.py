@@ -38,14 +38,14 @@ def metres(values_mm: FloatArray) -> NDArray[np.float32]:
     return (1e-3 * values_mm).astype(np.float32)
 
 
-def log_rig(rec: rr.RecordingStream, rig: Rig, root: str, colour: Colour) -> None:
+def log_rig(rec: rr.RecordingStream, rig: Rig, root: str, colour: Colour, *, labelled: bool) -> None:
     """Observation points, and the last stretch of each guide: the cable comes to B along it."""
     names = [p.name for p in rig.observation_point]
     at = metres(np.array([p.position_mm for p in rig.observation_point]))
     along = {c.from_point: row[3:6] for c, row in zip(rig.cable, rig.cable_rows(), strict=True)}
     used = [i for i, name in enumerate(names) if name in along]
     way = 0.15 * np.array([along[names[i]] for i in used])
-    rec.log(f"{root}/observation_points", rr.Points3D(at, radii=0.012, colors=colour, labels=names, show_labels=True), static=True)
+    rec.log(f"{root}/observation_points", rr.Points3D(at, radii=0.012, colors=colour, labels=names, show_labels=labelled), static=True)
     rec.log(f"{root}/guides", rr.Arrows3D(vectors=way, origins=at[used] - way, radii=0.003, colors=colour), static=True)
 
 

@@ -13,7 +13,7 @@ from lmeasure.poses import Poses
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory
-from lmeasure.view.plots import log_counts, log_record, log_residuals, log_trajectory
+from lmeasure.view.plots import log_counts, log_record, log_residuals, log_trajectory, log_truth
 from lmeasure.view.recording import FloatArray, recording
 from lmeasure.view.space import GREY, TRUTH_COLOUR, WHITE, log_path, log_reference, log_rig, log_zone, metres
 
@@ -34,16 +34,17 @@ def write_recording(
 ) -> None:
     """Write what the stages gave as one .rrd, whole or not at all, with a blueprint that opens it.
 
-    run: counts, and with a trajectory the residual of each cable; truth (k, 7) poses where they are known [mm, unit quaternions]; errors:
-    (n,) columns on the trajectory's samples, names with units; nominal: the rig before calibration; reference and record: poses and
-    result of a calibration; zone: dataset of the contract's netCDF. LMeasureError when the file cannot be written.
+    run: counts, and with a trajectory the residual of each cable; truth (k, 7) poses where they are known [mm, unit quaternions], which
+    without a trajectory are those of the run's samples and move the picture; errors: (n,) columns on the trajectory's samples, names with
+    units; nominal: the rig before calibration; reference and record: poses and result of a calibration; zone: dataset of the contract's
+    netCDF. LMeasureError when the file cannot be written.
     """
     lines = list(notes)
     with recording(Path(path), f"lmeasure {rig.name}") as rec:
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_rig(rec, rig, "/world/rig", WHITE)
+        log_rig(rec, rig, "/world/rig", WHITE, labelled=True)
         if nominal is not None:
-            log_rig(rec, nominal, "/world/nominal", GREY)
+            log_rig(rec, nominal, "/world/nominal", GREY, labelled=False)
         if run is not None:
             log_counts(rec, run)
         if trajectory is not None:
@@ -51,6 +52,8 @@ def write_recording(
             if run is not None:
                 log_residuals(rec, run, trajectory)
         if truth is not None:
+            if trajectory is None and run is not None:
+                lines += log_truth(rec, rig, run, truth)
             lines += log_path(rec, "/world/truth", truth, np.ones(len(truth), np.bool_), TRUTH_COLOUR)
         if reference is not None:
             log_reference(rec, rig, reference)
@@ -91,13 +94,21 @@ def _blueprint(
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     size = max(float(np.ptp(points, axis=0).max()), 0.5)
     eye = rrb.EyeControls3D(position=middle + size * np.array([0.75, -0.9, 0.5]), look_target=middle, eye_up=(0, 0, 1))
-    space = rrb.Spatial3DView(
-        name="Rig and gripper",
-        origin="/world",
-        eye_controls=eye,
-        overrides={"/world/zone/outside": rrb.EntityBehavior(visible=False)},
-        line_grid=rrb.LineGrid3D(visible=False),
-    )
+
+    def space(name: str, contents: Sequence[str]) -> rrb.Spatial3DView:
+        return rrb.Spatial3DView(
+            name=name,
+            origin="/world",
+            contents=contents,
+            eye_controls=eye,
+            overrides={"/world/zone/outside": rrb.EntityBehavior(visible=False)},
+            line_grid=rrb.LineGrid3D(visible=False),
+        )
+
+    # a zone is full of nodes: it has a view of its own, or hides the gripper
+    moving = trajectory is not None or run is not None or record is not None
+    spaces = [space("Rig and gripper", ["$origin/**", "- $origin/zone/**"])] if moving or zone is None else []
+    spaces += [space("Accuracy zone", ["$origin/**"])] if zone is not None else []
     pages: list[rrb.Vertical] = []
     if trajectory is not None:
         motion: list[rrb.View] = [plot("Position [mm]", "/position_mm"), plot("Worst pressure angle [deg]", "/worst_pressure_angle_deg")]
@@ -109,7 +120,7 @@ def _blueprint(
             plot("Standard uncertainty, position [mm]", "/u_position_mm"),
             plot("Standard uncertainty, rotation [rad]", "/u_rotation_rad"),
         ]
-        pages += [rrb.Vertical(*motion, name="Motion", row_shares=[3] * (len(motion) - 1) + [1]), rrb.Vertical(*spread, name="Uncertainty")]
+        pages += [rrb.Vertical(*motion, name="Motion", row_shares=[2] * (len(motion) - 1) + [1]), rrb.Vertical(*spread, name="Uncertainty")]
     if run is not None:
         passes = [plot(f"Counts, pass {i}", f"/counts/pass{i}") for i in range(1, len(run.passes) + 1)]
         pages.append(rrb.Vertical(*passes, name="Counts"))
@@ -122,7 +133,7 @@ def _blueprint(
     right = rrb.Vertical(rrb.Tabs(*pages), rrb.Tabs(*text), row_shares=[3, 1]) if pages else rrb.Tabs(*text)
     timeline = "time" if run is not None or trajectory is not None else "pose"
     return rrb.Blueprint(
-        rrb.Horizontal(space, right, column_shares=[3, 2]),
+        rrb.Horizontal(rrb.Tabs(*spaces), right, column_shares=[3, 2]),
         rrb.TimePanel(state="collapsed", timeline=timeline),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
