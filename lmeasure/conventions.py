@@ -39,7 +39,7 @@ CONVENTIONS = {
     )
 }
 DEFAULT = "puma-oat"
-RESERVED_COLUMNS = ("time_s", "sync", "pose", "pass")
+RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "pose", "pass")
 """Columns of counts files that are no counter."""
 QUATERNION_COLUMNS = ("qx", "qy", "qz", "qw")
 

@@ -22,7 +22,8 @@ INFERRED_BITS = (16, 24, 32)
 class Counts:
     """Recorded counts of one pass of the motion.
 
-    time_s (n,) strictly rising; recorded (n, m) counts as the encoder gave them, NaN where a cell was empty; sync (n,) 0 or 1, or None.
+    time_s (n,) strictly rising; recorded (n, m) counts as the encoder gave them, NaN where a cell was empty; sync (n,) 0 or 1, or None;
+    u_time_s (n,) standard uncertainty of the instants of the channels about the sample's, None where they were latched together.
     """
 
     time_s: FloatArray
@@ -30,6 +31,7 @@ class Counts:
     recorded: FloatArray
     sync: FloatArray | None = None
     source: str = "counts"
+    u_time_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n = len(self.time_s)
@@ -61,12 +63,17 @@ class Counts:
             out[channel] = values.astype(np.int64) if whole else values
         if self.sync is not None:
             out["sync"] = self.sync.astype(np.int64)
+        if self.u_time_s is not None:
+            out["u_time_s"] = self.u_time_s
         return out
 
 
-def read_counts(path: Path) -> Counts:
-    """Read `time_s, ch1, ch2, ..., optional sync` from .csv or .parquet; FileFormatError names the row and column."""
-    table = files.read_table(path)
+def read_counts(path: Path, *, torn: bool = False) -> Counts:
+    """Read `time_s, ch1, ch2, ..., optional sync, u_time_s` from .csv or .parquet; FileFormatError names the row and column.
+
+    torn: see `files.read_table`.
+    """
+    table = files.read_table(path, torn=torn)
     channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS)
     if not channels:
         raise FileFormatError(f"{path}: has no count column besides {', '.join(table.columns)}")
@@ -76,7 +83,14 @@ def read_counts(path: Path) -> Counts:
         bad = np.flatnonzero((sync != 0) & (sync != 1))
         if len(bad):
             raise FileFormatError(f"{path}: sample {int(bad[0])}: sync = {sync[bad[0]]:g}; it must be 0 or 1")
-    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path))
+    skew = None
+    if "u_time_s" in table.columns:
+        skew = table.numbers("u_time_s")
+        if (skew < 0).any():
+            raise FileFormatError(
+                f"{path}: sample {int(np.argmax(skew < 0))}: u_time_s = {skew.min():g}; a standard uncertainty is not negative"
+            )
+    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew)
 
 
 def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None = None) -> None:

@@ -61,8 +61,8 @@ def read_run(folder: Path, rig_path: Path | None = None) -> Run:
     for number, entry in enumerate(passes, 1):
         if not isinstance(entry.get("counts"), str):
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
-        counts.append(read_counts(_inside(folder, entry["counts"], f"{path}: pass {number}: counts")))
-    return Run(rig, _start(data.get("start"), rig.angles, path), tuple(counts), calibration)
+        counts.append(read_counts(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"), torn=_ended_early(data, number)))
+    return Run(rig, start_pose(data.get("start"), rig.angles, path), tuple(counts), calibration)
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
@@ -82,6 +82,13 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
     )
 
 
+def _ended_early(data: dict[str, Any], number: int) -> bool:
+    """Whether the recorder says that this pass was cut off, perhaps within a line."""
+    recordings = data.get("recording")
+    entries = recordings if isinstance(recordings, list) else [recordings]
+    return any(isinstance(e, dict) and e.get("pass") == number and e.get("ended") == "early" for e in entries)
+
+
 def _inside(folder: Path, name: str, what: str) -> Path:
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()):
@@ -89,7 +96,8 @@ def _inside(folder: Path, name: str, what: str) -> Path:
     return folder / name
 
 
-def _start(start: Any, angles: str, path: Path) -> FloatArray:
+def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
+    """(7,) the pose of a [start] table, its angles in the given convention; FileFormatError names the path and key."""
     if not isinstance(start, dict):
         raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
     convention = conventions.convention(angles)
@@ -111,7 +119,7 @@ def _start(start: Any, angles: str, path: Path) -> FloatArray:
         raise FileFormatError(f"{path}: start: {error}") from None
 
 
-def _numbers(table: dict[str, Any], key: str, count: int, path: Path) -> FloatArray:
+def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> FloatArray:
     values = table.get(key)
     if (
         not isinstance(values, list)

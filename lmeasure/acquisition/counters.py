@@ -37,7 +37,8 @@ class CounterState:
     lost: bool = False
 
     def advance(self, values: IntArray, times: FloatArray, samples: IntArray, events: EventLog) -> FloatArray:
-        """(n,) recorded counts of the (n,) values read at the times [s], for the rows `samples`; NaN once the origin is lost."""
+        """(n,) recorded counts, unwrapped, of the (n,) values read at the times [s], for the rows `samples`; NaN once the origin is
+        lost."""
         if len(values) == 0:
             return np.empty(0)
         modulus, half = self.field.modulus, self.field.modulus // 2
@@ -61,10 +62,14 @@ class CounterState:
             out[ends:] = np.nan
             self.lost = True
         self.value, self.total, self.time_s, self.step = int(values[-1]), int(totals[-1]), float(times[-1]), int(steps[-1])
-        if self.wraps_later:
-            full = self.field.scale * modulus
-            out = (out + full / 2) % full - full / 2
         return out
+
+    def shown(self, counts: FloatArray) -> FloatArray:
+        """(n,) counts as the counts file holds them: wrapped like the encoder's where the rig says so and later stages unwrap."""
+        if not self.wraps_later:
+            return counts
+        full = self.field.scale * self.field.modulus
+        return (counts + full / 2) % full - full / 2
 
     def _find(
         self, values: IntArray, plain: IntArray, steps: IntArray, limit: FloatArray, times: FloatArray, samples: IntArray, events: EventLog

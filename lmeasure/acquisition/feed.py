@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.acquisition.assembly import Assembled, counts_from_frames
 from lmeasure.acquisition.decoders import CounterField, counter_fields, encode
 from lmeasure.acquisition.frames import CLASSIC_BYTES, EXTENDED, FD, FD_BYTES, Frames, frames_from_messages, messages_from_frames
-from lmeasure.acquisition.samples import Assembled, counts_from_frames
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Rig
@@ -76,6 +76,11 @@ def send(frames: Frames, bus: "can.BusABC", *, paced: bool, stop: threading.Even
     return sent
 
 
+def virtual_place() -> str:
+    """A channel of python-can's virtual bus that nobody else in this process uses."""
+    return f"lmeasure-feed-{next(_places)}"
+
+
 def record_feed(rig: Rig, counts: Counts, passage: int = 1, progress: Callable[[int, int], None] | None = None) -> Assembled:
     """Send a pass of simulated counts over python-can's virtual bus from a thread and assemble what arrives on its other side.
 
@@ -86,7 +91,7 @@ def record_feed(rig: Rig, counts: Counts, passage: int = 1, progress: Callable[[
     fields = counter_fields(rig, passage)
     recorded = np.column_stack([counts.of(f.channel) for f in fields])
     frames = frames_from_counts(counts.time_s, recorded, fields, rig.can_table.sync_id)
-    name = f"lmeasure-feed-{next(_places)}"
+    name = virtual_place()
     stop = threading.Event()
     with (
         can.Bus(interface="virtual", channel=name) as receiver,

@@ -1,7 +1,7 @@
 """From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from lmeasure.acquisition.counters import CounterState
 from lmeasure.acquisition.decoders import CounterField, decode
 from lmeasure.acquisition.events import Event, EventLog
-from lmeasure.acquisition.frames import ERROR, REMOTE, Frames, no_frames
-from lmeasure.counts import Counts
-from lmeasure.errors import AcquisitionError
-from lmeasure.rig import Rig
+from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.can_table import StartInput
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -23,10 +21,47 @@ FIRST_PERIOD_S = 1e-3
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples ready to be written: time_s (n,); recorded (n, m) counts, NaN where there is none."""
+    """Samples ready to be written: time_s (n,); recorded (n, m) counts, NaN where there is none; start_input (n,) 0 or 1 where the rig has
+    one; u_time_s (n,) standard uncertainty of the channels' instants about the sample's, where they were not latched together."""
 
     time_s: FloatArray
     recorded: FloatArray
+    start_input: FloatArray | None = None
+    u_time_s: FloatArray | None = None
+
+
+class Assembler(Protocol):
+    """Takes frames in the order of their reception, gives samples once nothing can change them any more."""
+
+    events: EventLog
+    given: int
+
+    def feed(self, frames: Frames, last: bool = False) -> Samples:
+        """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+
+
+class StartLine:
+    """The start-of-counting input: the bit's last known state at any time, 0 before its first frame."""
+
+    def __init__(self, place: StartInput) -> None:
+        self._place = place
+        self._times: list[float] = [-np.inf]
+        self._states: list[float] = [0.0]
+
+    def feed(self, frames: Frames) -> None:
+        """Take note of the bit's changes."""
+        p = self._place
+        mine = (frames.identifier == p.id) & (((frames.flags & EXTENDED) != 0) == p.extended) & ((frames.flags & (ERROR | REMOTE)) == 0)
+        rows = np.flatnonzero(mine & (frames.length > p.byte_offset))
+        for row in rows:
+            state = float((frames.data[row, p.byte_offset] >> p.bit) & 1)
+            if state != self._states[-1]:
+                self._times.append(float(frames.time_s[row]))
+                self._states.append(state)
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """(n,) the state at each time."""
+        return np.array(self._states)[np.searchsorted(self._times, time_s, side="right") - 1]
 
 
 class SyncAssembler:
@@ -36,9 +71,16 @@ class SyncAssembler:
     a frame on the wrong side of its SYNC can be put back.
     """
 
-    def __init__(self, fields: tuple[CounterField, ...], counters: tuple[CounterState, ...], sync_id: int, events: EventLog) -> None:
+    def __init__(
+        self,
+        fields: tuple[CounterField, ...],
+        counters: tuple[CounterState, ...],
+        sync_id: int,
+        events: EventLog,
+        start_line: StartLine | None = None,
+    ) -> None:
         self.fields, self.counters, self.events = fields, counters, events
-        self._sync_id = sync_id
+        self._sync_id, self._start_line = sync_id, start_line
         self._sync_time: FloatArray = np.empty(0)
         self._window: IntArray = np.empty(0, np.int64)
         self._field: IntArray = np.empty(0, np.int64)
@@ -51,6 +93,8 @@ class SyncAssembler:
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        if self._start_line is not None:
+            self._start_line.feed(frames)
         readings = decode(frames, self.fields)
         is_sync = (frames.identifier == self._sync_id) & ((frames.flags & (ERROR | REMOTE)) == 0)
         sync_at = np.flatnonzero(is_sync)
@@ -91,12 +135,12 @@ class SyncAssembler:
         recorded = np.full((ready, m), np.nan)
         for c, counter in enumerate(self.counters):
             rows = np.flatnonzero(n[:ready, c] == 1)
-            recorded[rows, c] = counter.advance(value[rows, c], time_s[rows], self.given + rows, self.events)
+            recorded[rows, c] = counter.shown(counter.advance(value[rows, c], time_s[rows], self.given + rows, self.events))
         keep = (self._window >= ready) & ~gone
         self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
         self._sync_time = self._sync_time[ready:]
         self.given += ready
-        return Samples(time_s, recorded)
+        return Samples(time_s, recorded, None if self._start_line is None else self._start_line.at(time_s))
 
     def _settle(self, w: int, n: IntArray, value: IntArray, gone: NDArray[np.bool_], ready: int) -> None:
         """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
@@ -161,50 +205,3 @@ class SyncAssembler:
             self._event(i, "", "time", f"back by {step:.6g} s")
             self._sync_time[i:] += step + (self._period or FIRST_PERIOD_S)
             self._time_shift += step + (self._period or FIRST_PERIOD_S)
-
-
-@dataclass(frozen=True)
-class Assembled:
-    """Counts of one pass, the faults found on the way, and how many frames were looked at."""
-
-    counts: Counts
-    events: EventLog
-    frames: int
-    before_sync: int
-
-
-def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) -> SyncAssembler:
-    """An assembler for the rig's `[can]` table."""
-    drums = rig.drums_of(passage)
-    counters = tuple(
-        CounterState(
-            f,
-            drums[f.channel].max_cable_speed_mm_s / drums[f.channel].count_length_mm * drums[f.channel].scale / f.scale,
-            wraps_later=drums[f.channel].counter_bits is not None,
-        )
-        for f in fields
-    )
-    return SyncAssembler(fields, counters, rig.can_table.sync_id, EventLog())
-
-
-def counts_from_frames(
-    rig: Rig, batches: Iterable[Frames], fields: tuple[CounterField, ...], passage: int = 1, source: str = "frames"
-) -> Assembled:
-    """Counts of one pass from batches of frames in the order of their reception; time_s is as the frames give it.
-
-    AcquisitionError when there is not one sample.
-    """
-    assembler = new_assembler(rig, fields, passage)
-    parts, frames = [], 0
-    for batch in batches:
-        parts.append(assembler.feed(batch))
-        frames += len(batch)
-    parts.append(assembler.feed(no_frames(source), last=True))
-    time_s = np.concatenate([p.time_s for p in parts])
-    if len(time_s) == 0:
-        raise AcquisitionError(
-            f"{source}: {frames} frames, but no SYNC {rig.can_table.sync_id:#x} among them; see timing and sync_id in the rig's [can] table"
-        )
-    recorded = np.vstack([p.recorded for p in parts])
-    counts = Counts(time_s, tuple(f.channel for f in fields), recorded, source=source)
-    return Assembled(counts, assembler.events, frames, assembler.before_sync)

@@ -1,0 +1,114 @@
+"""From a rig and frames to counts: the assembler that the rig asks for, whole batches at once, and what only the whole run shows."""
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.acquisition.counters import CounterState
+from lmeasure.acquisition.decoders import CounterField
+from lmeasure.acquisition.events import Event, EventLog
+from lmeasure.acquisition.frames import Frames, no_frames
+from lmeasure.acquisition.free_running import FreeAssembler
+from lmeasure.acquisition.samples import Assembler, StartLine, SyncAssembler
+from lmeasure.counts import Counts
+from lmeasure.errors import AcquisitionError
+from lmeasure.rig import Rig
+
+STALL_S = 1.0
+STALL_OTHERS_MM = 20.0
+"""A channel that keeps its count for STALL_S while the median of the others is moved this far (there and back counts) is stuck."""
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """Counts of one pass, the faults found on the way, and how many frames were looked at."""
+
+    counts: Counts
+    events: EventLog
+    frames: int
+
+
+def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) -> Assembler:
+    """An assembler for the timing that the rig's `[can]` table states."""
+    drums = rig.drums_of(passage)
+    counters = tuple(
+        CounterState(
+            f,
+            drums[f.channel].max_cable_speed_mm_s / drums[f.channel].count_length_mm * drums[f.channel].scale / f.scale,
+            wraps_later=drums[f.channel].counter_bits is not None,
+        )
+        for f in fields
+    )
+    table = rig.can_table
+    start_line = None if table.start_input is None else StartLine(table.start_input)
+    if table.timing == "free":
+        return FreeAssembler(fields, counters, EventLog(), start_line)
+    return SyncAssembler(fields, counters, table.sync_id, EventLog(), start_line)
+
+
+def counts_from_frames(
+    rig: Rig, batches: Iterable[Frames], fields: tuple[CounterField, ...], passage: int = 1, source: str = "frames"
+) -> Assembled:
+    """Counts of one pass from batches of frames in the order of their reception; time_s is as the frames give it.
+
+    AcquisitionError when there is not one sample.
+    """
+    assembler = new_assembler(rig, fields, passage)
+    parts, frames = [], 0
+    for batch in batches:
+        parts.append(assembler.feed(batch))
+        frames += len(batch)
+    parts.append(assembler.feed(no_frames(source), last=True))
+    time_s = np.concatenate([p.time_s for p in parts])
+    if len(time_s) == 0:
+        table = rig.can_table
+        wanted = f"SYNC {table.sync_id:#x}" if table.timing == "sync" else f"frame of channel {fields[0].channel}"
+        raise AcquisitionError(f"{source}: {frames} frames, but no {wanted} among them; see the rig's [can] table")
+    recorded = np.vstack([p.recorded for p in parts])
+    start = None if parts[0].start_input is None else np.concatenate([p.start_input for p in parts if p.start_input is not None])
+    skew = None if parts[0].u_time_s is None else np.concatenate([p.u_time_s for p in parts if p.u_time_s is not None])
+    counts = Counts(time_s, tuple(f.channel for f in fields), recorded, start, source, skew)
+    marked = mark_stalls(rig, counts, assembler.events, passage)
+    return Assembled(counts if marked is None else marked, assembler.events, frames)
+
+
+def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) -> Counts | None:
+    """The counts with empty cells where a channel stands still while the others move, and an event for each; None where none does.
+
+    Six cables have no redundancy: a stuck counter gives a plausible pose. That a cable keeps its length to the count while the others
+    are moved by centimetres does not happen by itself.
+    """
+    if len(counts.channels) < 2:
+        return None
+    drums = rig.drums_of(passage)
+    mm = np.array([drums[c].count_length_mm / drums[c].scale for c in counts.channels])
+    moves = np.diff(counts.recorded, axis=0, prepend=counts.recorded[:1])
+    for j, channel in enumerate(counts.channels):
+        bits = drums[channel].counter_bits
+        if bits is not None:
+            moves[:, j] = (moves[:, j] + 2.0 ** (bits - 1)) % 2.0**bits - 2.0 ** (bits - 1)
+    way = np.cumsum(np.nan_to_num(np.abs(moves)) * mm, axis=0)
+    recorded = counts.recorded.copy()
+    found = False
+    for j, channel in enumerate(counts.channels):
+        present = np.flatnonzero(np.isfinite(counts.recorded[:, j]))
+        if len(present) < 2:
+            continue
+        changes = np.flatnonzero(np.diff(counts.recorded[present, j]) != 0) + 1
+        edges = np.concatenate([[0], changes, [len(present)]])
+        for a, b in itertools.pairwise(edges.tolist()):
+            first, last = int(present[a]), int(present[b - 1])
+            if counts.time_s[last] - counts.time_s[first] < STALL_S:
+                continue
+            others = np.delete(way[last] - way[first], j)
+            if np.median(others) < STALL_OTHERS_MM:
+                continue
+            # up to here the others still stood: the count is good
+            begin = first + int(np.argmax(np.median(np.delete(way[first : last + 1] - way[first], j, axis=1), axis=1) > 0))
+            recorded[begin : last + 1, j] = np.nan
+            span = f"until {counts.time_s[last]:.6g} s, the others were moved by {np.median(others):.1f} mm"
+            events.add(Event(begin, float(counts.time_s[begin]), channel, "stall", span))
+            found = True
+    return replace(counts, recorded=recorded) if found else None

@@ -1,0 +1,148 @@
+"""Encoders that send by their own timers: their channels brought to one instant, and the skew that is left."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.counters import CounterState
+from lmeasure.acquisition.decoders import CounterField, decode
+from lmeasure.acquisition.events import Event, EventLog
+from lmeasure.acquisition.frames import Frames
+from lmeasure.acquisition.samples import Samples, StartLine
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LONGEST_GAP = 2.5
+"""Periods between two readings of a channel over which its count is still interpolated."""
+WAIT_S = 1.0
+"""A channel that is silent for longer is not waited for."""
+
+
+class FreeAssembler:
+    """Samples at the instants of the first channel's frames, the others interpolated linearly between their own.
+
+    u_time_s: the standard uncertainty of the stamps, from how far the intervals between frames of a regular timer scatter (median absolute
+    deviation of the intervals, over sqrt 2 because two stamps make an interval), the root mean square over the channels.
+    """
+
+    def __init__(
+        self,
+        fields: tuple[CounterField, ...],
+        counters: tuple[CounterState, ...],
+        events: EventLog,
+        start_line: StartLine | None = None,
+    ) -> None:
+        self.fields, self.counters, self.events, self._start_line = fields, counters, events, start_line
+        self.given = 0
+        m = len(fields)
+        self._new: list[tuple[FloatArray, IntArray]] = [(np.empty(0), np.empty(0, np.int64))] * m
+        self._old: list[tuple[FloatArray, FloatArray]] = [(np.empty(0), np.empty(0))] * m
+        self._period: list[float | None] = [None] * m
+        self._scatter = np.zeros(m)
+        self._given_to = -math.inf
+
+    def feed(self, frames: Frames, last: bool = False) -> Samples:
+        """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        if self._start_line is not None:
+            self._start_line.feed(frames)
+        readings = decode(frames, self.fields)
+        for i, field in enumerate(self.fields):
+            mine = readings.field == i
+            times, values = self._new[i]
+            self._new[i] = np.concatenate([times, readings.time_s[mine]]), np.concatenate([values, readings.value[mine]])
+            for _ in range(readings.short[i]):
+                self._event(self.given, self._given_to, i, "short_frame", f"fewer than {field.bytes_needed} bytes")
+        latest = [
+            float(max(new[0].max(initial=-math.inf), old[0].max(initial=-math.inf))) for new, old in zip(self._new, self._old, strict=True)
+        ]
+        known = max(latest) if last else max(min(latest), max(latest) - WAIT_S)
+        if not math.isfinite(known):
+            return self._samples(np.empty(0))
+        for i in range(len(self.fields)):
+            self._take(i, known)
+        reference = self._old[0][0]
+        return self._samples(reference[(reference > self._given_to) & (reference <= known)])
+
+    def _event(self, sample: int, time_s: float, i: int, kind: str, text: str = "") -> None:
+        self.events.add(Event(sample, time_s, self.fields[i].channel, kind, text))
+
+    def _take(self, i: int, known: float) -> None:
+        """Readings up to the known time, put in order, doubles dropped, into the channel's counts."""
+        times, values = self._new[i]
+        if len(times) == 0:
+            return
+        for k in np.flatnonzero(np.diff(times) < 0) + 1:
+            self._event(self.given, float(times[k]), i, "reordered", f"{times[k - 1] - times[k]:.6g} s late")
+        order = np.argsort(times, kind="stable")
+        times, values = times[order], values[order]
+        due = times <= known
+        self._new[i] = times[~due], values[~due]
+        times, values = times[due], values[due]
+        counter = self.counters[i]
+        last_time = counter.time_s if counter.seen else -math.inf
+        late = times < last_time
+        for k in np.flatnonzero(late):
+            self._event(self.given, float(times[k]), i, "conflict", "its time is past already: not used")
+        times, values = times[~late], values[~late]
+        if len(times) > 3:
+            intervals = np.diff(times)
+            self._period[i] = float(np.median(intervals))
+            self._scatter[i] = 1.4826 * float(np.median(np.abs(intervals - np.median(intervals)))) / math.sqrt(2.0)
+        double = self._doubles(i, times, values, last_time)
+        for k in np.flatnonzero(double):
+            self._event(self.given, float(times[k]), i, "duplicate")
+        times, values = times[~double], values[~double]
+        samples = np.full(len(times), self.given, np.int64)
+        if i == 0:
+            samples += np.arange(len(times))
+        elif len(self._old[0][0]):
+            samples += np.searchsorted(self._old[0][0][self._old[0][0] > self._given_to], times)
+        counts = counter.advance(values, times, samples, self.events)
+        self._old[i] = np.concatenate([self._old[i][0], times]), np.concatenate([self._old[i][1], counts])
+
+    def _doubles(self, i: int, times: FloatArray, values: IntArray, last_time: float) -> NDArray[np.bool_]:
+        if len(times) == 0:
+            return np.zeros(0, np.bool_)
+        period = self._period[i] or 0.0
+        counter = self.counters[i]
+        before_t = np.concatenate([[last_time], times[:-1]])
+        same = np.concatenate([[counter.seen and int(values[0]) == counter.value], values[1:] == values[:-1]])
+        at_once = (times - before_t < 0.25 * period) | (times == before_t)
+        return np.asarray(same & at_once)
+
+    def _samples(self, time_s: FloatArray) -> Samples:
+        n, m = len(time_s), len(self.fields)
+        recorded = np.full((n, m), np.nan)
+        for i in range(m):
+            times, counts = self._old[i]
+            if len(times) == 0 or n == 0:
+                continue
+            recorded[:, i] = self.counters[i].shown(self._interpolated(i, time_s))
+            for row in np.flatnonzero(np.isnan(recorded[:, i])):
+                if not self.counters[i].lost:
+                    self._event(self.given + int(row), float(time_s[row]), i, "gap")
+            # one reading before the last sample is kept for the next
+            keep = max(int(np.searchsorted(times, time_s[-1], side="right")) - 1, 0)
+            self._old[i] = times[keep:], counts[keep:]
+        if n:
+            self._given_to = float(time_s[-1])
+            self.given += n
+        start = None if self._start_line is None else self._start_line.at(time_s)
+        skew = math.sqrt(float(np.mean(self._scatter**2)))
+        return Samples(time_s, recorded, start, np.full(n, skew))
+
+    def _interpolated(self, i: int, time_s: FloatArray) -> FloatArray:
+        times, counts = self._old[i]
+        right = np.searchsorted(times, time_s, side="left")
+        exact = times[np.minimum(right, len(times) - 1)] == time_s
+        left = np.maximum(right - 1, 0)
+        r = np.minimum(right, len(times) - 1)
+        span = times[r] - times[left]
+        longest = LONGEST_GAP * (self._period[i] or math.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = (time_s - times[left]) / span
+        between = counts[left] + part * (counts[r] - counts[left])
+        known = (right > 0) & (right < len(times)) & (span <= longest)
+        return np.asarray(np.where(exact, counts[r], np.where(known, between, np.nan)))

@@ -1,0 +1,370 @@
+"""The recorder: raw frames and decoded counts, appended as they come, into a run folder that can be read at any moment.
+
+pass1.log holds the frames as candump writes them (microseconds), pass1.csv the counts; both grow by whole lines and are on the disk once a
+second. run.toml is there from the first moment and says `ended = "early"` until the recording is closed.
+"""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure import files
+from lmeasure.acquisition.assembly import mark_stalls, new_assembler
+from lmeasure.acquisition.decoders import CounterField
+from lmeasure.acquisition.events import Event, event_columns
+from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, no_frames
+from lmeasure.acquisition.samples import Samples
+from lmeasure.acquisition.sources import Source
+from lmeasure.counts import Counts, read_counts, write_counts
+from lmeasure.errors import AcquisitionError, LMeasureError
+from lmeasure.rig import Rig, write_rig
+from lmeasure.run import SCHEMA
+
+FloatArray = NDArray[np.float64]
+
+ON_DISK_EVERY_S = 1.0
+TURN_S = 0.05
+"""How long one look at the source takes at most."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a person may want to see while it records: counts, counts/s and mm/s per channel; latency_s from a frame's own time to its being
+    counted, where one clock tells both."""
+
+    seconds: float
+    frames: int
+    samples: int
+    faults: Mapping[str, int]
+    channels: tuple[str, ...]
+    counts: FloatArray
+    rates: FloatArray
+    speeds_mm_s: FloatArray
+    latency_s: float | None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A closed recording: its folder, how it ended, the numbers of frames and samples, faults by kind, and the closure per channel
+    [counts]: the mean of the last rest less that of the first, where the recording begins and ends at rest."""
+
+    folder: Path
+    ended: str
+    frames: int
+    samples: int
+    seconds: float
+    faults: Mapping[str, int]
+    closure: Mapping[str, float]
+
+    def summary(self) -> str:
+        """A few lines for a person."""
+        faults = ", ".join(f"{n} {kind}" for kind, n in sorted(self.faults.items())) or "no faults"
+        lines = [f"{self.samples} samples from {self.frames} frames over {self.seconds:.3f} s: {faults}"]
+        if self.closure:
+            lines.append("back at the start, counts: " + ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items()))
+        if self.ended != "complete":
+            lines.append(f"ended early: {self.ended}")
+        return "\n".join(lines)
+
+
+def record(
+    rig: Rig,
+    source: Source,
+    fields: tuple[CounterField, ...],
+    folder: Path,
+    *,
+    start: FloatArray | None = None,
+    passage: int = 1,
+    seconds: float | None = None,
+    devices: list[dict[str, Any]] | None = None,
+    show: Callable[[Progress], None] | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Recording:
+    """Record a pass from the source into the run folder until the time is over, the source ends, `stop` says so, or Ctrl-C.
+
+    start (7,): the pose at which the counters were zeroed; that of pass 1 holds for later ones. devices: identities for the manifest.
+    A source that is lost, or a disk that is full, ends the recording early: what came before is kept and the text says why.
+    AcquisitionError when not one sample came.
+    """
+    writer = _Writer(folder, rig, fields, passage, start, source, devices or [])
+    ended = "complete"
+    begin = time.monotonic()
+    try:
+        while (seconds is None or time.monotonic() - begin < seconds) and not stop():
+            frames = source.receive(TURN_S)
+            if frames is None:
+                break
+            for kind, text in source.notices():
+                writer.notice(kind, text)
+            writer.write(frames)
+            if show is not None:
+                show(writer.progress(time.monotonic() - begin))
+    except KeyboardInterrupt:
+        pass
+    except OSError as error:  # AcquisitionError is one too
+        ended = " ".join(str(error).split())
+    return writer.close(ended)
+
+
+def candump_lines(frames: Frames) -> bytes:
+    """The frames as lines of candump, which python-can and can-utils read."""
+    names = ["".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "can0" for name in frames.buses]
+    names = [f"can{name}" if name.isdigit() else name for name in names]
+    lines = []
+    for t, identifier, flags, length, data, channel in zip(
+        frames.time_s.tolist(),
+        frames.identifier.tolist(),
+        frames.flags.tolist(),
+        frames.length.tolist(),
+        frames.data,
+        frames.channel.tolist(),
+        strict=True,
+    ):
+        if flags & ERROR:
+            lines.append(f"({t:.6f}) {names[channel]} 20000080#\n")
+            continue
+        arbitration = f"{identifier:08X}" if flags & EXTENDED else f"{identifier:03X}"
+        direction = "T" if flags & SENT else "R"
+        if flags & REMOTE:
+            body = f"#R{length}"
+        elif flags & FD:
+            body = f"##{(1 if flags & BITRATE_SWITCH else 0) | (2 if flags & ERROR_STATE else 0):X}{data[:length].tobytes().hex().upper()}"
+        else:
+            body = f"#{data[:length].tobytes().hex().upper()}"
+        lines.append(f"({t:.6f}) {names[channel]} {arbitration}{body} {direction}\n")
+    return "".join(lines).encode("ascii")
+
+
+def count_lines(samples: Samples, origin_s: float) -> bytes:
+    """Samples as lines of a counts file; an empty cell where there is no count."""
+    times = np.round(samples.time_s - origin_s, 6).tolist()
+    columns = [samples.recorded]
+    columns += [extra[:, None] for extra in (samples.start_input, samples.u_time_s) if extra is not None]
+    rows = np.hstack(columns).tolist()
+    return "".join(f"{t!r}," + ",".join(map(_cell, row)) + "\n" for t, row in zip(times, rows, strict=True)).encode("ascii")
+
+
+def _cell(value: float) -> str:
+    if value != value:  # NaN
+        return ""
+    return str(int(value)) if value.is_integer() else repr(value)
+
+
+class _Writer:
+    """The files of a recording while it grows."""
+
+    def __init__(
+        self,
+        folder: Path,
+        rig: Rig,
+        fields: tuple[CounterField, ...],
+        passage: int,
+        start: FloatArray | None,
+        source: Source,
+        devices: list[dict[str, Any]],
+    ) -> None:
+        self.folder, self.rig, self.fields, self.passage, self.source = Path(folder), rig, fields, passage, source
+        self.assembler = new_assembler(rig, fields, passage)
+        self.frames = self.samples = 0
+        self._origin: float | None = None
+        self._latest: Samples | None = None
+        self._latency: float | None = None
+        self._synced = time.monotonic()
+        self._table = self._manifest(start, devices)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._log = _Appended(self.folder / f"pass{passage}.log")
+            self._csv = _Appended(self.folder / f"pass{passage}.csv")
+            extra = ["sync"] * (rig.can_table.start_input is not None) + ["u_time_s"] * (rig.can_table.timing == "free")
+            self._csv.append((",".join(["time_s", *(f.channel for f in fields), *extra]) + "\n").encode())
+        except FileExistsError as error:
+            raise AcquisitionError(f"{error.filename}: is there already; nothing is written over a recording") from error
+        except OSError as error:
+            raise AcquisitionError(f"{error.filename or folder}: cannot be written: {error.strerror or error}") from error
+        write_rig(self.folder / "rig.toml", rig)
+        files.write_toml(self.folder / "run.toml", self._table)
+
+    def _manifest(self, start: FloatArray | None, devices: list[dict[str, Any]]) -> dict[str, Any]:
+        path = self.folder / "run.toml"
+        if self.passage > 1:
+            table = files.read_toml(path)
+            if len(table.get("pass", [])) != self.passage - 1:
+                raise AcquisitionError(f"{path}: has {len(table.get('pass', []))} passes; pass {self.passage} cannot follow")
+        else:
+            if path.exists():
+                raise AcquisitionError(f"{path}: is there already; nothing is written over a recording")
+            pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if start is None else start
+            table = {
+                "schema": SCHEMA,
+                "rig": "rig.toml",
+                "start": {"position_mm": pose[:3].tolist(), "quaternion_xyzw": pose[3:].tolist()},
+                "pass": [],
+                "recording": [],
+            }
+            if start is None:
+                table["note"] = "the start pose was not given: the base frame is taken to be the tool's frame at the start"
+        table["pass"] = [*table["pass"], {"counts": f"pass{self.passage}.csv"}]
+        entry: dict[str, Any] = {
+            "pass": self.passage,
+            "ended": "early",
+            "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "bus": self.source.name,
+            "timestamps": self.source.timestamp_source,
+            "software": f"lmeasure {version('lmeasure')}",
+            "frames": f"pass{self.passage}.log",
+            "devices": devices,
+        }
+        if self.source.bit_rate is not None:
+            entry["bit_rate"] = self.source.bit_rate
+        table["recording"] = [*table.get("recording", []), entry]
+        return table
+
+    def notice(self, kind: str, text: str) -> None:
+        """Something happened to the source."""
+        at = float(self._latest.time_s[-1]) if self._latest is not None else 0.0
+        self.assembler.events.add(Event(self.assembler.given, at, "", kind, text))
+
+    def write(self, frames: Frames) -> None:
+        """Append a batch and what it completes."""
+        if len(frames):
+            # what the log can say is what is counted: reading it again gives the same
+            frames = replace(frames, time_s=np.round(frames.time_s, 6))
+            self._log.append(candump_lines(frames))
+            self.frames += len(frames)
+            self._latency = time.time() - float(frames.time_s[-1])
+            self._append(self.assembler.feed(frames))
+        if time.monotonic() - self._synced >= ON_DISK_EVERY_S:
+            self._to_disk()
+
+    def _append(self, samples: Samples) -> None:
+        if len(samples.time_s) == 0:
+            return
+        if self._origin is None:
+            self._origin = float(samples.time_s[0])
+        self._csv.append(count_lines(samples, self._origin))
+        self.samples += len(samples.time_s)
+        self._latest = samples
+
+    def _to_disk(self) -> None:
+        self._log.to_disk()
+        self._csv.to_disk()
+        self._synced = time.monotonic()
+
+    def progress(self, seconds: float) -> Progress:
+        """The state of things, for a display."""
+        m = len(self.fields)
+        counts, rates = np.full(m, np.nan), np.full(m, np.nan)
+        if self._latest is not None:
+            counts = self._latest.recorded[-1]
+            span = self._latest.time_s[-1] - self._latest.time_s[0]
+            if span > 0:
+                rates = (self._latest.recorded[-1] - self._latest.recorded[0]) / span
+        latency = self._latency if self._latency is not None and 0 <= self._latency < 60 else None
+        drums = self.rig.drums_of(self.passage)
+        channels = tuple(f.channel for f in self.fields)
+        speeds = rates * np.array([drums[c].count_sign * drums[c].count_length_mm / drums[c].scale for c in channels])
+        return Progress(seconds, self.frames, self.samples, dict(self.assembler.events.tally), channels, counts, rates, speeds, latency)
+
+    def close(self, ended: str) -> Recording:
+        """Write what is left, mark stalls, and say how it ended."""
+        path = self.folder / f"pass{self.passage}.csv"
+        try:
+            self._append(self.assembler.feed(no_frames(), last=True))
+            self._to_disk()
+        except OSError as error:
+            ended = ended if ended != "complete" else f"{path}: cannot be written: {error.strerror or error}"
+        self._log.close()
+        self._csv.close()
+        if self.samples == 0:
+            for name in (
+                path,
+                path.with_suffix(".log"),
+                *([self.folder / "run.toml", self.folder / "rig.toml"] if self.passage == 1 else []),
+            ):
+                name.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                self.folder.rmdir()
+            why = f": {ended}" if ended != "complete" else ""
+            raise AcquisitionError(
+                f"{self.source.name}: {self.frames} frames, not one sample of {', '.join(f.channel for f in self.fields)}{why}"
+            )
+        return self._finish(path, ended)
+
+    def _finish(self, path: Path, ended: str) -> Recording:
+        counts = read_counts(path, torn=True)
+        seconds = float(counts.time_s[-1] - counts.time_s[0])
+        closure = closure_counts(counts)
+        events = self.assembler.events
+        result = Recording(self.folder, ended, self.frames, len(counts.time_s), seconds, dict(events.tally), closure)
+        with contextlib.suppress(OSError, LMeasureError):  # a full disk: run.toml goes on saying that it ended early
+            marked = mark_stalls(self.rig, counts, events, self.passage)
+            if marked is not None:
+                write_counts(path, marked)
+            if events.kept:
+                files.write_table(self.folder / f"pass{self.passage}.events.csv", event_columns(events.kept))
+            entry = self._table["recording"][-1]
+            entry |= {
+                "ended": "complete" if ended == "complete" else "early",
+                "samples": len(counts.time_s),
+                "seconds": seconds,
+                "received": self.frames,
+                "faults": dict(sorted(events.tally.items())),
+                "closure_counts": closure,
+                "sha256": {name: files.sha256(self.folder / name) for name in (path.name, entry["frames"], "rig.toml")},
+            }
+            if ended != "complete":
+                entry["why"] = ended
+            files.write_toml(self.folder / "run.toml", self._table)
+        return replace(result, faults=dict(events.tally))
+
+
+class _Appended:
+    """A file that grows by whole pieces: a piece that the disk does not take is taken off again, and the file is closed to more."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("xb", buffering=0)
+        self._size = 0
+        self._full = False
+
+    def append(self, data: bytes) -> None:
+        """Write all of it; OSError when it cannot be written."""
+        if self._full:
+            return
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[self._file.write(view) :]
+        except OSError:
+            self._full = True
+            self._file.truncate(self._size)
+            raise
+        self._size += len(data)
+
+    def to_disk(self) -> None:
+        """Return when the disk has it."""
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """No more."""
+        self._file.close()
+
+
+def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:
+    """Per channel the mean count of the last rest less that of the first [counts]; empty unless all channels rest, within two counts, for
+    rest_s at both ends: the robot has not come back to the start, or was moving."""
+    first = counts.recorded[counts.time_s <= counts.time_s[0] + rest_s]
+    last = counts.recorded[counts.time_s >= counts.time_s[-1] - rest_s]
+    if len(first) < 3 or len(last) < 3 or np.isnan(first).any() or np.isnan(last).any():
+        return {}
+    if (np.ptp(first, axis=0) > 2).any() or (np.ptp(last, axis=0) > 2).any():
+        return {}
+    return dict(zip(counts.channels, (last.mean(axis=0) - first.mean(axis=0)).tolist(), strict=True))

@@ -1,0 +1,289 @@
+"""Sources of frames, all alike: open, receive for a while, close.
+
+`open_source` takes what a person writes after `--bus`: INTERFACE:CHANNEL for any interface of python-can, `replay:FILE` for a log, in its
+own time, and `simulated:SCENARIO` for the simulated cell.
+"""
+
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
+from lmeasure.acquisition.frames import ERROR, Frames, TimestampSource, frames_from_messages, no_frames
+from lmeasure.errors import AcquisitionError, LMeasureError
+
+if TYPE_CHECKING:
+    import can
+
+Notice = tuple[str, str]
+"""Kind of event, and what to say about it."""
+
+MOST_AT_ONCE = 4096
+HARDWARE_CLOCKS = ("vector", "pcan", "kvaser", "ixxat", "canalystii", "systec", "etas", "nican", "nixnet", "neovi")
+"""Interfaces of python-can whose devices stamp frames by their own clock."""
+KERNEL_CLOCKS = ("socketcan", "socketcand", "udp_multicast")
+DEFAULT_GROUP = "239.74.163.2"
+SMALLEST_STEP_S = 0.05
+"""Of a clock that is set: the latency of a busy host stays below."""
+REOPEN_EVERY_S = 0.2
+
+
+class Source(Protocol):
+    """Where frames come from."""
+
+    name: str
+    timestamp_source: TimestampSource
+    bit_rate: int | None
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """Frames that came within the time, perhaps none; None when there will be no more. AcquisitionError when the source is lost."""
+
+    def notices(self) -> list[Notice]:
+        """What happened to the source since the last question."""
+
+    def close(self) -> None:
+        """Let go of it; a second time does nothing."""
+
+
+class BusSource:
+    """A bus of python-can.
+
+    A bus that fails is opened again for up to patience_s. Where the clock that stamps the frames is set while frames come, their times are
+    brought back to this program's steady clock: a stamp is never later than the arrival, so the step is how far the best stamps moved.
+    """
+
+    def __init__(self, open_bus: Callable[[], "can.BusABC"], name: str, bit_rate: int | None = None, patience_s: float = 30.0) -> None:
+        interface = name.split(":", 1)[0]
+        self.name, self.bit_rate = name, bit_rate
+        self.timestamp_source: TimestampSource = (
+            "hardware" if interface in HARDWARE_CLOCKS else "kernel" if interface in KERNEL_CLOCKS else "host"
+        )
+        self._open, self._patience_s = open_bus, patience_s
+        self.bus: can.BusABC | None = self._opened()
+        self._notices: list[Notice] = []
+        self._clock = SteadyClock()
+
+    def _opened(self) -> "can.BusABC":
+        try:
+            return self._open()
+        except LMeasureError:
+            raise
+        except Exception as error:  # each driver has its own way to say that there is no such device
+            raise AcquisitionError(f"{self.name}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """Frames that came within timeout_s, at most `MOST_AT_ONCE`."""
+        import can
+
+        if self.bus is None:
+            return None
+        messages: list[can.Message] = []
+        arrivals: list[float] = []
+        end = time.monotonic() + timeout_s
+        try:
+            while len(messages) < MOST_AT_ONCE:
+                message = self.bus.recv(max(0.0, end - time.monotonic()))
+                if message is None:
+                    break
+                messages.append(message)
+                arrivals.append(time.monotonic())
+        except (can.CanError, OSError, ValueError) as error:
+            self._reopen(error)
+        if not messages:
+            return no_frames(self.name, self.timestamp_source)
+        frames = frames_from_messages(messages, self.timestamp_source, self.name)
+        faults = int(np.count_nonzero(frames.flags & ERROR))
+        if faults:
+            self._notices.append(("bus_error", f"{faults} error frame(s)"))
+        step = self._clock.correct(frames.time_s, np.array(arrivals))
+        if step:
+            self._notices.append(("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))
+        return frames
+
+    def _reopen(self, error: Exception) -> None:
+        """Wait for the bus to come back; AcquisitionError when it does not."""
+        why = " ".join(str(error).split()) or type(error).__name__
+        lost = time.monotonic()
+        self._shut()
+        while True:
+            try:
+                self.bus = self._opened()
+            except AcquisitionError as again:
+                if time.monotonic() - lost > self._patience_s:
+                    raise AcquisitionError(f"{self.name}: lost ({why}), and not back after {self._patience_s:g} s: {again}") from again
+                time.sleep(REOPEN_EVERY_S)
+            else:
+                self._notices.append(("bus_off", f"{self.name}: {why}; open again after {time.monotonic() - lost:.3f} s"))
+                return
+
+    def notices(self) -> list[Notice]:
+        """What happened to the bus since the last question."""
+        out, self._notices = self._notices, []
+        return out
+
+    def _shut(self) -> None:
+        bus, self.bus = self.bus, None
+        if bus is not None:
+            with contextlib.suppress(Exception):  # a bus that is already gone
+                bus.shutdown()
+
+    def close(self) -> None:
+        """Close the bus."""
+        self._shut()
+
+
+class SteadyClock:
+    """Frame times held against the host's monotonic clock."""
+
+    MEMORY_S = 10.0
+
+    def __init__(self) -> None:
+        self._best: deque[tuple[float, float]] = deque()
+        self._shift = 0.0
+        self._last: float | None = None
+
+    def correct(self, time_s: "np.ndarray[Any, np.dtype[np.float64]]", arrival_s: "np.ndarray[Any, np.dtype[np.float64]]") -> float:
+        """Take steps of the frames' clock out of time_s (n,), in place; the sum of the steps found [s].
+
+        arrival_s (n,) is when each frame was taken from the bus. The stamps lag the arrivals by an unknown constant and by a latency that
+        is never negative: a lead above the best so far, or stamps that run backwards, mean that the clock was set.
+        """
+        time_s += self._shift
+        total = 0.0
+        while True:
+            lead = time_s - arrival_s
+            best = max((b for _, b in self._best), default=None)
+            if best is None:
+                break
+            before = np.concatenate([[time_s[0] if self._last is None else self._last], time_s[:-1]])
+            stepped = np.flatnonzero((lead > best + SMALLEST_STEP_S) | (time_s < before - SMALLEST_STEP_S))
+            if len(stepped) == 0:
+                break
+            i = int(stepped[0])
+            step = float(lead[i:].max()) - best
+            if abs(step) < SMALLEST_STEP_S:
+                break
+            time_s[i:] -= step
+            self._shift -= step
+            total += step
+        if len(time_s):
+            self._last = float(time_s[-1])
+            self._best.append((float(arrival_s[-1]), float((time_s - arrival_s).max())))
+            while arrival_s[-1] - self._best[0][0] > self.MEMORY_S:
+                self._best.popleft()
+        return total
+
+
+class ReplaySource:
+    """A log file as if it happened now, in its own time or as fast as it is asked for."""
+
+    bit_rate: int | None = None
+    timestamp_source: TimestampSource = "log"
+
+    def __init__(self, path: Path, *, paced: bool) -> None:
+        from lmeasure.acquisition.logfiles import LogReport, log_batches
+
+        self.name = f"replay:{path}"
+        self._report = LogReport()
+        self._batches: Iterator[Frames] | None = log_batches(path, self._report)
+        self._paced = paced
+        self._held = no_frames()
+        self._begin: float | None = None
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """The next frames of the log; paced, those whose time has come."""
+        if len(self._held) == 0 and self._batches is not None:
+            self._held = next(self._batches, no_frames())
+        if len(self._held) == 0:
+            self.close()
+            return None
+        if not self._paced:
+            out, self._held = self._held, no_frames()
+            return out
+        if self._begin is None:
+            self._begin = time.monotonic() - float(self._held.time_s[0])
+        # sleep until the last frame at hand is due, but no longer than asked for
+        time.sleep(min(max(self._begin + float(self._held.time_s[-1]) - time.monotonic(), 0.0), timeout_s))
+        due = self._held.time_s <= time.monotonic() - self._begin
+        count = len(due) if due.all() else int(np.argmin(due))
+        out, self._held = self._held.take(slice(count)), self._held.take(slice(count, None))
+        return out
+
+    def notices(self) -> list[Notice]:
+        """Nothing happens to a file; what could not be read of it is said when it ends."""
+        return []
+
+    def close(self) -> None:
+        """Stop reading."""
+        if self._batches is not None:
+            self._batches.close()  # type: ignore[attr-defined]
+        self._batches, self._held = None, no_frames()
+
+
+class SimulatedSource(BusSource):
+    """The simulated cell: a scenario's frames, sent in real time from a thread over python-can's virtual bus."""
+
+    def __init__(self, scenario: Path) -> None:
+        import can
+
+        from lmeasure.acquisition.decoders import counter_fields
+        from lmeasure.simulation import read_scenario, simulate
+
+        asked, rig = read_scenario(scenario)
+        run = simulate(asked, rig).run
+        if run is None:
+            raise AcquisitionError(f"{scenario}: has no [[waypoint]] to move along")
+        counts = run.run.passes[0]
+        fields = counter_fields(rig)
+        recorded = np.column_stack([counts.of(f.channel) for f in fields])
+        frames = frames_from_counts(counts.time_s, recorded, fields, rig.can_table.sync_id)
+        place = virtual_place()
+        super().__init__(lambda: can.Bus(interface="virtual", channel=place), f"simulated:{scenario}")
+        self._stop = threading.Event()
+        self._sender = can.Bus(interface="virtual", channel=place)
+        self._thread = threading.Thread(target=send, args=(frames, self._sender), kwargs={"paced": True, "stop": self._stop}, daemon=True)
+        self._thread.start()
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """Frames of the feed; None when it has ended and all are taken."""
+        running = self._thread.is_alive()
+        frames = super().receive(timeout_s)
+        return frames if frames is None or len(frames) or running else None
+
+    def close(self) -> None:
+        """Stop the feed and close both ends."""
+        self._stop.set()
+        self._thread.join()
+        self._sender.shutdown()
+        super().close()
+
+
+def open_source(bus: str, bit_rate: int | None = None, options: Mapping[str, str] | None = None, *, paced: bool = True) -> Source:
+    """Open what `--bus` names. options go to python-can's interface as they are (whole numbers as such); AcquisitionError in one line.
+
+    udp_multicast stays on this machine unless `hop_limit` says otherwise.
+    """
+    interface, _, channel = bus.partition(":")
+    if not interface or not channel:
+        raise AcquisitionError(f"--bus {bus!r}: give INTERFACE:CHANNEL, such as socketcan:can0, slcan:/dev/ttyACM0 or replay:drive.blf")
+    if interface == "replay":
+        return ReplaySource(Path(channel), paced=paced)
+    if interface == "simulated":
+        return SimulatedSource(Path(channel))
+    import can
+
+    if interface not in can.interfaces.BACKENDS:
+        raise AcquisitionError(f"--bus {bus!r}: {interface!r} is no interface; known: {', '.join(sorted(can.interfaces.BACKENDS))}")
+    given: dict[str, Any] = {k: int(v) if v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}
+    if bit_rate is not None:
+        given["bitrate"] = bit_rate
+    if interface == "udp_multicast":
+        given.setdefault("hop_limit", 0)
+    name = f"{interface}:{channel}"
+    return BusSource(lambda: can.Bus(interface=interface, channel=channel, **given), name, bit_rate)

@@ -1,0 +1,51 @@
+"""`lmeasure record`: from a CAN bus to a run folder."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition.recorder import Progress
+
+
+def record(
+    rig: Annotated[Path, typer.Option("--rig", help="rig.toml; its [can] table says which frames carry the counters.")],
+    bus: Annotated[
+        str,
+        typer.Option("--bus", metavar="INTERFACE:CHANNEL", help="socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ..."),
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="RUN", help="Run folder to write.")],
+    seconds: Annotated[float | None, typer.Option("--seconds", min=0.001, help="Stop after this time; else with Ctrl-C.")] = None,
+    start: Annotated[
+        str | None, typer.Option("--start", metavar="X,Y,Z,QX,QY,QZ,QW", help="Pose at which the counters were zeroed, mm and quaternion.")
+    ] = None,
+    passage: Annotated[int, typer.Option("--pass", min=1, help="Which repetition of the motion; later ones join the same run folder.")] = 1,
+    option: Annotated[
+        list[str] | None, typer.Option("--bus-option", metavar="KEY=VALUE", help="Handed to the interface, such as host=... and port=...")
+    ] = None,
+    fast: Annotated[bool, typer.Option("--fast", help="replay: as fast as possible, not in the log's own time.")] = False,
+    live: Annotated[bool, typer.Option("--live", help="Show counts, rates, faults and latency while recording.")] = False,
+) -> None:
+    """Record a pass of the motion: every frame as it came, and the counts decoded from it."""
+    from lmeasure.acquisition.session import record_session
+
+    with _display(live) as show:
+        recording = record_session(
+            rig, bus, out, seconds=seconds, start=start, passage=passage, options=option or [], paced=not fast, show=show
+        )
+    typer.echo(recording.summary())
+    if start is None and passage == 1:
+        typer.echo("note: no --start pose: the base frame is taken to be the tool's frame at the start")
+
+
+def _display(live: bool) -> "AbstractContextManager[Callable[[Progress], None] | None]":
+    if live:
+        from lmeasure.cli.live import live_table
+
+        return live_table()
+    from contextlib import nullcontext
+
+    return nullcontext(None)
