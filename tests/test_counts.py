@@ -1,0 +1,208 @@
+"""Counts: their files, and counters that wrap, jump and pause."""
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lmeasure.counts import Counts, read_counts, unwrap, write_counts
+from lmeasure.errors import FileFormatError
+from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
+
+FloatArray = NDArray[np.float64]
+
+RATE = 1.5e6  # counts per second: 18 m/s at 0.012 mm
+
+
+def times(n: int, step: float = 1e-3) -> FloatArray:
+    return np.asarray(np.arange(n) * step, dtype=np.float64)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.one_of(st.integers(-(2**53), 2**53).map(float), st.floats(-1e9, 1e9), st.just(float("nan"))), min_size=2, max_size=30),
+    st.booleans(),
+)
+def test_counts_come_back_bit_for_bit(tmp_path: Path, suffix: str, values: list[float], with_sync: bool) -> None:
+    n = len(values)
+    recorded = np.column_stack([values, np.arange(float(n))])
+    sync = (np.arange(n) % 2).astype(np.float64) if with_sync else None
+    path = tmp_path / f"c{suffix}"
+    write_counts(path, Counts(times(n, 1 / 3), ("ch1", "ch2"), recorded, sync))
+    back = read_counts(path)
+    assert back.time_s.tobytes() == times(n, 1 / 3).tobytes()
+    assert back.channels == ("ch1", "ch2")
+    assert np.array_equal(back.recorded, recorded, equal_nan=True)
+    assert back.sync is None if sync is None else np.array_equal(back.sync, sync)  # type: ignore[arg-type]
+
+
+def test_whole_counts_are_written_as_whole_numbers(tmp_path: Path) -> None:
+    write_counts(tmp_path / "c.csv", Counts(times(2), ("ch1", "ch2"), np.array([[1.0, 0.5], [-2, np.nan]]), np.array([0.0, 1])))
+    assert (tmp_path / "c.csv").read_text().splitlines() == ["time_s,ch1,ch2,sync", "0,1,0.5,0", "0.001,-2,,1"]
+
+
+FILES = [
+    ("time_s\n0\n", "has no count column besides time_s"),
+    ("t,ch1\n0,1\n", "column 'time_s' is missing; it has t, ch1"),
+    ("time_s,ch1\n", "has no samples"),
+    ("time_s,ch1\n0,1\n1,2\n0.5,3\n", "sample 2: time_s = 0.5 does not follow 1.0"),
+    ("time_s,ch1\n0,1\n0,2\n", "sample 1: time_s = 0.0 does not follow 0.0"),
+    ("time_s,ch1\n0,1\n,2\n", "line 3, column 'time_s' is empty"),
+    ("time_s,ch1\n0,1\nnan,2\n", "line 3, column 'time_s' is nan"),
+    ("time_s,ch1\n0,1\n1,12abc\n", "line 3, column 'ch1': '12abc' is not a number"),
+    ("time_s,ch1,sync\n0,1,0\n1,1,2\n", "sample 1: sync = 2; it must be 0 or 1"),
+    ("time_s,ch1,sync\n0,1,0\n1,1,\n", "line 3, column 'sync' is empty"),
+    ("time_s,ch1,ch1\n0,1,2\n", "column 'ch1' stands twice"),
+]
+
+
+@pytest.mark.parametrize(("text", "line"), FILES)
+def test_one_line_names_the_row(tmp_path: Path, text: str, line: str) -> None:
+    path = tmp_path / "pass1.csv"
+    path.write_text(text)
+    with pytest.raises(FileFormatError) as caught:
+        read_counts(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert line in str(caught.value)
+
+
+def test_a_channel_that_is_not_there() -> None:
+    counts = Counts(times(2), ("ch1",), np.zeros((2, 1)), source="pass1.csv")
+    with pytest.raises(FileFormatError, match=r"pass1.csv: column 'ch2' is missing; it has ch1"):
+        counts.of("ch2")
+    with pytest.raises(FileFormatError, match="do not fit"):
+        Counts(times(2), ("ch1", "ch2"), np.zeros((2, 1)))
+
+
+def test_integers_of_parquet_with_nulls(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"time_s": [0.0, 1, 2], "ch1": pa.array([5, None, 7], pa.int32())}), tmp_path / "c.parquet")
+    assert np.array_equal(read_counts(tmp_path / "c.parquet").recorded[:, 0], [5, np.nan, 7], equal_nan=True)
+
+
+# --- counters ----------------------------------------------------------------------------------------------------------------------
+
+
+def wrapped(k: FloatArray, bits: int, signed: bool) -> FloatArray:
+    """Counts as a counter shows them, by integer arithmetic."""
+    full = 1 << bits
+    values = [int(x) % full for x in k]
+    return np.array([v - full if signed and v >= full // 2 else v for v in values], dtype=np.float64)
+
+
+@pytest.mark.parametrize("signed", [True, False])
+@pytest.mark.parametrize("bits", [16, 24, 32])
+def test_wraps_are_undone(bits: int, signed: bool) -> None:
+    g = np.random.default_rng(bits)
+    step = 1200.0
+    k = np.rint(np.cumsum(g.uniform(-step, step, 20_000) + 0.2 * step * np.sin(times(20_000, 2e-3))))
+    k += 2 ** (bits - 1) - 3000 - k[0]  # begins close to where a signed counter turns over
+    shown = wrapped(k, bits, signed)
+    out = unwrap(shown, times(20_000), RATE, bits)
+    assert (out.what == FOLLOWED).all()
+    assert np.array_equal(out.counts, k)
+    assert out.inferred_bits is None
+    if np.abs(np.diff(shown)).max() > RATE * 1e-3:
+        inferred = unwrap(shown, times(20_000), RATE, None)
+        assert inferred.inferred_bits == bits
+        assert np.array_equal(inferred.counts, k)
+
+
+def test_a_counter_without_width_is_left_alone() -> None:
+    k = np.rint(np.cumsum(np.random.default_rng(0).uniform(-900, 900, 5000)))
+    out = unwrap(k, times(5000), RATE, None)
+    assert out.inferred_bits is None
+    assert np.array_equal(out.counts, k)
+
+
+def test_fractions_are_not_rounded() -> None:
+    k = np.cumsum(np.random.default_rng(0).uniform(-900, 900, 5000))
+    assert np.array_equal(unwrap(k, times(5000), RATE, None).counts, k)
+    assert np.array_equal(unwrap(k, times(5000), RATE, 32).counts, k)
+
+
+def test_a_gap_is_a_gap_and_counting_goes_on() -> None:
+    k = np.arange(200.0) * 100
+    shown = wrapped(k, 16, True)
+    shown[50:60] = np.nan
+    out = unwrap(shown, times(200), RATE, 16)
+    assert (out.what[50:60] == EMPTY).all()
+    assert np.isnan(out.counts[50:60]).all()
+    good = out.what == FOLLOWED
+    assert good.sum() == 190
+    assert np.array_equal(out.counts[good], k[good])
+    assert (unwrap(np.full(3, np.nan), times(3), RATE, None).what == EMPTY).all()
+
+
+def test_after_a_long_pause_a_small_counter_is_unsure_for_good() -> None:
+    """16 bits at 1.5 million counts/s can go half their range in 22 ms."""
+    k = np.zeros(200)
+    t = times(200)
+    t[100:] += 0.030
+    out = unwrap(k, t, RATE, 16)
+    assert (out.what[:100] == FOLLOWED).all()
+    assert (out.what[100:] == UNSURE).all()
+    assert (unwrap(k, t, RATE, 32).what == FOLLOWED).all()
+    assert (unwrap(k, t, 1e5, 16).what == FOLLOWED).all(), "a slower limit makes it sure"
+
+
+def test_a_spike_is_a_jump_and_what_follows_is_good() -> None:
+    k = np.arange(100.0) * 50
+    for bits in (None, 16, 32):
+        for width in (1, 2, 7):
+            shown = k.copy()
+            shown[40 : 40 + width] += 20_000
+            out = unwrap(shown, times(100), RATE, bits)
+            bad = np.zeros(100, np.bool_)
+            bad[40 : 40 + width] = True
+            assert np.array_equal(out.what == JUMPED, bad)
+            assert np.array_equal(out.counts[~bad], k[~bad])
+
+
+def test_spikes_that_go_once_round_a_small_counter() -> None:
+    k = np.zeros(10)
+    shown = k.copy()
+    shown[4], shown[5] = 30_000, -30_000
+    out = unwrap(shown, times(10), RATE, 16)
+    assert (out.what[[4, 5]] == JUMPED).all()
+    assert np.array_equal(out.counts[6:], k[6:])
+
+
+def test_a_lost_origin_stays_lost() -> None:
+    k = np.arange(100.0) * 50
+    shown = k.copy()
+    shown[40:] += 20_000
+    out = unwrap(shown, times(100), RATE, 32)
+    assert (out.what[40:] == JUMPED).all()
+    assert np.isnan(out.counts[40:]).all()
+
+
+def test_values_that_a_counter_cannot_show() -> None:
+    shown = np.array([0.0, 10, 70_000, 30, -40_000, 50])
+    out = unwrap(shown, times(6), RATE, 16)
+    assert out.what.tolist() == [FOLLOWED, FOLLOWED, FOREIGN, FOLLOWED, FOREIGN, FOLLOWED]
+    assert np.array_equal(out.counts[[0, 1, 3, 5]], [0, 10, 30, 50])
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.lists(st.one_of(st.floats(-1e300, 1e300), st.just(float("nan"))), min_size=1, max_size=50), st.sampled_from([None, 8, 16, 64]))
+def test_any_numbers_are_classified(values: list[float], bits: int | None) -> None:
+    out = unwrap(np.array(values), times(len(values)), RATE, bits)
+    assert np.array_equal(np.isnan(out.counts), (out.what != FOLLOWED) & (out.what != UNSURE))
+
+
+def test_an_hour_takes_little_memory() -> None:
+    n = 400_000
+    recorded, t = np.zeros(n), times(n)
+    unwrap(recorded, t, RATE, 32)
+    tracemalloc.start()
+    unwrap(recorded, t, RATE, 32)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4 * recorded.nbytes
