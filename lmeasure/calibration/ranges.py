@@ -27,9 +27,10 @@ class Range:
 
 
 def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Range | None:
-    """Position of a point, solved anew with its assumed values held at each of 64 Sobol sets within sqrt(3) prior widths of the nominal.
+    """Position of a point, solved anew with its other values held at each of 64 Sobol sets within sqrt(3) prior widths of the nominal.
 
-    theta (p,) is where to start. None when nothing but the position is unknown, or no set fits.
+    theta (p,) is the result of the calibration: where to start, and the first of the sets. None when nothing but the position is
+    unknown, or no set fits.
     """
     unknowns = model.unknowns
     own = unknowns.of(point)
@@ -38,7 +39,7 @@ def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Ra
     if not held or len(place) != 3:
         return None
     unit = qmc.Sobol(len(held), scramble=True, rng=np.random.default_rng([seed, 7])).random_base2(SAMPLES_LOG2)
-    found = []
+    found = [theta[place]] if np.abs(model.residuals(theta)).max() < FITS_MM else []
     for sample in unit:
         fixed = theta.copy()
         fixed[held] = unknowns.nominal[held] + np.sqrt(3.0) * (2 * sample - 1) * unknowns.width[held]
@@ -59,4 +60,4 @@ def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Ra
             found.append(solution.x)
     if not found:
         return None
-    return Range(point, np.min(found, axis=0), np.max(found, axis=0), len(found), len(unit))
+    return Range(point, np.min(found, axis=0), np.max(found, axis=0), len(found), len(unit) + 1)
