@@ -41,6 +41,8 @@ CONVENTIONS = {
 DEFAULT = "puma-oat"
 RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "pose", "pass")
 """Columns of counts files that are no counter."""
+MAX_LENGTH_MM = 1e6
+"""A kilometre: beyond it a length is a slip of units."""
 QUATERNION_COLUMNS = ("qx", "qy", "qz", "qw")
 
 

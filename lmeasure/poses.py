@@ -1,5 +1,6 @@
 """Poses: positions and orientations of the tool in the base frame, with their standard uncertainties where stated."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +50,9 @@ def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Pos
     rows = np.array(rows, dtype=np.float64).reshape(-1, 7)
     if not np.isfinite(rows).all():
         raise FileFormatError(f"pose {int(np.argmax(~np.isfinite(rows).all(axis=1))) + 1}: holds a number that is not finite")
+    far = (np.abs(rows[:, :3]) > conventions.MAX_LENGTH_MM).any(axis=1)
+    if far.any():
+        raise FileFormatError(f"pose {int(np.argmax(far)) + 1}: lies more than {conventions.MAX_LENGTH_MM:.0f} mm from the origin")
     length = np.linalg.norm(rows[:, 3:], axis=1)
     if (np.abs(length - 1) > UNIT_TOLERANCE).any():
         i = int(np.argmax(np.abs(length - 1)))
@@ -64,9 +68,11 @@ def read_poses(path: Path, angles: str) -> Poses:
     names = table.text("pose")
     if len(names) == 0:
         raise FileFormatError(f"{path}: has no poses")
-    for name in names:
-        if names.count(name) > 1:
-            raise FileFormatError(f"{path}: pose {name!r} is given {names.count(name)} times")
+    if "" in names:
+        raise FileFormatError(f"{path}: pose number {names.index('') + 1} has no name")
+    name, times = Counter(names).most_common(1)[0]
+    if times > 1:
+        raise FileFormatError(f"{path}: pose {name!r} is given {times} times")
     position = table.matrix(POSITION_COLUMNS)
     columns = conventions.convention(angles).columns
     if all(c in table.columns for c in conventions.QUATERNION_COLUMNS):

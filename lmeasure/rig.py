@@ -19,13 +19,12 @@ from lmeasure.kernels.cable import CABLE_COLUMNS
 FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-MAX_LENGTH_MM = 1e6  # a kilometre: beyond it a length is a slip of units
 CABLES_FOR_A_POSE = 6
 
 
 def _finite_length(value: float) -> float:
-    if not abs(value) <= MAX_LENGTH_MM:
-        raise ValueError(f"must be a length of at most {MAX_LENGTH_MM:.0f} mm")
+    if not abs(value) <= conventions.MAX_LENGTH_MM:
+        raise ValueError(f"must be a length of at most {conventions.MAX_LENGTH_MM:.0f} mm")
     return value
 
 

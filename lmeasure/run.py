@@ -1,5 +1,6 @@
 """The run folder: run.toml, the rig (with its calibration record when linked) and the counts of each pass."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,9 @@ def read_run(folder: Path, rig_path: Path | None = None) -> Run:
         raise FileFormatError(f"{path}: has {len(passes)} [[pass]], but the rig's cables need {rig.passes}")
     counts = []
     for number, entry in enumerate(passes, 1):
+        strange = sorted(set(entry) - {"counts"})
+        if strange:
+            raise FileFormatError(f"{path}: pass {number}: unknown key {strange[0]!r}; known: counts")
         if not isinstance(entry.get("counts"), str):
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
         counts.append(read_counts(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"), torn=_ended_early(data, number)))
@@ -90,8 +94,11 @@ def _ended_early(data: dict[str, Any], number: int) -> bool:
 
 
 def _inside(folder: Path, name: str, what: str) -> Path:
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder.resolve()):
+    try:
+        inside = (folder / name).resolve().is_relative_to(folder.resolve())
+    except ValueError as error:  # a zero byte
+        raise FileFormatError(f"{what} = {name!r} is not the name of a file: {error}") from error
+    if not inside:
         raise FileFormatError(f"{what} = {name!r} lies outside the run folder")
     return folder / name
 
@@ -121,11 +128,9 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
 
 def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> FloatArray:
     values = table.get(key)
-    if (
-        not isinstance(values, list)
-        or len(values) != count
-        or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-        or not np.isfinite(values).all()
-    ):
-        raise FileFormatError(f"{path}: start: {key} must be {count} numbers")
-    return np.array(values, dtype=np.float64)
+    if isinstance(values, list) and len(values) == count and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+        with suppress(OverflowError):  # an integer of hundreds of digits
+            numbers = np.array([float(v) for v in values])
+            if np.isfinite(numbers).all():
+                return numbers
+    raise FileFormatError(f"{path}: start: {key} must be {count} numbers")
