@@ -82,7 +82,9 @@ def log_counts(rec: rr.RecordingStream, run: Run) -> None:
     for number, counts in enumerate(run.passes, 1):
         indexes = time_indexes(counts.time_s)
         for j, channel in enumerate(counts.channels):
-            send_scalars(rec, entity_path("counts", f"pass{number}", channel), indexes, counts.recorded[:, j])
+            entity = entity_path("counts", f"pass{number}", channel)
+            rec.log(entity, rr.SeriesLines(colors=cable_colour(j), names=channel), static=True)
+            send_scalars(rec, entity, indexes, counts.recorded[:, j])
 
 
 def log_record(rec: rr.RecordingStream, record: CalibrationRecord, reference: Poses | None) -> list[str]:
