@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -15,6 +16,13 @@ from lmeasure.errors import FileFormatError
 FloatArray = NDArray[np.float64]
 
 
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+
+# of the correlations: what rounding leaves of a covariance that is singular along a direction
+NEGATIVE_EIGENVALUE = 1e-6
+
+
 class _Record(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
 
@@ -23,9 +31,11 @@ class Parameter(_Record):
     """One solved value in the unit its name states; u is its standard uncertainty, prior_u that of the nominal value."""
 
     name: str
-    value: float
-    u: float
-    prior_u: float
+    value: Number
+    u: Number
+    prior_u: Number
+    U95: float | None = None
+    """Expanded uncertainty: the half width of the 95 % interval of this value alone."""
 
 
 class Residual(_Record):
@@ -33,14 +43,14 @@ class Residual(_Record):
 
     pose: str
     channel: str
-    mm: float
+    mm: Number
 
 
 class Unobservable(_Record):
     """A direction that the data leave undetermined: unit vector over the point's parameters in units of their prior widths."""
 
     point: str
-    direction: dict[str, float]
+    direction: dict[str, Number]
     text: str
 
 
@@ -67,30 +77,38 @@ class CalibrationRecord(_Record):
     schema_: Annotated[Literal["lmeasure.calibration/1"], Field(alias="schema")] = "lmeasure.calibration/1"
     rig: str
     parameters: tuple[Parameter, ...]
-    covariance: tuple[tuple[float, ...], ...]
+    covariance: tuple[tuple[Number, ...], ...]
     residuals: tuple[Residual, ...]
-    equations: int
-    unknowns: int
-    rank: int
+    equations: Count
+    unknowns: Count
+    rank: Count
     unobservable: tuple[Unobservable, ...] = ()
     warnings: tuple[Finding, ...] = ()
     inputs: tuple[Input, ...] = ()
     coarse: tuple[dict[str, Any], ...] = ()
     ranges: tuple[dict[str, Any], ...] = ()
+    correlations: tuple[dict[str, Any], ...] = ()
+    predicted: dict[str, Any] = Field(default_factory=dict)
+    validation: dict[str, Any] = Field(default_factory=dict)
     noise: dict[str, float] = Field(default_factory=dict)
     settings: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _square(self) -> Self:
+    def _is_a_covariance(self) -> Self:
         p = len(self.parameters)
         if len(self.covariance) != p or any(len(row) != p for row in self.covariance):
             raise ValueError(f"covariance: is not {p} x {p} as the parameters ask")
-        matrix = np.array(self.covariance, dtype=np.float64).reshape(p, p)
-        if not np.isfinite(matrix).all():
-            raise ValueError("covariance: holds a number that is not finite")
+        matrix = self.covariance_matrix()
         scale = np.sqrt(np.outer(np.diag(matrix).clip(0), np.diag(matrix).clip(0)))
         if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
             raise ValueError("covariance: is not symmetric with variances on its diagonal")
+        correlation = matrix / np.where(scale > 0, scale, 1.0)
+        if p and np.linalg.eigvalsh(correlation).min() < -NEGATIVE_EIGENVALUE:
+            raise ValueError("covariance: is not positive semidefinite: some combination would have a negative variance")
+        if p:
+            name, times = Counter(q.name for q in self.parameters).most_common(1)[0]
+            if times > 1:
+                raise ValueError(f"parameters: the name {name!r} is given {times} times")
         return self
 
     def covariance_matrix(self) -> FloatArray:
@@ -119,7 +137,8 @@ def read_calibration_record(path: Path) -> CalibrationRecord:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(step) for step in first["loc"])
-        raise FileFormatError(f"{path}: {where}: {first['msg']}".replace("\n", " ")) from None
+        what = f"{where}: {first['msg']}".removeprefix(": ").replace("Value error, ", "")
+        raise FileFormatError(f"{path}: {' '.join(what.split())}") from None
 
 
 def write_calibration_record(path: Path, record: CalibrationRecord) -> None:

@@ -101,6 +101,8 @@ class Rig(Strict):
     angles: str = conventions.DEFAULT
     assumed: tuple[str, ...] = ()
     calibration: str | None = None
+    constraint: Literal["planar", "vertical-axis"] | None = None
+    """What holds the tool where fewer than six cables measure it; see `trajectory.scheme`."""
     observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
     tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
@@ -118,8 +120,6 @@ class Rig(Strict):
                 if times > 1:
                     raise ValueError(f"{kind}: the name {name!r} is given {times} times")
         points = [p.name for p in self.observation_point]
-        for name in set(points) & set(self.tool):
-            raise ValueError(f"tool: {name!r} is an observation_point too; a parameter's name must tell them apart")
         for c in self.cable:
             if c.channel in conventions.RESERVED_COLUMNS:
                 raise ValueError(f"cable {c.name}: channel = {c.channel!r} is the name of another column of counts files")
@@ -207,6 +207,10 @@ class Rig(Strict):
                 f"rig {self.name!r}: has {len(self.cable)} cables; a pose is reconstructed from exactly {CABLES_FOR_A_POSE}, "
                 "in one pass or in several"
             )
+        self.require_spread()
+
+    def require_spread(self) -> None:
+        """RigError when the attachment points lie on one line: no cable sees a turn about it."""
         used = sorted({c.to_point for c in self.cable})
         points = np.array([self.tool[name] for name in used])
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)

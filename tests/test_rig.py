@@ -205,7 +205,6 @@ REFUSALS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("tool", {}), "tool: must not be empty"),
     (put("tool", "P1", [1, 2]), "tool P1"),
     (put("tool", "P 1", [1, 2, 3]), "tool P 1"),
-    (put("tool", "B1", [1, 2, 3]), "tool: 'B1' is an observation_point too"),
     (put("observation_point", {"name": "B1"}), "observation_point: must be an array"),
     (put("cable", 0, "from", "B9"), "cable c1: from = 'B9' is no observation_point (B1, B2)"),
     (put("cable", 0, "to", "P9"), "cable c1: to = 'P9' is no point of [tool] (P1, P2, P3)"),
