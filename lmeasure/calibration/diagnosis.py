@@ -1,16 +1,25 @@
-"""Is something wrong with the data? Each suspicion is a test with its evidence, never a repair."""
+"""Is something wrong with the data? Each suspicion is a hypothesis with its evidence, never a repair.
 
+A hypothesis is another reading of the same files: a channel decoded at another scale or sign, two channels swapped, a cable tied to another
+attachment point, another angle convention. It is named when it raises the posterior of the points it concerns by far.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from lmeasure import conventions
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.refine import Fit
-from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration_record import Finding
+from lmeasure.poses import Poses
 
-FloatArray = NDArray[np.float64]
+Judge = Callable[[Campaign, str], Fit]
+"""The best fit of one observation point to a campaign, with the prior on every direction."""
 
 SCALES = (0.25, 0.5, 2.0, 4.0)
 """Decoding slips that occur: quadrature edges counted once, twice or four times, a shifted bit."""
@@ -21,78 +30,114 @@ EVIDENCE = 16.0
 ALARM = 1e-4
 """Probability under which a misfit is no chance."""
 
+GROSS_MM = 1.0
+"""Residuals that no reference pose or rounding makes, but a slip of this kind does."""
+
 
 @dataclass(frozen=True)
-class Suspicion:
-    """A hypothesis that explains a channel better than the rig as stated: its kind (scale or sign), value, and gain in evidence."""
+class Hypothesis:
+    """Another reading of the campaign: code and text of its finding, the observation points it concerns, the campaign as it would be."""
 
-    kind: str
-    value: float
-    gain: float
-
-
-GROSS_MM = 1.0
-"""Residuals that no reference pose or rounding makes, but a decoding slip does."""
+    code: str
+    text: str
+    points: tuple[str, ...]
+    campaign: Campaign
+    channel: str | None = None
+    value: float | None = None
 
 
 def gross(fit: Fit) -> bool:
-    """Whether a decoding slip is worth asking for: residuals of millimetres, or nominal values pulled far beyond their priors.
+    """Whether a slip is worth asking for: residuals of millimetres, or nominal values pulled far beyond their priors.
 
     fit has the prior on every direction. Prior and data together are chi-squared with one degree of freedom per equation.
     """
     if float(np.sqrt(np.mean(fit.residuals**2))) > GROSS_MM:
         return True
-    return bool(scipy.stats.chi2.sf(fit.objective / _noise(fit), len(fit.residuals)) < ALARM)
+    return bool(scipy.stats.chi2.sf(fit.objective / _noise([fit]), len(fit.residuals)) < ALARM)
 
 
-def _noise(fit: Fit) -> float:
-    """Variance of the residuals in units of the stated one, at least 1."""
-    return max(1.0, fit.chi2 / max(len(fit.residuals) - fit.rank, 1))
-
-
-def with_scale(campaign: Campaign, cable: int, scale: float) -> Campaign:
-    """The campaign as it would be if a channel's recorded counts were `scale` times what the rig says (negative: the sign is wrong too)."""
-    counts = campaign.counts.copy()
-    counts[:, cable] /= scale
-    return replace(campaign, counts=counts)
-
-
-def gain(stated: Fit, other: Fit) -> float:
-    """How much better another hypothesis explains the same data, in units of its own noise."""
-    return (stated.objective - other.objective) / _noise(other)
-
-
-@dataclass(frozen=True)
-class PoseTest:
-    """A reference pose against all others: F statistic of its removal, degrees of freedom, probability of chance (Bonferroni)."""
-
-    pose: str
-    statistic: float
-    probability: float
-
-
-def outlier_poses(model: Model, fit: Fit) -> list[PoseTest]:
-    """Reference poses that the others contradict, worst first, by the mean-shift outlier test (Baarda; Cook and Weisberg 1982).
-
-    For each pose an own shift is allowed to its residuals; the fall of chi-squared is compared with what is left by an F test, so an
-    unknown common noise level does not matter. A campaign whose redundancy does not allow the test gives nothing.
-    """
-    e, rank = len(fit.residuals), fit.rank
-    J = model.jacobian(fit.theta) * model.unknowns.width @ fit.directions[fit.known].T
-    inverse = np.linalg.inv(fit.V)
-    P = inverse - inverse @ J @ np.linalg.solve(J.T @ inverse @ J, J.T @ inverse)
-    out = []
-    poses = np.unique(model.pose_index)
-    for pose in poses:
-        rows = np.flatnonzero(model.pose_index == pose)
-        block = P[np.ix_(rows, rows)]
-        left = e - rank - len(rows)
-        if left < 3 or np.linalg.cond(block) > 1e10:
+def diagnose(campaign: Campaign, stated: dict[str, Fit], judge: Judge) -> list[Finding]:
+    """Findings about the channels and the pose file that explain gross misfits; stated are the points' fits to the campaign as it is."""
+    suspects = [name for name, fit in stated.items() if gross(fit)]
+    if not suspects:
+        return []
+    findings: list[Finding] = []
+    explained: set[str] = set()
+    # what explains everything at once goes before what explains a channel
+    for hypotheses in (_conventions(campaign, suspects, list(stated)), _swaps(campaign, suspects)):
+        tested = sorted(((_gain(stated, h, judge), h) for h in hypotheses if not explained & set(h.points)), key=lambda pair: -pair[0])
+        for gain, h in tested:
+            if gain > EVIDENCE and not explained & set(h.points):
+                findings.append(_finding(h, gain))
+                explained |= set(h.points)
+    for name in suspects:
+        if name in explained:
             continue
-        shift = P[rows] @ fit.residuals
-        fall = float(shift @ np.linalg.solve(block, shift))
-        rest = max(fit.chi2 - fall, 1e-12)
-        statistic = (fall / len(rows)) / (rest / left)
-        probability = min(1.0, len(poses) * float(scipy.stats.f.sf(statistic, len(rows), left)))
-        out.append(PoseTest(model.campaign.poses.names[pose], statistic, probability))
-    return sorted(out, key=lambda t: t.probability)
+        gain, best = max(((_gain(stated, h, judge), h) for h in _channels(campaign, name)), key=lambda pair: pair[0])
+        if gain > EVIDENCE:
+            findings.append(_finding(best, gain))
+    return findings
+
+
+def _finding(h: Hypothesis, gain: float) -> Finding:
+    text = f"{h.text}; nothing was repaired (evidence {gain:.3g} in twice the log odds)"
+    return Finding(code=h.code, channel=h.channel, value=h.value, text=text)
+
+
+def _noise(fits: list[Fit]) -> float:
+    """Variance of the residuals in units of the stated one, at least 1."""
+    freedom = sum(len(f.residuals) - f.rank for f in fits)
+    return max(1.0, sum(f.chi2 for f in fits) / max(freedom, 1))
+
+
+def _gain(stated: dict[str, Fit], h: Hypothesis, judge: Judge) -> float:
+    """How much better a hypothesis explains the data of its points, in units of its own noise."""
+    others = [judge(h.campaign, name) for name in h.points]
+    return (sum(stated[name].objective for name in h.points) - sum(f.objective for f in others)) / _noise(others)
+
+
+def _conventions(campaign: Campaign, suspects: list[str], points: list[str]) -> Iterator[Hypothesis]:
+    if set(suspects) != set(points):
+        return
+    own = campaign.rig.angles
+    angles = conventions.angles_from_rotation(own, campaign.poses.rotation)
+    for name, other in conventions.CONVENTIONS.items():
+        if name == own or other.axes == "rotvec" or conventions.convention(own).axes == "rotvec":
+            continue
+        rotation: Rotation = conventions.rotation_from_angles(name, angles)
+        rows = np.column_stack([campaign.poses.rows[:, :3], rotation.as_quat()])
+        poses = Poses(campaign.poses.names, rows, campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
+        text = f"the reference poses fit when their angles are read as {name}, not as the rig's {own}"
+        yield Hypothesis("angles", text, tuple(points), replace(campaign, poses=poses))
+
+
+def _swaps(campaign: Campaign, suspects: list[str]) -> Iterator[Hypothesis]:
+    cables = [j for j, c in enumerate(campaign.cables) if c.from_point in suspects]
+    for i, j in combinations(cables, 2):
+        a, b = campaign.cables[i], campaign.cables[j]
+        if a.passage != b.passage:
+            continue
+        counts = campaign.counts.copy()
+        counts[:, [i, j]] = counts[:, [j, i]]
+        text = f"channels {a.channel} and {b.channel}: the counts fit when the two are swapped"
+        points = tuple(dict.fromkeys((a.from_point, b.from_point)))
+        yield Hypothesis("swapped", text, points, replace(campaign, counts=counts), a.channel)
+
+
+def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
+    for j, c in enumerate(campaign.cables):
+        if c.from_point != point:
+            continue
+        for factor in (*SCALES, -1.0, *(-s for s in SCALES)):
+            counts = campaign.counts.copy()
+            counts[:, j] /= factor
+            read = f"at scale {factor:g}, not at the rig's" if factor > 0 else "with the other sign"
+            read += f" and scale {-factor:g}" if factor < 0 and factor != -1 else ""
+            text = f"channel {c.channel}: its counts fit when it is decoded {read}"
+            yield Hypothesis("scale" if factor > 0 else "sign", text, (point,), replace(campaign, counts=counts), c.channel, factor)
+        for other in campaign.rig.tool:
+            if other != c.to_point:
+                cables = list(campaign.cables)
+                cables[j] = c.model_copy(update={"to_point": other})
+                text = f"channel {c.channel}: its counts fit when cable {c.name} is tied to {other}, not to {c.to_point}"
+                yield Hypothesis("attachment", text, (point,), replace(campaign, cables=tuple(cables)), c.channel)

@@ -2,29 +2,29 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
 from numpy.typing import NDArray
 
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
 from lmeasure.calibration.lp_search import Box, point_data, search_point
+from lmeasure.calibration.misfit import explain_misfit
+from lmeasure.calibration.prediction import Prediction, predict
 from lmeasure.calibration.ranges import position_range
+from lmeasure.calibration.recording import make_record, predicted_entry
 from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
-from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual
+from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 STARTS = 6  # distinct LP candidates that are polished per point
-CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,12 @@ class Settings:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The calibrated rig, its record, and the reference poses' campaign it came from."""
+    """The calibrated rig, its record, the campaign it came from, and how well it predicts over the reference poses' workspace."""
 
     rig: Rig
     record: CalibrationRecord
     campaign: Campaign
+    predicted: Prediction
 
 
 @dataclass(frozen=True)
@@ -68,25 +69,26 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     names = list(dict.fromkeys(c.from_point for c in campaign.cables))
     points: list[_Point] = []
     findings = [Finding(code="note", text=n) for n in campaign.notes]
-    suspects: dict[int, diagnosis.Suspicion] = {}
     for i, name in enumerate(names):
         if progress:
-            progress(i, len(names) + 1)
-        point = _solve_point(campaign, name, settings, noise)
-        points.append(point)
-        suspects |= _suspect_channels(campaign, point, settings, noise)
+            progress(i, len(names) + 2)
+        points.append(_solve_point(campaign, name, settings, noise))
     if progress:
-        progress(len(names), len(names) + 1)
+        progress(len(names), len(names) + 2)
+    everywhere = replace(settings, prior=True)
+    stated = {p.name: fit(p.model, p.fit.theta, noise, prior_everywhere=True) for p in points}
+    gross = diagnosis.diagnose(campaign, stated, lambda other, name: _solve_point(other, name, everywhere, noise).fit)
+    if progress:
+        progress(len(names) + 1, len(names) + 2)
     start = unknowns.nominal.copy()
     for point in points:
         for value, name in zip(point.fit.theta, point.model.unknowns.names, strict=True):
             start[unknowns.names.index(name)] = value
     model = Model(campaign, unknowns)
-    joint = fit(model, start, noise, settings.prior)
-    findings += _suspicion_findings(campaign, suspects)
-    joint, noise, more = _explain_misfit(model, joint, noise, settings, set(suspects))
-    findings += more
-    findings += _shape_findings(campaign, unknowns, joint, points)
+    joint, noise, misfits = explain_misfit(
+        model, fit(model, start, noise, settings.prior), noise, settings.prior, [w.channel or w.code for w in gross]
+    )
+    findings += [*gross, *misfits, *_shape_findings(campaign, unknowns, joint, points)]
     sight = _lines_of_sight(campaign, unknowns, joint)
     silent = observability.unobservable_directions(unknowns, joint, sight)
     for owner in dict.fromkeys(u.point for u in silent):
@@ -95,10 +97,43 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
         left = f"{len(own)} of {len(unknowns.of(owner))} unknowns"
         text = f"{owner}: {equations} equations leave {left} undetermined; there the nominal rig's priors decide"
         findings.append(Finding(code="underdetermined", text=text, value=float(len(own))))
-    record = _record(campaign, unknowns, model, joint, noise, settings, points, findings, silent)
+    rig = rig_with(campaign, unknowns, joint.theta, "calibration.json")
+    record = make_record(campaign, model, joint, noise, findings, silent)
+    ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in _with_assumed(campaign)]
+    predicted = predict(campaign, rig, record, settings.seed)
+    record = record.model_copy(
+        update={
+            "coarse": tuple(
+                _coarse_entry(p.name, channel, i, s) for p in points for channel, both in p.coarse.items() for i, s in enumerate(both)
+            ),
+            "ranges": tuple(
+                {"point": r.point, "low_mm": r.low.tolist(), "high_mm": r.high.tolist(), "fitting": r.fitting, "tried": r.tried}
+                for r in ranges
+                if r is not None
+            ),
+            "predicted": predicted_entry(campaign, predicted),
+            "settings": asdict(settings) | {"solve": list(settings.solve)},
+        }
+    )
     if progress:
-        progress(len(names) + 1, len(names) + 1)
-    return Calibration(rig_with(campaign, unknowns, joint.theta, "calibration.json"), record, campaign)
+        progress(len(names) + 2, len(names) + 2)
+    return Calibration(rig, record, campaign, predicted)
+
+
+def _with_assumed(campaign: Campaign) -> set[str]:
+    return {name.split(".")[0] for name in campaign.rig.assumed}
+
+
+def _coarse_entry(point: str, channel: str, place: int, s: CoarseSolution) -> dict[str, Any]:
+    return {
+        "point": point,
+        "channel": channel,
+        "position_mm": s.position.tolist(),
+        "first_length_mm": s.first_length,
+        "rms_mm": s.rms,
+        "physical": s.physical,
+        "chosen": place == 0 and s.physical,
+    }
 
 
 def _of_point(campaign: Campaign, name: str) -> Campaign:
@@ -160,108 +195,6 @@ def _distinct(starts: list[FloatArray], width: FloatArray) -> list[FloatArray]:
     return out[: STARTS + 1]
 
 
-def _suspect_channels(campaign: Campaign, point: _Point, settings: Settings, noise: Noise) -> dict[int, diagnosis.Suspicion]:
-    """Cables (by index) whose counts another scale or sign explains far better than the rig as stated."""
-    stated = fit(point.model, point.fit.theta, noise, prior_everywhere=True)
-    if not diagnosis.gross(stated):
-        return {}
-    out = {}
-    for j, c in enumerate(campaign.cables):
-        if c.from_point != point.name:
-            continue
-        best: diagnosis.Suspicion | None = None
-        for scale in (*diagnosis.SCALES, -1.0, *(-s for s in diagnosis.SCALES)):
-            other = _solve_point(diagnosis.with_scale(campaign, j, scale), point.name, replace(settings, prior=True), noise).fit
-            gained = diagnosis.gain(stated, other)
-            if gained > diagnosis.EVIDENCE and (best is None or gained > best.gain):
-                best = diagnosis.Suspicion("scale" if scale > 0 else "sign", abs(scale) if scale > 0 else scale, gained)
-        if best is not None:
-            out[j] = best
-    return out
-
-
-def _suspicion_findings(campaign: Campaign, suspects: dict[int, diagnosis.Suspicion]) -> list[Finding]:
-    out = []
-    for j, s in suspects.items():
-        channel = campaign.cables[j].channel
-        if s.kind == "scale":
-            text = f"channel {channel}: its counts fit when it is decoded at scale {s.value:g}, not at the rig's; nothing was repaired"
-        else:
-            text = (
-                f"channel {channel}: its counts fit with the other sign"
-                + (f" and scale {-s.value:g}" if s.value != -1 else "")
-                + "; nothing was repaired"
-            )
-        out.append(Finding(code=s.kind, channel=channel, value=s.value, text=f"{text} (evidence {s.gain:.3g} in twice the log odds)"))
-    return out
-
-
-def _explain_misfit(model: Model, found: Fit, noise: Noise, settings: Settings, suspects: set[int]) -> tuple[Fit, Noise, list[Finding]]:
-    """When the residuals exceed the stated noise: name a pose the others contradict, and estimate the reference poses' error."""
-    freedom = len(found.residuals) - found.rank
-    if freedom < 1 or scipy.stats.chi2.sf(found.chi2, freedom) > CHANCE:
-        return found, noise, []
-    findings = []
-    rms = float(np.sqrt(np.mean(found.residuals**2)))
-    clean = [c for j, c in enumerate(model.campaign.cables) if j not in suspects]
-    if not clean or suspects:
-        points = {model.campaign.cables[j].from_point for j in suspects}
-        text = f"residuals of {rms:.3g} mm rms exceed the noise; look first at the channel named above ({', '.join(sorted(points))})"
-        findings.append(Finding(code="misfit", text=text, value=rms))
-    else:
-        for test in diagnosis.outlier_poses(model, found)[:1]:
-            if test.probability < CHANCE:
-                odds = f"F = {test.statistic:.3g}, p = {test.probability:.2g}"
-                text = f"pose {test.pose}: the other poses contradict it ({odds}); it was used all the same"
-                findings.append(Finding(code="outlier", pose=test.pose, value=test.statistic, text=text))
-        u = _pose_error(model, found, noise)
-        noise = Noise(np.hypot(noise.u_position_mm, u), noise.u_rotation_rad)
-        found = fit(model, found.theta, noise, settings.prior)
-        u_more = _pose_error(model, found, noise) if scipy.stats.chi2.sf(found.chi2, max(freedom, 1)) < CHANCE else 0.0
-        if u_more > 0:
-            noise = Noise(np.hypot(noise.u_position_mm, u_more), noise.u_rotation_rad)
-            found = fit(model, found.theta, noise, settings.prior)
-        total = math.hypot(u, u_more)
-        text = (
-            f"residuals of {rms:.3g} mm rms exceed the stated noise; reference poses in error by {total:.3g} mm (1 sigma per axis) "
-            "would explain them, and the uncertainties include that"
-        )
-        findings.append(Finding(code="misfit", text=text, value=total))
-    freedom = len(found.residuals) - found.rank
-    if freedom >= 1 and scipy.stats.chi2.sf(found.chi2, freedom) < CHANCE:
-        # what nobody can explain widens the uncertainties by its own size
-        found = replace(found, covariance=_inflated(found, freedom))
-    return found, noise, findings
-
-
-def _inflated(found: Fit, freedom: int) -> FloatArray:
-    factor = found.chi2 / freedom
-    return np.asarray(found.covariance * factor)
-
-
-def _pose_error(model: Model, found: Fit, noise: Noise) -> float:
-    """The extra standard uncertainty of the reference positions [mm] at which chi-squared equals its degrees of freedom (method of moments,
-    with the model linearised at the fit)."""
-    J = model.jacobian(found.theta) * model.unknowns.width @ found.directions[found.known].T
-    by_pose = model.pose_jacobian(found.theta)[:, :, 3:].reshape(len(found.residuals), -1)
-    extra = by_pose @ by_pose.T
-    freedom = len(found.residuals) - found.rank
-
-    def excess(log_u: float) -> float:
-        L = np.linalg.cholesky(found.V + math.exp(2 * log_u) * extra)
-        A, r = np.linalg.solve(L, J), np.linalg.solve(L, found.residuals)
-        Q, _ = np.linalg.qr(A)
-        r = r - Q @ (Q.T @ r)
-        return float(r @ r) - freedom
-
-    low, high = math.log(1e-5), math.log(1e3)
-    if excess(low) <= 0:
-        return 0.0
-    if excess(high) >= 0:
-        return math.exp(high)
-    return math.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-3))
-
-
 def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[_Point]) -> list[Finding]:
     """Results at the edge of the search, missing coarse solutions, and a fit that did not settle."""
     out = []
@@ -305,72 +238,3 @@ def _lines_of_sight(campaign: Campaign, unknowns: Unknowns, found: Fit) -> dict[
         way = middle - position
         out[c.from_point] = way / max(float(np.linalg.norm(way)), 1e-9)
     return out
-
-
-def _record(
-    campaign: Campaign,
-    unknowns: Unknowns,
-    model: Model,
-    found: Fit,
-    noise: Noise,
-    settings: Settings,
-    points: list[_Point],
-    findings: list[Finding],
-    silent: list[Any],
-) -> CalibrationRecord:
-    u = np.sqrt(np.diag(found.covariance))
-    coarse = [
-        {
-            "point": p.name,
-            "channel": channel,
-            "position_mm": [float(x) for x in s.position],
-            "first_length_mm": s.first_length,
-            "rms_mm": s.rms,
-            "physical": s.physical,
-            "chosen": i == 0 and s.physical,
-        }
-        for p in points
-        for channel, solutions in p.coarse.items()
-        for i, s in enumerate(solutions)
-    ]
-    freedom = len(found.residuals) - found.rank
-    assumed = {name.split(".")[0] for name in campaign.rig.assumed}
-    ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in assumed]
-    return CalibrationRecord(
-        rig=campaign.rig.name,
-        parameters=tuple(
-            Parameter(name=n, value=float(v), u=float(s), prior_u=float(w))
-            for n, v, s, w in zip(unknowns.names, found.theta, u, unknowns.width, strict=True)
-        ),
-        covariance=tuple(tuple(float(x) for x in row) for row in found.covariance),
-        residuals=tuple(
-            Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
-            for i, j, r in zip(model.pose_index, model.cable_index, found.residuals, strict=True)
-        ),
-        equations=model.equations,
-        unknowns=len(unknowns.names),
-        rank=found.rank,
-        unobservable=tuple(silent),
-        warnings=tuple(findings),
-        inputs=campaign.inputs,
-        coarse=tuple(coarse),
-        ranges=tuple(
-            {"point": r.point, "low_mm": r.low.tolist(), "high_mm": r.high.tolist(), "fitting": r.fitting, "tried": r.tried}
-            for r in ranges
-            if r is not None
-        ),
-        noise={
-            "chi_squared": found.chi2,
-            "degrees_of_freedom": float(freedom),
-            "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
-            "reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2))),
-            "reference_u_rotation_deg": float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2)))),
-        },
-        settings={
-            "solve": list(settings.solve),
-            "neighbourhood_mm": settings.neighbourhood_mm,
-            "neighbourhood_deg": settings.neighbourhood_deg,
-            "prior": settings.prior,
-            "seed": settings.seed,
-        },
-    )

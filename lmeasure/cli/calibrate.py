@@ -53,6 +53,8 @@ def calibrate(
         typer.echo(f"{p.name:28s} {p.value:14.4f}  u {p.u:.3g}")
     typer.echo(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
     typer.echo(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
+    for e in record.predicted["lengths"]:
+        typer.echo(f"predicted over the workspace: cable {e['cable']} u {e['rms_mm']:.4f} mm rms, {e['worst_mm']:.4f} at worst")
     for w in record.warnings:
         typer.echo(f"warning {w.code}: {w.text}")
     typer.echo(f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}")

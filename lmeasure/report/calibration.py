@@ -23,13 +23,15 @@ def write_calibration_page(path: Path, calibration: Calibration) -> None:
             html.heading("Values"),
             html.paragraph("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value."),
             html.table(
-                ("value", "result", "u", "prior u"),
-                ((p.name, f"{p.value:.4f}", f"{p.u:.3g}", f"{p.prior_u:.3g}") for p in record.parameters),
+                ("value", "result", "u", "U95", "prior u"),
+                ((p.name, f"{p.value:.4f}", f"{p.u:.3g}", f"{p.U95:.3g}", f"{p.prior_u:.3g}") for p in record.parameters),
             ),
             *_ranges(record),
+            *_predicted(calibration),
+            *_validation(record),
             html.heading("Residuals"),
             html.paragraph("Measured less modelled change of each cable since its zero pose."),
-            _residuals(record).to_html(full_html=False, include_plotlyjs=True),
+            _residuals(record).to_html(full_html=False, include_plotlyjs=False),
             html.heading("The rig"),
             _rig(calibration).to_html(full_html=False, include_plotlyjs=False),
             *_coarse(record),
@@ -55,6 +57,61 @@ def _silence(record: CalibrationRecord) -> list[str]:
         html.paragraph("Each line moves by one prior standard uncertainty without changing a count. More and wider spread poses cure it."),
         "<ul>" + "".join(f"<li>{html.text(u.text)}</li>" for u in record.unobservable) + "</ul>",
     ]
+
+
+def _predicted(calibration: Calibration) -> list[str]:
+    """What the calibration's own uncertainty does to lengths and poses over the workspace of the reference poses."""
+    entry, predicted = calibration.record.predicted, calibration.predicted
+    rows = [(e["cable"], f"{e['rms_mm']:.4f}", f"{e['worst_mm']:.4f}") for e in entry["lengths"]]
+    parts = [
+        html.heading("Predicted standard uncertainty from this calibration"),
+        html.paragraph(
+            f"Change of each cable since the zero pose, at {entry['poses']} poses in the box of the reference poses. This is what the "
+            "instrument inherits; an observation point may be known ten times worse than the lengths it predicts."
+        ),
+        html.table(("cable", "rms, mm", "worst, mm"), rows),
+    ]
+    if "position_rms_mm" in entry:
+        parts.append(
+            html.paragraph(
+                f"Tool position {entry['position_rms_mm']:.4f} mm rms, {entry['position_worst_mm']:.4f} mm at worst; "
+                f"rotation {entry['rotation_rms_deg']:.5f} deg rms, {entry['rotation_worst_deg']:.5f} deg at worst."
+            )
+        )
+    worst = predicted.length_mm.max(axis=1)
+    x, y, z = predicted.rows[:, :3].T
+    marker = {"size": 4, "color": worst, "colorscale": "Viridis", "colorbar": {"title": "mm"}}
+    figure = go.Figure(
+        go.Scatter3d(
+            x=x,
+            y=y,
+            z=z,
+            mode="markers",
+            marker=marker,
+            hovertemplate="%{marker.color:.4f} mm<br>%{x:.0f}, %{y:.0f}, %{z:.0f}<extra></extra>",
+        )
+    )
+    axes = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
+    figure.update_layout(height=520, margin={"t": 10}, scene=axes)
+    return [*parts, html.paragraph("Worst cable at each pose:"), figure.to_html(full_html=False, include_plotlyjs=True)]
+
+
+def _validation(record: CalibrationRecord) -> list[str]:
+    parts = []
+    if record.validation:
+        rows = [(p["pose"], f"{p['rms_mm']:.4f}") for p in record.validation["poses"]]
+        parts += [
+            html.heading("Each pose predicted by the others"),
+            html.paragraph(f"A fit without a pose misses its lengths by {record.validation['left_out_rms_mm']:.4g} mm rms."),
+            html.table(("pose left out", "rms, mm"), rows),
+        ]
+    if record.correlations:
+        parts += [
+            html.heading("Values that cannot be told apart"),
+            html.paragraph("Correlations beyond 0.95: quote such values together, or not at all."),
+            html.table(("value", "with", "correlation"), ((c["a"], c["b"], f"{c['value']:+.4f}") for c in record.correlations)),
+        ]
+    return parts
 
 
 def _ranges(record: CalibrationRecord) -> list[str]:

@@ -13,6 +13,7 @@ from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, rea
 from lmeasure.calibration.refine import Noise, fit
 from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
 from lmeasure.calibration_record import read_calibration_record, write_calibration_record
+from lmeasure.conventions import angles_from_rotation, rotation_from_angles
 from lmeasure.errors import CalibrationError, FileFormatError, LMeasureError
 from lmeasure.lengths import counts_from_poses, span_lengths
 from lmeasure.poses import poses_from_rows
@@ -154,6 +155,76 @@ def test_reversed_channel_is_named() -> None:
     counts[:, 1] *= -1
     named = [(w.code, w.channel) for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code in {"sign", "scale"}]
     assert named == [("sign", "ch2")]
+
+
+def test_swapped_channels_are_named() -> None:
+    campaign = read_campaign(TRUTH / "cell-12-poses")
+    counts = campaign.counts.copy()
+    counts[:, [1, 4]] = counts[:, [4, 1]]
+    named = [w for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code in {"swapped", "sign", "scale", "attachment"}]
+    assert [w.code for w in named] == ["swapped"]
+    assert "ch2 and ch5" in named[0].text
+
+
+def test_cable_at_another_attachment_point_is_named() -> None:
+    campaign = read_campaign(TRUTH / "cell-12-poses")
+    data = campaign.rig.to_dict()
+    assert data["cable"][3]["to"] == "P2"
+    data["cable"][3]["to"] = "P3"
+    rig = rig_from_dict(data)
+    named = [
+        w
+        for w in calibrate(replace(campaign, rig=rig, cables=rig.cable)).record.warnings
+        if w.code in {"swapped", "sign", "scale", "attachment"}
+    ]
+    assert [(w.code, w.channel) for w in named] == [("attachment", "ch4")]
+    assert "tied to P2, not to P3" in named[0].text
+
+
+def test_wrong_angle_convention_is_named() -> None:
+    """Pose angles written by another controller: read as the rig's, they fit only in their own convention."""
+    campaign = read_campaign(TRUTH / "cell-12-poses")
+    angles = angles_from_rotation("staubli-xyz", campaign.poses.rotation)
+    wrong = np.column_stack([campaign.poses.rows[:, :3], rotation_from_angles("puma-oat", angles).as_quat()])
+    result = calibrate(replace(campaign, poses=poses_from_rows(wrong, campaign.poses.names)))
+    named = [w for w in result.record.warnings if w.code in {"angles", "swapped", "sign", "scale", "attachment"}]
+    assert [w.code for w in named] == ["angles"]
+    assert "staubli-xyz" in named[0].text
+
+
+def test_slipped_counter_is_named(twelve: Calibration) -> None:
+    campaign = twelve.campaign
+    counts = campaign.counts.copy()
+    counts[7:, 2] -= 30  # 0.36 mm lost between poses 7 and 8
+    result = calibrate(replace(campaign, counts=counts))
+    slip = codes(result)["slip"]
+    assert (slip.channel, slip.pose) == ("ch3", campaign.poses.names[7])
+    assert slip.value == pytest.approx(-0.36, abs=0.02)
+    assert "outlier" not in codes(result)
+
+
+def test_deletion_residuals_are_those_of_fits_without_the_pose(twelve: Calibration) -> None:
+    campaign = twelve.campaign
+    for entry in twelve.record.validation["poses"][:3]:
+        pose = campaign.poses.names.index(entry["pose"])
+        counts = campaign.counts.copy()
+        counts[pose] = np.nan
+        without = calibrate(replace(campaign, counts=counts))
+        model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
+        r = model.residuals(np.array([p.value for p in without.record.parameters]))
+        assert np.sqrt(np.mean(r[model.pose_index == pose] ** 2)) == pytest.approx(entry["rms_mm"], rel=1e-2)
+
+
+def test_predicted_lengths_cover_the_true_error(twelve: Calibration) -> None:
+    """Error of the calibrated rig at the predicted poses, since the zero pose, in units of its predicted standard uncertainty."""
+    campaign, predicted = twelve.campaign, twelve.predicted
+    truth = true_rig(campaign.rig, TRUTH / "cell-12-poses")
+    rows = np.vstack([campaign.poses.rows[:1], predicted.rows])
+    error = span_lengths(twelve.rig, rows) - span_lengths(truth, rows)
+    ratio = (error[1:] - error[0]) / predicted.length_mm
+    # one draw of thirty parameters: the mean square over the workspace has few degrees of freedom
+    assert 0.2 < np.sqrt(np.mean(ratio**2)) < 2.0
+    assert twelve.record.predicted["position_rms_mm"] < 0.02
 
 
 def test_one_bad_reference_pose_is_named(twelve: Calibration) -> None:

@@ -1,0 +1,66 @@
+"""How well the calibrated rig predicts lengths and poses over its workspace: what matters, where B alone misleads."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels import screw
+from lmeasure.lengths import cable_covariance, counts_from_poses
+from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+
+FloatArray = NDArray[np.float64]
+
+SAMPLES_LOG2 = 8
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Standard uncertainties from the calibration alone, at (n, 7) poses of the workspace.
+
+    length_mm (n, m): of the change of each cable since the zero pose; pose (n, 6): of the tool's origin [mm] and rotation [rad], empty
+    (n, 0) when the cables do not make a pose.
+    """
+
+    rows: FloatArray
+    length_mm: FloatArray
+    pose: FloatArray
+
+
+def workspace(campaign: Campaign, seed: int) -> FloatArray:
+    """(n, 7) poses spread over the box of the reference poses (Sobol), each with the orientation of one of them."""
+    rows = campaign.poses.rows
+    unit = qmc.Sobol(4, scramble=True, rng=np.random.default_rng([seed, 3])).random_base2(SAMPLES_LOG2)
+    low, high = rows[:, :3].min(axis=0), rows[:, :3].max(axis=0)
+    which = (unit[:, 3] * len(rows)).astype(np.int64)
+    return np.column_stack([low + unit[:, :3] * (high - low), rows[which, 3:]])
+
+
+def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int = 0) -> Prediction:
+    """Propagate the record's covariance to lengths and poses over the reference poses' workspace; counters zeroed at the zero pose."""
+    rows = workspace(campaign, seed)
+    cables = campaign.cables
+    zero = campaign.poses.rows[campaign.zero[0]]
+    kernel_rows, scales = rig.cable_rows(cables), rig.scales(cables)
+    lengths = cable_kernels.span_lengths(kernel_rows, rows)
+    rows = rows[np.isfinite(lengths).all(axis=1)]
+    counts = counts_from_poses(rig, rows, zero, cables)
+    start = cable_kernels.length_gradients(kernel_rows, np.array([zero]), np.zeros((1, len(cables))), scales)
+    g = cable_kernels.length_gradients(kernel_rows, np.ascontiguousarray(rows), counts, scales) - start
+    covariance = cable_covariance(rig, record, cables)
+    width = g.shape[2]
+    u = np.empty(g.shape[:2])
+    for j in range(len(cables)):
+        own = covariance[j * width : (j + 1) * width, j * width : (j + 1) * width]
+        u[:, j] = np.sqrt(np.maximum(np.einsum("na,ab,nb->n", g[:, j], own, g[:, j]), 0.0))
+    pose = np.empty((len(rows), 0))
+    if len(cables) == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
+        _, systematic = screw.pose_covariances(
+            kernel_rows, zero, np.ascontiguousarray(rows), counts, scales, np.zeros(len(cables)), covariance
+        )
+        pose = np.sqrt(np.maximum(np.einsum("nii->ni", systematic), 0.0))[:, [3, 4, 5, 0, 1, 2]]
+    return Prediction(rows, u, pose)

@@ -1,0 +1,92 @@
+"""The calibration record of a fit: values with their uncertainties, and what holds them together."""
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.prediction import Prediction
+from lmeasure.calibration.refine import Fit, Noise
+from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration.validation import Validation
+from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual, Unobservable
+
+FloatArray = NDArray[np.float64]
+
+CORRELATED = 0.95
+
+
+def make_record(
+    campaign: Campaign, model: Model, found: Fit, noise: Noise, findings: list[Finding], silent: list[Unobservable]
+) -> CalibrationRecord:
+    """The record of a fit; coarse solutions, ranges, predictions and settings are added by the caller that has them."""
+    unknowns = model.unknowns
+    u = np.sqrt(np.diag(found.covariance))
+    freedom = len(found.residuals) - found.rank
+    # a noise level taken from the residuals themselves is known only as well as their number allows
+    estimated = any(w.code == "misfit" for w in findings)
+    coverage = float(scipy.stats.t.ppf(0.975, max(freedom, 1))) if estimated else 1.959963984540054
+    return CalibrationRecord(
+        rig=campaign.rig.name,
+        parameters=tuple(
+            Parameter(name=n, value=float(v), u=float(s), prior_u=float(w), U95=coverage * float(s))
+            for n, v, s, w in zip(unknowns.names, found.theta, u, unknowns.width, strict=True)
+        ),
+        covariance=tuple(tuple(float(x) for x in row) for row in found.covariance),
+        residuals=tuple(
+            Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
+            for i, j, r in zip(model.pose_index, model.cable_index, found.residuals, strict=True)
+        ),
+        equations=model.equations,
+        unknowns=len(unknowns.names),
+        rank=found.rank,
+        unobservable=tuple(silent),
+        warnings=tuple(findings),
+        inputs=campaign.inputs,
+        correlations=tuple(_correlations(unknowns.names, found.covariance, u)),
+        validation=_validation(model, found),
+        noise={
+            "chi_squared": found.chi2,
+            "degrees_of_freedom": float(freedom),
+            "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
+            "reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2))),
+            "reference_u_rotation_deg": float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2)))),
+        },
+    )
+
+
+def _correlations(names: tuple[str, ...], covariance: FloatArray, u: FloatArray) -> list[dict[str, object]]:
+    rho = covariance / np.outer(u, u)
+    pairs = [(abs(rho[i, j]), i, j) for i in range(len(u)) for j in range(i) if abs(rho[i, j]) > CORRELATED]
+    return [{"a": names[j], "b": names[i], "value": float(rho[i, j])} for _, i, j in sorted(pairs, reverse=True)]
+
+
+def _validation(model: Model, found: Fit) -> dict[str, object]:
+    """Each pose predicted by a fit without it."""
+    left_out = Validation(model, found).deletion_residuals()
+    if not left_out:
+        return {}
+    rms = float(np.sqrt(np.mean([value**2 for _, value in left_out])))
+    return {"left_out_rms_mm": rms, "poses": [{"pose": name, "rms_mm": value} for name, value in left_out]}
+
+
+def predicted_entry(campaign: Campaign, predicted: Prediction) -> dict[str, object]:
+    """Predicted standard uncertainties over the workspace of the reference poses, from the calibration alone."""
+    u = predicted.length_mm
+    out: dict[str, object] = {
+        "poses": len(predicted.rows),
+        "lengths": [
+            {"cable": c.name, "rms_mm": float(np.sqrt(np.mean(u[:, j] ** 2))), "worst_mm": float(u[:, j].max())}
+            for j, c in enumerate(campaign.cables)
+        ],
+    }
+    if predicted.pose.size:
+        position = np.linalg.norm(predicted.pose[:, :3], axis=1)
+        rotation = np.linalg.norm(predicted.pose[:, 3:], axis=1)
+        out |= {
+            "position_rms_mm": float(np.sqrt(np.mean(position**2))),
+            "position_worst_mm": float(position.max()),
+            "rotation_rms_deg": float(np.degrees(np.sqrt(np.mean(rotation**2)))),
+            "rotation_worst_deg": float(np.degrees(rotation.max())),
+        }
+    return out
