@@ -167,6 +167,26 @@ def decode(frames: Frames, fields: tuple[CounterField, ...]) -> Readings:
     return Readings(frame, field, frames.time_s[frame], value, tuple(short.tolist()))
 
 
+def carries(frames: Frames, readings: Readings, fields: tuple[CounterField, ...]) -> tuple[int, ...]:
+    """How often the byte behind each field counts up or down by one where the field, taken without sign, passes its end that way: then the
+    byte belongs to the counter, which is wider than the rig says. readings: what `decode` found in the frames."""
+    out = []
+    for i, field in enumerate(fields):
+        behind = field.bytes_needed if field.byte_order == "little" else field.first_bit // 8 - 1
+        if field.bits >= 64 or field.modulus != 2**field.bits or not 0 <= behind < frames.data.shape[1]:
+            out.append(0)
+            continue
+        mine = readings.field == i
+        steps = np.diff(readings.value[mine] % field.modulus)
+        passes = np.flatnonzero(np.abs(steps) > field.modulus // 2)
+        before, after = readings.frame[mine][passes], readings.frame[mine][passes + 1]
+        upper = frames.data[:, behind].astype(np.int64)
+        carried = (upper[after] - upper[before] + 128) % 256 - 128
+        told = np.minimum(frames.length[before], frames.length[after]) > behind
+        out.append(int(np.count_nonzero(told & (carried == -np.sign(steps[passes])))))
+    return tuple(out)
+
+
 def encode(values: IntArray, field: CounterField, data: NDArray[np.uint8]) -> None:
     """Write (n,) values in device units into (n, w) data bytes: what `decode` reads back."""
     bits = np.uint64(2**field.bits - 1)

@@ -25,6 +25,7 @@ MARKED = {
     "lost_wrap": "the counter may have wrapped unseen in a gap: empty cells from here on",
     "stall": "the channel stands still while the others move: empty cells",
     "time": "the log's clock went back: times continue one period later, and are not trusted across this point",
+    "wider": "the counter has more bits than the rig says: its wraps are carries, and are undone only while it moves slowly enough",
     "emcy": "the encoder reported an emergency",
     "bus_error": "the interface reported an error frame",
     "bus_off": "the bus was lost and opened again",

@@ -6,14 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.counters import CounterState
-from lmeasure.acquisition.decoders import CounterField, decode
+from lmeasure.acquisition.decoders import CounterField, carries, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
+from lmeasure.acquisition.network import NetworkWatch
 from lmeasure.acquisition.samples import Samples, StartLine
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+NO_SYNC = -1
 LONGEST_GAP = 2.5
 """Periods between two readings of a channel over which its count is still interpolated."""
 WAIT_S = 1.0
@@ -35,6 +37,7 @@ class FreeAssembler:
         start_line: StartLine | None = None,
     ) -> None:
         self.fields, self.counters, self.events, self._start_line = fields, counters, events, start_line
+        self._watch = NetworkWatch(fields, NO_SYNC, events)
         self.given = 0
         m = len(fields)
         self._new: list[tuple[FloatArray, IntArray]] = [(np.empty(0), np.empty(0, np.int64))] * m
@@ -45,15 +48,19 @@ class FreeAssembler:
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        self._watch.feed(frames, self.given)
         if self._start_line is not None:
             self._start_line.feed(frames)
         readings = decode(frames, self.fields)
+        carried = carries(frames, readings, self.fields)
         for i, field in enumerate(self.fields):
             mine = readings.field == i
             times, values = self._new[i]
             self._new[i] = np.concatenate([times, readings.time_s[mine]]), np.concatenate([values, readings.value[mine]])
             for _ in range(readings.short[i]):
                 self._event(self.given, self._given_to, i, "short_frame", f"fewer than {field.bytes_needed} bytes")
+            for _ in range(carried[i]):
+                self._event(self.given, self._given_to, i, "wider", f"the byte behind its {field.bits} bits counts on")
         latest = [
             float(max(new[0].max(initial=-math.inf), old[0].max(initial=-math.inf))) for new, old in zip(self._new, self._old, strict=True)
         ]

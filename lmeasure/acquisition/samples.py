@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.counters import CounterState
-from lmeasure.acquisition.decoders import CounterField, decode
+from lmeasure.acquisition.decoders import CounterField, Readings, carries, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.network import NetworkWatch
 from lmeasure.can_table import StartInput
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +82,7 @@ class SyncAssembler:
     ) -> None:
         self.fields, self.counters, self.events = fields, counters, events
         self._sync_id, self._start_line = sync_id, start_line
+        self._watch = NetworkWatch(fields, sync_id, events)
         self._sync_time: FloatArray = np.empty(0)
         self._window: IntArray = np.empty(0, np.int64)
         self._field: IntArray = np.empty(0, np.int64)
@@ -93,6 +95,7 @@ class SyncAssembler:
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
+        self._watch.feed(frames, self.given)
         if self._start_line is not None:
             self._start_line.feed(frames)
         readings = decode(frames, self.fields)
@@ -105,10 +108,15 @@ class SyncAssembler:
         self._window = np.concatenate([self._window, window[~early]])
         self._field = np.concatenate([self._field, readings.field[~early].astype(np.int64)])
         self._value = np.concatenate([self._value, readings.value[~early]])
-        for field, short in zip(self.fields, readings.short, strict=True):
+        self._misfits(frames, readings)
+        return self._give(last)
+
+    def _misfits(self, frames: Frames, readings: Readings) -> None:
+        for field, short, carried in zip(self.fields, readings.short, carries(frames, readings, self.fields), strict=True):
             for _ in range(short):
                 self._event(0, field.channel, "short_frame", f"fewer than {field.bytes_needed} bytes")
-        return self._give(last)
+            for _ in range(carried):
+                self._event(0, field.channel, "wider", f"the byte behind its {field.bits} bits counts on")
 
     def _event(self, row: int, channel: str, kind: str, text: str = "") -> None:
         time_s = float(self._sync_time[min(row, len(self._sync_time) - 1)]) if len(self._sync_time) else float("nan")

@@ -1,0 +1,213 @@
+"""Every fault on the real path: frames over a bus into the recorder, and what the run folder then says."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of, record_frames
+
+from lmeasure.acquisition.frames import Frames, frames_from_messages, join
+from lmeasure.acquisition.sources import BusSource
+from lmeasure.errors import AcquisitionError
+from lmeasure.rig import rig_from_dict
+
+RIG = cell()
+COUNTS = motion(RIG)
+FRAMES = frames_of(RIG, COUNTS)
+N = len(COUNTS.time_s)
+
+
+def at(sample: int, channel: int = 0) -> int:
+    """Position of a frame: channel 1 to 6, 0 the SYNC."""
+    return PER_SAMPLE * sample + channel
+
+
+def test_nothing_happens_and_nothing_is_flagged(tmp_path: Path) -> None:
+    recording, run, events = record_frames(RIG, FRAMES, tmp_path / "run")
+    np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
+    np.testing.assert_allclose(run.passes[0].time_s, COUNTS.time_s, rtol=0, atol=1.1e-6)
+    assert (recording.ended, recording.frames, events) == ("complete", len(FRAMES), {})
+
+
+def test_dropped_frames_leave_empty_cells(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    lost = rng.choice(N - 2, 20, replace=False)
+    channels = rng.integers(1, 7, 20)
+    kept = np.ones(len(FRAMES), np.bool_)
+    kept[[at(int(s), int(c)) for s, c in zip(lost, channels, strict=True)]] = False
+    recording, run, events = record_frames(RIG, FRAMES.take(kept), tmp_path / "run")
+    want = COUNTS.recorded.copy()
+    want[lost, channels - 1] = np.nan
+    np.testing.assert_array_equal(run.passes[0].recorded, want)
+    assert recording.faults == {"gap": 20}
+    told = {(int(s), c) for s, c in zip(events["sample"], events["channel"], strict=True)}
+    assert told == {(int(s), f"ch{c}") for s, c in zip(lost, channels, strict=True)}
+    assert set(events["outcome"]) == {"marked"}
+
+
+def test_duplicated_frames_are_used_once(tmp_path: Path) -> None:
+    order: list[int] = []
+    for i in range(len(FRAMES)):
+        order += [i, i] if i % 97 == 5 else [i]
+    recording, run, events = record_frames(RIG, order_of(FRAMES, order), tmp_path / "run")
+    np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
+    assert set(recording.faults) <= {"duplicate", "duplicate_sync"}
+    assert sum(recording.faults.values()) == len(order) - len(FRAMES)
+    assert set(events["outcome"]) == {"repaired"}
+
+
+def test_frames_on_the_wrong_side_of_their_sync_are_put_back(tmp_path: Path) -> None:
+    order = list(range(len(FRAMES)))
+    moving = [s for s in range(40, N - 40, 17) if (np.diff(COUNTS.recorded[s - 2 : s + 3], axis=0) != 0).all()]
+    for i, s in enumerate(moving):
+        a, b = (at(s, 6), at(s + 1)) if i % 2 else (at(s), at(s, 1))
+        order[a], order[b] = order[b], order[a]
+    recording, run, _ = record_frames(RIG, order_of(FRAMES, order), tmp_path / "run")
+    np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
+    assert len(moving) > 5
+    assert recording.faults == {"reordered": len(moving)}
+
+
+def test_a_sync_that_does_not_come_takes_its_sample_with_it(tmp_path: Path) -> None:
+    lost = [50, 51, 90]
+    kept = np.ones(len(FRAMES), np.bool_)
+    kept[[at(s) for s in lost]] = False
+    recording, run, _ = record_frames(RIG, FRAMES.take(kept), tmp_path / "run")
+    np.testing.assert_array_equal(run.passes[0].recorded, np.delete(COUNTS.recorded, lost, axis=0))
+    assert recording.faults == {"missing_sync": 2}
+
+
+def test_the_bus_goes_off_and_comes_back(tmp_path: Path) -> None:
+    broken: list[float] = []
+
+    def pull_the_plug(source: BusSource, seconds: float) -> None:
+        if seconds > 0.15 and not broken and source.bus is not None:
+            broken.append(seconds)
+            source.bus.shutdown()
+
+    recording, run, events = record_frames(RIG, FRAMES, tmp_path / "run", pull_the_plug)
+    assert recording.ended == "complete"
+    assert recording.faults["bus_off"] == 1
+    assert "open again after" in events["text"][events["kind"].index("bus_off")]
+    counts = run.passes[0]
+    # what is there is right, at its own time, on both sides of the hole
+    sample = np.rint((counts.time_s + 0.0) * 1000).astype(int)
+    present = np.isfinite(counts.recorded)
+    np.testing.assert_array_equal(counts.recorded[present], COUNTS.recorded[sample][present])
+    assert sample[-1] == N - 1
+    assert present.all(axis=1).sum() > N // 2
+
+
+def test_an_encoder_that_starts_again_is_not_trusted_any_more(tmp_path: Path) -> None:
+    changed = COUNTS.recorded.copy()
+    s = int(np.argmax(np.abs(changed[:, 2]) > 3000))
+    changed[s:, 2] -= changed[s, 2]
+    recording, run, events = record_frames(RIG, frames_of(RIG, replace(COUNTS, recorded=changed)), tmp_path / "run")
+    want = COUNTS.recorded.copy()
+    want[s:, 2] = np.nan
+    np.testing.assert_array_equal(run.passes[0].recorded, want)
+    assert recording.faults["reset"] == 1
+    assert (int(events["sample"][events["kind"].index("reset")]), events["channel"][events["kind"].index("reset")]) == (s, "ch3")
+
+
+def test_sixteen_bits_wrap_at_full_speed(tmp_path: Path) -> None:
+    rig = cell(max_cable_speed_mm_s=20000.0)
+    table = {"decoder": "raw", "channel": [{"channel": c, "id": 0x181 + i, "bits": 16} for i, c in enumerate(rig.channels)]}
+    rig = rig_from_dict(rig.to_dict() | {"can": table})
+    # twice through the range of 65536 counts within 0.2 s at the drum's limit of 20 m/s, 1666 counts per sample
+    steps = np.full((120, 6), 1660.0) * np.where(np.arange(6) % 2, -1.0, 1.0)
+    recorded = np.cumsum(np.vstack([np.zeros((1, 6)), steps]), axis=0)
+    counts = replace(COUNTS, time_s=np.arange(121) / 1000.0, recorded=recorded)
+    recording, run, _ = record_frames(rig, frames_of(rig, counts), tmp_path / "run")
+    np.testing.assert_array_equal(run.passes[0].recorded, recorded)
+    assert recording.faults == {"wrap": 18}
+
+
+def test_a_stuck_channel_is_marked_from_where_it_sticks(tmp_path: Path) -> None:
+    slow = motion(RIG, speed_mm_s=400.0, rate_hz=250.0)
+    changed = slow.recorded.copy()
+    s = len(changed) // 4
+    changed[s:, 4] = changed[s, 4]
+    recording, run, _ = record_frames(RIG, frames_of(RIG, replace(slow, recorded=changed)), tmp_path / "run")
+    got = run.passes[0].recorded
+    assert recording.faults == {"stall": 1}
+    np.testing.assert_array_equal(np.delete(got, 4, axis=1), np.delete(slow.recorded, 4, axis=1))
+    np.testing.assert_array_equal(got[:s, 4], slow.recorded[:s, 4])
+    assert np.isnan(got[s + 2 :, 4]).all()
+
+
+def narrowed(frames: Frames, channel: int, length: int) -> Frames:
+    out = replace(frames, length=frames.length.copy(), data=frames.data.copy())
+    mine = frames.identifier == 0x180 + channel
+    out.length[mine] = length
+    out.data[mine, length:] = 0
+    return out
+
+
+def test_a_narrower_counter_than_the_rig_says_is_never_read(tmp_path: Path) -> None:
+    recording, run, events = record_frames(RIG, narrowed(FRAMES, 2, 2), tmp_path / "run")
+    assert np.isnan(run.passes[0].of("ch2")).all()
+    assert recording.faults["short_frame"] == N
+    assert events["text"][events["kind"].index("short_frame")] == "fewer than 4 bytes"
+
+
+def test_a_wider_counter_than_the_rig_says_shows_by_its_carries(tmp_path: Path) -> None:
+    table = {"decoder": "raw", "channel": [{"channel": c, "id": 0x181 + i, "bits": 16} for i, c in enumerate(RIG.channels)]}
+    rig = rig_from_dict(RIG.to_dict() | {"can": table})
+    far = replace(COUNTS, recorded=COUNTS.recorded + 32700)
+    recording, _, _ = record_frames(rig, FRAMES, tmp_path / "run")
+    assert recording.faults["wider"] > 0
+    recording, _, _ = record_frames(rig, frames_of(rig, far), tmp_path / "right")
+    assert recording.faults["wrap"] > 0
+    assert "wider" not in recording.faults
+
+
+def test_emergencies_and_states_are_told_with_their_channel(tmp_path: Path) -> None:
+    import can
+
+    said = frames_from_messages(
+        [
+            can.Message(arbitration_id=0x83, is_extended_id=False, data=[0x10, 0x42, 0x09, 0, 0, 0, 0, 0]),
+            can.Message(arbitration_id=0x706, is_extended_id=False, data=[5]),
+            can.Message(arbitration_id=0x706, is_extended_id=False, data=[0]),
+            can.Message(is_error_frame=True, data=bytes(8)),
+        ]
+    )
+    middle = at(N // 2, 6) + 1
+    said = replace(said, time_s=np.full(4, FRAMES.time_s[middle - 1]))
+    recording, run, events = record_frames(
+        RIG, join([FRAMES.take(slice(middle)), said, FRAMES.take(slice(middle, None))]), tmp_path / "run"
+    )
+    np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
+    assert recording.faults == {"emcy": 1, "heartbeat": 1, "bus_error": 1}
+    emcy = events["kind"].index("emcy")
+    assert events["channel"][emcy] == "ch3"
+    assert events["text"][emcy] == "node 3: code 4210h (temperature), register 09h"
+    assert abs(int(events["sample"][emcy]) - N // 2) < 200
+
+
+@pytest.mark.parametrize("step_s", [-7.0, 3600.0])
+def test_a_clock_that_is_set_does_not_move_the_samples(step_s: float, tmp_path: Path) -> None:
+    stamps = 1.7e9 + FRAMES.time_s + np.where(np.arange(len(FRAMES)) >= at(N // 2, 3), step_s, 0.0)
+    recording, run, events = record_frames(RIG, FRAMES, tmp_path / "run", stamps=stamps)
+    np.testing.assert_array_equal(run.passes[0].recorded, COUNTS.recorded)
+    assert recording.faults == {"clock_step": 1}
+    assert f"moved by {step_s:+.0f}"[:12] in events["text"][0]
+    # to the latency of this host, which is not this program's to bound
+    np.testing.assert_allclose(run.passes[0].time_s, COUNTS.time_s, rtol=0, atol=0.05)
+
+
+def test_frames_of_nobody_are_no_recording(tmp_path: Path) -> None:
+    strangers = replace(FRAMES, identifier=FRAMES.identifier + np.uint32(0x300))
+    with pytest.raises(AcquisitionError, match="frames, not one sample of ch1"):
+        record_frames(RIG, strangers.take(slice(70)), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_nothing_is_written_over_a_recording(tmp_path: Path) -> None:
+    record_frames(RIG, FRAMES.take(slice(70)), tmp_path / "run")
+    before = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
+    with pytest.raises(AcquisitionError, match="nothing is written over a recording"):
+        record_frames(RIG, FRAMES.take(slice(70)), tmp_path / "run")
+    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == before
