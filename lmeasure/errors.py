@@ -8,6 +8,10 @@ command line prints it and exits with 1; a script catches `LMeasureError`.
 class LMeasureError(Exception):
     """The data cannot give the answer. The text is one line and says what to look at."""
 
+    def __str__(self) -> str:
+        # names of files and texts of other libraries may bring line ends along
+        return " ".join(super().__str__().split())
+
 
 class FileFormatError(LMeasureError, ValueError):
     """A file cannot be read as what it should be: not there, not TOML, a missing column, a cell that is not a number."""
