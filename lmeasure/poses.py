@@ -53,7 +53,8 @@ def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Pos
     far = (np.abs(rows[:, :3]) > conventions.MAX_LENGTH_MM).any(axis=1)
     if far.any():
         raise FileFormatError(f"pose {int(np.argmax(far)) + 1}: lies more than {conventions.MAX_LENGTH_MM:.0f} mm from the origin")
-    length = np.linalg.norm(rows[:, 3:], axis=1)
+    with np.errstate(over="ignore"):  # a length of infinity is refused like others
+        length = np.linalg.norm(rows[:, 3:], axis=1)
     if (np.abs(length - 1) > UNIT_TOLERANCE).any():
         i = int(np.argmax(np.abs(length - 1)))
         raise FileFormatError(f"pose {i + 1}: the quaternion's length is {length[i]:.9g}, not 1")
