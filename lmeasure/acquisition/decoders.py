@@ -173,7 +173,8 @@ def carries(frames: Frames, readings: Readings, fields: tuple[CounterField, ...]
     out = []
     for i, field in enumerate(fields):
         behind = field.bytes_needed if field.byte_order == "little" else field.first_bit // 8 - 1
-        if field.bits >= 64 or field.modulus != 2**field.bits or not 0 <= behind < frames.data.shape[1]:
+        taken = {b for f in fields if (f.identifier, f.extended) == (field.identifier, field.extended) for b, _ in f.shifts()}
+        if field.bits >= 64 or field.modulus != 2**field.bits or not 0 <= behind < frames.data.shape[1] or behind in taken:
             out.append(0)
             continue
         mine = readings.field == i
