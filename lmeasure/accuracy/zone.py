@@ -1,7 +1,9 @@
 """Accuracy zone: where in the cell the instrument can be believed (thesis Rashoyan 2021, 5.7)."""
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import files
+from lmeasure.accuracy.bodies import Body, body_rows
+from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, digest_of, run
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import AccuracyError, FileFormatError, GeometryError
 from lmeasure.kernels import zone as kernels
@@ -18,14 +22,62 @@ from lmeasure.lengths import cable_covariance, count_variance, span_lengths
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 
 SCHEMA = "lmeasure.zone/1"
 MAX_NODES = 100_000_000
-POSES_PER_CHUNK = 100_000
+DIMS = ("x", "y", "z")
 
-REASONS = ("cable_cannot_run", "singular", "pressure_angle", "cable_too_short", "cable_too_long", "u95_position")
+REASONS = (
+    "cable_cannot_run",
+    "singular",
+    "pressure_angle",
+    "cable_too_short",
+    "cable_too_long",
+    "u95_position",
+    "u95_rotation",
+    "u95_attachment",
+    "wrap",
+    "clearance",
+    "other_assembly",
+    "near_singular",
+)
 """Why a node is not in the zone, in the order of the bits of `rejected_because`."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a pose must keep to lie in the zone; None asks nothing.
+
+    angle_deg: pressure-angle analogue; length_mm: shortest and longest cable, B to attachment point; u95_mm, u95_rotation_deg,
+    u95_attachment_mm: 95 % radii of the tool origin, the rotation vector and the worst attachment point; wrap_deg: largest wrapped angle;
+    clearance_mm: least distance between cables and from cable to body; one_assembly: the determinant keeps its sign;
+    singularity: least `singularity_distance`.
+    """
+
+    angle_deg: float = 60.0
+    length_mm: tuple[float, float] | None = None
+    u95_mm: float | None = None
+    u95_rotation_deg: float | None = None
+    u95_attachment_mm: float | None = None
+    wrap_deg: float | None = None
+    clearance_mm: float | None = None
+    one_assembly: bool = False
+    singularity: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.angle_deg <= 90.0:
+            raise AccuracyError(f"a pressure-angle limit of {self.angle_deg:g} degrees: it must lie in (0, 90]")
+        if self.length_mm is not None and not 0.0 <= self.length_mm[0] < self.length_mm[1]:
+            raise AccuracyError(f"cable lengths of {self.length_mm[0]:g} to {self.length_mm[1]:g} mm: the limits must rise from 0 or more")
+        for name in ("u95_mm", "u95_rotation_deg", "u95_attachment_mm", "wrap_deg", "clearance_mm", "singularity"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 <= value < math.inf:
+                raise AccuracyError(f"{name} = {value:g}: a limit must be a number, 0 or more")
+
+    @property
+    def needs_all(self) -> bool:
+        """Whether the radii of rotation and attachment points are asked for."""
+        return self.u95_rotation_deg is not None or self.u95_attachment_mm is not None
 
 
 def axis(start: float, stop: float, step: float) -> FloatArray:
@@ -71,78 +123,137 @@ def scan_zone(
     length_limits: tuple[float, float] | None = None,
     progress: Progress | None = None,
     *,
-    u95_limit_mm: float | None = None,
+    limits: Limits | None = None,
+    full: bool = False,
+    bodies: Sequence[Body] = (),
     start: FloatArray | None = None,
     spacing_mm: tuple[float, float, float] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    checkpoint: Path | None = None,
 ) -> xr.Dataset:
     """Worst pressure angle and uncertainty over the orientations, at each node of a box, and what lies within the limits.
 
     x, y, z: nodes of the tool origin [mm, base frame]; rotations: base_from_tool orientations, all tried at each node. In the zone is a
-    node whose worst pressure angle is at most limit_deg, whose cables stay within length_limits (shortest, longest, B to
-    attachment point [mm]) and whose 95 % radius is at most u95_limit_mm, at every orientation.
+    node where every orientation keeps the limits: limit_deg and length_limits, or all that `Limits` knows when `limits` is given.
+    bodies are what the cables must not touch. start (7,) is the pose at which the counters are zeroed, spacing_mm the volume's
+    step along an axis with a single node; workers, scheduler and checkpoint are those of `accuracy.scan.run`.
 
     u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from
-    independent counts of +-1/2 (variance c^2/12) and, when given, the calibration's. A length is counted from the pose at which the
-    counters are zeroed, start (7,): a zone has no run yet, so the default is the box's centre with the mean orientation.
-    spacing_mm is needed for the volume only where an axis has a single node.
+    independent counts of +-1/2 (variance c^2/12) and, when given, the calibration's. A length is counted from the start pose: a zone
+    has no run yet, so its default is the box's centre with the mean orientation.
 
     Returns a dataset over x, y, z with `worst_pressure_angle_deg` (90 where a cable cannot run or the pose is singular),
-    `u95_position_mm` (infinite there), `shortest_cable_mm`, `longest_cable_mm`, `in_zone` (0/1), `rejected_because` (bits of
-    `REASONS`) and attributes. Raises RigError for a rig that cannot tell a pose, AccuracyError for a box or a limit that makes no
-    sense, GeometryError when a calibration is linked and a cable cannot run at the start pose.
+    `u95_position_mm` (infinite there), `shortest_cable_mm`, `longest_cable_mm`, `largest_wrap_deg`, `assembly` (sign of the determinant, 0
+    where it changes), `singularity_distance` (1/|J^-1| by Frobenius, J with moments divided by the platform's size: the least
+    singular value lies between it and 2.45 times it); with `full`, `u95_rotation_deg` and `u95_attachment_mm`; `clearance_mm` when
+    bodies or a clearance are given; `in_zone` (0/1), `rejected_because` (bits of `REASONS`) and attributes. Raises RigError for a rig that
+    cannot tell a pose, AccuracyError for a box or a limit that makes no sense, GeometryError when a calibration is linked and a
+    cable cannot run at the start pose.
     """
-    rig.require_pose()
+    limits = limits or Limits(limit_deg, length_limits)
     axes = [np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (x, y, z)]
-    _check(axes, rotations, limit_deg, length_limits, u95_limit_mm)
+    _check(axes)
     spacing = _spacing(axes, spacing_mm)
+    full = full or limits.needs_all
     if start is None:
         start = np.concatenate([[0.5 * (a[0] + a[-1]) for a in axes], rotations.mean().as_quat()])
+    positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    near = bool(bodies) or limits.clearance_mm is not None
+    plan = make_plan(rig, calibration, positions, rotations, start, full=full, near=near, bodies=bodies)
+    figures, flags = run(plan, progress, workers=workers, scheduler=scheduler, checkpoint=checkpoint)
+    data = xr.Dataset(
+        _variables(figures, flags, tuple(len(a) for a in axes), full, near)
+        | {"quaternion_xyzw": (("orientation", "component"), plan.quaternions, _about("orientations base_from_tool", "1"))},
+        coords={
+            name: (name, values, _about(f"{name} of the tool origin, base frame", "mm")) for name, values in zip(DIMS, axes, strict=True)
+        },
+        attrs={
+            "schema": SCHEMA,
+            "rig": rig.name,
+            "node_spacing_mm": list(spacing),
+            "u95_covers": covers(calibration),
+            "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
+            "plan_sha256": plan.digest(),
+        },
+    )
+    return within(data, limits)
+
+
+def make_plan(
+    rig: Rig,
+    calibration: CalibrationRecord | None,
+    positions: FloatArray,
+    rotations: Rotation,
+    start: FloatArray,
+    *,
+    full: bool = False,
+    near: bool = False,
+    bodies: Sequence[Body] = (),
+) -> Plan:
+    """The scan of (n, 3) positions [mm] at all rotations; see `scan_zone` for the rest and what is raised."""
+    rig.require_pose()
+    if rotations.single or len(rotations) == 0:
+        raise AccuracyError("the orientations must be a list of at least one rotation")
     factor = covariance_factor(rig, calibration)
     if factor.shape[1]:
         try:
             span_lengths(rig, start[None, :])
         except GeometryError as error:
             raise GeometryError(f"the calibration's part needs the pose at which the counters are zeroed: {error}") from None
-    shape = tuple(len(a) for a in axes)
-    positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    quaternions = np.ascontiguousarray(rotations.as_quat())
-    parts = []
-    stride = max(1, POSES_PER_CHUNK // len(quaternions))
-    for first in range(0, len(positions), stride):
-        chunk = positions[first : first + stride]
-        parts.append(kernels.scan(rig.cable_rows(), chunk, quaternions, count_variance(rig), rig.scales(), factor, start))
-        if progress:
-            progress(min(first + stride, len(positions)), len(positions))
-    angle, u95, shortest, longest, flags = (np.concatenate(column).reshape(shape) for column in zip(*parts, strict=True))
-    dims = ("x", "y", "z")
-    data = xr.Dataset(
-        {
-            "worst_pressure_angle_deg": (
-                dims,
-                np.degrees(angle),
-                _about("largest pressure-angle analogue over the orientations", "degree"),
-            ),
-            "u95_position_mm": (dims, u95, _about("radius at the tool origin that holds 95 %, worst over the orientations", "mm")),
-            "shortest_cable_mm": (dims, np.where(np.isfinite(shortest), shortest, np.nan), _about("shortest cable, B to attachment", "mm")),
-            "longest_cable_mm": (dims, longest, _about("longest cable, B to attachment point", "mm")),
-            "flags": (dims, flags),
-            "quaternion_xyzw": (("orientation", "component"), quaternions, _about("orientations base_from_tool", "1")),
-        },
-        coords={
-            name: (name, values, _about(f"{name} of the tool origin, base frame", "mm")) for name, values in zip(dims, axes, strict=True)
-        },
-        attrs={
-            "schema": SCHEMA,
-            "rig": rig.name,
-            "node_spacing_mm": list(spacing),
-            "u95_covers": _covers(calibration),
-            "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
-        },
+    # cables that share a point, or run in different passes, cannot touch elsewhere
+    pairs = [
+        (i, j)
+        for (i, a), (j, b) in itertools.combinations(enumerate(rig.cable), 2)
+        if near and a.from_point != b.from_point and a.to_point != b.to_point and a.passage == b.passage
+    ]
+    used = sorted({c.to_point for c in rig.cable}) if full else []
+    rows, quaternions = rig.cable_rows(), np.ascontiguousarray(rotations.as_quat())
+    return Plan(
+        cables=rows,
+        positions=positions,
+        quaternions=quaternions,
+        variance=count_variance(rig),
+        scales=rig.scales(),
+        factor=factor,
+        start=np.asarray(start, dtype=np.float64),
+        points=np.array([rig.tool[name] for name in used], dtype=np.float64).reshape(-1, 3),
+        pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
+        bodies=body_rows(bodies),
+        order=block_order(rows, positions, quaternions),
+        nodes_per_chunk=chunk_size(len(quaternions)),
     )
-    return _within(data, limit_deg, length_limits, u95_limit_mm)
 
 
-def _covers(calibration: CalibrationRecord | None) -> str:
+def _variables(figures: FloatArray, flags: NDArray[np.int64], shape: tuple[int, ...], full: bool, near: bool) -> dict[str, Any]:
+    """Dataset variables of the kernels' figures."""
+    f = dict(zip(kernels.FIGURES, figures, strict=True))
+    out = {
+        "worst_pressure_angle_deg": (np.degrees(np.arccos(1.0 / np.sqrt(f["speed2"]))), "largest pressure-angle analogue", "degree"),
+        "u95_position_mm": (f["u95_position"], "radius at the tool origin that holds 95 %", "mm"),
+        "shortest_cable_mm": (np.where(np.isfinite(f["shortest"]), f["shortest"], np.nan), "shortest cable, B to attachment point", "mm"),
+        "longest_cable_mm": (f["longest"], "longest cable, B to attachment point", "mm"),
+        "largest_wrap_deg": (np.degrees(f["wrap"]), "largest angle that a cable wraps around its swivel pulley", "degree"),
+        "singularity_distance": (1.0 / np.sqrt(f["norm2"]), "1/|J^-1|, J with moments divided by the platform's size", "1"),
+    }
+    if full:
+        out["u95_rotation_deg"] = (np.degrees(f["u95_rotation"]), "radius of the rotation vector that holds 95 %", "degree")
+        out["u95_attachment_mm"] = (f["u95_attachment"], "radius at the worst attachment point that holds 95 %", "mm")
+    if near:
+        out["clearance_mm"] = (f["clearance"], "least distance between cables, and from cable to body", "mm")
+    assembly = np.where(f["determinant_low"] > 0, 1, np.where(f["determinant_high"] < 0, -1, 0)).astype(np.int8)
+    whole = {
+        "assembly": (assembly, "sign of the determinant, 0 where it changes", "1"),
+        "flags": (flags, "cable cannot run 1, singular 2", "1"),
+    }
+    return {
+        name: (DIMS, values.reshape(shape), _about(f"{text}, worst over the orientations" if name in out else text, units))
+        for name, (values, text, units) in (out | whole).items()
+    }
+
+
+def covers(calibration: CalibrationRecord | None) -> str:
+    """What the uncertainties hold, in words."""
     if calibration is None:
         return "counts of +-1/2 (variance c^2/12 each) only: the rig links no calibration"
     return (
@@ -151,64 +262,75 @@ def _covers(calibration: CalibrationRecord | None) -> str:
     )
 
 
-def _within(data: xr.Dataset, limit_deg: float, length_limits: tuple[float, float] | None, u95_limit_mm: float | None) -> xr.Dataset:
-    """The dataset with the limits applied: in_zone, rejected_because and the volume."""
-    shortest, longest = length_limits if length_limits else (0.0, math.inf)
+def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
+    """The dataset with the limits applied: in_zone, rejected_because, volume.
+
+    The assembly that `one_assembly` keeps is that of most nodes without another fault.
+    """
     flags = data["flags"].values
-    broken = (
+    shortest, longest = limits.length_mm or (0.0, math.inf)
+    nothing = np.zeros(flags.shape, bool)
+
+    def over(name: str, limit: float | None) -> NDArray[np.bool_]:
+        return nothing if limit is None else ~(data[name].values <= limit)
+
+    def under(name: str, limit: float | None) -> NDArray[np.bool_]:
+        return nothing if limit is None else ~(data[name].values >= limit)
+
+    broken = [
         flags & kernels.CANNOT_RUN != 0,
         flags & kernels.SINGULAR != 0,
-        ~(data["worst_pressure_angle_deg"].values <= limit_deg),
+        over("worst_pressure_angle_deg", limits.angle_deg),
         data["shortest_cable_mm"].values < shortest,
         data["longest_cable_mm"].values > longest,
-        ~(data["u95_position_mm"].values <= u95_limit_mm) if u95_limit_mm is not None else np.zeros(flags.shape, bool),
-    )
+        over("u95_position_mm", limits.u95_mm),
+        over("u95_rotation_deg", limits.u95_rotation_deg),
+        over("u95_attachment_mm", limits.u95_attachment_mm),
+        over("largest_wrap_deg", limits.wrap_deg),
+        under("clearance_mm", limits.clearance_mm),
+        nothing,
+        under("singularity_distance", limits.singularity),
+    ]
+    assembly = data["assembly"].values
+    sign = 1 if assembly[~np.any(broken, axis=0)].sum() >= 0 else -1
+    if limits.one_assembly:
+        broken[REASONS.index("other_assembly")] = assembly != sign
     because = sum((mask.astype(np.int32) << bit for bit, mask in enumerate(broken)), np.zeros(flags.shape, np.int32))
-    dims = ("x", "y", "z")
-    out = data.drop_vars("flags").assign(
-        in_zone=(dims, (because == 0).astype(np.int8), _about("1 where every orientation is within every limit", "1")),
+    inside = because == 0
+    masks = np.array([1 << bit for bit in range(len(REASONS))], np.int32)
+    out = data.assign(
+        in_zone=(DIMS, inside.astype(np.int8), _about("1 where every orientation is within every limit", "1")),
         rejected_because=(
-            dims,
+            DIMS,
             because,
-            _about("limits broken at some orientation", "1")
-            | {"flag_masks": np.array([1 << bit for bit in range(len(REASONS))], np.int32), "flag_meanings": " ".join(REASONS)},
+            _about("limits broken at some orientation", "1") | {"flag_masks": masks, "flag_meanings": " ".join(REASONS)},
         ),
     )
-    inside = int((because == 0).sum())
-    limits: dict[str, Any] = {"limit_deg": float(limit_deg)}
-    if length_limits:
-        limits["length_limits_mm"] = [float(v) for v in length_limits]
-    if u95_limit_mm is not None:
-        limits["u95_limit_mm"] = float(u95_limit_mm)
-    return out.assign_attrs(limits | {"zone_volume_mm3": inside * math.prod(data.attrs["node_spacing_mm"]), "nodes_in_zone": inside})
+    named = {f"limit_{name}": value for name, value in asdict(limits).items() if value is not None and value is not False}
+    out = out.assign_attrs(
+        {"limit_deg": float(limits.angle_deg)}
+        | {name: list(value) if isinstance(value, tuple) else float(value) for name, value in named.items()}
+        | {
+            "zone_volume_mm3": float(inside.sum() * math.prod(data.attrs["node_spacing_mm"])),
+            "nodes_in_zone": int(inside.sum()),
+            "assemblies_in_zone": len(np.unique(assembly[inside])),
+        }
+    )
+    return out.assign_attrs(result_sha256=digest_of({str(name): out[name].values for name in sorted(map(str, out.data_vars))}))
 
 
 def _about(text: str, units: str) -> dict[str, Any]:
     return {"long_name": text, "units": units}
 
 
-def _check(
-    axes: Sequence[FloatArray],
-    rotations: Rotation,
-    limit_deg: float,
-    length_limits: tuple[float, float] | None,
-    u95_limit_mm: float | None,
-) -> None:
-    for name, values in zip("xyz", axes, strict=True):
+def _check(axes: Sequence[FloatArray]) -> None:
+    for name, values in zip(DIMS, axes, strict=True):
         if values.ndim != 1 or not len(values) or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
             raise AccuracyError(f"the nodes along {name} must be finite and rise")
         if len(values) > 2 and np.ptp(np.diff(values)) > 1e-6 * (values[-1] - values[0]):
             raise AccuracyError(f"the nodes along {name} must be equally spaced")
     if math.prod(len(a) for a in axes) > MAX_NODES:
         raise AccuracyError(f"the box has {math.prod(len(a) for a in axes)} nodes; at most {MAX_NODES} are scanned at once")
-    if rotations.single or len(rotations) == 0:
-        raise AccuracyError("the orientations must be a list of at least one rotation")
-    if not 0.0 < limit_deg <= 90.0:
-        raise AccuracyError(f"a pressure-angle limit of {limit_deg:g} degrees: it must lie in (0, 90]")
-    if length_limits is not None and not 0.0 <= length_limits[0] < length_limits[1]:
-        raise AccuracyError(f"cable lengths of {length_limits[0]:g} to {length_limits[1]:g} mm: the limits must rise from 0 or more")
-    if u95_limit_mm is not None and not u95_limit_mm > 0.0:
-        raise AccuracyError(f"a 95 % radius of {u95_limit_mm:g} mm: the limit must be positive")
 
 
 def _spacing(axes: Sequence[FloatArray], given: tuple[float, float, float] | None) -> tuple[float, float, float]:
@@ -230,6 +352,8 @@ def summary(zone: xr.Dataset) -> str:
     if inside.any():
         u95 = zone["u95_position_mm"].values[inside]
         lines.append(f"95 % radius at the tool origin in the zone: {u95.min():.4g} to {u95.max():.4g} mm")
+    if zone.attrs["assemblies_in_zone"] > 1:
+        lines.append("the zone holds more than one assembly: between its parts the cables do not determine the pose (--one-assembly)")
     because = zone["rejected_because"].values
     counts = {reason: int((because >> bit & 1).sum()) for bit, reason in enumerate(REASONS)}
     if rejected := [f"{reason.replace('_', ' ')} {n}" for reason, n in counts.items() if n]:

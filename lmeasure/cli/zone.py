@@ -1,7 +1,7 @@
 """`lmeasure zone`: where in the cell the instrument can be believed."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 RANGE = "START:STOP:STEP"
+LIMITS = "Limits"
+COMPUTING = "Computing"
 
 
 def zone(
@@ -29,41 +31,75 @@ def zone(
     ] = None,
     a: Annotated[str | None, typer.Option("--a", metavar=RANGE, help="Angle A [deg].")] = None,
     t: Annotated[str | None, typer.Option("--t", metavar=RANGE, help="Angle T [deg].")] = None,
-    limit_deg: Annotated[float, typer.Option("--limit-deg", help="Largest pressure angle allowed.")] = 60.0,
-    length_mm: Annotated[str | None, typer.Option("--length-mm", metavar="MIN:MAX", help="Cable lengths allowed.")] = None,
-    u95_mm: Annotated[float | None, typer.Option("--u95-mm", help="Largest 95 % radius of the position allowed.")] = None,
-    report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write the page into this folder.")] = None,
+    limit_deg: Annotated[float, typer.Option("--limit-deg", help="Largest pressure angle.", rich_help_panel=LIMITS)] = 60.0,
+    length_mm: Annotated[str | None, typer.Option("--length-mm", metavar="MIN:MAX", help="Cable lengths.", rich_help_panel=LIMITS)] = None,
+    u95_mm: Annotated[float | None, typer.Option("--u95-mm", help="95 % radius of the position.", rich_help_panel=LIMITS)] = None,
+    u95_rotation_deg: Annotated[
+        float | None, typer.Option("--u95-rotation-deg", help="95 % radius of the orientation.", rich_help_panel=LIMITS)
+    ] = None,
+    u95_attachment_mm: Annotated[
+        float | None, typer.Option("--u95-attachment-mm", help="95 % radius of the worst attachment point.", rich_help_panel=LIMITS)
+    ] = None,
+    wrap_deg: Annotated[float | None, typer.Option("--wrap-deg", help="Angle wrapped around a pulley.", rich_help_panel=LIMITS)] = None,
+    clearance_mm: Annotated[
+        float | None, typer.Option("--clearance-mm", help="Least distance of cables from each other and bodies.", rich_help_panel=LIMITS)
+    ] = None,
+    bodies: Annotated[
+        Path | None, typer.Option("--bodies", metavar="FILE.toml", help="Bodies the cables must not touch.", rich_help_panel=LIMITS)
+    ] = None,
+    one_assembly: Annotated[bool, typer.Option("--one-assembly", help="Keep the determinant's sign.", rich_help_panel=LIMITS)] = False,
+    singularity: Annotated[
+        float | None, typer.Option("--singularity", help="Least distance to a singular pose.", rich_help_panel=LIMITS)
+    ] = None,
+    full: Annotated[bool, typer.Option("--full", help="Map orientation and attachment points too.", rich_help_panel=COMPUTING)] = False,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Threads; default all cores.", rich_help_panel=COMPUTING)] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="dask scheduler to use.", rich_help_panel=COMPUTING)
+    ] = None,
+    checkpoint: Annotated[
+        Path | None, typer.Option("--checkpoint", metavar="DIR", help="Keep chunks here; go on after a kill.", rich_help_panel=COMPUTING)
+    ] = None,
+    report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write zone.html and zone.pdf into this folder.")] = None,
     rerun: Rerun = None,
 ) -> None:
     """Map where every pressure angle stays within the limit, and the 95 % radius of the measured position."""
-    from lmeasure.accuracy.zone import scan_zone, summary, write_zone
+    from lmeasure.accuracy.bodies import read_bodies
+    from lmeasure.accuracy.zone import Limits, scan_zone, summary, write_zone
     from lmeasure.cli.progress import bar
     from lmeasure.run import read_linked_rig
 
     spans = {name: _numbers(name, text, ":", 3) for name, text in (("--x", x), ("--y", y), ("--z", z))}
+    nodes = [_axis(name, span) for name, span in spans.items()]
     rotations = _oat(o, a, t) if o or a or t else _tilts(tilt_rad, tilt_steps, quaternion)
     lengths = None if length_mm is None else _numbers("--length-mm", length_mm, ":", 2)
-    nodes = [_axis(name, span) for name, span in spans.items()]
+    limits = Limits(
+        limit_deg,
+        None if lengths is None else (lengths[0], lengths[1]),
+        u95_mm,
+        u95_rotation_deg,
+        u95_attachment_mm,
+        wrap_deg,
+        clearance_mm,
+        one_assembly,
+        singularity,
+    )
     linked, calibration = read_linked_rig(rig)
+    options: dict[str, Any] = {
+        "limits": limits,
+        "full": full or report is not None,
+        "bodies": () if bodies is None else read_bodies(bodies),
+        "spacing_mm": (spans["--x"][2], spans["--y"][2], spans["--z"][2]),
+        "workers": workers,
+        "scheduler": scheduler,
+        "checkpoint": checkpoint,
+    }
     with bar("zone") as progress:
-        data = scan_zone(
-            linked,
-            calibration,
-            nodes[0],
-            nodes[1],
-            nodes[2],
-            rotations,
-            limit_deg,
-            None if lengths is None else (lengths[0], lengths[1]),
-            progress,
-            u95_limit_mm=u95_mm,
-            spacing_mm=(spans["--x"][2], spans["--y"][2], spans["--z"][2]),
-        )
+        data = scan_zone(linked, calibration, nodes[0], nodes[1], nodes[2], rotations, progress=progress, **options)
     write_zone(out, data)
     if report is not None:
-        from lmeasure.report.zone import write_zone_page
+        from lmeasure.report.zone import write_zone_report
 
-        write_zone_page(report / "zone.html", data, linked)
+        write_zone_report(report, data, linked)
     if rerun is not None:
         from lmeasure.view import write_recording
 

@@ -1,7 +1,8 @@
-"""Scan of an accuracy zone: for each place of the tool origin the worst over all orientations.
+"""Scan of an accuracy zone: for each place of the tool origin the worst figures over all orientations, by the pivoted scalar way.
 
 The scan measures; limits are applied to its figures afterwards, so that one scan serves any limit. A pose where a cable cannot run, or
-where the cables do not determine the pose, counts as a pressure angle of 90 degrees and an infinite uncertainty.
+where the cables do not determine the pose, has an infinite speed of an attachment point (a pressure angle of 90 degrees) and an infinite
+uncertainty. `kernels.zone_lanes` gives the same figures faster and leaves the difficult places to this kernel.
 """
 
 import math
@@ -10,48 +11,133 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import FloatArray, drum_count, length_gradient, span_at
+from lmeasure.kernels.cable import FloatArray, drum_count, length_gradient, orientation, span_at, vec, wrap, wrap_plane
+from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
-from lmeasure.kernels.screw import CABLES, WIDTH, invert, platform_size, worst_pressure_angle
+from lmeasure.kernels.screw import CABLES, WIDTH, invert, platform_size
+from lmeasure.kernels.vector import Vec3, add, cross, dot, rotate, scale, sub
 
 IntArray = NDArray[np.int64]
+
+FIGURES = (
+    "speed2",  # largest squared speed of an attachment point when only its own cable changes at unit rate: 1/cos^2 of the pressure angle
+    "u95_position",  # 95 % radius [mm] of the tool origin
+    "u95_rotation",  # 95 % radius [rad] of the rotation vector
+    "u95_attachment",  # 95 % radius [mm] of the worst attachment point
+    "shortest",  # cable, B to attachment point [mm]
+    "longest",
+    "wrap",  # largest wrapped angle [rad]
+    "determinant_low",  # of the rows (arm x e / size ; e), extremes over the orientations
+    "determinant_high",
+    "norm2",  # largest squared Frobenius norm of their inverse
+    "clearance",  # least distance between cables, and from cable to body surface [mm]
+)
+SPEED2, U95_POSITION, U95_ROTATION, U95_ATTACHMENT, SHORTEST, LONGEST, WRAP, DET_LOW, DET_HIGH, NORM2, CLEARANCE = range(len(FIGURES))
+WORST_START = (1.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, math.inf, -math.inf, 0.0, math.inf)
 
 CANNOT_RUN, SINGULAR = 1, 2
 
 
 @inline
-def _add_systematic(
-    cables: FloatArray,
-    pose: FloatArray,
-    zero: FloatArray,
-    at_start: FloatArray,
-    here: FloatArray,
-    scales: FloatArray,
-    factor: FloatArray,
-    inverse: FloatArray,
-    shift: FloatArray,
-    C: FloatArray,
+def parameter_changes(
+    cables: FloatArray, pose: FloatArray, zero: FloatArray, at_start: FloatArray, scales: FloatArray, here: FloatArray
 ) -> None:
-    """Add the calibration's part to the tool origin's covariance C (3, 3): the rig parameters' covariance is factor @ factor.T, and
-    a parameter moves the length at the pose less that at the start pose, where the counters are zeroed."""
+    """Derivatives of the six changes of length since the zero pose by the rig's parameters, into here (6, WIDTH).
+
+    A parameter moves the length at the pose *and* at the pose where the counters were zeroed (lengths zero (6,), derivatives at_start).
+    """
     for j in range(CABLES):
         change = span_at(cables[j], pose)[0] - zero[j]
         k = drum_count(change, cables[j, 10], cables[j, 11], cables[j, 12], cables[j, 13])
         length_gradient(cables[j], pose, k, scales[j], here[j])
         for c in range(WIDTH):
             here[j, c] -= at_start[j, c]
+
+
+@inline
+def add_systematic(here: FloatArray, factor: FloatArray, inverse: FloatArray, C: FloatArray) -> None:
+    """Add the calibration's part to the covariance C (6, 6) of (rotation; tool origin): the parameters' covariance is factor @ factor.T."""
     for column in range(factor.shape[1]):
-        for a in range(3):
-            shift[a] = 0.0
+        shift = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for j in range(CABLES):
             dl = 0.0
             for c in range(WIDTH):
                 dl += here[j, c] * factor[WIDTH * j + c, column]
-            for a in range(3):
-                shift[a] += inverse[3 + a, j] * dl
-        for a in range(3):
-            for b in range(3):
+            shift = (
+                shift[0] + inverse[0, j] * dl,
+                shift[1] + inverse[1, j] * dl,
+                shift[2] + inverse[2, j] * dl,
+                shift[3] + inverse[3, j] * dl,
+                shift[4] + inverse[4, j] * dl,
+                shift[5] + inverse[5, j] * dl,
+            )
+        for a in range(6):
+            for b in range(6):
                 C[a, b] += shift[a] * shift[b]
+
+
+@inline
+def radius_at(C: FloatArray, arm: Vec3) -> float:
+    """95 % radius of a body point at the arm from the tool origin, from the covariance C (6, 6) of (rotation; tool origin).
+
+    The point moves by t + w x arm = [ -[arm] I ] (w; t).
+    """
+    x, y, z = arm
+    J = ((0.0, z, -y, 1.0, 0.0, 0.0), (-z, 0.0, x, 0.0, 1.0, 0.0), (y, -x, 0.0, 0.0, 0.0, 1.0))
+    m = (_form(C, J[0], J[0]), _form(C, J[1], J[1]), _form(C, J[2], J[2]))
+    return radius_95(m[0], m[1], m[2], _form(C, J[0], J[1]), _form(C, J[0], J[2]), _form(C, J[1], J[2]))
+
+
+@inline
+def _form(C: FloatArray, a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    s = 0.0
+    for i in range(6):
+        t = 0.0
+        for k in range(6):
+            t += C[i, k] * b[k]
+        s += a[i] * t
+    return s
+
+
+@inline
+def clearance_at(cables: FloatArray, pose: FloatArray, pairs: IntArray, bodies: FloatArray) -> float:
+    """Least distance [mm] between the free spans of the pairs of cables, and from any free span to a body's surface."""
+    least = math.inf
+    for k in range(pairs.shape[0]):
+        p, e, t = _free_span(cables[pairs[k, 0]], pose)
+        q, f, u = _free_span(cables[pairs[k, 1]], pose)
+        gap = span_clearance(sub(p, q), e, t, f, u, 0.0)
+        least = gap if gap < least else least
+    for k in range(bodies.shape[0]):
+        # a body of the tool turns and moves with it; one of the base stands still
+        start, way = vec(bodies[k], 0), vec(bodies[k], 3)
+        if bodies[k, 8] > 0.0:
+            start, way = add(vec(pose, 0), rotate(orientation(pose), start)), rotate(orientation(pose), way)
+        for j in range(CABLES):
+            p, e, t = _free_span(cables[j], pose)
+            gap = span_clearance(sub(p, start), e, t, scale(-1.0, way), bodies[k, 6], bodies[k, 7])
+            least = gap if gap < least else least
+    return least
+
+
+@inline
+def _free_span(cable: FloatArray, pose: FloatArray) -> tuple[Vec3, Vec3, float]:
+    """(attachment point, unit direction, straight part) of a cable."""
+    point = add(vec(pose, 0), rotate(orientation(pose), vec(cable, 7)))
+    length, e, _ = span_at(cable, pose)
+    if cable[6] == 0.0:
+        return point, e, length
+    q, p, _ = wrap_plane(sub(point, vec(cable, 0)), vec(cable, 3))
+    _, t = wrap(q, p, cable[6])
+    return point, e, t
+
+
+@inline
+def _wrapped(cable: FloatArray, pose: FloatArray) -> float:
+    """Wrapped angle [rad]; for a straight cable the angle between its guide and the cable, the limit of a vanishing pulley."""
+    point = add(vec(pose, 0), rotate(orientation(pose), vec(cable, 7)))
+    q, p, _ = wrap_plane(sub(point, vec(cable, 0)), vec(cable, 3))
+    return wrap(q, p, cable[6])[0]
 
 
 @kernel
@@ -63,27 +149,30 @@ def scan(
     scales: FloatArray,
     factor: FloatArray,
     start: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    points: FloatArray,
+    pairs: IntArray,
+    bodies: FloatArray,
+) -> tuple[FloatArray, IntArray]:
     """Worst figures at (n, 3) positions of the tool origin over (k, 4) orientations x, y, z, w, all in the base frame.
 
     cables (6, 17); variance (6,) of the lengths' own errors [mm^2]; scales (6,) decoding factors; factor (6 WIDTH, r) with
-    factor @ factor.T the rig parameters' covariance (r = 0: not linked); start (7,) pose at which the counters are zeroed.
-    Returns (n,) worst pressure angle [rad], radius of the sphere at the tool origin that holds 95 % [mm], shortest and longest cable [mm],
-    flags CANNOT_RUN and SINGULAR.
+    factor @ factor.T the rig parameters' covariance (r = 0: not linked); start (7,) pose at which the counters are zeroed; points (p, 3)
+    attachment points in the tool frame whose uncertainty is asked (p = 0: neither theirs nor the rotation's); pairs (c, 2) of cables whose
+    distance is asked; bodies (b, 9): start (0:3), unit way (3:6), length (6), radius (7), 1 when it is the tool's (8).
+    Returns (F, n) figures in the order of `FIGURES` and (n,) flags CANNOT_RUN and SINGULAR.
     """
     n = positions.shape[0]
-    angle, u95 = np.zeros(n), np.zeros(n)
-    shortest, longest = np.full(n, np.inf), np.zeros(n)
-    flags = np.zeros(n, np.int64)
+    out, flags = np.empty((len(WORST_START), n)), np.zeros(n, np.int64)
     size = platform_size(cables)
-    J, inverse, C = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES)), np.empty((3, 3))
-    here, at_start, shift = np.empty((CABLES, WIDTH)), np.empty((CABLES, WIDTH)), np.empty(3)
-    zero = np.empty(CABLES)
+    J, inverse, C = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES)), np.empty((6, 6))
+    here, at_start = np.empty((CABLES, WIDTH)), np.empty((CABLES, WIDTH))
+    zero, pose = np.empty(CABLES), np.empty(7)
     for j in range(CABLES):
         zero[j] = span_at(cables[j], start)[0]
         length_gradient(cables[j], start, 0.0, scales[j], at_start[j])
-    pose = np.empty(7)
     for i in range(n):
+        for f in range(len(WORST_START)):
+            out[f, i] = WORST_START[f]
         for o in range(quaternions.shape[0]):
             for c in range(3):
                 pose[c] = positions[i, c]
@@ -93,20 +182,41 @@ def scan(
             for j in range(CABLES):
                 length = span_at(cables[j], pose)[0]
                 runs &= not math.isnan(length)
-                shortest[i] = min(shortest[i], length)
-                longest[i] = max(longest[i], length)
-            if not runs or invert(cables, pose, J, inverse, size) == 0.0:
+                out[SHORTEST, i] = min(out[SHORTEST, i], length)
+                out[LONGEST, i] = max(out[LONGEST, i], length)
+                out[WRAP, i] = max(out[WRAP, i], _wrapped(cables[j], pose))
+            det = invert(cables, pose, J, inverse, size) if runs else 0.0
+            if det == 0.0:
                 flags[i] |= SINGULAR if runs else CANNOT_RUN
-                angle[i], u95[i] = 0.5 * math.pi, math.inf
+                out[SPEED2, i], out[NORM2, i] = math.inf, math.inf
+                out[U95_POSITION, i], out[U95_ROTATION, i], out[U95_ATTACHMENT, i] = math.inf, math.inf, math.inf
+                if runs:
+                    out[DET_LOW, i], out[DET_HIGH, i] = min(out[DET_LOW, i], 0.0), max(out[DET_HIGH, i], 0.0)
                 continue
-            angle[i] = max(angle[i], worst_pressure_angle(cables, pose, inverse))
-            for a in range(3):
-                for b in range(3):
+            out[DET_LOW, i], out[DET_HIGH, i] = min(out[DET_LOW, i], det), max(out[DET_HIGH, i], det)
+            norm2 = 0.0
+            for j in range(CABLES):
+                turn, move = (inverse[0, j], inverse[1, j], inverse[2, j]), (inverse[3, j], inverse[4, j], inverse[5, j])
+                v = add(move, cross(turn, rotate(orientation(pose), vec(cables[j], 7))))
+                out[SPEED2, i] = max(out[SPEED2, i], dot(v, v))
+                norm2 += size * size * dot(turn, turn) + dot(move, move)
+            out[NORM2, i] = max(out[NORM2, i], norm2)
+            for a in range(6):
+                for b in range(6):
                     s = 0.0
                     for j in range(CABLES):
-                        s += inverse[3 + a, j] * variance[j] * inverse[3 + b, j]
+                        s += inverse[a, j] * variance[j] * inverse[b, j]
                     C[a, b] = s
             if factor.shape[1] > 0:
-                _add_systematic(cables, pose, zero, at_start, here, scales, factor, inverse, shift, C)
-            u95[i] = max(u95[i], radius_95(C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2]))
-    return angle, u95, shortest, longest, flags
+                parameter_changes(cables, pose, zero, at_start, scales, here)
+                add_systematic(here, factor, inverse, C)
+            out[U95_POSITION, i] = max(out[U95_POSITION, i], radius_at(C, (0.0, 0.0, 0.0)))
+            if points.shape[0] > 0:
+                rotation = radius_95(C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2])
+                out[U95_ROTATION, i] = max(out[U95_ROTATION, i], rotation)
+                for k in range(points.shape[0]):
+                    worst = radius_at(C, rotate(orientation(pose), vec(points[k], 0)))
+                    out[U95_ATTACHMENT, i] = max(out[U95_ATTACHMENT, i], worst)
+            if pairs.shape[0] > 0 or bodies.shape[0] > 0:
+                out[CLEARANCE, i] = min(out[CLEARANCE, i], clearance_at(cables, pose, pairs, bodies))
+    return out, flags

@@ -89,6 +89,11 @@ def slices_figure(zone: xr.Dataset) -> go.Figure:
     return figure
 
 
+def write_zone_report(folder: Path, zone: xr.Dataset, rig: Rig) -> None:
+    """Write zone.html into the folder."""
+    write_zone_page(Path(folder) / "zone.html", zone, rig)
+
+
 def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig) -> None:
     """Write a self-contained HTML page with the zone's slices, whole or not at all."""
     attrs = zone.attrs

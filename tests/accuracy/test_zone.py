@@ -9,7 +9,7 @@ from zone_oracle import length_rows, pressure_angles, sphere_radius
 from zone_rigs import cell, published
 
 from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
-from lmeasure.accuracy.zone import REASONS, axis, summary, tilts
+from lmeasure.accuracy.zone import REASONS, Limits, axis, summary, tilts
 from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.conventions import rotation_from_angles
 from lmeasure.errors import AccuracyError, FileFormatError, RigError
@@ -143,7 +143,7 @@ def test_limits_asked_for_are_kept_and_named() -> None:
     nodes = axis(-300, 300, 100)
     free = scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.2, 3))
     u95, longest = float(free["u95_position_mm"].median()), float(free["longest_cable_mm"].median())
-    held = scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.2, 3), 80.0, (0.0, longest), u95_limit_mm=u95)
+    held = scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.2, 3), limits=Limits(80.0, (0.0, longest), u95))
     expected = (free["worst_pressure_angle_deg"] <= 80) & (free["longest_cable_mm"] <= longest) & (free["u95_position_mm"] <= u95)
     np.testing.assert_array_equal(held["in_zone"].values, expected.values)
     np.testing.assert_array_equal(held["in_zone"].values == 0, held["rejected_because"].values != 0)

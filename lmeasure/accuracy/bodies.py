@@ -1,0 +1,68 @@
+"""Bodies that the cables must not touch: capsules of the cell or of the tool."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from lmeasure import files
+from lmeasure.errors import FileFormatError
+
+FloatArray = NDArray[np.float64]
+
+SCHEMA = "lmeasure.bodies/1"
+
+
+def _length(value: float) -> float:
+    if not abs(value) <= 1e6:
+        raise ValueError("must be a length of at most a kilometre")
+    return value
+
+
+Length = Annotated[float, AfterValidator(_length)]
+
+
+class Body(BaseModel):
+    """All points within radius_mm of the piece from from_mm to to_mm (equal: a ball), in the base frame or moving with the tool.
+
+    A tool's body must leave the attachment points free: no clearance can be more than their distance from it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    name: Annotated[str, Field(min_length=1)]
+    frame: Literal["base", "tool"] = "base"
+    from_mm: tuple[Length, Length, Length]
+    to_mm: tuple[Length, Length, Length]
+    radius_mm: Annotated[float, Field(gt=0), AfterValidator(_length)]
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_: Annotated[Literal["lmeasure.bodies/1"], Field(alias="schema")]
+    body: tuple[Body, ...]
+
+
+def read_bodies(path: Path) -> tuple[Body, ...]:
+    """Read `schema = "lmeasure.bodies/1"` and [[body]] tables; FileFormatError names the file and the key."""
+    try:
+        return _File.model_validate(files.read_toml(path)).body
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise FileFormatError(f"{path}: {'.'.join(str(s) for s in first['loc'])}: {first['msg']}") from None
+
+
+def body_rows(bodies: Sequence[Body]) -> FloatArray:
+    """(b, 9) rows of the kernels: start, unit way, length, radius [mm], 1 when it is the tool's."""
+    out = np.zeros((len(bodies), 9))
+    for row, body in zip(out, bodies, strict=True):
+        way = np.subtract(body.to_mm, body.from_mm)
+        length = math.sqrt(float(way @ way))
+        row[0:3] = body.from_mm
+        row[3:6] = way / length if length > 0.0 else (1.0, 0.0, 0.0)
+        row[6:9] = length, body.radius_mm, 1.0 if body.frame == "tool" else 0.0
+    return out

@@ -1,0 +1,283 @@
+"""Scan of many poses: cut into chunks, done by threads or a cluster, kept between runs; the same bits whichever way.
+
+A `Plan` holds everything a chunk needs as plain arrays, so that it travels to another process or machine; `scan_chunk` is a pure
+function of the plan and the chunk's number.
+"""
+
+import hashlib
+import importlib
+import itertools
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure import files
+from lmeasure.errors import AccuracyError
+from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels import zone as kernels
+from lmeasure.kernels.zone_lanes import LANES, scan_lanes
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Progress = Callable[[int, int], None]
+
+POSES_PER_CHUNK = 1_000_000
+
+
+def digest_of(arrays: Mapping[str, Any]) -> str:
+    """SHA-256 over named arrays, their types and shapes."""
+    digest = hashlib.sha256()
+    for name, array in arrays.items():
+        values = np.ascontiguousarray(array)
+        digest.update(f"{name} {values.dtype.str} {values.shape} ".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to scan, as arrays; see `kernels.zone.scan` for cables ... bodies.
+
+    positions (n, 3) [mm]; quaternions (k, 4); order (6,): the cables as the lanes take them, the first three being inverted first;
+    nodes_per_chunk: how the positions are cut.
+    """
+
+    cables: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+    variance: FloatArray
+    scales: FloatArray
+    factor: FloatArray
+    start: FloatArray
+    points: FloatArray
+    pairs: IntArray
+    bodies: FloatArray
+    order: IntArray
+    nodes_per_chunk: int
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks the positions make."""
+        return -(-len(self.positions) // self.nodes_per_chunk)
+
+    def digest(self) -> str:
+        """SHA-256 over every array: two plans with the same digest give the same figures."""
+        return digest_of({field.name: getattr(self, field.name) for field in fields(self)})
+
+
+def chunk_size(orientations: int) -> int:
+    """Nodes of a chunk: a whole number of lanes, about `POSES_PER_CHUNK` poses."""
+    return LANES * max(1, POSES_PER_CHUNK // (LANES * orientations))
+
+
+def block_order(cables: FloatArray, positions: FloatArray, quaternions: FloatArray) -> IntArray:
+    """(6,) order of the cables in which the first three directions stay farthest from coplanar over a sample of the poses."""
+    some = positions[np.linspace(0, len(positions) - 1, min(len(positions), 200)).astype(np.int64)]
+    turns = quaternions[np.linspace(0, len(quaternions) - 1, min(len(quaternions), 5)).astype(np.int64)]
+    directions = np.array(
+        [cable_kernels.span_rows(cables, np.concatenate([at, turn]))[:, 3:] for at, turn in itertools.product(some, turns)]
+    )
+    triples = list(itertools.combinations(range(6), 3))
+    directions = np.where(np.isfinite(directions), directions, 0.0)
+    volumes = [np.abs(np.linalg.det(directions[:, list(t)])) for t in triples]
+    # nearly all poses count, not the one where a cable cannot run
+    best = triples[int(np.argmax([np.quantile(v, 0.02) for v in volumes]))]
+    return np.array([*best, *(j for j in range(6) if j not in best)], dtype=np.int64)
+
+
+def scan_chunk(plan: Plan, number: int) -> tuple[FloatArray, IntArray]:
+    """Figures (F, m) and flags (m,) of a chunk's nodes, as `kernels.zone.scan` gives them."""
+    return scan_positions(plan, _positions(plan, number))
+
+
+def _positions(plan: Plan, number: int) -> FloatArray:
+    first = number * plan.nodes_per_chunk
+    return plan.positions[first : first + plan.nodes_per_chunk]
+
+
+def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Figures and flags at (m, 3) positions [mm], by the lanes wherever they are sound."""
+    if plan.factor.shape[1]:
+        # the calibration's part is only in the scalar kernel
+        return _scalar(plan, positions)
+    count = len(positions)
+    padded = np.concatenate([positions, np.repeat(positions[-1:], -count % LANES, axis=0)])
+    turns = Rotation.from_quat(plan.quaternions)
+    order = plan.order
+    rank = np.argsort(order)
+    figures, left = scan_lanes(
+        np.ascontiguousarray(plan.cables[order]),
+        np.ascontiguousarray(padded),
+        turned(turns, plan.cables[order, 7:10]),
+        turned(turns, plan.points),
+        _body_starts(plan, turns),
+        np.where(plan.bodies[None, :, 8:9] > 0, turned(turns, plan.bodies[:, 3:6]), plan.bodies[None, :, 3:6]),
+        plan.bodies,
+        rank[plan.pairs],
+        np.sqrt(plan.variance[order]),
+        max(1e-3, float(np.linalg.norm(plan.cables[:, 7:10], axis=1).max())),
+    )
+    figures, left = figures[:, :count], left[:count]
+    low, high = figures[kernels.DET_LOW].copy(), figures[kernels.DET_HIGH].copy()
+    if _swaps(order) % 2 == 0:
+        # the lanes' rows stand as (e ; arm x e): three columns exchanged with three change the sign; so does an odd order
+        figures[kernels.DET_LOW], figures[kernels.DET_HIGH] = -high, -low
+    flags = np.zeros(count, np.int64)
+    if left.any():
+        figures[:, left], flags[left] = _scalar(plan, positions[left])
+    return figures, flags
+
+
+def _body_starts(plan: Plan, turns: Rotation) -> FloatArray:
+    return np.where(plan.bodies[None, :, 8:9] > 0, turned(turns, plan.bodies[:, 0:3]), plan.bodies[None, :, 0:3])
+
+
+def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
+    figures, flags = kernels.scan(
+        plan.cables,
+        np.ascontiguousarray(positions),
+        plan.quaternions,
+        plan.variance,
+        plan.scales,
+        plan.factor,
+        plan.start,
+        plan.points,
+        plan.pairs,
+        plan.bodies,
+    )
+    return figures, flags
+
+
+def turned(turns: Rotation, vectors: FloatArray) -> FloatArray:
+    """(k, m, 3) of m vectors turned by k rotations."""
+    # one sum per component in a fixed order: einsum or matmul may choose another on another machine
+    m = turns.as_matrix()[:, None]
+    v = vectors[None]
+    return np.stack([m[..., c, 0] * v[..., 0] + m[..., c, 1] * v[..., 1] + m[..., c, 2] * v[..., 2] for c in range(3)], axis=-1)
+
+
+def _swaps(order: IntArray) -> int:
+    return sum(int(order[i] > order[j]) for i in range(len(order)) for j in range(i + 1, len(order)))
+
+
+def run(
+    plan: Plan,
+    progress: Progress | None = None,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    checkpoint: Path | None = None,
+) -> tuple[FloatArray, IntArray]:
+    """Figures (F, n) and flags (n,) of all positions.
+
+    workers: threads, default one per core this process may use; scheduler: address of a dask scheduler that does the chunks instead;
+    checkpoint: folder where finished chunks are kept, so that a killed scan goes on where it stopped. AccuracyError when the folder
+    belongs to another scan, or the scheduler cannot be reached.
+    """
+    kept = None if checkpoint is None else _Kept(checkpoint, plan)
+    n = len(plan.positions)
+    figures, flags = np.empty((len(kernels.FIGURES), n)), np.empty(n, np.int64)
+    missing = []
+    for number in range(plan.chunks):
+        stored = kept.get(number) if kept else None
+        if stored is None:
+            missing.append(number)
+        else:
+            _place(plan, number, stored, figures, flags)
+    done = plan.chunks - len(missing)
+    results = _cluster(plan, missing, scheduler) if scheduler else _threads(plan, missing, workers)
+    for number, result in results:
+        _place(plan, number, result, figures, flags)
+        if kept:
+            kept.put(number, result)
+        done += 1
+        if progress:
+            progress(done, plan.chunks)
+    return figures, flags
+
+
+def _place(plan: Plan, number: int, result: tuple[FloatArray, IntArray], figures: FloatArray, flags: IntArray) -> None:
+    first = number * plan.nodes_per_chunk
+    last = first + len(result[1])
+    figures[:, first:last], flags[first:last] = result
+
+
+def _threads(plan: Plan, numbers: list[int], workers: int | None) -> Iterator[tuple[int, tuple[FloatArray, IntArray]]]:
+    """Chunks as threads finish them in order; the kernels hold no lock."""
+    count = workers or _cores()
+    if count == 1 or len(numbers) <= 1:
+        for number in numbers:
+            yield number, scan_chunk(plan, number)
+        return
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            yield from zip(numbers, pool.map(lambda number: scan_chunk(plan, number), numbers), strict=True)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[int, tuple[FloatArray, IntArray]]]:
+    """Chunks as the workers of a dask cluster finish them; a chunk whose worker dies is done again by another."""
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise AccuracyError("--scheduler needs dask: install lmeasure with the extra [cluster]") from None
+    try:
+        client = distributed.Client(scheduler, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise AccuracyError(f"{scheduler}: no dask scheduler answers there: {error}") from error
+    with client:
+        # each task carries its own nodes: nothing is lost with a worker that could not be sent again
+        key = plan.digest()[:16]
+        futures = [
+            client.submit(_numbered_chunk, replace(plan, positions=_positions(plan, number)), number, key=f"zone-{key}-{number}", retries=3)
+            for number in numbers
+        ]
+        for future in distributed.as_completed(futures, loop=client.loop):
+            yield future.result()
+
+
+def _numbered_chunk(part: Plan, number: int) -> tuple[int, tuple[FloatArray, IntArray]]:
+    return number, scan_positions(part, part.positions)
+
+
+class _Kept:
+    """Finished chunks in a folder that belongs to one plan."""
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.folder = Path(folder)
+        mark = self.folder / "plan.sha256"
+        digest = plan.digest()
+        if mark.exists():
+            if files.read_bytes(mark).decode("ascii", "replace").strip() != digest:
+                raise AccuracyError(f"{folder}: holds the chunks of another scan; give an empty folder or the same rig, box and options")
+        else:
+            files.write_text(mark, digest + "\n")
+
+    def get(self, number: int) -> tuple[FloatArray, IntArray] | None:
+        """The chunk, or None when it was not finished."""
+        path = self._path(number)
+        if not path.exists():
+            return None
+        with np.load(path, allow_pickle=False) as stored:
+            return stored["figures"], stored["flags"]
+
+    def put(self, number: int, result: tuple[FloatArray, IntArray]) -> None:
+        """Keep a chunk, whole or not at all."""
+        with files.whole(self._path(number)) as temporary:
+            np.savez(temporary, figures=result[0], flags=result[1])
+
+    def _path(self, number: int) -> Path:
+        return self.folder / f"chunk-{number:06d}.npz"

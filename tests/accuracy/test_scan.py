@@ -1,0 +1,189 @@
+"""The fast scan: the same figures as the pivoted kernel, and the same bits however it is cut and whoever does it."""
+
+import importlib
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from zone_rigs import cell, published
+
+from lmeasure.accuracy.bodies import Body
+from lmeasure.accuracy.scan import Plan, run
+from lmeasure.accuracy.zone import axis, make_plan, tilts
+from lmeasure.errors import AccuracyError
+from lmeasure.kernels import zone as kernels
+from lmeasure.rig import Rig
+
+BODIES = (
+    Body(name="column", from_mm=(600, 0, -500), to_mm=(600, 0, 900), radius_mm=80),
+    Body(name="flange", frame="tool", from_mm=(0, 0, -40), to_mm=(0, 0, 30), radius_mm=60),
+)
+
+
+def plan_of(rig: Rig, span: float = 400.0, step: float = 100.0, steps: int = 3) -> Plan:
+    nodes = axis(-span, span, step)
+    positions = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
+    start = np.array([0, 0, 0, 0, 0, 0, 1.0])
+    return make_plan(rig, None, positions, tilts(0.3, steps), start, full=True, near=True, bodies=BODIES)
+
+
+def scalar(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    figures, flags = kernels.scan(
+        plan.cables,
+        plan.positions,
+        plan.quaternions,
+        plan.variance,
+        plan.scales,
+        plan.factor,
+        plan.start,
+        plan.points,
+        plan.pairs,
+        plan.bodies,
+    )
+    return figures, flags
+
+
+@pytest.mark.parametrize("rig", [cell(0), cell(3), published()], ids=["cell-0", "cell-3", "published"])
+def test_lanes_give_the_figures_of_the_pivoted_kernel(rig: Rig) -> None:
+    plan = plan_of(rig)
+    slow, slow_flags = scalar(plan)
+    fast, fast_flags = run(plan)
+    np.testing.assert_array_equal(fast_flags, slow_flags)
+    for name, a, b in zip(kernels.FIGURES, fast, slow, strict=True):
+        # figures grow with the condition of the rows, and so does their rounding; the square of the norm bounds it
+        tolerance = 1e-12 + 1e-15 * slow[kernels.NORM2]
+        assert (np.abs(a - b) <= tolerance * np.maximum(1.0, np.abs(b))).all(), name
+
+
+def test_places_without_a_sound_first_block_are_left_to_the_pivoted_kernel() -> None:
+    plan = plan_of(cell(0), steps=1)
+    cables = plan.cables.copy()
+    # without tilts the spans of cables 1 and 3 are parallel everywhere, so a block that holds both has no inverse
+    cables[2, 0:7] = cables[0, 0:7]
+    cables[2, 0:3] += cables[2, 7:10] - cables[0, 7:10]
+    parallel = replace(plan, cables=cables, order=np.array([0, 2, 1, 3, 4, 5]))
+    slow, _ = scalar(parallel)
+    fast, _ = run(parallel)
+    assert np.isfinite(slow).all()
+    np.testing.assert_array_equal(fast, slow)
+
+
+def test_same_bits_in_any_chunks_with_any_threads() -> None:
+    plan = plan_of(cell(0))
+    whole = run(plan, workers=1)
+    for nodes in (32, 160, 32_000):
+        for workers in (1, 3):
+            parts = run(replace(plan, nodes_per_chunk=nodes), workers=workers)
+            np.testing.assert_array_equal(parts[0], whole[0])
+            np.testing.assert_array_equal(parts[1], whole[1])
+
+
+def test_killed_scan_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    plan = replace(plan_of(cell(0)), nodes_per_chunk=32)
+    whole = run(plan)
+
+    class KilledError(Exception):
+        pass
+
+    def stop(done: int, of: int) -> None:
+        assert of == plan.chunks
+        if done == 5:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        run(plan, stop, checkpoint=tmp_path, workers=1)
+    assert len(list(tmp_path.glob("chunk-*.npz"))) == 5
+    counted: list[int] = []
+    again = run(plan, lambda done, of: counted.append(done), checkpoint=tmp_path, workers=1)
+    assert counted == list(range(6, plan.chunks + 1))
+    np.testing.assert_array_equal(again[0], whole[0])
+    with pytest.raises(AccuracyError, match="another scan"):
+        run(plan_of(cell(1)), checkpoint=tmp_path)
+
+
+def test_clearance_is_the_distance_of_the_free_spans() -> None:
+    """A rig of straight cables, whose spans are the lines from B to P; distances by dense sampling of both."""
+    rig = published()
+    at, turn = np.array([100.0, -300.0, 200.0]), Rotation.from_rotvec([[0.1, -0.2, 0.3]])
+    plan = make_plan(rig, None, at[None, :], turn, np.r_[at, 0, 0, 0, 1], near=True, bodies=BODIES)
+    rows = plan.cables
+    points = at + turn[0].apply(rows[:, 7:10])
+    s = np.linspace(0, 1, 1500)
+    lines = [p + s[:, None] * (b - p) for p, b in zip(points, rows[:, 0:3], strict=True)]
+    least = np.inf
+    for i, j in plan.pairs:
+        least = min(least, float(np.sqrt(((lines[i][:, None] - lines[j][None]) ** 2).sum(axis=-1)).min()))
+    for body in BODIES:
+        ends = np.array([body.from_mm, body.to_mm], dtype=float)
+        if body.frame == "tool":
+            ends = at + turn[0].apply(ends)
+        piece = ends[0] + s[::10, None] * (ends[1] - ends[0])
+        for line in lines:
+            least = min(least, float(np.sqrt(((line[:, None] - piece[None]) ** 2).sum(axis=-1)).min()) - body.radius_mm)
+    figures, _ = run(plan)
+    assert figures[kernels.CLEARANCE, 0] == pytest.approx(least, abs=0.2)
+    assert len(plan.pairs) == 3 * 4 - 3
+
+
+@pytest.fixture
+def cluster() -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
+    """A dask scheduler and two worker processes on loopback, without a dashboard."""
+    common = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    scheduler = subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-show"],
+        **common,  # type: ignore[call-overload]
+    )
+    address = ""
+    for line in scheduler.stderr:
+        if found := re.search(r"tcp://127\.0\.0\.1:\d+", line):
+            address = found.group()
+            break
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    worker += ["--host", "127.0.0.1"]
+    workers = [subprocess.Popen(worker, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True) for _ in range(2)]
+    try:
+        yield address, workers
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+        scheduler.stderr.close()
+
+
+def test_two_worker_processes_give_the_same_bits_though_one_is_killed(
+    cluster: tuple[str, list[subprocess.Popen[str]]],
+) -> None:
+    address, workers = cluster
+    distributed: Any = importlib.import_module("distributed")
+    with distributed.Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    plan = replace(plan_of(cell(0)), nodes_per_chunk=64)
+    whole = run(plan)
+    killed: list[int] = []
+
+    def kill_one(done: int, of: int) -> None:
+        assert of > 4
+        if done == 2:
+            os.kill(workers[0].pid, signal.SIGKILL)
+            workers[0].wait()
+            killed.append(done)
+
+    far = run(plan, kill_one, scheduler=address)
+    assert killed == [2]
+    assert workers[1].poll() is None
+    np.testing.assert_array_equal(far[0], whole[0])
+    np.testing.assert_array_equal(far[1], whole[1])
+
+
+def test_scheduler_that_does_not_answer_is_one_line() -> None:
+    with pytest.raises(AccuracyError, match="no dask scheduler answers"):
+        run(plan_of(cell(0)), scheduler="tcp://127.0.0.1:9")
