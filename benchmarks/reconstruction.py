@@ -55,7 +55,7 @@ def cell() -> Rig:
             }
         )
     cables = [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i // 2 + 1}"} for i in range(6)]
-    return rig_from_dict({"name": "benchmark cell", "observation_point": points, "tool": tool, "cable": cables})
+    return rig_from_dict({"schema": "lmeasure.rig/1", "name": "benchmark cell", "observation_point": points, "tool": tool, "cable": cables})
 
 
 def motion(n: int, rate_hz: float = 1000.0) -> tuple[FloatArray, FloatArray]:
@@ -114,7 +114,9 @@ def command_time(arguments: list[str], environment: dict[str, str] | None = None
 def machine() -> str:
     """The processor's name, as the operating system states it."""
     info = Path("/proc/cpuinfo")
-    names = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")] if info.exists() else []
+    names = (
+        [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")] if info.exists() else []
+    )
     name = names[0] if names else platform.processor() or platform.machine()
     return f"{name}, one core of {os.cpu_count()}, Python {platform.python_version()}, NumPy {np.__version__}"
 

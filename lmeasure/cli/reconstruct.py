@@ -12,6 +12,9 @@ def reconstruct(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: run.toml, rig.toml and the counts of each pass.")],
     out: Annotated[Path, typer.Option("--out", help="Trajectory to write, .parquet or .csv.")],
     rig: Annotated[Path | None, typer.Option("--rig", help="Use this rig.toml instead of the run's own.")] = None,
+    constraint: Annotated[
+        str | None, typer.Option("--constraint", help="What holds the tool where cables are too few: planar or vertical-axis.")
+    ] = None,
     rerun: Rerun = None,
 ) -> None:
     """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
@@ -20,7 +23,7 @@ def reconstruct(
     from lmeasure.trajectory import write_trajectory
 
     recorded = read_run(run, rig)
-    trajectory = stage(recorded)
+    trajectory = stage(recorded, constraint)
     write_trajectory(out, trajectory)
     if rerun is not None:
         from lmeasure.view import write_recording

@@ -375,6 +375,45 @@ def track(
 
 
 @kernel
+def spread(
+    inverse: FloatArray, gradients: FloatArray, count_variance: FloatArray, parameter_covariance: FloatArray, linked: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Random and systematic covariance (6, 6) each of a pose.
+
+    inverse (6, m): twist per unit of each length; gradients (m, 13) of the lengths by their parameters; count_variance (m,) [mm^2];
+    parameter_covariance (13 m, 13 m), read only when linked.
+    """
+    m = inverse.shape[1]
+    random, systematic = np.zeros((6, 6)), np.zeros((6, 6))
+    for a in range(6):
+        for b in range(6):
+            s = 0.0
+            for j in range(m):
+                s += inverse[a, j] * count_variance[j] * inverse[b, j]
+            random[a, b] = s
+    if not linked:
+        return random, systematic
+    C = np.empty((m, m))
+    for j in range(m):
+        for k in range(m):
+            s = 0.0
+            for a in range(WIDTH):
+                t = 0.0
+                for b in range(WIDTH):
+                    t += parameter_covariance[WIDTH * j + a, WIDTH * k + b] * gradients[k, b]
+                s += gradients[j, a] * t
+            C[j, k] = s
+    for a in range(6):
+        for b in range(6):
+            s = 0.0
+            for j in range(m):
+                for k in range(m):
+                    s += inverse[a, j] * C[j, k] * inverse[b, k]
+            systematic[a, b] = s
+    return random, systematic
+
+
+@kernel
 def pose_covariances(
     cables: FloatArray,
     start: FloatArray,
@@ -392,45 +431,24 @@ def pose_covariances(
     started. NaN poses give NaN.
     """
     n = poses.shape[0]
-    random, systematic = np.full((n, 6, 6), np.nan), np.zeros((n, 6, 6))
+    random, systematic = np.full((n, 6, 6), np.nan), np.full((n, 6, 6), np.nan)
     J, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES))
     size = platform_size(cables)
-    at_start, here = np.empty((CABLES, WIDTH)), np.empty((CABLES, WIDTH))
-    C = np.empty((CABLES, CABLES))
+    at_start, here = np.empty((CABLES, WIDTH)), np.zeros((CABLES, WIDTH))
     linked = np.any(parameter_covariance != 0.0)
     for j in range(CABLES):
         length_gradient(cables[j], start, 0.0, scales[j], at_start[j])
     for i in range(n):
         if math.isnan(poses[i, 0]):
-            systematic[i] = np.nan
             continue
         invert(cables, poses[i], J, inverse, size)
+        if linked:
+            for j in range(CABLES):
+                length_gradient(cables[j], poses[i], counts[i, j], scales[j], here[j])
+                for c in range(WIDTH):
+                    here[j, c] -= at_start[j, c]
+        r, s = spread(inverse, here, count_variance, parameter_covariance, linked)
         for a in range(6):
-            for b in range(6):
-                s = 0.0
-                for j in range(CABLES):
-                    s += inverse[a, j] * count_variance[j] * inverse[b, j]
-                random[i, a, b] = s
-        if not linked:
-            continue
-        for j in range(CABLES):
-            length_gradient(cables[j], poses[i], counts[i, j], scales[j], here[j])
-            for c in range(WIDTH):
-                here[j, c] -= at_start[j, c]
-        for j in range(CABLES):
-            for k in range(CABLES):
-                s = 0.0
-                for a in range(WIDTH):
-                    t = 0.0
-                    for b in range(WIDTH):
-                        t += parameter_covariance[WIDTH * j + a, WIDTH * k + b] * here[k, b]
-                    s += here[j, a] * t
-                C[j, k] = s
-        for a in range(6):
-            for b in range(6):
-                s = 0.0
-                for j in range(CABLES):
-                    for k in range(CABLES):
-                        s += inverse[a, j] * C[j, k] * inverse[b, k]
-                systematic[i, a, b] = s
+            copy(r[a], random[i, a])
+            copy(s[a], systematic[i, a])
     return random, systematic

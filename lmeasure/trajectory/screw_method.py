@@ -1,169 +1,155 @@
 """Trajectory by the screw method (thesis Rashoyan 2021, 5.6), with the uncertainty of every pose."""
 
-from collections import Counter
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from lmeasure import files
-from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
-from lmeasure.kernels import screw
-from lmeasure.lengths import cable_covariance, count_variance, lengths_from_counts, span_lengths
-from lmeasure.poses import POSITION_COLUMNS
+from lmeasure.kernels import lanes, least_squares, screw
+from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, span_lengths
+from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.scheme import Scheme, scheme_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
+LANES_PAY = 20_000  # samples from which the lane kernel saves more than it takes to compile
+SLACK_MM = 0.5  # an error of one length that no rig is calibrated so badly to have
 
 _CAUSES = {
     screw.SINGULAR: "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here",
     screw.NOT_CONVERGED: "no pose was found whose lengths are these counts",
+    screw.SLACK: "the lengths contradict each other, and one redundant cable cannot tell which does not follow",
     screw.OTHER_ASSEMBLY: "beyond a singular pose the lengths fit two assemblies: which one cannot be told",
 }
+NOT_MEASURED = "orientation not measured"
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """Poses of the tool over time; what is not `ok` is NaN.
+class Reconstruction:
+    """A run that is being reconstructed: give it the lengths of one piece of the run after the other.
 
-    time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual;
-    iterations (n,); status (n,) codes of `kernels.screw.STATUS`; cause, cable (n) texts; worst_pressure_angle_deg (n,);
-    u_random, u_systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, from the
-    resolution of the counts and from the linked calibration (systematic: nearly the same error along the whole run).
-    covers: what the standard uncertainties hold, in words.
+    RigError when the rig's cables cannot tell the pose; GeometryError when a cable cannot run at the start pose; TrajectoryError when the
+    start pose is singular.
     """
 
-    time_s: FloatArray
-    poses: FloatArray
-    residual_mm: FloatArray
-    iterations: IntArray
-    status: IntArray
-    cause: files.TextArray
-    cable: files.TextArray
-    worst_pressure_angle_deg: FloatArray
-    random: FloatArray
-    systematic: FloatArray
-    covers: str
-    notes: tuple[str, ...] = ()
+    def __init__(self, rig: Rig, start: FloatArray, calibration: CalibrationRecord | None = None, constraint: str | None = None) -> None:
+        self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
+        try:
+            span_lengths(rig, start[None, :])
+        except GeometryError as error:
+            raise GeometryError(f"start {error}") from None
+        self.start = _start_of(self.scheme, rig, start)
+        self.variance, self.scales = count_variance(rig), rig.scales()
+        self.parameters = _parameters(self.scheme, rig, calibration)
+        self.covers = "counts of half a unit and the linked calibration" if calibration else _UNLINKED
+        m = len(self.scheme.rows)
+        self._state = screw.new_state(self.start) if self.scheme.six else least_squares.new_state(self.start, m)
+        _, _, _, status, *_ = self._follow(np.zeros((1, m)), np.zeros(1, np.int64))
+        if status[0] != screw.OK:
+            raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}")
 
-    @property
-    def u(self) -> FloatArray:
-        """(n, 6) standard uncertainties in the order of `UNCERTAINTY_COLUMNS`: tool origin [mm], small rotation [rad]."""
-        both = np.sqrt(np.einsum("nii->ni", self.random + self.systematic))
-        return np.asarray(both[:, [3, 4, 5, 0, 1, 2]])
+    def add(self, lengths: Lengths) -> Trajectory:
+        """The trajectory of the next piece of the run."""
+        scheme = self.scheme
+        poses, residual, iterations, status, angle, *more = self._follow(lengths.change_mm, lengths.flags)
+        given = scheme.rows, self.start, poses, lengths.counts, self.scales, self.variance, self.parameters
+        cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
+        cable, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None
+        if scheme.six:
+            random, systematic = screw.pose_covariances(*given)
+        else:
+            left_out, chi = more
+            random, systematic = least_squares.covariances(*given, scheme.free_index, left_out)
+            chi_squared = chi if scheme.redundancy else None
+            cause, cable = self._remarks(lengths, status, left_out, cause, cable)
+        trajectory = Trajectory(
+            lengths.time_s,
+            poses,
+            residual,
+            iterations,
+            status,
+            cause,
+            cable,
+            np.degrees(angle),
+            random,
+            systematic,
+            self.covers,
+            (*lengths.notes, *self._notes()),
+            chi_squared,
+        )
+        return _without_orientation(trajectory) if scheme.point else trajectory
 
-    def columns(self) -> dict[str, Any]:
-        """Columns of a trajectory file."""
-        out: dict[str, Any] = {"time_s": self.time_s}
-        out |= dict(zip(POSITION_COLUMNS, self.poses[:, :3].T, strict=True))
-        out |= dict(zip(QUATERNION_COLUMNS, self.poses[:, 3:].T, strict=True))
-        out |= {
-            "residual_mm": self.residual_mm,
-            "iterations": self.iterations,
-            "status": np.array(screw.STATUS, dtype=np.object_)[self.status],
-            "cause": self.cause,
-            "cable": self.cable,
-            "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
-        }
-        return out | dict(zip(UNCERTAINTY_COLUMNS, self.u.T, strict=True))
+    def _follow(self, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
+        u, rows = np.sqrt(self.variance), self.scheme.rows
+        if self.scheme.six:
+            follow = lanes.follow if len(changes) >= LANES_PAY else screw.resume
+            return tuple(follow(rows, self.start, self._state, changes, flags, u))
+        return tuple(least_squares.follow(rows, self.start, self._state, changes, flags, u, self.scheme.free_index, SLACK_MM))
 
-    def summary(self) -> str:
-        """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
-        counts = Counter({screw.STATUS[code]: int(times) for code, times in zip(*np.unique(self.status, return_counts=True), strict=True)})
-        lines = [f"{len(self.time_s)} samples: " + ", ".join(f"{n} {name}" for name, n in counts.most_common())]
-        if (self.status != screw.OK).any():
-            first = int(np.argmax(self.status != screw.OK))
-            cable = f", cable {self.cable[first]}" if self.cable[first] else ""
-            lines.append(f"first that is not ok: sample {first} at {self.time_s[first]:.6g} s{cable}: {self.cause[first]}")
-        if counts["ok"]:
-            u = self.u
-            position = np.nanmax(np.linalg.norm(u[:, :3], axis=1))
-            rotation = np.nanmax(np.linalg.norm(u[:, 3:], axis=1))
-            lines.append(
-                f"worst pressure angle {np.nanmax(self.worst_pressure_angle_deg):.1f} deg; largest standard uncertainty "
-                f"{position:.4f} mm, {np.degrees(rotation):.5f} deg"
-            )
-        lines += [f"uncertainties: {self.covers}", *(f"note: {n}" for n in self.notes)]
-        return "\n".join(lines)
+    def _remarks(
+        self, lengths: Lengths, status: IntArray, left_out: IntArray, cause: NDArray[np.object_], cable: NDArray[np.object_]
+    ) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
+        """Causes and cables of samples that are good without one of the cables, and what a scheme does not measure."""
+        ok = status == screw.OK
+        cause, cable = np.where(ok, NOT_MEASURED if self.scheme.point else "", cause), np.where(ok, "", cable)
+        for flag in np.unique(lengths.flags[ok & (lengths.flags != screw.OK)]):
+            mask = ok & (lengths.flags == flag)
+            cause[mask] = [f"without it: {text}" for text in lengths.cause[mask]]
+            cable[mask] = lengths.cable[mask]
+        for j in np.unique(left_out[ok & (left_out >= 0)]):
+            mask = ok & (left_out == j)
+            cause[mask], cable[mask] = "does not follow the other cables and is left out", lengths.cables[j]
+        return cause, cable
+
+    def _notes(self) -> tuple[str, ...]:
+        point = self.scheme.point
+        notes = []
+        if point:
+            notes.append(f"all cables lead to {point}: x, y, z are its position, the orientation is not measured")
+        if self.scheme.held:
+            notes.append(f"{self.scheme.held}: taken as exact")
+        return tuple(notes)
 
 
-def reconstruct(run: Run) -> Trajectory:
-    """The trajectory of a run of six cables, in one pass or several.
+_TEXTS = np.array([_CAUSES.get(code, "") for code in range(len(screw.STATUS))], dtype=np.object_)
+_UNLINKED = "the counts' resolution only: the rig links no calibration"
 
-    RigError when the rig has not six cables or its attachment points lie on a line; TrajectoryError when the start pose is singular;
-    GeometryError when a cable cannot run at the start pose.
+
+def reconstruct(run: Run, constraint: str | None = None) -> Trajectory:
+    """The trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
+
+    Raises what `Reconstruction` raises.
     """
-    rig = run.rig
-    rig.require_pose()
-    try:
-        span_lengths(rig, run.start[None, :])
-    except GeometryError as error:
-        raise GeometryError(f"start {error}") from None
-    rows = rig.cable_rows()
-    lengths = lengths_from_counts(run)
-    variance = count_variance(rig)
-    u = np.sqrt(variance)
-    _, _, _, start_status, _ = screw.track(rows, run.start, np.zeros((1, 6)), np.zeros(1, np.int64), u)
-    if start_status[0] != screw.OK:
-        raise TrajectoryError(f"start: {_CAUSES[int(start_status[0])]}")
-    poses, residual, iterations, status, angle = screw.track(rows, run.start, lengths.change_mm, lengths.flags, u)
-    random, systematic = screw.pose_covariances(
-        rows,
-        run.start,
-        poses,
-        lengths.counts,
-        rig.scales(),
-        variance,
-        cable_covariance(rig, run.calibration),
-    )
-    solved = np.array([_CAUSES.get(code, "") for code in range(len(screw.STATUS))], dtype=np.object_)[status]
-    cause = np.where(lengths.flags == screw.OK, solved, lengths.cause)
-    covers = (
-        "counts of half a unit and the linked calibration"
-        if run.calibration
-        else "the counts' resolution only: the rig links no calibration"
-    )
-    return Trajectory(
-        lengths.time_s,
-        poses,
-        residual,
-        iterations,
-        status,
-        cause,
-        lengths.cable,
-        np.degrees(angle),
-        random,
-        systematic,
-        covers,
-        lengths.notes,
-    )
+    return Reconstruction(run.rig, run.start, run.calibration, constraint).add(lengths_from_counts(run))
 
 
-def write_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write .parquet or .csv with the columns of the contract, whole or not at all; Parquet keeps `covers` in its metadata."""
-    files.write_table(path, trajectory.columns(), {"uncertainty_covers": trajectory.covers})
+def _start_of(scheme: Scheme, rig: Rig, start: FloatArray) -> FloatArray:
+    """The start pose (7,); of the attachment point where only that is measured."""
+    if scheme.point is None:
+        return start
+    place = start[:3] + Rotation.from_quat(start[3:]).apply(rig.tool[scheme.point])
+    return np.concatenate([place, [0.0, 0.0, 0.0, 1.0]])
 
 
-def read_trajectory(path: Path) -> Trajectory:
-    """Read what `write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
-    table = files.read_table(path)
-    u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)[:, [3, 4, 5, 0, 1, 2]]
-    return Trajectory(
-        table.numbers("time_s"),
-        table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True),
-        table.numbers("residual_mm", gaps=True),
-        table.numbers("iterations").astype(np.int64),
-        table.choices("status", screw.STATUS),
-        table.labels("cause"),
-        table.labels("cable"),
-        table.numbers("worst_pressure_angle_deg", gaps=True),
-        np.einsum("ni,ij->nij", u**2, np.eye(6)),
-        np.zeros((len(u), 6, 6)),
-        "as the file says",
-    )
+def _parameters(scheme: Scheme, rig: Rig, calibration: CalibrationRecord | None) -> FloatArray:
+    """(13 m, 13 m) covariance of the cables' parameters; where the point itself is measured its place in the tool frame does not enter."""
+    covariance = cable_covariance(rig, calibration)
+    if scheme.point is not None:
+        attachment = np.tile([name.startswith("attachment") for name in PARAMETERS], len(scheme.rows))
+        covariance[attachment, :] = covariance[:, attachment] = 0.0
+    return covariance
+
+
+def _without_orientation(trajectory: Trajectory) -> Trajectory:
+    poses, random, systematic = trajectory.poses.copy(), trajectory.random.copy(), trajectory.systematic.copy()
+    poses[:, 3:] = np.nan
+    for covariance in (random, systematic):
+        covariance[:, :3, :] = covariance[:, :, :3] = np.nan
+    return replace(trajectory, poses=poses, random=random, systematic=systematic)

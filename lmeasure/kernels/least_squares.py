@@ -1,0 +1,321 @@
+"""Poses from any number of cables: least squares over the components of the twist that are free to change.
+
+The screw method for other schemes than six cables to a body. A scheme says which of the six components of the twist (omega; v), base
+axes, can change: all six, only v (several cables to one point), omega_z, v_x, v_y (a planar stage) or omega_z and v (a tool that stays
+vertical). Each of these sets is a group of displacements, so a finite twist of such components stays within it. With more cables than
+free components the step is Gauss and Newton's, lengths weighted by their uncertainty, and what remains tells whether the cables agree.
+"""
+
+import math
+
+import numpy as np
+
+from lmeasure.kernels import kernel
+from lmeasure.kernels.cable import FloatArray, length_gradient, orientation, span_at, vec
+from lmeasure.kernels.screw import (
+    MAX_ITERATIONS,
+    NOT_CONVERGED,
+    OK,
+    ON_THE_WAY_MM,
+    OTHER_ASSEMBLY,
+    SINGULAR,
+    SLACK,
+    STRIDE_MM,
+    WIDTH,
+    IntArray,
+    copy,
+    displace,
+    eliminate,
+    platform_size,
+    spread,
+)
+from lmeasure.kernels.vector import add, cross, norm, rotate
+
+STEP_MM = 1e-11  # a step below it moves nothing that a length could show
+CONFIDENT = 5.0  # standard uncertainties of a length within which its residual must stay
+LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
+
+
+@kernel
+def _fill(
+    cables: FloatArray,
+    pose: FloatArray,
+    targets: FloatArray,
+    weights: FloatArray,
+    free: IntArray,
+    size: float,
+    A: FloatArray,
+    r: FloatArray,
+) -> bool:
+    """Weighted rows by the free components into A (m, f), weighted residuals into r (m,); False where a cable cannot run."""
+    full = np.empty(6)
+    fine = True
+    for j in range(cables.shape[0]):
+        r[j] = 0.0
+        for c in range(len(free)):
+            A[j, c] = 0.0
+        if weights[j] == 0.0:
+            continue
+        length, e, arm = span_at(cables[j], pose)
+        moment = cross(arm, e)
+        for c in range(3):
+            full[c], full[3 + c] = moment[c] / size, e[c]
+        for c in range(len(free)):
+            A[j, c] = weights[j] * full[free[c]]
+        r[j] = weights[j] * (targets[j] - length)
+        fine = fine and math.isfinite(r[j])
+    return fine
+
+
+@kernel
+def _normal(A: FloatArray, N: FloatArray) -> None:
+    for a in range(A.shape[1]):
+        for b in range(A.shape[1]):
+            s = 0.0
+            for j in range(A.shape[0]):
+                s += A[j, a] * A[j, b]
+            N[a, b] = s
+
+
+@kernel
+def _solve(
+    cables: FloatArray, pose: FloatArray, targets: FloatArray, weights: FloatArray, free: IntArray, size: float, tolerance: float
+) -> tuple[int, int]:
+    """Move the pose (in place) to the least squares: (status, iterations)."""
+    m, f = cables.shape[0], len(free)
+    A, r, N, b, twist = np.empty((m, f)), np.empty(m), np.empty((f, f)), np.empty((f, 1)), np.empty(6)
+    previous = math.inf
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        if not _fill(cables, pose, targets, weights, free, size, A, r):
+            return NOT_CONVERGED, iteration
+        _normal(A, N)
+        for c in range(f):
+            s = 0.0
+            for j in range(m):
+                s += A[j, c] * r[j]
+            b[c, 0] = s
+        if eliminate(N, b) == 0.0:
+            return SINGULAR, iteration
+        step = 0.0
+        for c in range(6):
+            twist[c] = 0.0
+        for c in range(f):
+            twist[free[c]] = b[c, 0]
+            step = max(step, abs(b[c, 0]))
+        displace(pose, twist, size)
+        # rounding floor: a tiny step that no longer falls has nothing left to gain
+        if step <= tolerance or (step < 1e-9 and step >= 0.5 * previous):
+            return OK, iteration
+        previous = step
+    return NOT_CONVERGED, MAX_ITERATIONS
+
+
+@kernel
+def _inverse(
+    cables: FloatArray,
+    pose: FloatArray,
+    weights: FloatArray,
+    free: IntArray,
+    size: float,
+    targets: FloatArray,
+    G: FloatArray,
+    r: FloatArray,
+) -> tuple[bool, float]:
+    """Twist per unit of each length into G (6, m), residuals [mm] into r (m,); whether they exist, and the rows' determinant if square."""
+    m, f = cables.shape[0], len(free)
+    A, N, B = np.empty((m, f)), np.empty((f, f)), np.empty((f, m))
+    _fill(cables, pose, targets, weights, free, size, A, r)
+    _normal(A, N)
+    for c in range(f):
+        for j in range(m):
+            B[c, j] = A[j, c] * weights[j]
+    if eliminate(N, B) == 0.0:
+        return False, 0.0
+    for j in range(m):
+        r[j] = r[j] / weights[j] if weights[j] > 0.0 else math.nan
+        for c in range(6):
+            G[c, j] = 0.0
+        for c in range(f):
+            G[free[c], j] = B[c, j] / (size if free[c] < 3 else 1.0)
+    return True, eliminate(A, np.zeros((f, 1))) if m == f else 1.0
+
+
+@kernel
+def _fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
+    """Largest speed of an attachment point per unit rate of its own cable."""
+    fastest = 1.0
+    for j in range(cables.shape[0]):
+        arm = rotate(orientation(pose), vec(cables[j], 7))
+        fastest = max(fastest, norm(add((G[3, j], G[4, j], G[5, j]), cross((G[0, j], G[1, j], G[2, j]), arm))))
+    return fastest
+
+
+@kernel
+def _suspect(cables: FloatArray, pose: FloatArray, G: FloatArray, r: FloatArray, u: FloatArray, slack_mm: float) -> int:
+    """The cable whose length contradicts the others most and beyond doubt, or -1 (Baarda's test).
+
+    A residual r_j is the error of that length times its redundancy 1 - h_j (h: how far the pose follows the length), so r_j / (1 - h_j)
+    is the error it would take alone, and r_j / sqrt(1 - h_j) has the length's own standard uncertainty.
+    """
+    found, largest = -1, 1.0
+    for j in range(cables.shape[0]):
+        if math.isnan(r[j]):
+            continue
+        _, e, arm = span_at(cables[j], pose)
+        moment = cross(arm, e)
+        h = 0.0
+        for c in range(3):
+            h += moment[c] * G[c, j] + e[c] * G[3 + c, j]
+        redundancy = 1.0 - h
+        if redundancy < 1e-6:
+            continue
+        error = abs(r[j]) / math.sqrt(redundancy) / max(CONFIDENT * u[j], slack_mm)
+        if error > largest:
+            found, largest = j, error
+    return found
+
+
+@kernel
+def new_state(start: FloatArray, m: int) -> FloatArray:
+    """(8 + m,) where a run of m cables has got to at its start: last good pose, change of the cables there, 1 when it was lost."""
+    state = np.zeros(8 + m)
+    copy(start, state)
+    return state
+
+
+@kernel
+def follow(
+    cables: FloatArray,
+    start: FloatArray,
+    state: FloatArray,
+    changes: FloatArray,
+    flags: IntArray,
+    u: FloatArray,
+    free: IntArray,
+    slack_mm: float,
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, IntArray, FloatArray]:
+    """Poses of a run by continuation, from m >= f cables and f free components of the twist.
+
+    cables (m, columns); start (7,); state (8 + m,), moved on in place; changes (n, m) [mm], NaN where a cable has no count: the others
+    are used as long as f are left, else the sample keeps its flag of flags (n,); u (m,) standard uncertainties of the lengths [mm]; free
+    (f,) indices into the twist; slack_mm: an error of one length that is believed whatever u says. With two or more redundant cables one
+    that contradicts the others is left out; with one the sample is SLACK, for none can be named.
+
+    Returns poses (n, 7), largest absolute residual (n,) [mm], iterations (n,), status (n,), worst pressure angle (n,) [rad], the cable left
+    out (n,) or -1, chi squared (n,) of the residuals.
+    """
+    n, m, f = changes.shape[0], cables.shape[0], len(free)
+    poses, residual, angle, chi = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    iterations, status, left_out = np.zeros(n, np.int64), np.zeros(n, np.int64), np.full(n, -1)
+    size = platform_size(cables)
+    zero, targets, weights, pose = np.empty(m), np.empty(m), np.empty(m), np.empty(7)
+    G, r = np.empty((6, m)), np.empty(m)
+    smallest = u.min()
+    for j in range(m):
+        zero[j] = span_at(cables[j], start)[0]
+        targets[j], weights[j] = zero[j], smallest / u[j]
+    _, side = _inverse(cables, start, weights, free, size, targets, G, r)
+    for i in range(n):
+        if state[7 + m] != 0.0:
+            status[i] = OTHER_ASSEMBLY
+            continue
+        counted, longest = 0, 0.0
+        for j in range(m):
+            good = math.isfinite(changes[i, j])
+            weights[j] = smallest / u[j] if good else 0.0
+            if good:
+                counted += 1
+                longest = max(longest, abs(changes[i, j] - state[7 + j]))
+        outcome = OK
+        while True:
+            if counted < f:
+                outcome = flags[i]
+                break
+            parts = max(1, math.ceil(longest / STRIDE_MM))
+            copy(state[:7], pose)
+            for part in range(1, parts + 1):
+                for j in range(m):
+                    way = changes[i, j] if part == parts else state[7 + j] + part / parts * (changes[i, j] - state[7 + j])
+                    targets[j] = zero[j] + way
+                outcome, steps = _solve(cables, pose, targets, weights, free, size, STEP_MM if part == parts else ON_THE_WAY_MM)
+                iterations[i] += steps
+                if outcome != OK:
+                    break
+            if outcome != OK:
+                break
+            known, det = _inverse(cables, pose, weights, free, size, targets, G, r)
+            if not known:
+                outcome = SINGULAR
+            elif m == f and det * side <= 0.0:
+                outcome = OTHER_ASSEMBLY
+            if outcome != OK or counted == f:
+                break
+            j = _suspect(cables, pose, G, r, u, slack_mm)
+            if j < 0:
+                break
+            if counted - f < 2:
+                outcome = SLACK
+                break
+            left_out[i] = j
+            weights[j] = 0.0
+            counted -= 1
+        if outcome == OK:
+            fastest = _fastest(cables, pose, G)
+            if fastest > LOST_SPEED:
+                outcome = SINGULAR
+                state[7 + m] = 1.0
+            else:
+                angle[i] = math.acos(1.0 / fastest)
+        status[i] = outcome
+        if outcome == OK:
+            copy(pose, poses[i])
+            copy(pose, state)
+            worst, chi[i] = 0.0, 0.0
+            for j in range(m):
+                # a cable without a count is taken up again where it stands by the pose
+                state[7 + j] = changes[i, j] if weights[j] > 0.0 else span_at(cables[j], pose)[0] - zero[j]
+                if weights[j] > 0.0:
+                    worst = max(worst, abs(r[j]))
+                    chi[i] += (r[j] / u[j]) ** 2
+            residual[i] = worst
+    return poses, residual, iterations, status, angle, left_out, chi
+
+
+@kernel
+def covariances(
+    cables: FloatArray,
+    start: FloatArray,
+    poses: FloatArray,
+    counts: FloatArray,
+    scales: FloatArray,
+    count_variance: FloatArray,
+    parameter_covariance: FloatArray,
+    free: IntArray,
+    left_out: IntArray,
+) -> tuple[FloatArray, FloatArray]:
+    """`screw.pose_covariances` for any scheme; what the scheme holds has no uncertainty. left_out (n,) as `follow` returns it."""
+    n, m = poses.shape[0], cables.shape[0]
+    random, systematic = np.full((n, 6, 6), np.nan), np.full((n, 6, 6), np.nan)
+    size = platform_size(cables)
+    at_start, here, G, r = np.empty((m, WIDTH)), np.zeros((m, WIDTH)), np.empty((6, m)), np.empty(m)
+    weights = np.empty(m)
+    linked = np.any(parameter_covariance != 0.0)
+    for j in range(m):
+        length_gradient(cables[j], start, 0.0, scales[j], at_start[j])
+    smallest = count_variance.min()
+    for i in range(n):
+        if math.isnan(poses[i, 0]):
+            continue
+        for j in range(m):
+            unused = j == left_out[i] or math.isnan(counts[i, j])
+            weights[j] = 0.0 if unused else math.sqrt(smallest / count_variance[j])
+            if linked and not unused:
+                length_gradient(cables[j], poses[i], counts[i, j], scales[j], here[j])
+                for c in range(WIDTH):
+                    here[j, c] -= at_start[j, c]
+        _inverse(cables, poses[i], weights, free, size, at_start[:, 0], G, r)
+        a, b = spread(G, here, count_variance, parameter_covariance, linked)
+        for c in range(6):
+            copy(a[c], random[i, c])
+            copy(b[c], systematic[i, c])
+    return random, systematic

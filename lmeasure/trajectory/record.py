@@ -1,0 +1,139 @@
+"""The trajectory: poses over time with their status and uncertainty, and its files."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure import files
+from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.kernels import screw
+from lmeasure.poses import POSITION_COLUMNS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses of the tool over time; what is not `ok` is NaN.
+
+    time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual;
+    iterations (n,); status (n,) codes of `kernels.screw.STATUS`; cause, cable (n) texts; worst_pressure_angle_deg (n,);
+    u_random, u_systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, from the
+    resolution of the counts and from the linked calibration (systematic: nearly the same error along the whole run).
+    covers: what the standard uncertainties hold, in words. chi_squared (n,): sum of squared residuals over their variances, of as many
+    degrees of freedom as there are redundant cables; None when there are none.
+    """
+
+    time_s: FloatArray
+    poses: FloatArray
+    residual_mm: FloatArray
+    iterations: IntArray
+    status: IntArray
+    cause: files.TextArray
+    cable: files.TextArray
+    worst_pressure_angle_deg: FloatArray
+    random: FloatArray
+    systematic: FloatArray
+    covers: str
+    notes: tuple[str, ...] = ()
+    chi_squared: FloatArray | None = None
+
+    @property
+    def u(self) -> FloatArray:
+        """(n, 6) standard uncertainties in the order of `UNCERTAINTY_COLUMNS`: tool origin [mm], small rotation [rad]."""
+        both = np.sqrt(np.einsum("nii->ni", self.random + self.systematic))
+        return np.asarray(both[:, [3, 4, 5, 0, 1, 2]])
+
+    def columns(self) -> dict[str, Any]:
+        """Columns of a trajectory file."""
+        out: dict[str, Any] = {"time_s": self.time_s}
+        out |= dict(zip(POSITION_COLUMNS, self.poses[:, :3].T, strict=True))
+        out |= dict(zip(QUATERNION_COLUMNS, self.poses[:, 3:].T, strict=True))
+        out |= {
+            "residual_mm": self.residual_mm,
+            "iterations": self.iterations,
+            "status": np.array(screw.STATUS, dtype=np.object_)[self.status],
+            "cause": self.cause,
+            "cable": self.cable,
+            "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
+        }
+        out |= dict(zip(UNCERTAINTY_COLUMNS, self.u.T, strict=True))
+        return out if self.chi_squared is None else out | {"chi_squared": self.chi_squared}
+
+    def summary(self) -> str:
+        """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
+        summary = Summary()
+        summary.add(self)
+        return summary.text()
+
+
+class Summary:
+    """What is to be said of a trajectory that is given in pieces."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self.statuses: Counter[str] = Counter()
+        self.first_bad = ""
+        self.worst_angle = self.u_position = self.u_rotation = 0.0
+        self.covers = ""
+        self.notes: list[str] = []
+
+    def add(self, piece: Trajectory) -> None:
+        """Take the next piece into account."""
+        codes, times = np.unique(piece.status, return_counts=True)
+        self.statuses.update({screw.STATUS[code]: int(n) for code, n in zip(codes, times, strict=True)})
+        if not self.first_bad and (piece.status != screw.OK).any():
+            i = int(np.argmax(piece.status != screw.OK))
+            cable = f", cable {piece.cable[i]}" if piece.cable[i] else ""
+            self.first_bad = f"sample {self.samples + i} at {piece.time_s[i]:.6g} s{cable}: {piece.cause[i]}"
+        self.samples += len(piece.time_s)
+        # fmax passes over what is not measured
+        self.worst_angle = float(np.fmax.reduce(piece.worst_pressure_angle_deg, initial=self.worst_angle))
+        self.u_position = float(np.fmax.reduce(np.linalg.norm(piece.u[:, :3], axis=1), initial=self.u_position))
+        self.u_rotation = float(np.fmax.reduce(np.linalg.norm(piece.u[:, 3:], axis=1), initial=self.u_rotation))
+        self.covers = piece.covers
+        self.notes += [note for note in piece.notes if note not in self.notes]
+
+    def text(self) -> str:
+        """The lines."""
+        lines = [f"{self.samples} samples: " + ", ".join(f"{n} {name}" for name, n in self.statuses.most_common())]
+        if self.first_bad:
+            lines.append(f"first that is not ok: {self.first_bad}")
+        if self.statuses["ok"]:
+            rotation = f"{np.degrees(self.u_rotation):.5f} deg" if self.u_rotation else "orientation not measured"
+            lines.append(
+                f"worst pressure angle {self.worst_angle:.1f} deg; largest standard uncertainty {self.u_position:.4f} mm, {rotation}"
+            )
+        return "\n".join([*lines, f"uncertainties: {self.covers}", *(f"note: {note}" for note in self.notes)])
+
+
+def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write .parquet or .csv with the columns of the contract, whole or not at all; Parquet keeps `covers` in its metadata."""
+    files.write_table(path, trajectory.columns(), {"uncertainty_covers": trajectory.covers})
+
+
+def read_trajectory(path: Path) -> Trajectory:
+    """Read what `write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
+    table = files.read_table(path)
+    u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)[:, [3, 4, 5, 0, 1, 2]]
+    return Trajectory(
+        table.numbers("time_s"),
+        table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True),
+        table.numbers("residual_mm", gaps=True),
+        table.numbers("iterations").astype(np.int64),
+        table.choices("status", screw.STATUS),
+        table.labels("cause"),
+        table.labels("cable"),
+        table.numbers("worst_pressure_angle_deg", gaps=True),
+        np.einsum("ni,ij->nij", u**2, np.eye(6)),
+        np.zeros((len(u), 6, 6)),
+        "as the file says",
+        chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
+    )
