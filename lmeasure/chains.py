@@ -156,7 +156,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     from lmeasure.report.calibration import write_calibration_page
     from lmeasure.report.zone import write_zone_page
     from lmeasure.rig import write_rig
-    from lmeasure.view import write_recording
+    from lmeasure.view.stages import write_recording
 
     def step(stage: str) -> Callable[[int, int], None]:
         def report(done: int, of: int) -> None:

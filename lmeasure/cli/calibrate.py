@@ -46,7 +46,7 @@ def calibrate(
     write_rig(out / "rig.toml", result.rig)
     record = result.record
     if rerun is not None:
-        from lmeasure.view import write_recording
+        from lmeasure.view.stages import write_recording
 
         write_recording(rerun, result.rig, nominal=campaign.rig, reference=campaign.poses, record=record)
     for p in record.parameters:

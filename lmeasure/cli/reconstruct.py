@@ -26,7 +26,7 @@ def reconstruct(
     trajectory = stage(recorded, constraint)
     write_trajectory(out, trajectory)
     if rerun is not None:
-        from lmeasure.view import write_recording
+        from lmeasure.view.stages import write_recording
 
         write_recording(rerun, recorded.rig, run=recorded, trajectory=trajectory)
     typer.echo(trajectory.summary())

@@ -21,7 +21,7 @@ def simulate(
     simulated = stage(asked, rig)
     write_simulated(out, simulated)
     if rerun is not None:
-        from lmeasure.view import write_recording
+        from lmeasure.view.stages import write_recording
 
         moved, campaign = simulated.run, simulated.campaign
         write_recording(

@@ -101,7 +101,7 @@ def zone(
 
         write_zone_report(report, data, linked)
     if rerun is not None:
-        from lmeasure.view import write_recording
+        from lmeasure.view.stages import write_recording
 
         write_recording(rerun, linked, zone=data)
     typer.echo(summary(data))

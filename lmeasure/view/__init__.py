@@ -16,8 +16,3 @@ Entities
 
 Timelines: `time` (seconds of the run) and `sample` (its row), or `pose` (number of the reference pose, from 1).
 """
-
-from lmeasure.view.recording import check_recording, open_viewer
-from lmeasure.view.stages import write_recording
-
-__all__ = ["check_recording", "open_viewer", "write_recording"]

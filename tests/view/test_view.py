@@ -21,8 +21,8 @@ from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import Leg, SimulatedRun, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct
-from lmeasure.view import check_recording, open_viewer, write_recording
-from lmeasure.view.recording import RERUN
+from lmeasure.view.stages import write_recording
+from lmeasure.view.viewer import RERUN, check_recording, open_viewer
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
