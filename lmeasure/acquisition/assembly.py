@@ -1,6 +1,5 @@
 """From a rig and frames to counts: the assembler that the rig asks for, whole batches at once, and what only the whole run shows."""
 
-import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -98,10 +97,9 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
             continue
         changes = np.flatnonzero(np.diff(counts.recorded[present, j]) != 0) + 1
         edges = np.concatenate([[0], changes, [len(present)]])
-        for a, b in itertools.pairwise(edges.tolist()):
-            first, last = int(present[a]), int(present[b - 1])
-            if counts.time_s[last] - counts.time_s[first] < STALL_S:
-                continue
+        firsts, lasts = present[edges[:-1]], present[edges[1:] - 1]
+        still = counts.time_s[lasts] - counts.time_s[firsts] >= STALL_S
+        for first, last in zip(firsts[still].tolist(), lasts[still].tolist(), strict=True):
             others = np.delete(way[last] - way[first], j)
             if np.median(others) < STALL_OTHERS_MM:
                 continue

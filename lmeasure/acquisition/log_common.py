@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.frames import CLASSIC_BYTES, FD_BYTES, Frames
-from lmeasure.kernels.frames import NAMED_CHANNELS, Columns
+from lmeasure.kernels.frames import LATEST_S, NAMED_CHANNELS, Columns
 
 if TYPE_CHECKING:
     import can
@@ -95,6 +95,6 @@ def checked(message: "can.Message") -> "can.Message":
         message.dlc = held
     if held > FD_BYTES or not 0 <= message.dlc < 256 or not 0 <= message.arbitration_id <= LARGEST_IDENTIFIER:
         raise ValueError("it is no frame of CAN")
-    if not np.isfinite(message.timestamp):
-        raise ValueError("its time is not a number")
+    if not abs(message.timestamp) <= LATEST_S:
+        raise ValueError(f"{message.timestamp} s is no time")
     return message

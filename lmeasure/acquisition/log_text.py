@@ -20,12 +20,16 @@ if TYPE_CHECKING:
 
 LONGEST_LINE = 1 << 16
 
+CANDUMP_LINE = re.compile(r"\(\d+\.?\d*\)\s+\S+\s+[0-9a-f]{1,8}#(#\d)?(r\d*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE | re.ASCII)
+
 ASC_DATE = re.compile(r"date\s+\w+\s+(.+)", re.IGNORECASE)
 ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 ASC_HEADER = re.compile(r"date\s|base\s|//|(no)?\s*internal\s+events", re.IGNORECASE)
 ASC_BEGIN = re.compile(r"begin\s+triggerblock(?:\s+\w+\s+(.+))?", re.IGNORECASE)
 ASC_END = re.compile(r"end\s+triggerblock", re.IGNORECASE)
-ASC_TIME = re.compile(r"\s*(\d+\.\d+)\s", re.ASCII)
+ASC_TIME = re.compile(r"(\d+\.\d+)\s", re.ASCII)
+NO_NUMBER = re.compile(r"\s[+-]|\d_", re.ASCII)
+"""Python reads signs and underscores in numbers; no recorder writes them."""
 # English and German names, as CANoe writes them
 MONTHS = {name: i for i, name in enumerate(["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"], 1)}
 MONTHS |= {"Mär": 3, "Mai": 5, "Okt": 10, "Dez": 12}
@@ -134,8 +138,11 @@ class _Candump:
     def odd(self, line: bytes) -> Frames:
         from can.io import CanutilsLogReader
 
+        text = _text(line)
         try:
-            return _by_library(CanutilsLogReader, _text(line), self.path)
+            if not CANDUMP_LINE.fullmatch(text):
+                raise ValueError("not as candump writes it")  # noqa: TRY301
+            return _by_library(CanutilsLogReader, text, self.path)
         except ValueError as error:
             self.report.cannot_read(line, str(error))
             return no_frames(str(self.path), "log")
@@ -202,6 +209,8 @@ class _Asc:
         if time is None:
             return nothing
         try:
+            if NO_NUMBER.search(text):
+                raise ValueError("a number with a sign or an underscore")  # noqa: TRY301
             frames = _by_library(ASCReader, f"base {self.base}\ninternal events logged\n{text}\n", self.path)
         except ValueError as error:
             self.report.cannot_read(line, str(error))

@@ -209,7 +209,10 @@ class SyncAssembler:
             if len(back) == 0:
                 return
             i = int(back[0])
-            step = (self._sync_time[i - 1] if i else self._last_time) - self._sync_time[i]
+            before = self._sync_time[i - 1] if i else self._last_time
+            step = before - self._sync_time[i]
             self._event(i, "", "time", f"back by {step:.6g} s")
             self._sync_time[i:] += step + (self._period or FIRST_PERIOD_S)
             self._time_shift += step + (self._period or FIRST_PERIOD_S)
+            # of a time so large that a period is lost in it, the next double: each turn settles one sample at least
+            self._sync_time[i] = max(self._sync_time[i], np.nextafter(before, np.inf))

@@ -35,6 +35,8 @@ CAN_MESSAGE, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64 = 1,
 SMALLEST_FRAME_OBJECT = 48
 LARGEST_OBJECT = 1 << 24
 NAMED_CHANNELS = 1 << 16
+LATEST_S = 1e11
+"""Times beyond are no times: a double could not tell samples apart."""
 
 FD_LENGTH = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.uint8)
 
@@ -175,10 +177,13 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
             valid, count = wanted, 0
         if count > width or (valid > width and not mark & REMOTE):
             return n, pos, WIDE, places_used
+        seconds = _seconds(_u64(b, at + 24), per_second)
+        if seconds > LATEST_S:
+            return n, pos, BROKEN, places_used
         if places[number] < 0:
             places[number] = places_used
             places_used += 1
-        time[n] = _seconds(_u64(b, at + 24), per_second) + start_s
+        time[n] = seconds + start_s
         identifier[n] = raw & 0x1FFFFFFF
         flags[n] = mark
         length[n] = valid

@@ -9,7 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.frames import BITRATE_SWITCH, DONE, ERROR, ERROR_STATE, EXTENDED, FD, ODD, REMOTE, SENT, WIDE, Bytes, Columns, i64
+from lmeasure.kernels.frames import (
+    BITRATE_SWITCH,
+    DONE,
+    ERROR,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    LATEST_S,
+    ODD,
+    REMOTE,
+    SENT,
+    WIDE,
+    Bytes,
+    Columns,
+    i64,
+)
 
 LARGEST_EXACT = 1 << 53
 LARGEST_CHANNEL = 65535
@@ -272,6 +287,8 @@ def scan_asc(
                 return n, line, ODD, places_used, since
             event = since + ticks * TICKS[digits]
             seconds = float(event) / 1e9
+        if seconds > LATEST_S:
+            return n, line, ODD, places_used, since
         i = _skip_blanks(b, i)
         c = b[i]
         number = i64(-1)
@@ -383,6 +400,9 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64
         i, ticks, digits = _decimal(b, i + 1)
         if ticks < 0 or b[i] != 41 or not _blank(b[i + 1]):
             return n, line, ODD, used
+        seconds = float(ticks) / POWERS[digits]
+        if seconds > LATEST_S:
+            return n, line, ODD, used
         i, place, used = _name(b, _skip_blanks(b, i + 1), names, lengths, used)
         if place < 0:
             return n, line, ODD, used
@@ -432,7 +452,7 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64
             if raw & BUS_ERROR:
                 raw, mark, count = i64(0), ERROR | EXTENDED, i64(0)
                 _clear(data, n)
-        time[n] = float(ticks) / POWERS[digits]
+        time[n] = seconds
         identifier[n] = raw & 0x1FFFFFFF
         flags[n] = mark
         length[n] = count

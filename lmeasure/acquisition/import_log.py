@@ -1,0 +1,229 @@
+"""From log files of CAN frames to a run: each log is one pass of the motion."""
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure import files
+from lmeasure.acquisition.assembly import counts_from_frames
+from lmeasure.acquisition.decoders import CounterField, counter_fields, decode
+from lmeasure.acquisition.events import EventLog, event_columns
+from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames
+from lmeasure.acquisition.logfiles import LogReport, log_batches
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.can_table import DbcCan, DbcChannel
+from lmeasure.counts import Counts
+from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.rig import Rig
+from lmeasure.run import Run, write_run
+
+FloatArray = np.ndarray[Any, np.dtype[np.float64]]
+STANDARD_IDENTIFIERS = 0x800
+SHOWN_IDENTIFIERS = 12
+
+
+@dataclass
+class Survey:
+    """What frames there are in a log: how many of each identifier (2^29 above it where extended) and bus, how many error frames."""
+
+    identifiers: Counter[int] = field(default_factory=Counter)
+    buses: Counter[str] = field(default_factory=Counter)
+    errors: int = 0
+
+    def feed(self, frames: Frames) -> None:
+        """Count a batch."""
+        data = (frames.flags & ERROR) == 0
+        extended = (frames.flags & EXTENDED) != 0
+        standard = np.bincount(frames.identifier[data & ~extended] % STANDARD_IDENTIFIERS, minlength=STANDARD_IDENTIFIERS)
+        self.identifiers.update({int(i): int(standard[i]) for i in np.flatnonzero(standard)})
+        for i, count in zip(*np.unique(frames.identifier[data & extended], return_counts=True), strict=True):
+            self.identifiers[int(i) + (1 << 29)] += int(count)
+        for i, count in enumerate(np.bincount(frames.channel, minlength=len(frames.buses))):
+            self.buses[frames.buses[i]] += int(count)
+        self.errors += int(len(frames) - data.sum())
+
+    def lines(self) -> list[str]:
+        """For people: the buses, and the most frequent identifiers."""
+        most = self.identifiers.most_common(SHOWN_IDENTIFIERS)
+        shown = ", ".join(f"{_name(i)} ({n})" for i, n in sorted(most))
+        more = f" and {len(self.identifiers) - len(most)} more" if len(self.identifiers) > len(most) else ""
+        return [
+            f"buses {', '.join(f'{bus} ({n} frames)' for bus, n in self.buses.items())}; {self.errors} error frames",
+            f"identifiers {shown}{more}",
+        ]
+
+
+def _name(identifier: int) -> str:
+    return f"{identifier - (1 << 29):08X}x" if identifier >> 29 else f"{identifier:03X}"
+
+
+@dataclass(frozen=True)
+class ImportedLog:
+    """One log as one pass: its counts, with time_s from the first sample, which was at start_s of the log's own clock."""
+
+    path: Path
+    sha256: str
+    counts: Counts
+    start_s: float
+    report: LogReport
+    survey: Survey
+    events: EventLog
+
+    def lines(self) -> list[str]:
+        """For people: what was found in it."""
+        duration = float(self.counts.time_s[-1])
+        return [
+            f"{self.path}: {self.report.frames} frames, {len(self.counts.time_s)} samples in {duration:.6g} s, {self.events.summary()}",
+            *self.survey.lines(),
+            *self.report.notes(),
+        ]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A run made of logs, and what each of them held. dbc is the text of the DBC file that the rig's `[can]` table names, or None."""
+
+    run: Run
+    logs: tuple[ImportedLog, ...]
+    dbc: bytes | None = None
+
+    def summary(self) -> str:
+        """For people."""
+        return "\n".join(line for log in self.logs for line in log.lines())
+
+
+def import_logs(
+    logs: Iterable[Path],
+    rig: Rig,
+    start: FloatArray,
+    *,
+    calibration: CalibrationRecord | None = None,
+    folder: Path = Path(),
+    bus: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Imported:
+    """The n-th log as the n-th pass of a run.
+
+    start (7,) is the pose at which the counters were zeroed: logs do not hold it. folder is where the rig file stands, bus the name of the
+    bus to read where the counters stand on several. FileFormatError and AcquisitionError name the log and what it lacks.
+    """
+    logs = tuple(logs)
+    if len(logs) != rig.passes:
+        raise AcquisitionError(f"rig {rig.name!r}: its cables need {rig.passes} passes, one log each; {len(logs)} given")
+    found = tuple(_import_log(log, rig, passage, folder, bus, progress) for passage, log in enumerate(logs, 1))
+    dbc = None
+    if isinstance(rig.can, DbcCan):
+        path = folder / rig.can.dbc
+        dbc = files.read_bytes(path)
+        rig = rig.model_copy(update={"can": rig.can.model_copy(update={"dbc": path.name})})
+    return Imported(Run(rig, start, tuple(log.counts for log in found), calibration), found, dbc)
+
+
+def _import_log(
+    log: Path, rig: Rig, passage: int, folder: Path, bus: str | None, progress: Callable[[int, int], None] | None
+) -> ImportedLog:
+    fields = counter_fields(rig, passage, folder)
+    report, survey = LogReport(), Survey()
+    batches = _of_one_bus(log_batches(log, report, progress), fields, rig.can_table.sync_id, bus, survey, log)
+    try:
+        assembled = counts_from_frames(rig, batches, fields, passage, str(log))
+    except AcquisitionError:
+        if report.frames == 0:
+            why = "; ".join(report.notes())
+            raise FileFormatError(f"{log}: holds no CAN frame{': ' + why if why else ''}") from None
+        raise
+    for one, column in zip(fields, assembled.counts.recorded.T, strict=True):
+        if np.isnan(column).all():
+            there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
+            wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
+            raise AcquisitionError(f"{log}: channel {one.channel}: not one count in frames {wanted}; identifiers in the log: {there}")
+    start_s = float(assembled.counts.time_s[0])
+    counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
+    with log.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events)
+
+
+def _of_one_bus(
+    batches: Iterable[Frames], fields: tuple[CounterField, ...], sync_id: int, bus: str | None, survey: Survey, log: Path
+) -> Iterator[Frames]:
+    """The batches as surveyed, only those of the bus where one is named; AcquisitionError where a counter or SYNC stands on several."""
+    where: dict[str, set[str]] = {}
+    for batch in batches:
+        survey.feed(batch)
+        if bus is not None:
+            yield batch.take(batch.channel == (batch.buses.index(bus) if bus in batch.buses else -1))
+            continue
+        if len(batch.buses) > 1:
+            readings = decode(batch, fields)
+            for j, one in enumerate(fields):
+                channels = np.unique(batch.channel[readings.frame[readings.field == j]])
+                where.setdefault(f"channel {one.channel}", set()).update(batch.buses[c] for c in channels)
+            channels = np.unique(batch.channel[batch.identifier == sync_id])
+            where.setdefault("SYNC", set()).update(batch.buses[c] for c in channels)
+            for name, buses in where.items():
+                if len(buses) > 1:
+                    raise AcquisitionError(f"{log}: {name} stands on buses {', '.join(sorted(buses))}; name one with --bus")
+        yield batch
+    if bus is not None and bus not in survey.buses:
+        raise AcquisitionError(f"{log}: has no bus {bus!r}; it has {', '.join(survey.buses) or 'no frames'}")
+
+
+def with_dbc(rig: Rig, dbc: Path) -> Rig:
+    """The rig, its counters named by this DBC file: by its own `[can]` table of decoder `dbc`, or each channel by the signal of its name.
+
+    AcquisitionError where the table is of another decoder, or a channel's name is that of no signal or of several.
+    """
+    import cantools
+
+    path = str(dbc.resolve())
+    if isinstance(rig.can, DbcCan):
+        return rig.model_copy(update={"can": rig.can.model_copy(update={"dbc": path})})
+    if rig.can is not None:
+        raise AcquisitionError(f"rig {rig.name!r}: its [can] table has decoder {rig.can.decoder!r}, which needs no DBC file")
+    try:
+        database: Any = cantools.database.load_file(path, database_format="dbc")
+    except Exception as error:  # its parser raises whatever a broken file leads it into
+        raise FileFormatError(f"{dbc}: cannot be read as DBC: {' '.join(str(error).split())[:200]}") from error
+    channels = []
+    for name in rig.channels:
+        carriers = [m.name for m in database.messages if any(s.name == name for s in m.signals)]
+        if len(carriers) != 1:
+            what = "no signal of that name is" if not carriers else f"messages {', '.join(carriers)} have a signal of that name"
+            raise AcquisitionError(f"{dbc}: channel {name}: {what} in it; say which in the rig's [can] table")
+        channels.append(DbcChannel(channel=name, message=carriers[0], signal=name))
+    return rig.model_copy(update={"can": DbcCan(decoder="dbc", dbc=path, channel=tuple(channels))})
+
+
+def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
+    """Write the run folder, with the faults of each pass beside its counts, and where they came from under `[[recording]]` in run.toml."""
+    recording = []
+    for passage, log in enumerate(imported.logs, 1):
+        if log.events.kept:
+            files.write_table(out / f"pass{passage}.events.csv", event_columns(log.events.kept))
+        entry: dict[str, Any] = {
+            "pass": passage,
+            "ended": "early" if log.report.ended_early else "complete",
+            "bus": str(log.path.name),
+            "timestamps": "log",
+            "software": f"lmeasure {version('lmeasure')}",
+            "first_sample_s": log.start_s,
+            "samples": len(log.counts.time_s),
+            "seconds": float(log.counts.time_s[-1]),
+            "received": log.report.frames,
+            "faults": dict(sorted(log.events.tally.items())),
+            "sha256": {log.path.name: log.sha256},
+        }
+        if log.report.notes():
+            entry["why"] = "; ".join(log.report.notes())
+        recording.append(entry)
+    if imported.dbc is not None and isinstance(imported.run.rig.can, DbcCan):
+        with files.whole(out / imported.run.rig.can.dbc) as temporary:
+            temporary.write_bytes(imported.dbc)
+    write_run(out, imported.run, {"recording": recording}, suffix)

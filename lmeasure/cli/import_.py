@@ -1,0 +1,49 @@
+"""`lmeasure import`: from log files of CAN frames to a run folder."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def import_(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Log of each pass: .blf, .asc, .log (also .gz), .csv, .trc, .mf4 (extra mf4).")
+    ],
+    rig: Annotated[Path, typer.Option("--rig", help="rig.toml; its can table says which frames carry the counters.")],
+    out: Annotated[Path, typer.Option("--out", metavar="RUN", help="Run folder to write.")],
+    start: Annotated[Path | None, typer.Option("--start", help="File with the start pose as table start, such as a run.toml.")] = None,
+    position_mm: Annotated[
+        tuple[float, float, float] | None, typer.Option("--position-mm", metavar="X Y Z", help="Start position, instead of --start.")
+    ] = None,
+    quaternion_xyzw: Annotated[
+        tuple[float, float, float, float] | None, typer.Option("--quaternion-xyzw", metavar="X Y Z W", help="Start orientation.")
+    ] = None,
+    dbc: Annotated[Path | None, typer.Option("--dbc", help="DBC file that names the counters; default the rig's.")] = None,
+    bus: Annotated[str | None, typer.Option("--bus", help="Read only this bus of the log.")] = None,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write the counts as .parquet instead of .csv.")] = False,
+) -> None:
+    """Read log files of CAN frames into a run folder.
+
+    The start pose, at which the counters were zeroed, stands in no log: give it by --start FILE, or by --position-mm and --quaternion-xyzw.
+    """
+    if (start is None) == (position_mm is None and quaternion_xyzw is None) or (position_mm is None) != (quaternion_xyzw is None):
+        raise typer.BadParameter("give the start pose either by --start or by --position-mm and --quaternion-xyzw")
+
+    from lmeasure import files
+    from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
+    from lmeasure.cli.progress import bar
+    from lmeasure.run import read_linked_rig, start_pose
+
+    measured, calibration = read_linked_rig(rig)
+    if start is not None:
+        pose = start_pose(files.read_toml(start).get("start"), measured.angles, str(start))
+    else:
+        table = {"position_mm": list(position_mm or ()), "quaternion_xyzw": list(quaternion_xyzw or ())}
+        pose = start_pose(table, measured.angles, "--position-mm, --quaternion-xyzw")
+    if dbc is not None:
+        measured = with_dbc(measured, dbc)
+    with bar("bytes") as progress:
+        imported = import_logs(logs, measured, pose, calibration=calibration, folder=rig.parent, bus=bus, progress=progress)
+    write_import(out, imported, ".parquet" if parquet else ".csv")
+    typer.echo(imported.summary())

@@ -1,0 +1,270 @@
+"""Mutated logs, DBC files and rig files: each is read, or refused in one line; and what is read of a log is what python-can reads."""
+
+import io
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import can
+import numpy as np
+from log_corpus import Row, library_rows, messages, rows, write
+
+from lmeasure import files
+from lmeasure.acquisition.decoders import counter_fields
+from lmeasure.acquisition.frames import ERROR, Frames, messages_from_frames
+from lmeasure.acquisition.import_log import import_logs
+from lmeasure.acquisition.logfiles import read_log
+from lmeasure.errors import LMeasureError
+from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
+
+START_POSE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+SPECIAL = (0, 1, 0x7F, 0x80, 0xFF, 10, 13, 32, 9, 0x23, 0x28, 0x2E, 0x30, 0x78)
+WORDS = (0, 1, 15, 16, 31, 2**31 - 1, 2**31, 2**32 - 1, 2**32 - 16)
+
+DBC = """VERSION ""
+
+BU_: Encoder
+
+BO_ 385 Count1: 8 Encoder
+ SG_ ch1 : 0|32@1- (1,0) [0|0] "" Encoder
+BO_ 386 Count2: 8 Encoder
+ SG_ ch2 : 7|32@0- (1,0) [0|0] "" Encoder
+BO_ 387 Count3: 8 Encoder
+ SG_ ch3 : 4|24@1+ (1,0) [0|0] "" Encoder
+BO_ 388 Count4: 8 Encoder
+ SG_ ch4 : 0|16@1- (1,0) [0|0] "" Encoder
+BO_ 2147484037 Count5: 8 Encoder
+ SG_ ch5 : 0|64@1- (1,0) [0|0] "" Encoder
+BO_ 390 Count6: 8 Encoder
+ SG_ ch6 m0 : 8|32@1- (1,0) [0|0] "" Encoder
+ SG_ page M : 0|8@1+ (1,0) [0|0] "" Encoder
+
+CM_ SG_ 385 ch1 "a comment";
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 385 1;
+VAL_ 388 ch4 0 "zero" 1 "one" ;
+"""
+
+
+def six_cables(table: dict[str, object] | None = None) -> Rig:
+    """A rig of six cables; by default with the encoders' own default frames."""
+    drum = {
+        "counts_per_revolution": 6000,
+        "count_length_mm": 0.012,
+        "groove_pitch_mm": 1.0,
+        "tangent_length_mm": 180.0,
+        "axial_offset_mm": 25.0,
+    }
+    points = [
+        {
+            "name": f"B{i}",
+            "position_mm": [500.0 * (i % 3), -1500.0 + 300.0 * i, 1400.0],
+            "guide_alpha_deg": 47.0,
+            "guide_beta_deg": 30.0 * i,
+            "pulley_radius_mm": 20.0,
+            "drum": drum if table else {**drum, "counter_bits": 32},
+        }
+        for i in range(1, 7)
+    ]
+    cables = [{"name": f"c{i}", "channel": f"ch{i}", "from": f"B{i}", "to": f"P{i % 3}"} for i in range(1, 7)]
+    tool = {"P0": [14.0, -14.0, 5.0], "P1": [-20.0, 3.0, 5.0], "P2": [3.0, 20.0, -5.0]}
+    data: dict[str, object] = {"schema": "lmeasure.rig/1", "name": "six", "observation_point": points, "tool": tool, "cable": cables}
+    return rig_from_dict(data | ({"can": table} if table else {}))
+
+
+def dbc_table(path: Path) -> dict[str, object]:
+    """A `[can]` table whose channels are the plain signals of `DBC`, six times over."""
+    names = [1, 2, 3, 4, 5, 1]
+    channels = [{"channel": f"ch{i + 1}", "message": f"Count{n}", "signal": f"ch{n}"} for i, n in enumerate(names)]
+    return {"decoder": "dbc", "dbc": str(path), "channel": channels}
+
+
+def counter_log(samples: int, seed: int) -> list[can.Message]:
+    """SYNC and six counters at 1 kHz, among other traffic."""
+    rng = np.random.default_rng(seed)
+    others = iter(messages(samples, seed, channels=(0,)))
+    counts = np.cumsum(rng.integers(-40, 41, (samples, 6)), axis=0)
+    log = []
+    for i in range(samples):
+        t = 1_700_000_000 + i * 1e-3
+        log.append(can.Message(timestamp=t, arbitration_id=0x80, is_extended_id=False, channel=0))
+        for j in range(6):
+            data = int(counts[i, j]).to_bytes(4, "little", signed=True)
+            log.append(can.Message(timestamp=t + (j + 1) * 1e-4, arbitration_id=0x181 + j, is_extended_id=False, channel=0, data=data))
+        other = next(others)
+        other.timestamp = t + 8e-4
+        log.append(other)
+    return log
+
+
+def seeds(folder: Path) -> dict[str, bytes]:
+    """Whole files to mutate, by kind."""
+    log = counter_log(12, 1)
+    made = {suffix: write(folder / f"whole{suffix}", log).read_bytes() for suffix in (".asc", ".log", ".blf")}
+    made["stored.blf"] = write(folder / "stored.blf", log, compression_level=0).read_bytes()
+    made["small.blf"] = write(folder / "small.blf", log, max_container_size=300).read_bytes()
+    made[".dbc"] = DBC.encode()
+    write_rig(folder / "rig.toml", six_cables())
+    made[".toml"] = (folder / "rig.toml").read_bytes()
+    return made
+
+
+def mutated(seed: bytes, rng: np.random.Generator) -> bytes:
+    """A few random changes: bytes, words of extreme value, digits, cuts, repetitions, exchanged pieces."""
+    data = bytearray(seed)
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3, 8]))):
+        if not data:
+            break
+        at = int(rng.integers(len(data)))
+        span = int(rng.integers(1, 40))
+        match int(rng.integers(9)):
+            case 0:
+                data[at] ^= 1 << int(rng.integers(8))
+            case 1:
+                data[at] = int(rng.choice(SPECIAL))
+            case 2:
+                data[at : at + 4] = int(rng.choice(WORDS)).to_bytes(4, "little")
+            case 3:
+                del data[at : at + span]
+            case 4:
+                data[at:at] = rng.bytes(span)
+            case 5:
+                data[at:at] = data[at : at + span]
+            case 6:
+                digits = [i for i in range(at, min(at + 200, len(data))) if 48 <= data[i] <= 57]
+                if digits:
+                    data[int(rng.choice(digits))] = int(rng.choice(list(b"0123456789.-xeE")))
+            case 7:
+                del data[at:]
+            case _:
+                other = int(rng.integers(len(data)))
+                data[at : at + span], data[other : other + span] = data[other : other + span], data[at : at + span]
+    return bytes(data)
+
+
+def use(path: Path, kind: str, rig: Rig) -> str:
+    """Read the file as the program would: 'accepted' or 'refused'; AssertionError where neither."""
+    try:
+        if kind == ".dbc":
+            counter_fields(six_cables(dbc_table(path)))
+        elif kind == ".toml":
+            read_rig(path)
+        else:
+            import_logs([path], rig, START_POSE)
+    except LMeasureError as error:
+        text = str(error)
+        assert text, "refused without a word"
+        assert "\n" not in text, f"more than one line: {text!r}"
+        assert len(text) < 2000, f"a very long line: {text[:200]!r}"
+        return "refused"
+    return "accepted"
+
+
+def agrees_with_the_library(path: Path) -> bool:
+    """What is read of the log is what python-can reads, wherever it can be asked.
+
+    Where an object of a BLF file contradicts itself python-can may run forever; a text log is put to it line by line, because it stops at
+    the first one that it cannot read.
+    """
+    try:
+        frames, report = read_log(path)
+    except LMeasureError:
+        return True
+    found = rows(messages_from_frames(frames))
+    if path.suffix != ".blf":
+        return _plain(found, path) == _plain(list(_line_rows(path)), path)
+    if report.ended_early and "contradicts itself" in report.ended_early:
+        return True
+    expected, whole = library_rows(path)
+    if whole and not report.ended_early:
+        return found == expected
+    return all(mine == theirs for mine, theirs in zip(found, expected, strict=False))
+
+
+def _line_rows(path: Path) -> Iterator[Row]:
+    raw = path.read_bytes()
+    lines = re.split(rb"\r\n|\r|\n", raw)[:-1]
+    base = can.ASCReader(io.StringIO(raw.decode("latin-1")))
+    base._extract_header()
+    for line in lines:
+        try:
+            text = line.decode("utf-8").strip()
+        except UnicodeDecodeError:
+            text = line.decode("latin-1").strip()
+        if not text or not _written(text, path.suffix):
+            continue
+        try:
+            if path.suffix == ".asc":
+                if re.match(r"(begin|end)\s+triggerblock", text, re.IGNORECASE):
+                    continue
+                found = list(can.ASCReader(io.StringIO(f"base {base.base}\ninternal events logged\n{text}\n")))
+            else:
+                found = list(can.CanutilsLogReader(io.StringIO(text)))
+        except (ValueError, IndexError, TypeError, OverflowError):
+            continue
+        if path.suffix == ".log" and int(text.split()[2].split("#")[0], 16) & 0x20000000:
+            for message in found:
+                message.is_error_frame = True
+        yield from rows([m for m in found if _sound(m)])
+
+
+def _written(text: str, suffix: str) -> bool:
+    """Whether the numbers of a line are written as recorders do: Python also reads signs, exponents and underscores."""
+    if suffix == ".asc":
+        return not re.search(r"\s[+-]|\d_", text, re.ASCII)
+    parts = text.split()
+    if len(parts) not in (3, 4) or "#" not in parts[2]:
+        return False
+    identifier, data = parts[2].split("#", 1)
+    digits = set("0123456789")
+    hexadecimal = digits | set("abcdefABCDEF")
+    return (
+        (parts[0][0], parts[0][-1]) == ("(", ")")
+        and set(parts[0][1:-1]) <= digits | {"."}
+        and parts[0][1].isdigit()
+        and len(identifier) <= 8
+        and set(identifier) <= hexadecimal
+        and set(data) <= hexadecimal | set("#rR")
+    )
+
+
+def _sound(m: can.Message) -> bool:
+    if not abs(m.timestamp) <= 1e11 or not 0 <= m.arbitration_id < 2**29 or len(m.data) > 64 or not 0 <= m.dlc < 256:
+        return False
+    return m.is_remote_frame or m.is_error_frame or len(m.data) == m.dlc or (len(m.data) == 8 < m.dlc and not m.is_fd)
+
+
+def _plain(found: list[Row], path: Path) -> list[tuple[object, ...]]:
+    """Without what the two state differently on purpose: the start of an ASC log's time, the fields of candump's error frames."""
+    out: list[tuple[object, ...]] = []
+    for r in found:
+        row: tuple[object, ...] = r[1:] if path.suffix == ".asc" else r
+        out.append((r[0], "error") if r[4] and path.suffix == ".log" else row)
+    return out
+
+
+def error_frames(frames: Frames) -> int:
+    """How many of the frames are error frames."""
+    return int(np.count_nonzero(frames.flags & ERROR))
+
+
+def run(folder: Path, count: int, seed: int, done: Callable[[str, str], None], compare: bool = True) -> None:
+    """Mutate and use `count` files; `done` gets kind and outcome of each. AssertionError, with the file kept, where one misbehaves."""
+    rng = np.random.default_rng(seed)
+    made = seeds(folder)
+    kinds = list(made)
+    rig = six_cables()
+    for i in range(count):
+        kind = kinds[i % len(kinds)]
+        path = folder / f"mutated{Path('x' + kind).suffix if not kind.startswith('.') else kind}"
+        path.write_bytes(mutated(made[kind], rng))
+        try:
+            outcome = use(path, kind, rig)
+            assert kind in (".dbc", ".toml") or not compare or agrees_with_the_library(path), "other frames than python-can reads"
+        except Exception as error:
+            kept = folder / f"failed-{seed}-{i}{path.suffix}"
+            files.write_text(kept.with_suffix(".txt"), f"{kind}: {type(error).__name__}: {error}\n")
+            kept.write_bytes(path.read_bytes())
+            raise AssertionError(f"{kept}: {type(error).__name__}: {error}") from error
+        done(kind, outcome)
