@@ -13,6 +13,7 @@ from lmeasure.kernels import search
 from lmeasure.lengths import changes_from_counts
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 CANDIDATES_LOG2 = 13
 SWEEPS = 60
@@ -36,45 +37,44 @@ class Box:
 
 @dataclass(frozen=True)
 class PointData:
-    """All counted poses of one observation point: (e, 3) attachment points there and at the zero pose [mm, base frame], (e,) changes of
-    the cable [mm], pulley radius [mm]."""
+    """All counted poses of one observation point, cable by cable, each beginning with its zero pose.
+
+    points (e, 3) attachment points [mm, base frame], changes (e,) of the cables [mm], zeroed (e,) True at the zero poses, radius of the
+    pulley [mm].
+    """
 
     points: FloatArray
-    zero: FloatArray
     changes: FloatArray
+    zeroed: BoolArray
     radius: float
 
 
 def point_data(campaign: Campaign, point: str) -> PointData:
     """The data of all cables that leave one observation point."""
-    points, zero, changes = [], [], []
-    used = campaign.used
+    points, changes, zeroed = [], [], []
     for j, c in enumerate(campaign.cables):
         if c.from_point != point:
             continue
-        every = campaign.poses.points(campaign.rig.tool[c.to_point])
-        change = changes_from_counts(campaign.rig, campaign.counts[:, [j]], (c,))[:, 0]
-        rows = np.flatnonzero(used[:, j])
-        points.append(every[rows])
-        zero.append(np.repeat(every[campaign.zero[j]][None, :], len(rows), axis=0))
-        changes.append(change[rows] - change[campaign.zero[j]])
-    return PointData(np.vstack(points), np.vstack(zero), np.concatenate(changes), campaign.rig.point(point).pulley_radius_mm)
+        rows = np.concatenate([[campaign.zero[j]], np.flatnonzero(campaign.used[:, j])])
+        points.append(campaign.poses.points(campaign.rig.tool[c.to_point])[rows])
+        changes.append(changes_from_counts(campaign.rig, campaign.counts[rows][:, [j]], (c,))[:, 0])
+        zeroed.append(np.arange(len(rows)) == 0)
+    radius = campaign.rig.point(point).pulley_radius_mm
+    return PointData(np.vstack(points), np.concatenate(changes), np.concatenate(zeroed), radius)
 
 
-def search_point(data: PointData, boxes: list[Box], seed: int, keep: int = 4) -> Iterator[FloatArray]:
+def search_point(data: PointData, boxes: list[Box], seed: int, log2: int = CANDIDATES_LOG2, keep: int = 4) -> Iterator[FloatArray]:
     """The best candidates (x, y, z [mm], alpha, beta [rad]) of each box after coordinate descent, best first within a box.
 
-    Scrambled Sobol points, seeded; radius fixed at the nominal.
+    2^log2 scrambled Sobol points a box, seeded; the radius stays the nominal one.
     """
-    radii = np.array([data.radius])
+    known = (data.radius, data.points, data.changes, data.zeroed)
     for number, box in enumerate(boxes):
-        unit = qmc.Sobol(5, scramble=True, rng=np.random.default_rng([seed, number])).random_base2(CANDIDATES_LOG2)
+        unit = qmc.Sobol(5, scramble=True, rng=np.random.default_rng([seed, number])).random_base2(log2)
         candidates = np.ascontiguousarray(box.centre + (2 * unit - 1) * box.half)
-        values = search.scan(candidates, radii, data.points, data.changes, data.zero)
         found = []
-        for i in np.argsort(values)[:keep]:
-            if not np.isfinite(values[i]):
-                continue
-            best, value = search.descend(candidates[i], box.half / 16, SWEEPS, radii, data.points, data.changes, data.zero)
-            found.append((value, best))
+        for i, value in zip(*search.best_of(candidates, keep, *known), strict=True):
+            if np.isfinite(value):
+                best, value = search.descend(candidates[i], box.half / 16, SWEEPS, *known)
+                found.append((value, best))
         yield from (best for _, best in sorted(found, key=lambda pair: pair[0]))

@@ -205,7 +205,7 @@ class Model:
         for parameter in range(g.shape[1]):
             i = self._where[self.cable_index, parameter]
             hit = i >= 0
-            np.add.at(J, (np.flatnonzero(hit), i[hit]), g[hit, parameter])
+            J[np.flatnonzero(hit), i[hit]] += g[hit, parameter]
         J *= self._factor
         J[:, [i for i, n in enumerate(self.unknowns.names) if n.endswith("radius_mm") and theta[i] < 0]] *= -1.0
         return np.where(np.isfinite(J), J, 0.0)
