@@ -1,8 +1,10 @@
 import csv
 import json
 import math
+import subprocess
+import sys
 import tomllib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from lmeasure.chains import STAGES, Demo, count_at_stops, demo, errors_of, held_out_length_error, record_motion
+from lmeasure.chains import STAGES, count_at_stops, demo, errors_of, held_out_length_error, record_motion
 from lmeasure.errors import LMeasureError
 from lmeasure.files import read_table
 from lmeasure.kernels.screw import GAP, OK
@@ -27,17 +29,29 @@ FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
+@dataclass(frozen=True)
+class Ran:
+    """A demo run by its command: its folder, its table, what it printed and told on the way."""
+
+    out: Path
+    table: list[dict[str, str]]
+    printed: str
+    told: str
+
+    def line(self, what: str) -> tuple[float, str]:
+        """(error, what is stated) of the table's line that begins so."""
+        found = next(x for x in self.table if x["what"].startswith(what))
+        return float(found["error"].split()[0]), found["stated"]
+
+
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[tuple[str, int, int]]]:
-    """A demo: its folder, what it gave, and the progress it told."""
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     out = tmp_path_factory.mktemp("demo") / "out"
-    told: list[tuple[str, int, int]] = []
-    return out, demo(out, lambda *step: told.append(step)), told
-
-
-def line(result: Demo, what: str) -> tuple[float, str]:
-    found = next(x for x in result.lines if x.what.startswith(what))
-    return float(found.error.split()[0]), found.stated
+    done = subprocess.run([sys.executable, "-m", "lmeasure", "demo", "--out", str(out)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    mark = json.loads((out / "demo.json").read_text())
+    assert mark["finished"] is True
+    return Ran(out, mark["table"], done.stdout, done.stderr)
 
 
 def points(path: Path) -> FloatArray:
@@ -48,8 +62,8 @@ def rms_length(vectors: FloatArray) -> float:
     return math.sqrt(float((vectors**2).sum(axis=1).mean()))
 
 
-def test_demo_leaves_the_folders_of_every_stage(ran: tuple[Path, Demo, list[tuple[str, int, int]]]) -> None:
-    out, result, _ = ran
+def test_demo_leaves_the_folders_of_every_stage(ran: Ran) -> None:
+    out = ran.out
     expected = {
         "campaign/rig.toml",
         "campaign/reference_poses.csv",
@@ -71,56 +85,56 @@ def test_demo_leaves_the_folders_of_every_stage(ran: tuple[Path, Demo, list[tupl
         "demo.json",
     }
     assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == expected
-    assert all(path.exists() for path in result.look)
 
 
-def test_demo_tells_its_stages_in_order(ran: tuple[Path, Demo, list[tuple[str, int, int]]]) -> None:
-    told = ran[2]
-    assert tuple(dict.fromkeys(stage for stage, _, _ in told)) == STAGES
-    assert all(0 <= done <= of for _, done, of in told)
+def test_demo_tells_its_stages_and_where_to_look(ran: Ran) -> None:
+    places = [ran.told.index(stage) for stage in STAGES]
+    assert places == sorted(places)
+    for line in ran.table:
+        assert line["what"] in ran.printed
+        assert line["error"] in ran.printed
+    named = [Path(x.strip()) for x in ran.printed.split("Look at")[1].splitlines() if x.startswith("  ")]
+    assert len(named) > 3
+    assert all(path.exists() for path in named)
+    assert f"lmeasure view {ran.out / 'demo.rrd'}" in ran.printed
 
 
-def test_demo_table_against_its_own_files(ran: tuple[Path, Demo, list[tuple[str, int, int]]]) -> None:
+def test_demo_table_against_its_own_files(ran: Ran) -> None:
     """Every figure again, from the files alone."""
-    out, result, _ = ran
+    out = ran.out
     found = pd.read_parquet(out / "trajectory.parquet")
     truth = pd.read_parquet(out / "truth.parquet")
     assert (found["status"] == "ok").all()
     np.testing.assert_array_equal(found["time_s"], truth["time_s"])
     at = ["x_mm", "y_mm", "z_mm"]
-    error, stated = line(result, "gripper position")
+    error, stated = ran.line("gripper position")
     assert error == pytest.approx(rms_length((found[at] - truth[at]).to_numpy()), abs=6e-5)
     assert stated.startswith(f"u {rms_length(found[['u_x_mm', 'u_y_mm', 'u_z_mm']].to_numpy()):.4f};")
     turned = ["qx", "qy", "qz", "qw"]
     # twice the angle of the quaternion between them
     cosine = np.abs((found[turned].to_numpy() * truth[turned].to_numpy()).sum(axis=1)).clip(max=1.0)
     sine = np.sqrt(1.0 - cosine**2)
-    error, _ = line(result, "gripper rotation")
+    error, _ = ran.line("gripper rotation")
     assert error == pytest.approx(1e3 * math.sqrt(float(((2.0 * sine) ** 2).mean())), rel=1e-2)
 
     true, nominal, calibrated = (points(out / name) for name in ("campaign/true/rig.toml", "campaign/rig.toml", "calibration/rig.toml"))
-    assert line(result, "observation points before")[0] == pytest.approx(rms_length(nominal - true), abs=6e-3)
-    assert line(result, "observation points [mm")[0] == pytest.approx(rms_length(calibrated - true), abs=6e-4)
+    assert ran.line("observation points before")[0] == pytest.approx(rms_length(nominal - true), abs=6e-3)
+    assert ran.line("observation points [mm")[0] == pytest.approx(rms_length(calibrated - true), abs=6e-4)
     with xr.open_dataset(out / "zone.nc", engine="h5netcdf") as zone:
-        assert line(result, "zone volume")[1] == f"{float(zone['in_zone'].sum()) * 0.075**3:.4f}"
-    written = json.loads((out / "demo.json").read_text())
-    assert written["finished"] is True
-    assert [x["what"] for x in written["table"]] == [x.what for x in result.lines]
+        assert ran.line("zone volume")[1] == f"{float(zone['in_zone'].sum()) * 0.075**3:.4f}"
 
 
-def test_demo_measures_well(ran: tuple[Path, Demo, list[tuple[str, int, int]]]) -> None:
-    _, result, _ = ran
-    lost = next(x for x in result.lines if x.what.startswith("counts lost"))
-    assert lost.error.startswith("0 of ")
+def test_demo_measures_well(ran: Ran) -> None:
+    assert ran.line("counts lost")[0] == 0
     # nominal points up to 30 mm off; a length is then known ten times better than what the reference poses are good for
-    assert line(result, "observation points before")[0] > 10.0
-    assert line(result, "cable lengths")[0] < 0.03
-    assert line(result, "gripper position")[0] < 0.06
-    assert line(result, "gripper rotation")[0] < 0.3
+    assert ran.line("observation points before")[0] > 10.0
+    assert ran.line("cable lengths")[0] < 0.03
+    assert ran.line("gripper position")[0] < 0.06
+    assert ran.line("gripper rotation")[0] < 0.3
 
 
-def test_demo_run_folder_gives_the_same_trajectory(ran: tuple[Path, Demo, list[tuple[str, int, int]]]) -> None:
-    out, _, _ = ran
+def test_demo_run_folder_gives_the_same_trajectory(ran: Ran) -> None:
+    out = ran.out
     run = read_run(out / "run")
     assert run.calibration is not None
     assert run.rig.to_dict() | {"calibration": None} == rig_of(out / "calibration/rig.toml") | {"calibration": None}
@@ -134,8 +148,8 @@ def rig_of(path: Path) -> dict[str, object]:
     return rig_from_dict(tomllib.loads(path.read_text())).to_dict()
 
 
-def test_demo_recording_holds_all_stages(ran: tuple[Path, Demo, list[tuple[str, int, int]]]) -> None:
-    entities = {chunk.entity_path for chunk in RrdReader(ran[0] / "demo.rrd").stream()}
+def test_demo_recording_holds_all_stages(ran: Ran) -> None:
+    entities = {chunk.entity_path for chunk in RrdReader(ran.out / "demo.rrd").stream()}
     assert {
         "/world/rig/observation_points",
         "/world/nominal/observation_points",
@@ -171,7 +185,7 @@ def test_demo_refuses_what_is_not_its_own(tmp_path: Path) -> None:
     assert (tmp_path / "thesis.txt").read_text() == "precious"
 
 
-def test_demo_knows_its_own_folder_after_being_stopped(ran: tuple[Path, Demo, list[tuple[str, int, int]]], tmp_path: Path) -> None:
+def test_demo_knows_its_own_folder_after_being_stopped(ran: Ran, tmp_path: Path) -> None:
     class StoppedError(Exception):
         pass
 
@@ -255,9 +269,9 @@ def test_held_out_error_sees_a_shift_across_and_not_a_longer_cable() -> None:
     assert 0.03 < error < 0.3
 
 
-def test_campaign_counts_are_whole_numbers(ran: tuple[Path, Demo, list[tuple[str, int, int]]]) -> None:
-    rows = list(csv.DictReader((ran[0] / "campaign" / "counts.csv").read_text().splitlines()))
+def test_campaign_counts_are_whole_numbers(ran: Ran) -> None:
+    rows = list(csv.DictReader((ran.out / "campaign" / "counts.csv").read_text().splitlines()))
     assert len(rows) == 20
     assert {rows[0][c] for c in ("ch1", "ch2", "ch3", "ch4", "ch5", "ch6")} == {"0"}
     assert all(cell.lstrip("-").isdigit() for row in rows for name, cell in row.items() if name != "pose")
-    assert len(read_table(ran[0] / "campaign" / "reference_poses.csv")) == 20
+    assert len(read_table(ran.out / "campaign" / "reference_poses.csv")) == 20

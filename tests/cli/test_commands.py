@@ -1,0 +1,140 @@
+"""The command line as a user meets it: a process of its own, exit codes, one line of error, whole files or none."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+import pytest
+import typer
+from rerun.chunk import RrdReader
+from typer.testing import CliRunner
+
+from lmeasure.cli import app
+
+TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
+BOX = ("--x", "-200:200:200", "--y", "-200:200:200", "--z", "-200:200:200", "--tilt-rad", "0.1")
+HEAVY = {"numpy", "scipy", "numba", "pandas", "pyarrow", "xarray", "pydantic", "can", "canopen", "cantools", "rerun", "plotly", "typst"}
+
+
+def lmeasure(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "lmeasure", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1", **environment})
+
+
+def commands() -> dict[str, click.Command]:
+    group = typer.main.get_command(app)
+    assert isinstance(group, typer.core.TyperGroup)
+    return dict(group.commands)  # type: ignore[arg-type]
+
+
+def test_every_command_and_option_is_explained() -> None:
+    found = commands()
+    assert {"calibrate", "demo", "reconstruct", "simulate", "view", "zone"} <= set(found)
+    for name, command in found.items():
+        assert command.help, name
+        for parameter in command.params:
+            assert getattr(parameter, "help", None), f"{name} {parameter.name}"
+
+
+def test_every_stage_writes_a_recording_when_asked() -> None:
+    for name, command in commands().items():
+        if name in {"calibrate", "reconstruct", "simulate", "zone"}:
+            assert "--rerun" in {option for parameter in command.params for option in parameter.opts}, name
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = "import sys\nfrom lmeasure.cli import app\ntry: app(['--help'])\nexcept SystemExit: pass\nprint(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "reconstruct" in done.stdout
+    assert HEAVY & set(done.stderr.split()) == set()
+
+
+def test_usage() -> None:
+    done = lmeasure("--version")
+    assert done.returncode == 0
+    assert re.fullmatch(r"lmeasure \d+\.\d+\.\d+\n", done.stdout)
+    done = lmeasure("calibrat")
+    assert done.returncode == 2
+    assert "No such command 'calibrat'" in done.stderr
+    assert lmeasure("reconstruct", TRUTH / "cell-run").returncode == 2
+
+
+def test_from_scenario_to_zone_by_files_alone(tmp_path: Path) -> None:
+    """In one process, as each would load the libraries again; the demo's test is the one with a process of its own."""
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(
+        'schema = "lmeasure.scenario/1"\nseed = 3\nrate_hz = 200.0\n'
+        "[[waypoint]]\nposition_mm = [120.0, -50.0, 80.0]\n[reference_poses]\ncount = 14\n"
+    )
+    made, calibrated = tmp_path / "run", tmp_path / "calibrated"
+    steps: list[tuple[str | Path, ...]] = [
+        ("simulate", scenario, "--out", made, "--rerun", tmp_path / "simulated.rrd"),
+        ("calibrate", made / "calibration", "--out", calibrated, "--rerun", tmp_path / "calibrated.rrd"),
+        ("reconstruct", made, "--rig", calibrated / "rig.toml", "--out", tmp_path / "t.parquet", "--rerun", tmp_path / "run.rrd"),
+        ("zone", calibrated / "rig.toml", *BOX, "--out", tmp_path / "zone.nc", "--rerun", tmp_path / "zone.rrd"),
+    ]
+    for step in steps:
+        done = CliRunner().invoke(app, [str(x) for x in step])
+        assert done.exit_code == 0, done.output
+        assert done.stdout.strip()
+    found = pd.read_parquet(tmp_path / "t.parquet")
+    assert len(found) == len((made / "pass1.csv").read_text().splitlines()) - 1
+    # the motion goes back to its start
+    np.testing.assert_allclose(found[["x_mm", "y_mm", "z_mm"]].to_numpy()[-1], 0.0, atol=0.1)
+    assert (found["status"] == "ok").all()
+    shown = {
+        "simulated": "/counts/pass1/ch1",
+        "calibrated": "/calibration_residual_mm/ch1",
+        "run": "/residual_mm/c1",
+        "zone": "/world/zone/inside",
+    }
+    for name, entity in shown.items():
+        assert entity in {chunk.entity_path for chunk in RrdReader(tmp_path / f"{name}.rrd").stream()}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("reconstruct", "nowhere", "--out", "OUT/t.parquet"), "nowhere: is not a run folder"),
+        (("reconstruct", TRUTH / "cell-run", "--out", "OUT/t.xlsx"), "t.xlsx: the name must end in .csv or .parquet"),
+        (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "reference_poses.csv: cannot be read: No such file or directory"),
+        (("zone", "no.toml", *BOX, "--out", "OUT/zone.nc"), "no.toml: cannot be read: No such file or directory"),
+        (("simulate", "no.toml", "--out", "OUT/run"), "no.toml: cannot be read: No such file or directory"),
+        (("view", "no.rrd"), "no.rrd: cannot be read: No such file or directory"),
+        (("view", __file__), "test_commands.py: is not a whole rerun recording"),
+    ],
+)
+def test_one_line_and_no_file(arguments: tuple[str | Path, ...], message: str, tmp_path: Path) -> None:
+    done = lmeasure(*(str(a).replace("OUT", str(tmp_path)) for a in arguments))
+    assert done.returncode == 1
+    (error,) = done.stderr.splitlines()
+    assert error.startswith("lmeasure: ")
+    assert message in error
+    assert done.stdout.strip() == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_must_be_named_as_one(tmp_path: Path) -> None:
+    done = lmeasure("reconstruct", TRUTH / "cell-run", "--out", tmp_path / "t.parquet", "--rerun", tmp_path / "t.txt")
+    assert done.returncode == 2
+    assert "does not end in .rrd" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_disk_full_leaves_no_half_file(tmp_path: Path) -> None:
+    """A limit on the size of files stands for a full disk."""
+    limit = (
+        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (300000, 300000)); sys.argv = sys.argv[1:]; "
+        "runpy.run_module('lmeasure', run_name='__main__')"
+    )
+    arguments = ["lmeasure", "reconstruct", TRUTH / "cell-run", "--out", tmp_path / "t.parquet", "--rerun", tmp_path / "t.rrd"]
+    done = subprocess.run([sys.executable, "-c", limit, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "t.rrd: cannot be written" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert {p.name for p in tmp_path.iterdir()} <= {"t.parquet"}
