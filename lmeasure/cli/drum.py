@@ -7,7 +7,9 @@ import typer
 
 
 def drum(
-    measurements: Annotated[Path, typer.Argument(metavar="MEASUREMENTS.toml", help="What was measured, a drum table per observation point (docs/drum.md).")],
+    measurements: Annotated[
+        Path, typer.Argument(metavar="MEASUREMENTS.toml", help="What was measured, a drum table per observation point (docs/drum.md).")
+    ],
     rig: Annotated[Path, typer.Option("--rig", help="The rig whose drums these are.")],
     out: Annotated[Path, typer.Option("--out", help="Rig file to write.")],
     point: Annotated[list[str] | None, typer.Option("--point", help="Only this observation point; may be repeated.")] = None,
