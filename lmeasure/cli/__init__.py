@@ -18,7 +18,8 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,  # plain help: drawing it would take three times as long as everything else
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
 
 
