@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any
 from lmeasure.errors import LMeasureError
 
 if TYPE_CHECKING:
+    from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
+    from lmeasure.calibration import Calibration, Campaign, calibrate, read_campaign
     from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
     from lmeasure.conventions import angles_from_rotation, rotation_from_angles
     from lmeasure.counts import Counts, read_counts, write_counts
+    from lmeasure.drum import DrumMeasurement, read_drums, with_drums
     from lmeasure.lengths import Lengths, lengths_from_counts, read_lengths, write_lengths
     from lmeasure.poses import Poses, poses_from_rows, read_poses, write_poses
     from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
@@ -20,8 +23,11 @@ if TYPE_CHECKING:
     from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct, write_trajectory
 
 __all__ = [
+    "Calibration",
     "CalibrationRecord",
+    "Campaign",
     "Counts",
+    "DrumMeasurement",
     "LMeasureError",
     "Lengths",
     "Poses",
@@ -29,18 +35,25 @@ __all__ = [
     "Run",
     "Trajectory",
     "angles_from_rotation",
+    "calibrate",
     "lengths_from_counts",
+    "limit_from_accuracy",
     "poses_from_rows",
     "read_calibration_record",
+    "read_campaign",
     "read_counts",
+    "read_drums",
     "read_lengths",
     "read_poses",
     "read_rig",
     "read_run",
     "read_trajectory",
+    "read_zone",
     "reconstruct",
     "rig_from_dict",
     "rotation_from_angles",
+    "scan_zone",
+    "with_drums",
     "write_calibration_record",
     "write_counts",
     "write_lengths",
@@ -48,12 +61,16 @@ __all__ = [
     "write_rig",
     "write_run",
     "write_trajectory",
+    "write_zone",
 ]
 
 _HOMES = {
+    "accuracy": ("limit_from_accuracy", "read_zone", "scan_zone", "write_zone"),
+    "calibration": ("Calibration", "Campaign", "calibrate", "read_campaign"),
     "calibration_record": ("CalibrationRecord", "read_calibration_record", "write_calibration_record"),
     "conventions": ("angles_from_rotation", "rotation_from_angles"),
     "counts": ("Counts", "read_counts", "write_counts"),
+    "drum": ("DrumMeasurement", "read_drums", "with_drums"),
     "lengths": ("Lengths", "lengths_from_counts", "read_lengths", "write_lengths"),
     "poses": ("Poses", "poses_from_rows", "read_poses", "write_poses"),
     "rig": ("Rig", "read_rig", "rig_from_dict", "write_rig"),
