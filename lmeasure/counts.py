@@ -1,6 +1,6 @@
 """Recorded counts of one pass, and what a finite counter hides: wraps, jumps, gaps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ class Counts:
     sync: FloatArray | None = None
     source: str = "counts"
     u_time_s: FloatArray | None = None
+    first: int = 0
+    """Number of the first sample in the file, for what is said of samples."""
 
     def __post_init__(self) -> None:
         n = len(self.time_s)
@@ -45,7 +47,8 @@ class Counts:
         if len(late):
             i = int(late[0])
             raise FileFormatError(
-                f"{self.source}: sample {i + 1}: time_s = {float(self.time_s[i + 1])!r} does not follow {float(self.time_s[i])!r}"
+                f"{self.source}: sample {self.first + i + 1}: "
+                f"time_s = {float(self.time_s[i + 1])!r} does not follow {float(self.time_s[i])!r}"
             )
 
     def of(self, channel: str) -> FloatArray:
@@ -73,7 +76,25 @@ def read_counts(path: Path, *, torn: bool = False) -> Counts:
 
     torn: see `files.read_table`.
     """
-    table = files.read_table(path, torn=torn)
+    return _counts(files.read_table(path, torn=torn))
+
+
+def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | None = None) -> Iterator[Counts]:
+    """`read_counts`, one piece after the other, for files that need not fit into memory; progress is told (done, of) in percent."""
+    before: tuple[int, float] | None = None
+    for table, part in files.read_table_in_pieces(path):
+        counts = _counts(table)
+        first = float(counts.time_s[0])
+        if before is not None and not first > before[1]:
+            raise FileFormatError(f"{path}: sample {before[0]}: time_s = {first!r} does not follow {before[1]!r}")
+        before = table.first + len(table), float(counts.time_s[-1])
+        yield counts
+        if progress is not None:
+            progress(round(100 * part), 100)
+
+
+def _counts(table: files.Table) -> Counts:
+    path = table.path
     channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS)
     if not channels:
         raise FileFormatError(f"{path}: has no count column besides {', '.join(table.columns)}")
@@ -82,15 +103,16 @@ def read_counts(path: Path, *, torn: bool = False) -> Counts:
         sync = table.numbers("sync")
         bad = np.flatnonzero((sync != 0) & (sync != 1))
         if len(bad):
-            raise FileFormatError(f"{path}: sample {int(bad[0])}: sync = {sync[bad[0]]:g}; it must be 0 or 1")
+            raise FileFormatError(f"{path}: sample {table.first + int(bad[0])}: sync = {sync[bad[0]]:g}; it must be 0 or 1")
     skew = None
     if "u_time_s" in table.columns:
         skew = table.numbers("u_time_s")
         if (skew < 0).any():
             raise FileFormatError(
-                f"{path}: sample {int(np.argmax(skew < 0))}: u_time_s = {skew.min():g}; a standard uncertainty is not negative"
+                f"{path}: sample {table.first + int(np.argmax(skew < 0))}: "
+                f"u_time_s = {skew.min():g}; a standard uncertainty is not negative"
             )
-    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew)
+    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew, table.first)
 
 
 def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None = None) -> None:
@@ -111,30 +133,52 @@ class Unwrapped:
     inferred_bits: int | None
 
 
-def unwrap(recorded: FloatArray, time_s: FloatArray, max_rate: float, bits: int | None) -> Unwrapped:
+def unwrap(recorded: FloatArray, time_s: FloatArray, max_rate: float, bits: int | None, state: FloatArray | None = None) -> Unwrapped:
     """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find what cannot be a motion.
 
-    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second. See `kernels.counter.follow`.
+    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second. See `kernels.counter.follow`; a state is that
+    of `kernels.counter.resume`, and then nothing is inferred: a piece does not show the whole counter.
     """
     inferred = None
-    if bits is None:
-        bits = inferred = _infer_bits(recorded, time_s, max_rate)
-    counts, what = counter.follow(recorded, time_s, max_rate, 0.0 if bits is None else 2.0**bits)
+    if bits is None and state is None:
+        seen = WidthEvidence(max_rate)
+        seen.add(recorded, time_s)
+        bits = inferred = seen.bits()
+    state = np.zeros(counter.STATE) if state is None else state
+    counts, what = counter.resume(recorded, time_s, max_rate, 0.0 if bits is None else 2.0**bits, state)
     return Unwrapped(counts, what, inferred)
 
 
-def _infer_bits(recorded: FloatArray, time_s: FloatArray, max_rate: float) -> int | None:
-    """The smallest usual width that holds all values and turns an impossible step into a possible one; None when no step asks for it."""
-    seen = np.isfinite(recorded)
-    values = recorded[seen]
-    steps, limit = np.diff(values), max_rate * np.diff(time_s[seen]) + 1.0
-    impossible = np.abs(steps) > limit
-    if not impossible.any():
+class WidthEvidence:
+    """What the recorded counts of a channel, given in pieces, tell of the width of its counter."""
+
+    def __init__(self, max_rate: float) -> None:
+        self._rate = max_rate
+        self._least, self._most = np.inf, -np.inf
+        self._last: tuple[float, float] | None = None
+        self._short = dict.fromkeys(INFERRED_BITS, False)
+
+    def add(self, recorded: FloatArray, time_s: FloatArray) -> None:
+        """Look at the next piece: recorded (n,) with NaN gaps."""
+        seen = np.isfinite(recorded)
+        values, times = recorded[seen], time_s[seen]
+        if len(values) == 0:
+            return
+        self._least, self._most = min(self._least, values.min()), max(self._most, values.max())
+        if self._last is not None:
+            values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
+        self._last = float(values[-1]), float(times[-1])
+        steps, limit = np.abs(np.diff(values)), self._rate * np.diff(times) + 1.0
+        impossible = steps > limit
+        steps, limit = steps[impossible], limit[impossible]
+        for bits in INFERRED_BITS:
+            full = 2.0**bits
+            self._short[bits] |= bool((np.abs(steps - full) <= np.minimum(limit, full / 2)).any())
+
+    def bits(self) -> int | None:
+        """The smallest usual width that holds all values and turns an impossible step into a possible one; None when no step asks."""
+        for bits in INFERRED_BITS:
+            full = 2.0**bits
+            if self._short[bits] and self._least >= -full / 2 and self._most < full and self._most - self._least < full:
+                return bits
         return None
-    steps, limit = np.abs(steps[impossible]), limit[impossible]
-    for bits in INFERRED_BITS:
-        full = 2.0**bits
-        fits = values.min() >= -full / 2 and values.max() < full and np.ptp(values) < full
-        if fits and (np.abs(steps - full) <= np.minimum(limit, full / 2)).any():
-            return bits
-    return None

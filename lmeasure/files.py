@@ -5,7 +5,7 @@ import io
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -97,8 +97,10 @@ def _reason(error: Exception) -> str:
 class Table:
     """Named columns of numbers or text read from a .csv or .parquet file, with errors that name file, row and column."""
 
-    def __init__(self, path: Path, data: pa.Table) -> None:
+    def __init__(self, path: Path, data: pa.Table, first: int = 0) -> None:
         self.path = Path(path)
+        self.first = first
+        """Number of its first row in the file, when it is a piece of it."""
         self._data = data
 
     @property
@@ -109,9 +111,14 @@ class Table:
     def __len__(self) -> int:
         return int(self._data.num_rows)
 
+    def behind(self, rows: int) -> "Table":
+        """The rows from that number on."""
+        return Table(self.path, self._data.slice(rows), self.first + rows)
+
     def _row(self, index: int) -> str:
         # a CSV's first data row stands on line 2
-        return f"line {index + 2}" if self.path.suffix.lower() == ".csv" else f"row {index}"
+        row = self.first + index
+        return f"line {row + 2}" if self.path.suffix.lower() == ".csv" else f"row {row}"
 
     def _column(self, name: str) -> pa.ChunkedArray:
         if name not in self._data.column_names:
@@ -220,24 +227,88 @@ def read_table(path: Path, *, torn: bool = False) -> Table:
     return Table(path, data.rename_columns(names))
 
 
+PIECE_BYTES = 8 * 2**20
+PIECE_ROWS = 2**17
+
+
+def read_table_in_pieces(path: Path) -> Iterator[tuple[Table, float]]:
+    """`read_table` of numbers, one piece after the other with the part of the file that is done; only a few pieces are in memory.
+
+    What the fast reader of pieces does not take - text, blanks around numbers, a broken file - is left to `read_table`, which takes it
+    or says what is wrong with it.
+    """
+    path = Path(path)
+    rows = 0
+    try:
+        for data, part in _pieces(path):
+            names = [name.strip() for name in data.column_names]
+            if len(set(names)) < len(names) or "" in names:
+                break
+            if len(data):
+                yield Table(path, data.rename_columns(names), rows), part
+            rows += len(data)
+        else:
+            if rows:
+                return
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
+        pass
+    yield read_table(path).behind(rows), 1.0
+
+
+def _pieces(path: Path) -> Iterator[tuple[pa.Table, float]]:
+    if path.suffix.lower() == ".parquet":
+        with pa.parquet.ParquetFile(path) as file:
+            done, total = 0, max(file.metadata.num_rows, 1)
+            for batch in file.iter_batches(PIECE_ROWS):
+                done += len(batch)
+                yield pa.Table.from_batches([batch]), done / total
+    elif path.suffix.lower() == ".csv":
+        size = path.stat().st_size
+        with path.open("rb") as raw:
+            names = raw.readline().decode("utf-8-sig").strip("\r\n").split(",")
+            raw.seek(0)
+            numbers = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=[""])
+            with pa.csv.open_csv(raw, pa.csv.ReadOptions(block_size=PIECE_BYTES), convert_options=numbers) as batches:
+                for batch in batches:
+                    yield pa.Table.from_batches([batch]), min(raw.tell() / size, 1.0)
+
+
 def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> None:
     """Write .csv or .parquet, whole or not at all. NaN becomes an empty cell in CSV; metadata is kept in Parquet's schema.
 
     Numbers are written in full: text reads back to the same double.
     """
+    with table_writer(path, metadata) as write:
+        write(columns)
+
+
+@contextmanager
+def table_writer(path: Path, metadata: Mapping[str, str] | None = None) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """`write_table` in pieces: the function it gives takes the columns of the next rows; the file stands when the block ends."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in {".csv", ".parquet"}:
         raise FileFormatError(f"{path}: the name must end in .csv or .parquet")
-    arrays = {name: _arrow(values, nan_is_null=suffix == ".csv") for name, values in columns.items()}
-    data = pa.table(arrays)
-    if metadata:
-        data = data.replace_schema_metadata(dict(metadata))
+    writer: Any = None
     with whole(path) as temporary:
-        if suffix == ".parquet":
-            pa.parquet.write_table(data, temporary, compression="zstd")
-        else:
-            pa.csv.write_csv(data, temporary, pa.csv.WriteOptions(quoting_style="needed", quoting_header="none"))
+
+        def write(columns: Mapping[str, Any]) -> None:
+            nonlocal writer
+            data = pa.table({name: _arrow(values, nan_is_null=suffix == ".csv") for name, values in columns.items()})
+            if writer is None:
+                schema = data.schema.with_metadata(dict(metadata)) if metadata else data.schema
+                if suffix == ".parquet":
+                    writer = pa.parquet.ParquetWriter(temporary, schema, compression="zstd")
+                else:
+                    options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="none")
+                    writer = pa.csv.CSVWriter(temporary, schema, write_options=options)
+            writer.write_table(data)
+
+        try:
+            yield write
+        finally:
+            if writer is not None:
+                writer.close()
 
 
 def _arrow(values: Any, *, nan_is_null: bool) -> pa.Array:

@@ -14,7 +14,7 @@ from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
 from lmeasure.kernels.screw import GAP, JUMP, OK, STATUS
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.run import Run
 
 FloatArray = NDArray[np.float64]
@@ -118,8 +118,16 @@ def count_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatAr
     return np.array([(d.count_length_mm / d.scale) ** 2 / 12.0 for d in drums])
 
 
-def lengths_from_counts(run: Run) -> Lengths:
+def counter_rate(drum: Drum) -> float:
+    """Largest rate of a recorded count [1/s] at the drum's largest cable speed."""
+    return drum.max_cable_speed_mm_s / drum.count_length_mm * drum.scale
+
+
+def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths:
     """The run's counts as changes of its cables, on the time base of pass 1.
+
+    counters (m, `kernels.counter.STATE`), zeros at first and moved on in place, carries the counters from one piece of a run of one pass to
+    the next; without it the run is whole.
 
     A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes are
     shifted so that their first rising sync edges coincide with pass 1's, where both have one, and interpolated linearly.
@@ -133,8 +141,8 @@ def lengths_from_counts(run: Run) -> Lengths:
     for j, c in enumerate(run.rig.cable):
         counts = run.passes[c.passage - 1]
         drum = run.rig.point(c.from_point).drum
-        rate = drum.max_cable_speed_mm_s / drum.count_length_mm * drum.scale
-        counter = unwrap(counts.of(c.channel), counts.time_s, rate, drum.counter_bits)
+        state = None if counters is None else counters[j]
+        counter = unwrap(counts.of(c.channel), counts.time_s, counter_rate(drum), drum.counter_bits, state)
         if counter.inferred_bits is not None:
             notes.append(
                 f"{counts.source}: channel {c.channel}: counter_bits is not stated; its jumps are those of {counter.inferred_bits} bits"

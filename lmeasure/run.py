@@ -38,8 +38,26 @@ def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
     return rig, read_calibration_record(Path(path).parent / rig.calibration)
 
 
+@dataclass(frozen=True)
+class RunHead:
+    """A run folder without its counts: the files that hold them, and which of them broke off while they were recorded."""
+
+    rig: Rig
+    start: FloatArray
+    counts: tuple[Path, ...]
+    torn: tuple[bool, ...]
+    calibration: CalibrationRecord | None = None
+
+
 def read_run(folder: Path, rig_path: Path | None = None) -> Run:
     """Read a run folder; rig_path replaces the rig it names. FileFormatError names the file and key."""
+    head = read_run_head(folder, rig_path)
+    passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
+    return Run(head.rig, head.start, passes, head.calibration)
+
+
+def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
+    """`read_run` without the counts."""
     folder = Path(folder)
     path = folder / "run.toml"
     if not folder.is_dir():
@@ -58,15 +76,16 @@ def read_run(folder: Path, rig_path: Path | None = None) -> Run:
         raise FileFormatError(f"{path}: [[pass]] is missing")
     if len(passes) < rig.passes:
         raise FileFormatError(f"{path}: has {len(passes)} [[pass]], but the rig's cables need {rig.passes}")
-    counts = []
+    counts, torn = [], []
     for number, entry in enumerate(passes, 1):
         strange = sorted(set(entry) - {"counts"})
         if strange:
             raise FileFormatError(f"{path}: pass {number}: unknown key {strange[0]!r}; known: counts")
         if not isinstance(entry.get("counts"), str):
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
-        counts.append(read_counts(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"), torn=_ended_early(data, number)))
-    return Run(rig, start_pose(data.get("start"), rig.angles, path), tuple(counts), calibration)
+        counts.append(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"))
+        torn.append(_ended_early(data, number))
+    return RunHead(rig, start_pose(data.get("start"), rig.angles, path), tuple(counts), tuple(torn), calibration)
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:

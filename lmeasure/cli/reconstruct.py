@@ -18,15 +18,22 @@ def reconstruct(
     rerun: Rerun = None,
 ) -> None:
     """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
-    from lmeasure.run import read_run
+    from lmeasure.cli.progress import bar
+    from lmeasure.run import read_run, read_run_head
+    from lmeasure.trajectory import can_stream, reconstruct_stream, write_trajectory
     from lmeasure.trajectory import reconstruct as stage
-    from lmeasure.trajectory import write_trajectory
 
+    head = read_run_head(run, rig)
+    if can_stream(head) and rerun is None:
+        with bar("reconstruct") as progress:
+            summary = reconstruct_stream(head, out, constraint, progress=progress)
+        typer.echo(summary.text())
+        return
     recorded = read_run(run, rig)
     trajectory = stage(recorded, constraint)
     write_trajectory(out, trajectory)
     if rerun is not None:
-        from lmeasure.view.stages import write_recording
+        from lmeasure.view import write_recording
 
         write_recording(rerun, recorded.rig, run=recorded, trajectory=trajectory)
     typer.echo(trajectory.summary())

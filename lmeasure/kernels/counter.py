@@ -11,6 +11,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 FOLLOWED, EMPTY, JUMPED, UNSURE, FOREIGN = range(5)
+STATE = 8
+# what a counter's state holds: whether there is a good sample; its continuous and recorded count and time; recorded count and time of the
+# last sample seen; whether its origin is lost; whether it is unsure
+_ANY, _COUNT, _GOOD, _GOOD_TIME, _SEEN, _SEEN_TIME, _LOST, _UNSURE = range(STATE)
 
 
 @inline
@@ -29,10 +33,14 @@ def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
     A value that no counter of that size shows is FOREIGN and nothing else. Continuous counts are the recorded ones plus whole turns,
     exactly.
     """
+    return resume(recorded, time_s, max_rate, full, np.zeros(STATE))
+
+
+@kernel
+def resume(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray) -> tuple[FloatArray, IntArray]:
+    """`follow` for the next piece of a recording; state (STATE,), zeros at its beginning, is moved on in place."""
     n = len(recorded)
     counts, what = np.full(n, np.nan), np.full(n, EMPTY)
-    good, seen = -1, -1
-    lost, unsure = False, False
     for i in range(n):
         x = recorded[i]
         if math.isnan(x):
@@ -40,28 +48,29 @@ def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
         if full > 0.0 and not (-0.5 * full <= x < full):
             what[i] = FOREIGN
             continue
-        if good < 0:
+        step = shortest(x - state[_SEEN], full)
+        reach = max_rate * (time_s[i] - state[_SEEN_TIME]) + 1.0
+        possible = abs(step) <= reach
+        if state[_ANY] == 0.0:
             counts[i] = shortest(x, full)
             what[i] = FOLLOWED
-            good = seen = i
-            continue
-        step = shortest(x - recorded[seen], full)
-        reach = max_rate * (time_s[i] - time_s[seen]) + 1.0
-        possible = abs(step) <= reach
-        if lost and not possible:
-            step = shortest(x - recorded[good], full)
-            reach = max_rate * (time_s[i] - time_s[good]) + 1.0
-            lost = abs(step) > reach
-        elif not possible:
-            lost = True
-        seen = i
-        if lost:
-            what[i] = JUMPED
-            continue
-        # a way of half the range or more may as well have been the other way round
-        unsure = unsure or (full > 0.0 and reach >= 0.5 * full)
-        target = counts[good] + step
-        counts[i] = x + (full * math.floor((target - x) / full + 0.5) if full > 0.0 else 0.0)
-        what[i] = UNSURE if unsure else FOLLOWED
-        good = i
+        else:
+            if state[_LOST] != 0.0 and not possible:
+                step = shortest(x - state[_GOOD], full)
+                reach = max_rate * (time_s[i] - state[_GOOD_TIME]) + 1.0
+                state[_LOST] = 1.0 if abs(step) > reach else 0.0
+            elif not possible:
+                state[_LOST] = 1.0
+            if state[_LOST] == 0.0:
+                # a way of half the range or more may as well have been the other way round
+                if full > 0.0 and reach >= 0.5 * full:
+                    state[_UNSURE] = 1.0
+                target = state[_COUNT] + step
+                counts[i] = x + (full * math.floor((target - x) / full + 0.5) if full > 0.0 else 0.0)
+                what[i] = UNSURE if state[_UNSURE] != 0.0 else FOLLOWED
+            else:
+                what[i] = JUMPED
+        state[_SEEN], state[_SEEN_TIME] = x, time_s[i]
+        if what[i] != JUMPED:
+            state[_ANY], state[_COUNT], state[_GOOD], state[_GOOD_TIME] = 1.0, counts[i], x, time_s[i]
     return counts, what

@@ -1,6 +1,16 @@
 """Where the gripper went: trajectories from runs."""
 
-from lmeasure.trajectory.record import Trajectory, read_trajectory, write_trajectory
+from lmeasure.trajectory.record import Summary, Trajectory, read_trajectory, write_trajectory
 from lmeasure.trajectory.screw_method import Reconstruction, reconstruct
+from lmeasure.trajectory.stream import can_stream, reconstruct_stream
 
-__all__ = ["Reconstruction", "Trajectory", "read_trajectory", "reconstruct", "write_trajectory"]
+__all__ = [
+    "Reconstruction",
+    "Summary",
+    "Trajectory",
+    "can_stream",
+    "read_trajectory",
+    "reconstruct",
+    "reconstruct_stream",
+    "write_trajectory",
+]

@@ -1,0 +1,69 @@
+"""Reconstruction from file to file in bounded memory: a log of ten hours goes through a few pieces at a time."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure import files
+from lmeasure.counts import WidthEvidence, read_counts_in_pieces
+from lmeasure.kernels import counter
+from lmeasure.lengths import counter_rate, lengths_from_counts
+from lmeasure.rig import Rig
+from lmeasure.run import Run, RunHead
+from lmeasure.trajectory.record import Summary, Trajectory
+from lmeasure.trajectory.screw_method import Reconstruction
+
+Progress = Callable[[int, int], None]
+
+
+def can_stream(head: RunHead) -> bool:
+    """Whether the run can go through in pieces: one pass, and a recording that was closed properly."""
+    return head.rig.passes == 1 and not head.torn[0]
+
+
+def reconstruct_stream(
+    head: RunHead,
+    out: Path,
+    constraint: str | None = None,
+    change: Callable[[Trajectory], Trajectory] | None = None,
+    progress: Progress | None = None,
+) -> Summary:
+    """Reconstruct a run for which `can_stream` holds and write its trajectory, .parquet or .csv, whole or not at all.
+
+    The result is that of `reconstruct`. change is applied to each piece before it is written; progress is told (done, of).
+    Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
+    """
+    rig, notes = _with_widths(head)
+    reconstruction = Reconstruction(rig, head.start, head.calibration, constraint)
+    counters = np.zeros((len(rig.cable), counter.STATE))
+    summary = Summary()
+    summary.notes += notes
+    with files.table_writer(out, {"uncertainty_covers": reconstruction.covers}) as write:
+        for piece in read_counts_in_pieces(head.counts[0], progress):
+            trajectory = reconstruction.add(lengths_from_counts(Run(rig, head.start, (piece,)), counters))
+            if change is not None:
+                trajectory = change(trajectory)
+            write(trajectory.columns())
+            summary.add(trajectory)
+    return summary
+
+
+def _with_widths(head: RunHead) -> tuple[Rig, list[str]]:
+    """The rig with the counter widths that the whole file shows, where it states none."""
+    unknown = {c.channel: c for c in head.rig.cable if head.rig.point(c.from_point).drum.counter_bits is None}
+    if not unknown:
+        return head.rig, []
+    evidence = {name: WidthEvidence(counter_rate(head.rig.point(c.from_point).drum)) for name, c in unknown.items()}
+    for piece in read_counts_in_pieces(head.counts[0]):
+        for name, seen in evidence.items():
+            seen.add(piece.of(name), piece.time_s)
+    bits = {unknown[name].from_point: (name, seen.bits()) for name, seen in evidence.items()}
+    points, notes = [], []
+    for point in head.rig.observation_point:
+        channel, width = bits.get(point.name, ("", None))
+        if width is not None:
+            notes.append(f"{head.counts[0]}: channel {channel}: counter_bits is not stated; its jumps are those of {width} bits")
+            point = point.model_copy(update={"drum": point.drum.model_copy(update={"counter_bits": width})})
+        points.append(point)
+    return head.rig.model_copy(update={"observation_point": tuple(points)}), notes

@@ -1,0 +1,104 @@
+"""A log reconstructed in pieces, from file to file, is the log reconstructed at once."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cells import FloatArray, cell, motion, record, with_recorded
+
+from lmeasure import files
+from lmeasure.errors import FileFormatError
+from lmeasure.rig import Rig
+from lmeasure.run import Run, read_run, read_run_head, write_run
+from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory
+
+N = 3000
+
+
+@pytest.fixture(autouse=True)
+def _small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "PIECE_ROWS", 257)
+    monkeypatch.setattr(files, "PIECE_BYTES", 10_000)
+
+
+def difficult(rig: Rig, reach_mm: float = 520.0) -> Run:
+    """Gaps, a jump that comes back, one that does not: across the pieces' ends."""
+    run = record(rig, *motion(N, reach_mm=reach_mm, tilt_rad=0.1))
+    recorded: FloatArray = run.passes[0].recorded.copy()
+    recorded[250:600, 2] = np.nan
+    recorded[700:1300, 4] += 9000.0
+    recorded[1500, 1] = np.nan
+    recorded[2800:, 3] -= 9000.0
+    return with_recorded(run, recorded)
+
+
+@pytest.mark.parametrize("kind", [".csv", ".parquet"])
+@pytest.mark.parametrize("bits", [32, None])
+def test_pieces_give_the_same_file(kind: str, bits: int | None, tmp_path: Path) -> None:
+    write_run(tmp_path / "run", difficult(cell(bits)), suffix=kind)
+    head = read_run_head(tmp_path / "run")
+    assert can_stream(head)
+    done: list[int] = []
+    summary = reconstruct_stream(head, tmp_path / "pieces.parquet", progress=lambda part, _: done.append(part))
+    whole = reconstruct(read_run(tmp_path / "run"))
+    write_trajectory(tmp_path / "whole.parquet", whole)
+    assert len(done) > 5
+    assert done == sorted(done)
+    assert done[-1] == 100
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "pieces.parquet"), pd.read_parquet(tmp_path / "whole.parquet"))
+    assert summary.text() == whole.summary()
+    assert {"ok", "gap", "jump"} == set(pd.read_parquet(tmp_path / "pieces.parquet")["status"])
+
+
+@pytest.mark.parametrize("kind", [".csv", ".parquet"])
+def test_a_width_that_is_not_stated_is_found_in_the_whole_file_first(kind: str, tmp_path: Path) -> None:
+    run = record(cell(16), *motion(N, reach_mm=520.0, tilt_rad=0.1))
+    assert (np.abs(np.diff(run.passes[0].recorded, axis=0)) > 60_000).any()
+    write_run(tmp_path / "run", Run(cell(None), run.start, run.passes), suffix=kind)
+    summary = reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "pieces.csv")
+    whole = reconstruct(read_run(tmp_path / "run"))
+    write_trajectory(tmp_path / "whole.csv", whole)
+    assert (tmp_path / "pieces.csv").read_text() == (tmp_path / "whole.csv").read_text()
+    assert any("16 bits" in note for note in summary.notes)
+    assert sorted(summary.notes) == sorted(whole.notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("\n2.5,", "\n2.5,x", "line 2502"),
+        ("\n2.5,", "\n2.5,nan,", "line 2502"),
+        ("\n2.5,", "\n0.5,", "sample 2500"),
+        ("\n2.5,", "\n2.5,1,2,3,", "pass1.csv"),
+    ],
+)
+def test_what_is_wrong_late_in_a_file_is_said_with_its_place_and_leaves_nothing(old: str, new: str, said: str, tmp_path: Path) -> None:
+    write_run(tmp_path / "run", record(cell(), *motion(N)))
+    path = tmp_path / "run" / "pass1.csv"
+    text = path.read_text()
+    if new.endswith("nan,"):  # in the place of the first count
+        old = text[text.index(old) : text.index(",", text.index(old) + len(old)) + 1]
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(FileFormatError, match=said):
+        reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "out" / "a.csv")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_blanks_around_a_number_are_read_as_at_once(tmp_path: Path) -> None:
+    write_run(tmp_path / "run", record(cell(), *motion(N)))
+    path = tmp_path / "run" / "pass1.csv"
+    lines = path.read_text().split("\n")
+    lines[2001] = ", ".join(lines[2001].split(","))
+    path.write_text("\n".join(lines))
+    reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "a.parquet")
+    write_trajectory(tmp_path / "b.parquet", reconstruct(read_run(tmp_path / "run")))
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), pd.read_parquet(tmp_path / "b.parquet"))
+
+
+def test_two_passes_do_not_stream(tmp_path: Path) -> None:
+    data = cell().to_dict()
+    for i, c in enumerate(data["cable"]):
+        c["channel"], c["pass"] = f"ch{i % 3 + 1}", i // 3 + 1
+    write_run(tmp_path / "run", record(cell(cable=data["cable"]), *motion(10)))
+    assert not can_stream(read_run_head(tmp_path / "run"))
