@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lmeasure.acquisition.counters import CounterState
 from lmeasure.acquisition.decoders import CounterField
@@ -14,6 +15,8 @@ from lmeasure.acquisition.samples import Assembler, StartLine, SyncAssembler
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Rig
+
+FloatArray = NDArray[np.float64]
 
 STALL_S = 1.0
 STALL_OTHERS_MM = 20.0
@@ -81,6 +84,9 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
     """
     if len(counts.channels) < 2:
         return None
+    still = [_still(counts.time_s, column) for column in counts.recorded.T]
+    if not any(len(firsts) for firsts, _ in still):
+        return None
     drums = rig.drums_of(passage)
     mm = np.array([drums[c].count_length_mm / drums[c].scale for c in counts.channels])
     moves = np.diff(counts.recorded, axis=0, prepend=counts.recorded[:1])
@@ -92,14 +98,7 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
     recorded = counts.recorded.copy()
     found = False
     for j, channel in enumerate(counts.channels):
-        present = np.flatnonzero(np.isfinite(counts.recorded[:, j]))
-        if len(present) < 2:
-            continue
-        changes = np.flatnonzero(np.diff(counts.recorded[present, j]) != 0) + 1
-        edges = np.concatenate([[0], changes, [len(present)]])
-        firsts, lasts = present[edges[:-1]], present[edges[1:] - 1]
-        still = counts.time_s[lasts] - counts.time_s[firsts] >= STALL_S
-        for first, last in zip(firsts[still].tolist(), lasts[still].tolist(), strict=True):
+        for first, last in zip(*still[j], strict=True):
             others = np.delete(way[last] - way[first], j)
             if np.median(others) < STALL_OTHERS_MM:
                 continue
@@ -110,3 +109,14 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
             events.add(Event(begin, float(counts.time_s[begin]), channel, "stall", span))
             found = True
     return replace(counts, recorded=recorded) if found else None
+
+
+def _still(time_s: FloatArray, recorded: FloatArray) -> tuple[list[int], list[int]]:
+    """First and last sample of each stretch of STALL_S or more over which a channel keeps its count."""
+    present = np.flatnonzero(np.isfinite(recorded))
+    if len(present) < 2:
+        return [], []
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(recorded[present]) != 0) + 1, [len(present)]])
+    firsts, lasts = present[edges[:-1]], present[edges[1:] - 1]
+    long = time_s[lasts] - time_s[firsts] >= STALL_S
+    return firsts[long].tolist(), lasts[long].tolist()

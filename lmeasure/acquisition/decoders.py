@@ -177,10 +177,13 @@ def carries(frames: Frames, readings: Readings, fields: tuple[CounterField, ...]
         if field.bits >= 64 or field.modulus != 2**field.bits or not 0 <= behind < frames.data.shape[1] or behind in taken:
             out.append(0)
             continue
-        mine = readings.field == i
-        steps = np.diff(readings.value[mine] % field.modulus)
+        mine = np.flatnonzero(readings.field == i)
+        steps = np.diff(readings.value[mine] & (field.modulus - 1))
         passes = np.flatnonzero(np.abs(steps) > field.modulus // 2)
-        before, after = readings.frame[mine][passes], readings.frame[mine][passes + 1]
+        if len(passes) == 0:
+            out.append(0)
+            continue
+        before, after = readings.frame[mine[passes]], readings.frame[mine[passes + 1]]
         upper = frames.data[:, behind].astype(np.int64)
         carried = (upper[after] - upper[before] + 128) % 256 - 128
         told = np.minimum(frames.length[before], frames.length[after]) > behind
