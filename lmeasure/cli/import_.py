@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from lmeasure.cli.options import Rerun
+
 
 def import_(
     logs: Annotated[
@@ -22,6 +24,7 @@ def import_(
     dbc: Annotated[Path | None, typer.Option("--dbc", help="DBC file that names the counters; default the rig's.")] = None,
     bus: Annotated[str | None, typer.Option("--bus", help="Read only this bus of the log.")] = None,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write the counts as .parquet instead of .csv.")] = False,
+    rerun: Rerun = None,
 ) -> None:
     """Read log files of CAN frames into a run folder.
 
@@ -46,4 +49,8 @@ def import_(
     with bar("bytes") as progress:
         imported = import_logs(logs, measured, pose, calibration=calibration, folder=rig.parent, bus=bus, progress=progress)
     write_import(out, imported, ".parquet" if parquet else ".csv")
+    if rerun is not None:
+        from lmeasure.view.stages import write_recording
+
+        write_recording(rerun, imported.run.rig, run=imported.run)
     typer.echo(imported.summary())

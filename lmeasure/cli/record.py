@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lmeasure.cli.options import Rerun
+
 if TYPE_CHECKING:
     from lmeasure.acquisition.recorder import Progress
 
@@ -28,6 +30,7 @@ def record(
     ] = None,
     fast: Annotated[bool, typer.Option("--fast", help="replay: as fast as possible, not in the log's own time.")] = False,
     live: Annotated[bool, typer.Option("--live", help="Show counts, rates, faults and latency while recording.")] = False,
+    rerun: Rerun = None,
 ) -> None:
     """Record a pass of the motion: every frame as it came, and the counts decoded from it."""
     from lmeasure.acquisition.session import record_session
@@ -39,6 +42,11 @@ def record(
     typer.echo(recording.summary())
     if start is None and passage == 1:
         typer.echo("note: no --start pose: the base frame is taken to be the tool's frame at the start")
+    if rerun is not None:
+        from lmeasure.rig import read_rig
+        from lmeasure.view.stages import write_counts_recording
+
+        write_counts_recording(rerun, read_rig(rig), [recording.folder / f"pass{i}.csv" for i in range(1, passage + 1)])
 
 
 def _display(live: bool) -> "AbstractContextManager[Callable[[Progress], None] | None]":

@@ -57,14 +57,24 @@ def _arcs(centres: FloatArray, bases: FloatArray, along: FloatArray, angles: Flo
 
 
 def log_motion(rec: rr.RecordingStream, rig: Rig, indexes: Sequence[rr.TimeColumn], poses: FloatArray, frames: IntArray) -> None:
-    """Tool at (n, 7) poses [mm], cables and pulleys at the rows `frames` of them; a pose of NaN shows nothing."""
+    """Tool at (n, 7) poses [mm], cables and pulleys at the rows `frames` of them; a pose of NaN shows nothing.
+
+    Where no orientation was measured, a pose is the place of the attachment point that all cables lead to.
+    """
     ok = ~np.isnan(poses[:, 0])
     each = ok.astype(np.int64)
-    tool = rr.Transform3D.columns(translation=metres(poses[ok, :3]), quaternion=poses[ok, 3:])
-    rec.send_columns("/world/tool", indexes, tool.partition(each))
-    rec.send_columns("/world/tool", indexes, rr.TransformAxes3D.columns(axis_length=np.full(ok.sum(), 0.1)).partition(each))
-
     rows = rig.cable_rows()
+    if np.isnan(poses[ok, 3]).all():
+        rows[:, 7:10] = 0.0
+        poses = np.column_stack([poses[:, :3], np.tile((0.0, 0.0, 0.0, 1.0), (len(poses), 1))])
+        points = rr.Points3D.columns(positions=metres(poses[ok, :3]))
+        rec.log("/world/tool", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
+        rec.send_columns("/world/tool", indexes, points.partition(each))
+    else:
+        tool = rr.Transform3D.columns(translation=metres(poses[ok, :3]), quaternion=poses[ok, 3:])
+        rec.send_columns("/world/tool", indexes, tool.partition(each))
+        rec.send_columns("/world/tool", indexes, rr.TransformAxes3D.columns(axis_length=np.full(ok.sum(), 0.1)).partition(each))
+
     at, shown = at_rows(indexes, frames), each[frames]
     centre, tangent, attachment, angle = wrap_geometry(rows, poses[frames[ok[frames]]])
     along = rows[:, 6:7] * rows[:, 3:6]

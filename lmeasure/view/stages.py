@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 import xarray as xr
 
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.counts import read_counts
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig
 from lmeasure.run import Run
@@ -63,6 +64,13 @@ def write_recording(
             lines += log_zone(rec, zone)
         rec.log("/notes", rr.TextDocument(_notes(rig, lines), media_type=rr.MediaType.MARKDOWN), static=True)
         rec.send_blueprint(_blueprint(rig, run, trajectory, record, zone, errors), make_active=True, make_default=True)
+
+
+def write_counts_recording(path: Path, rig: Rig, counts: Sequence[Path]) -> None:
+    """Write the counts of the passes there are as yet, from their files, as one .rrd; raises what `write_recording` raises."""
+    passes = tuple(read_counts(file) for file in counts)
+    # counts alone need no start pose
+    write_recording(path, rig, run=Run(rig, np.full(7, np.nan), passes))
 
 
 def _notes(rig: Rig, lines: Sequence[str]) -> str:

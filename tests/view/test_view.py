@@ -173,6 +173,24 @@ def test_cables_run_over_their_pulleys(written: tuple[Path, SimulatedRun, Trajec
             assert straight @ (strip[-2] - strip[-3]) > 0
 
 
+def test_without_orientation_the_point_is_shown(tmp_path: Path) -> None:
+    data = cell_rig(3).to_dict()
+    for c in data["cable"]:
+        c["to"] = "P1"
+    data["cable"] = data["cable"][:4]
+    simulated = moved(rig_from_dict(data), 0.1)
+    trajectory = reconstruct(simulated.run)
+    path = tmp_path / "point.rrd"
+    write_recording(path, simulated.run.rig, run=simulated.run, trajectory=trajectory)
+    poses = simulated.poses
+    point = (poses[:, :3] + Rotation.from_quat(poses[:, 3:]).apply(data["tool"]["P1"])) / 1000.0
+    assert stored(path, "/world/tool", "Transform3D:quaternion", "sample")[1] == []
+    shown = [cell[0] for cell in stored(path, "/world/tool", "Points3D:positions", "sample")[1]]
+    np.testing.assert_allclose(shown, point, atol=1e-4)
+    ends = [cell[0][-1] for cell in stored(path, "/world/cables/c4", "LineStrips3D:strips", "sample")[1]]
+    np.testing.assert_allclose(ends, shown, atol=2e-7)
+
+
 def test_status_changes_are_said(written: tuple[Path, SimulatedRun, Trajectory]) -> None:
     path, _, _ = written
     samples, texts = stored(path, "/status", "TextLog:text", "sample")
