@@ -56,9 +56,10 @@ class DbcChannel(CounterChannel):
 
 
 class NodeChannel(CounterChannel):
-    """A counter that is the position value of a CiA 406 encoder."""
+    """A counter that is the position value of a CiA 406 encoder; serial, when given, must be what the device says (1018h)."""
 
     node: Annotated[int, Field(ge=1, le=127)]
+    serial: Annotated[int, Field(ge=0, lt=2**32)] | None = None
 
 
 class J1939Channel(CounterChannel):
@@ -120,7 +121,6 @@ class CanOpenCan(_Bus):
 
     decoder: Literal["cia406"]
     sync_period_ms: Annotated[float, Field(ge=0.5, le=10_000)] | None = None
-    eds: str | None = None
     channel: Annotated[tuple[NodeChannel, ...], Field(min_length=1)]
 
 

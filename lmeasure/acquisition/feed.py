@@ -84,7 +84,7 @@ def virtual_place() -> str:
 def record_feed(rig: Rig, counts: Counts, passage: int = 1, progress: Callable[[int, int], None] | None = None) -> Assembled:
     """Send a pass of simulated counts over python-can's virtual bus from a thread and assemble what arrives on its other side.
 
-    The frames keep the simulation's times. AcquisitionError when the feed stops before its last frame.
+    The frames keep the simulation's times, and count as those of a log. AcquisitionError when the feed stops before its last frame.
     """
     import can
 
@@ -118,4 +118,4 @@ def _received(bus: "can.BusABC", expected: int, progress: Callable[[int, int], N
         got += len(batch)
         if progress is not None:
             progress(got, expected)
-        yield frames_from_messages(batch, "host", "simulated feed")
+        yield frames_from_messages(batch, "log", "simulated feed")

@@ -148,8 +148,7 @@ class FreeAssembler:
         r = np.minimum(right, len(times) - 1)
         span = times[r] - times[left]
         longest = LONGEST_GAP * (self._period[i] or math.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            part = (time_s - times[left]) / span
+        part = (time_s - times[left]) / np.where(span > 0, span, 1.0)
         between = counts[left] + part * (counts[r] - counts[left])
         known = (right > 0) & (right < len(times)) & (span <= longest)
         return np.asarray(np.where(exact, counts[r], np.where(known, between, np.nan)))

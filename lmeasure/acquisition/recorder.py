@@ -184,7 +184,8 @@ class _Writer:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._log = _Appended(self.folder / f"pass{passage}.log")
             self._csv = _Appended(self.folder / f"pass{passage}.csv")
-            extra = ["sync"] * (rig.can_table.start_input is not None) + ["u_time_s"] * (rig.can_table.timing == "free")
+            extra = ["sync"] * (rig.can_table.start_input is not None)
+            extra += ["u_time_s"] * (rig.can_table.timing == "free" or source.timestamp_source == "host")
             self._csv.append((",".join(["time_s", *(f.channel for f in fields), *extra]) + "\n").encode())
         except FileExistsError as error:
             raise AcquisitionError(f"{error.filename}: is there already; nothing is written over a recording") from error

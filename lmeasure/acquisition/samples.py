@@ -1,5 +1,6 @@
 """From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +17,10 @@ from lmeasure.can_table import StartInput
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+SPACING = 0.95
+"""Of the SYNC period: what two SYNCs are at least apart, as far as a host's stamps are concerned."""
+LONGEST_HOLD = 2000
+"""Samples that are held back at most to see where a burst of late stamps ends."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
 
@@ -90,6 +95,8 @@ class SyncAssembler:
         self._period: float | None = None
         self._last_time = -np.inf
         self._time_shift = 0.0
+        self._late_stamps = False
+        self._scatter = 0.0
         self.given = 0
         self.before_sync = 0
 
@@ -104,6 +111,7 @@ class SyncAssembler:
         window = np.searchsorted(sync_at, readings.frame) - 1 + len(self._sync_time)
         early = window < 0
         self.before_sync += int(early.sum())
+        self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps
         self._sync_time = np.concatenate([self._sync_time, frames.time_s[sync_at] + self._time_shift])
         self._window = np.concatenate([self._window, window[~early]])
         self._field = np.concatenate([self._field, readings.field[~early].astype(np.int64)])
@@ -126,31 +134,35 @@ class SyncAssembler:
         self._drop_double_syncs()
         self._rise()
         total, m = len(self._sync_time), len(self.fields)
-        ready = total if last else max(total - 2, 0)
+        settled, known = self._settled(last)
+        ready = min(total if last else max(total - 2, 0), known)
         if ready == 0:
             return Samples(np.empty(0), np.empty((0, m)))
         place = self._window * m + self._field
         n = np.bincount(place, minlength=total * m).reshape(total, m)
         value = np.zeros((total, m), np.int64)
         value.reshape(-1)[place[::-1]] = self._value[::-1]  # of several the first stays
-        gone = np.zeros(len(place), np.bool_)
         for w in np.flatnonzero((n[: total if last else total - 1] > 1).any(axis=1)):
-            self._settle(int(w), n, value, gone, ready)
+            self._settle(int(w), n, value, ready)
         for w, c in np.argwhere(n[:ready] == 0):
             self._event(int(w), self.fields[c].channel, "gap")
-        time_s = self._sync_time[:ready]
+        time_s = settled[:ready]
         self._last_time = float(time_s[-1])
         recorded = np.full((ready, m), np.nan)
         for c, counter in enumerate(self.counters):
             rows = np.flatnonzero(n[:ready, c] == 1)
             recorded[rows, c] = counter.shown(counter.advance(value[rows, c], time_s[rows], self.given + rows, self.events))
-        keep = (self._window >= ready) & ~gone
+        moved = self._sync_time[:ready] - time_s
+        keep = self._window >= ready
         self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
         self._sync_time = self._sync_time[ready:]
         self.given += ready
-        return Samples(time_s, recorded, None if self._start_line is None else self._start_line.at(time_s))
+        start = None if self._start_line is None else self._start_line.at(time_s)
+        # between two stamps that were kept the SYNCs may lie anywhere within SPACING of the period
+        skew = np.hypot(self._scatter, (1.0 - SPACING) * moved / math.sqrt(3.0)) if self._late_stamps else None
+        return Samples(time_s, recorded, start, skew)
 
-    def _settle(self, w: int, n: IntArray, value: IntArray, gone: NDArray[np.bool_], ready: int) -> None:
+    def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
         """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
         several = np.flatnonzero(n[w] > 1)
         alone = w + 1 >= len(n)
@@ -161,14 +173,14 @@ class SyncAssembler:
                 n[w, several] = 1
             return
         for c in several:
-            mine = np.flatnonzero((self._window == w) & (self._field == c) & ~gone)
+            mine = np.flatnonzero((self._window == w) & (self._field == c))
             values = self._value[mine]
             channel = self.fields[c].channel
             late = w > 0 and n[w - 1, c] == 0
             if len(mine) == 2 and late and values[0] != values[1]:
                 n[w - 1, c], value[w - 1, c] = 1, values[0]
                 n[w, c], value[w, c] = 1, values[1]
-                gone[mine[0]] = True
+                self._window[mine[0]] = w - 1
                 self._event(w - 1, channel, "reordered", "after the next SYNC")
             elif w >= ready:
                 continue  # what follows is not known yet
@@ -201,6 +213,29 @@ class SyncAssembler:
         number = np.cumsum(~double) - 1
         self._window = number[self._window]
         self._sync_time = self._sync_time[~double]
+
+    def _settled(self, last: bool) -> tuple[FloatArray, int]:
+        """The SYNCs' times, and of how many nothing that comes can change them.
+
+        A host stamps a frame when it gets round to it: never early, and after a pause several at once, between which no drum could move
+        as far as it did. Where stamps follow each other faster than SPACING of the period, the earlier ones are brought back.
+        """
+        if not self._late_stamps or self._period is None or len(self._sync_time) < 2:
+            return self._sync_time, len(self._sync_time)
+        least = SPACING * self._period
+        intervals = np.diff(self._sync_time)
+        self._scatter = 1.4826 * float(np.median(np.abs(intervals - self._period))) / math.sqrt(2.0)
+        count = np.arange(len(self._sync_time))
+        # of each, the earliest that it or any later stamp allows
+        out = np.minimum.accumulate((self._sync_time - least * count)[::-1])[::-1] + least * count
+        out = np.maximum(out, self._last_time + 0.1 * least * (count + 1)) if np.isfinite(self._last_time) else out
+        if last:
+            return out, len(out)
+        # frames that come at their own pace are not held up any more
+        pace = intervals >= least
+        calm = np.flatnonzero(pace[:-2] & pace[1:-1] & pace[2:]) if len(pace) > 2 else np.empty(0, np.intp)
+        known = int(calm[-1]) + 1 if len(calm) else 0
+        return out, max(known, len(out) - LONGEST_HOLD)
 
     def _rise(self) -> None:
         """Where the clock went back, the times continue one period after the last."""

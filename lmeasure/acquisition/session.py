@@ -1,17 +1,24 @@
 """A recording session: rig, bus and devices brought together, as `lmeasure record` does it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.decoders import counter_fields
+from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
+from lmeasure.acquisition.decoders import CounterField, counter_fields
 from lmeasure.acquisition.recorder import Progress, Recording, record
-from lmeasure.acquisition.sources import open_source
+from lmeasure.acquisition.sources import Source, open_source
+from lmeasure.can_table import CanOpenCan
 from lmeasure.errors import AcquisitionError
 from lmeasure.poses import poses_from_rows
-from lmeasure.rig import read_rig
+from lmeasure.rig import Rig, read_rig
+
+if TYPE_CHECKING:
+    import can
 
 FloatArray = NDArray[np.float64]
 
@@ -36,12 +43,48 @@ def record_session(
     if passage > rig.passes:
         raise AcquisitionError(f"{rig_path}: its cables need {rig.passes} pass(es); there is no pass {passage}")
     pose = None if start is None else pose_from_text(start)
-    fields = counter_fields(rig, passage, Path(rig_path).parent)
-    source = open_source(bus, rig.can_table.bit_rate, options_from_text(options), paced=paced)
+    link = connect(rig, Path(rig_path).parent, bus, passage=passage, options=options_from_text(options), paced=paced)
     try:
-        return record(rig, source, fields, folder, start=pose, passage=passage, seconds=seconds, show=show)
+        devices = [d.identity() for d in link.devices]
+        return record(rig, link.source, link.fields, folder, start=pose, passage=passage, seconds=seconds, devices=devices, show=show)
     finally:
-        source.close()
+        link.source.close()
+
+
+@dataclass(frozen=True)
+class Link:
+    """An open source, the fields of its frames that are counters, and the CiA 406 devices behind them."""
+
+    source: Source
+    fields: tuple[CounterField, ...]
+    devices: tuple[Device, ...] = ()
+
+
+def connect(
+    rig: Rig, folder: Path, bus: str, *, passage: int = 1, options: Mapping[str, str | int] | None = None, paced: bool = True
+) -> Link:
+    """Open the bus as the rig's `[can]` table asks: CiA 406 encoders are found, checked and started, again after each loss of the bus.
+
+    folder: where the table's DBC file stands. AcquisitionError in one line.
+    """
+    table = rig.can_table
+    if not isinstance(table, CanOpenCan):
+        fields = counter_fields(rig, passage, folder)
+        return Link(open_source(bus, table.bit_rate, options, paced=paced), fields)
+    if bus.split(":", 1)[0] in {"replay", "simulated"}:
+        counter_fields(rig, passage, folder)  # says that the encoders must be asked
+    given = dict(options or {})
+    if table.sync_period_ms is not None and bus.split(":", 1)[0] != "udp_multicast":  # which gives them back anyway
+        given.setdefault("receive_own_messages", 1)
+    devices: list[tuple[Device, ...]] = []
+
+    def prepare(opened: "can.BusABC") -> None:
+        devices.append(start_nodes(opened, rig, passage))
+        if table.sync_period_ms is not None:
+            produce_sync(opened, table.sync_id, table.sync_period_ms / 1e3)
+
+    source = open_source(bus, table.bit_rate, given, paced=paced, prepare=prepare)
+    return Link(source, tuple(d.field for d in devices[0]), devices[0])
 
 
 def pose_from_text(text: str) -> FloatArray:

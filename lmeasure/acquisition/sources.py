@@ -5,6 +5,8 @@ own time, and `simulated:SCENARIO` for the simulated cell.
 """
 
 import contextlib
+import os
+import socket
 import threading
 import time
 from collections import deque
@@ -25,6 +27,7 @@ Notice = tuple[str, str]
 """Kind of event, and what to say about it."""
 
 MOST_AT_ONCE = 4096
+RECEIVE_BUFFER = 1 << 23
 HARDWARE_CLOCKS = ("vector", "pcan", "kvaser", "ixxat", "canalystii", "systec", "etas", "nican", "nixnet", "neovi")
 """Interfaces of python-can whose devices stamp frames by their own clock."""
 KERNEL_CLOCKS = ("socketcan", "socketcand", "udp_multicast")
@@ -52,7 +55,7 @@ class Source(Protocol):
 
 
 class BusSource:
-    """A bus of python-can.
+    """A bus of python-can, emptied by a thread of its own, so that a busy disk or screen costs no frame.
 
     A bus that fails is opened again for up to patience_s. Where the clock that stamps the frames is set while frames come, their times are
     brought back to this program's steady clock: a stamp is never later than the arrival, so the step is how far the best stamps moved.
@@ -65,43 +68,56 @@ class BusSource:
             "hardware" if interface in HARDWARE_CLOCKS else "kernel" if interface in KERNEL_CLOCKS else "host"
         )
         self._open, self._patience_s = open_bus, patience_s
-        self.bus: can.BusABC | None = self._opened()
-        self._notices: list[Notice] = []
+        self.bus = self._opened()
+        self._arrived: deque[tuple[can.Message, float]] = deque()
+        self._notices: deque[Notice] = deque()
+        self._lost: AcquisitionError | None = None
         self._clock = SteadyClock()
+        self._done = threading.Event()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
 
     def _opened(self) -> "can.BusABC":
         try:
-            return self._open()
+            bus = self._open()
         except LMeasureError:
             raise
         except Exception as error:  # each driver has its own way to say that there is no such device
             raise AcquisitionError(f"{self.name}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
+        _enlarge_buffer(bus)
+        return bus
 
-    def receive(self, timeout_s: float) -> Frames | None:
-        """Frames that came within timeout_s, at most `MOST_AT_ONCE`."""
+    def _read(self) -> None:
         import can
 
-        if self.bus is None:
-            return None
-        messages: list[can.Message] = []
-        arrivals: list[float] = []
+        while not self._done.is_set():
+            try:
+                message = self.bus.recv(0.1)
+                if message is not None:
+                    self._arrived.append((message, time.monotonic()))
+            except (can.CanError, OSError, ValueError, TypeError) as error:
+                try:
+                    self._reopen(error)
+                except AcquisitionError as lost:
+                    self._lost = lost
+                    return
+
+    def receive(self, timeout_s: float) -> Frames | None:
+        """Frames that came until timeout_s has passed, or earlier when there are many."""
         end = time.monotonic() + timeout_s
-        try:
-            while len(messages) < MOST_AT_ONCE:
-                message = self.bus.recv(max(0.0, end - time.monotonic()))
-                if message is None:
-                    break
-                messages.append(message)
-                arrivals.append(time.monotonic())
-        except (can.CanError, OSError, ValueError) as error:
-            self._reopen(error)
-        if not messages:
-            return no_frames(self.name, self.timestamp_source)
-        frames = frames_from_messages(messages, self.timestamp_source, self.name)
+        while len(self._arrived) < MOST_AT_ONCE and time.monotonic() < end and not self._done.is_set():
+            time.sleep(min(max(end - time.monotonic(), 0.0), 0.02))
+        count = len(self._arrived)
+        if count == 0:
+            if self._lost is not None:
+                raise self._lost
+            return None if self._done.is_set() else no_frames(self.name, self.timestamp_source)
+        arrived = [self._arrived.popleft() for _ in range(count)]
+        frames = frames_from_messages((m for m, _ in arrived), self.timestamp_source, self.name)
         faults = int(np.count_nonzero(frames.flags & ERROR))
         if faults:
             self._notices.append(("bus_error", f"{faults} error frame(s)"))
-        step = self._clock.correct(frames.time_s, np.array(arrivals))
+        step = self._clock.correct(frames.time_s, np.array([at for _, at in arrived]))
         if step:
             self._notices.append(("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))
         return frames
@@ -111,31 +127,46 @@ class BusSource:
         why = " ".join(str(error).split()) or type(error).__name__
         lost = time.monotonic()
         self._shut()
-        while True:
+        while not self._done.is_set():
             try:
                 self.bus = self._opened()
             except AcquisitionError as again:
                 if time.monotonic() - lost > self._patience_s:
                     raise AcquisitionError(f"{self.name}: lost ({why}), and not back after {self._patience_s:g} s: {again}") from again
-                time.sleep(REOPEN_EVERY_S)
+                self._done.wait(REOPEN_EVERY_S)
             else:
                 self._notices.append(("bus_off", f"{self.name}: {why}; open again after {time.monotonic() - lost:.3f} s"))
                 return
 
     def notices(self) -> list[Notice]:
         """What happened to the bus since the last question."""
-        out, self._notices = self._notices, []
-        return out
+        return [self._notices.popleft() for _ in range(len(self._notices))]
 
     def _shut(self) -> None:
-        bus, self.bus = self.bus, None
-        if bus is not None:
-            with contextlib.suppress(Exception):  # a bus that is already gone
-                bus.shutdown()
+        with contextlib.suppress(Exception):  # a bus that is already gone
+            self.bus.shutdown()
 
     def close(self) -> None:
         """Close the bus."""
+        self._done.set()
+        self._reader.join()
         self._shut()
+
+
+def _enlarge_buffer(bus: "can.BusABC") -> None:
+    """Let the kernel hold a second of frames for us where the bus is a socket, as far as it lets us."""
+    try:
+        number = os.dup(bus.fileno())
+    except Exception:  # no descriptor behind this interface
+        return
+    try:
+        with socket.socket(fileno=number) as end:
+            for option in (getattr(socket, "SO_RCVBUFFORCE", 33), socket.SO_RCVBUF):
+                with contextlib.suppress(OSError):
+                    end.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER)
+                    return
+    except OSError:  # a descriptor, but no socket
+        os.close(number)
 
 
 class SteadyClock:
@@ -152,7 +183,7 @@ class SteadyClock:
         """Take steps of the frames' clock out of time_s (n,), in place; the sum of the steps found [s].
 
         arrival_s (n,) is when each frame was taken from the bus. The stamps lag the arrivals by an unknown constant and by a latency that
-        is never negative: a lead above the best so far, or stamps that run backwards, mean that the clock was set.
+        is never negative: a leap to a lead above the best so far, or stamps that run backwards, mean that the clock was set.
         """
         time_s += self._shift
         total = 0.0
@@ -162,7 +193,8 @@ class SteadyClock:
             if best is None:
                 break
             before = np.concatenate([[time_s[0] if self._last is None else self._last], time_s[:-1]])
-            stepped = np.flatnonzero((lead > best + SMALLEST_STEP_S) | (time_s < before - SMALLEST_STEP_S))
+            ahead = (lead > best + SMALLEST_STEP_S) & (time_s > before + SMALLEST_STEP_S)
+            stepped = np.flatnonzero(ahead | (time_s < before - SMALLEST_STEP_S))
             if len(stepped) == 0:
                 break
             i = int(stepped[0])
@@ -264,10 +296,17 @@ class SimulatedSource(BusSource):
         super().close()
 
 
-def open_source(bus: str, bit_rate: int | None = None, options: Mapping[str, str] | None = None, *, paced: bool = True) -> Source:
+def open_source(
+    bus: str,
+    bit_rate: int | None = None,
+    options: Mapping[str, str | int] | None = None,
+    *,
+    paced: bool = True,
+    prepare: "Callable[[can.BusABC], object] | None" = None,
+) -> Source:
     """Open what `--bus` names. options go to python-can's interface as they are (whole numbers as such); AcquisitionError in one line.
 
-    udp_multicast stays on this machine unless `hop_limit` says otherwise.
+    udp_multicast stays on this machine unless `hop_limit` says otherwise. prepare is called with the bus each time it has been opened.
     """
     interface, _, channel = bus.partition(":")
     if not interface or not channel:
@@ -280,10 +319,20 @@ def open_source(bus: str, bit_rate: int | None = None, options: Mapping[str, str
 
     if interface not in can.interfaces.BACKENDS:
         raise AcquisitionError(f"--bus {bus!r}: {interface!r} is no interface; known: {', '.join(sorted(can.interfaces.BACKENDS))}")
-    given: dict[str, Any] = {k: int(v) if v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}
+    given: dict[str, Any] = {k: int(v) if isinstance(v, str) and v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}
     if bit_rate is not None:
         given["bitrate"] = bit_rate
     if interface == "udp_multicast":
         given.setdefault("hop_limit", 0)
-    name = f"{interface}:{channel}"
-    return BusSource(lambda: can.Bus(interface=interface, channel=channel, **given), name, bit_rate)
+
+    def open_bus() -> "can.BusABC":
+        opened = can.Bus(interface=interface, channel=channel, **given)
+        if prepare is not None:
+            try:
+                prepare(opened)
+            except BaseException:
+                opened.shutdown()
+                raise
+        return opened
+
+    return BusSource(open_bus, f"{interface}:{channel}", bit_rate)

@@ -69,10 +69,14 @@ def record_frames(
     begin = time.monotonic()
     thread.start()
 
+    ended: list[float] = []
+
     def stop() -> bool:
         if meddle is not None:
             meddle(source, time.monotonic() - begin)
-        return not thread.is_alive() and source.bus is not None and source.bus.queue.empty()  # type: ignore[attr-defined]
+        if not ended and not thread.is_alive():
+            ended.append(time.monotonic())
+        return bool(ended) and time.monotonic() - ended[0] > 0.2
 
     try:
         recording = record(rig, source, counter_fields(rig), folder, start=HOME, stop=stop)

@@ -5,7 +5,7 @@ import can
 import cantools
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -28,6 +28,7 @@ def field(first_bit: int, bits: int, order: Any = "little", signed: bool = True)
     return CounterField("ch1", 0x181, ALL_BITS, False, first_bit, bits, order, signed, 2**bits)
 
 
+@settings(deadline=None)  # the first call compiles
 @given(
     st.binary(min_size=8, max_size=8),
     st.integers(0, 6),
@@ -43,6 +44,7 @@ def test_whole_bytes_are_what_python_reads(data: bytes, offset: int, bits: int, 
     assert int(got[0]) % 2**64 == want % 2**64
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.binary(min_size=64, max_size=64), st.data(), ORDERS, st.booleans())
 def test_odd_bit_fields_are_cut_and_put_back(data: bytes, draw: st.DataObject, order: Any, signed: bool) -> None:
     bits = draw.draw(st.integers(8, 64))

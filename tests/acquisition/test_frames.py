@@ -1,7 +1,7 @@
 import can
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmeasure.acquisition.frames import Frames, frames_from_messages, join, messages_from_frames, no_frames
@@ -31,6 +31,7 @@ def messages(draw: st.DrawFn) -> can.Message:
     )
 
 
+@settings(deadline=None)
 @given(st.lists(messages(), max_size=20), st.integers(0, 20))
 def test_messages_survive_the_arrays_and_a_split(given_messages: list[can.Message], cut: int) -> None:
     whole = frames_from_messages(given_messages)

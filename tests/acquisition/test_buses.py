@@ -1,0 +1,169 @@
+"""The recorder on real buses: frames cross processes, sockets and a serial port, and not one count is lost or changed."""
+
+import json
+import random
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from can_devices import slcan_adapter
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.recorder import Recording, record
+from lmeasure.acquisition.session import Link, connect
+from lmeasure.errors import LMeasureError
+from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.run import read_run
+from lmeasure.simulation import cell_rig
+
+IntArray = NDArray[np.int64]
+HERE = Path(__file__).parent
+
+
+def positions(count: int, rate_hz: float) -> IntArray:
+    """(count, 6) positions of six drums going to and fro, up to 1.2 m/s."""
+    t = np.arange(count)[:, None] / rate_hz
+    sweep = np.sin(2 * np.pi * t * np.array([0.31, 0.43, 0.37, 0.29, 0.53, 0.47])) * 40_000
+    return np.rint(sweep).astype(np.int64)
+
+
+Options = dict[str, str | int]
+Process = subprocess.Popen[str]
+
+
+@contextmanager
+def feeding(what: str, counts: IntArray, rate_hz: float, options: Options, folder: Path) -> Iterator[tuple[str, Process]]:
+    """The encoders' process, ready and waiting: what it said, and the process."""
+    np.save(folder / "counts.npy", counts)
+    command = [sys.executable, str(HERE / "feed_process.py"), what, str(folder / "counts.npy"), str(rate_hz), json.dumps(options)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().removeprefix("ready").strip(), process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def record_all(rig: Rig, link: Link, process: Process, folder: Path) -> Recording:
+    """Begin, and record until the encoders have ended and their last frame is in."""
+    assert process.stdin is not None
+    process.stdin.write("go\n")
+    process.stdin.flush()
+    ended: list[float] = []
+
+    def stop() -> bool:
+        if not ended and process.poll() is not None:
+            ended.append(time.monotonic())
+        return bool(ended) and time.monotonic() - ended[0] > 0.3
+
+    try:
+        return record(rig, link.source, link.fields, folder, devices=[d.identity() for d in link.devices], stop=stop)
+    finally:
+        link.source.close()
+
+
+def a_group() -> Options:
+    """A multicast group and port that nobody else is likely to use; hop_limit 0 stays on this machine."""
+    group = f"239.74.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
+    return {"channel": group, "port": random.randrange(20000, 60000), "hop_limit": 0}
+
+
+def the_rig(table: dict[str, Any] | None = None) -> Rig:
+    """The cell's rig without a limit of speed: a feed that was held up sends what it missed at once, which no drum could do."""
+    data = cell_rig(0).to_dict() | ({} if table is None else {"can": table})
+    for point in data["observation_point"]:
+        point["drum"]["max_cable_speed_mm_s"] = 1e6
+    return rig_from_dict(data)
+
+
+def assert_all_there(recording: Recording, folder: Path, counts: IntArray) -> None:
+    assert recording.ended == "complete"
+    assert recording.faults == {}
+    assert recording.frames == 7 * len(counts)
+    np.testing.assert_array_equal(read_run(folder).passes[0].recorded, counts)
+
+
+def test_udp_multicast_between_processes_loses_nothing(tmp_path: Path) -> None:
+    counts, rig, group = positions(6000, 1000.0), the_rig(), a_group()
+    with feeding("udp_multicast", counts, 1000.0, group, tmp_path) as (_, process):
+        link = connect(rig, tmp_path, f"udp_multicast:{group['channel']}", options={"port": group["port"]})
+        recording = record_all(rig, link, process, tmp_path / "run")
+    assert_all_there(recording, tmp_path / "run", counts)
+    assert link.source.timestamp_source == "kernel"
+
+
+def test_socketcand_over_tcp_loses_nothing(tmp_path: Path) -> None:
+    counts, rig = positions(6000, 1000.0), the_rig()
+    with feeding("socketcand", counts, 1000.0, {}, tmp_path) as (port, process):
+        link = connect(rig, tmp_path, "socketcand:can0", options={"host": "127.0.0.1", "port": int(port)})
+        recording = record_all(rig, link, process, tmp_path / "run")
+    assert_all_there(recording, tmp_path / "run", counts)
+
+
+def test_six_cia_406_encoders_at_500_hz(tmp_path: Path) -> None:
+    counts, group = positions(1500, 500.0), a_group()
+    table = {"decoder": "cia406", "channel": [{"channel": f"ch{n}", "node": n, "serial": 9000 + n} for n in range(1, 7)]}
+    rig = the_rig(table)
+    with feeding("cia406", counts, 500.0, group, tmp_path) as (_, process):
+        link = connect(rig, tmp_path, f"udp_multicast:{group['channel']}", options={"port": group["port"]})
+        recording = record_all(rig, link, process, tmp_path / "run")
+    run = read_run(tmp_path / "run")
+    np.testing.assert_array_equal(run.passes[0].recorded, counts)
+    assert set(recording.faults) <= {"wrap"}  # without a sign the way below zero is one
+    assert [d.serial for d in link.devices] == [9001, 9002, 9003, 9004, 9005, 9006]
+
+
+def test_slcan_on_a_serial_port(tmp_path: Path) -> None:
+    rate_hz = 300.0
+    counts, rig = positions(600, rate_hz), the_rig()
+    with slcan_adapter() as (port, say):
+        link = connect(rig, tmp_path, f"slcan:{port}", options={"sleep_after_open": 0})
+
+        def feed() -> None:
+            begin = time.perf_counter()
+            for k, row in enumerate(counts.tolist()):
+                time.sleep(max(begin + k / rate_hz - time.perf_counter(), 0.0))
+                data = [struct.pack("<i", v).hex().upper() for v in row]
+                say("\r".join(["t0800", *(f"t{0x180 + i:03X}4{d}" for i, d in enumerate(data, 1))]).encode())
+
+        thread = threading.Thread(target=feed)
+        thread.start()
+        ended: list[float] = []
+
+        def stop() -> bool:
+            if not ended and not thread.is_alive():
+                ended.append(time.monotonic())
+            return bool(ended) and time.monotonic() - ended[0] > 0.3
+
+        try:
+            recording = record(rig, link.source, link.fields, tmp_path / "run", stop=stop)
+        finally:
+            thread.join()
+            link.source.close()
+    assert_all_there(recording, tmp_path / "run", counts)
+
+
+@pytest.mark.parametrize(
+    ("bus", "complaint"),
+    [
+        ("can0", "give INTERFACE:CHANNEL"),
+        ("sockercan:can0", "'sockercan' is no interface; known: .*socketcan"),
+        ("slcan:/dev/no-such-port", "slcan:/dev/no-such-port: cannot be opened"),
+        ("socketcand:can0", "cannot be opened"),
+        ("replay:absent.blf", "absent.blf: cannot be read"),
+        ("simulated:absent.toml", "absent.toml"),
+    ],
+)
+def test_a_bus_that_is_not_there_is_refused_in_one_line(bus: str, complaint: str, tmp_path: Path) -> None:
+    with pytest.raises(LMeasureError, match=complaint) as refused:
+        connect(cell_rig(0), tmp_path, bus).source.receive(0.0)
+    assert "\n" not in str(refused.value)
