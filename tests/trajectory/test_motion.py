@@ -1,0 +1,99 @@
+"""Velocity, acceleration and jerk: exact for cubics, and as uncertain as they say."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cells import cell, motion, position_error, record
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.errors import TrajectoryError
+from lmeasure.kernels.motion import local_cubics
+from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory.motion import motion_of, write_motion
+
+FloatArray = NDArray[np.float64]
+
+
+def turned(time_s: FloatArray, a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """R(t) = Exp(a t + b t^2), and its angular velocity in base axes by central differences of the rotation itself."""
+
+    def at(t: FloatArray) -> Rotation:
+        return Rotation.from_rotvec(np.outer(t, a) + np.outer(t**2, b))
+
+    h = 1e-5
+    return at(time_s).as_quat(), (at(time_s + h) * at(time_s - h).inv()).as_rotvec() / (2 * h)
+
+
+def test_derivatives_of_a_cubic_and_of_a_turn() -> None:
+    generator = np.random.default_rng(0)
+    t = np.sort(generator.uniform(0.0, 1.0, 3000))
+    coefficients = generator.normal(size=(4, 3)) * 100
+    powers = np.vander(t, 4, increasing=True)
+    quaternions, spin = turned(t, np.array([0.4, -0.8, 0.5]), np.array([0.9, 0.3, -0.6]))
+    smooth, derivatives, _ = local_cubics(t, np.column_stack([powers @ coefficients, quaternions]), 0.02)
+    middle = slice(100, -100)
+    np.testing.assert_allclose(smooth[middle, :3], (powers @ coefficients)[middle], atol=1e-9)
+    assert (Rotation.from_quat(smooth[middle, 3:]) * Rotation.from_quat(quaternions[middle]).inv()).magnitude().max() < 1e-9
+    for order in (1, 2, 3):
+        c = np.zeros((4, 3))
+        for k in range(order, 4):
+            c[k - order] = coefficients[k] * np.prod(np.arange(k - order + 1, k + 1))
+        np.testing.assert_allclose(derivatives[middle, order - 1, 3:], (powers @ c)[middle], atol=1e-3 * 10 ** (order - 1), rtol=1e-5)
+    np.testing.assert_allclose(derivatives[middle, 0, :3], spin[middle], atol=1e-5)
+    # angular acceleration and jerk against differences of the angular velocity on a finer grid
+    fine = np.arange(0.05, 0.95, 0.001)
+    _, w = turned(fine, np.array([0.4, -0.8, 0.5]), np.array([0.9, 0.3, -0.6]))
+    first = np.gradient(w, fine, axis=0)
+    second = np.gradient(first, fine, axis=0)
+    for axis in range(3):
+        found = np.interp(fine[5:-5], t, derivatives[:, 1, axis])
+        np.testing.assert_allclose(found, first[5:-5, axis], atol=1e-3)
+        found = np.interp(fine[5:-5], t, derivatives[:, 2, axis])
+        np.testing.assert_allclose(found, second[5:-5, axis], atol=2e-2)
+
+
+def test_smoothing_beats_the_quantum_and_errors_are_as_stated() -> None:
+    times, truth = motion(3000)
+    raw = reconstruct(record(cell(), times, truth))
+    smooth = motion_of(raw)
+    errors = position_error(smooth.poses, truth)
+    assert np.sqrt(np.mean(errors**2)) < 0.003
+    assert np.sqrt(np.mean(errors**2)) < 0.4 * np.sqrt(np.mean(position_error(raw.poses, truth) ** 2))
+    assert np.mean(errors**2) == pytest.approx(np.mean((smooth.u_pose[:, 3:] ** 2).sum(axis=1)), rel=0.3)
+    w = 2.0 * np.pi * np.array([0.31, 0.43, 0.37])
+    velocity = 200.0 * w * np.cos(np.outer(times, w)) * [1.0, -0.8, 0.6]
+    acceleration = -200.0 * w**2 * np.sin(np.outer(times, w)) * [1.0, -0.8, 0.6]
+    for found, true, u in ((smooth.velocity, velocity, smooth.u_velocity), (smooth.acceleration, acceleration, smooth.u_acceleration)):
+        ratio = np.mean((found[:, 3:] - true) ** 2) / np.mean(u[:, 3:] ** 2)
+        assert 0.5 < ratio < 1.6
+    np.testing.assert_allclose(smooth.speed_mm_s, np.linalg.norm(velocity, axis=1), atol=1.0)
+    length = np.linalg.norm(np.diff(truth[:, :3], axis=0), axis=1).sum()
+    assert smooth.path_mm[-1] == pytest.approx(length, abs=0.05)
+
+
+def test_gaps_stay_gaps_and_short_pieces_say_nothing() -> None:
+    times, truth = motion(200)
+    truth[50:100] = np.nan
+    truth[105:] = np.nan
+    smooth, derivatives, factors = local_cubics(times, truth, 0.02)
+    known = ~np.isnan(smooth[:, 0])
+    assert known[:50].all()
+    assert not known[50:].any()
+    for values in (derivatives[:, 0, 0], factors[:, 0]):
+        np.testing.assert_array_equal(~np.isnan(values), known)
+    # at the end the window has one side only
+    assert factors[49, 0] > 1.5 * factors[25, 0]
+
+
+def test_what_cannot_be_fitted_is_refused(tmp_path: Path) -> None:
+    trajectory = reconstruct(record(cell(), *motion(40)))
+    with pytest.raises(TrajectoryError, match="no window"):
+        motion_of(trajectory, 0.001)
+    with pytest.raises(TrajectoryError, match="not positive"):
+        motion_of(trajectory, 0.0)
+    write_motion(tmp_path / "m.csv", motion_of(trajectory))
+    table = pd.read_csv(tmp_path / "m.csv")
+    assert {"speed_mm_s", "path_mm", "vx_mm_s", "u_vx_mm_s", "wz_rad_s", "ax_mm_s2", "jx_mm_s3", "u_betaz_rad_s3"} <= set(table.columns)
