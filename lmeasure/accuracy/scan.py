@@ -250,7 +250,12 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
 
 
 def _numbered_chunk(part: Plan, number: int) -> tuple[int, tuple[FloatArray, IntArray]]:
-    return number, scan_positions(part, part.positions)
+    # what comes over the wire is read-only, for which the kernels would be compiled once more
+    arrays: dict[str, Any] = {
+        field.name: value.copy() for field in fields(part) if isinstance(value := getattr(part, field.name), np.ndarray)
+    }
+    own = replace(part, **arrays)
+    return number, scan_positions(own, own.positions)
 
 
 class _Kept:

@@ -339,6 +339,12 @@ def _spacing(axes: Sequence[FloatArray], given: tuple[float, float, float] | Non
     return float(steps[0]), float(steps[1]), float(steps[2])
 
 
+def reasons(zone: xr.Dataset) -> dict[str, int]:
+    """How many nodes each of `REASONS` takes from the zone; a node may have several."""
+    because = zone["rejected_because"].values
+    return {reason: int((because >> bit & 1).sum()) for bit, reason in enumerate(REASONS)}
+
+
 def summary(zone: xr.Dataset) -> str:
     """A few lines for a person: how much of the box is in the zone, the best node, why the rest is not."""
     angle, inside = zone["worst_pressure_angle_deg"], zone["in_zone"].values.astype(bool)
@@ -354,9 +360,7 @@ def summary(zone: xr.Dataset) -> str:
         lines.append(f"95 % radius at the tool origin in the zone: {u95.min():.4g} to {u95.max():.4g} mm")
     if zone.attrs["assemblies_in_zone"] > 1:
         lines.append("the zone holds more than one assembly: between its parts the cables do not determine the pose (--one-assembly)")
-    because = zone["rejected_because"].values
-    counts = {reason: int((because >> bit & 1).sum()) for bit, reason in enumerate(REASONS)}
-    if rejected := [f"{reason.replace('_', ' ')} {n}" for reason, n in counts.items() if n]:
+    if rejected := [f"{reason.replace('_', ' ')} {n}" for reason, n in reasons(zone).items() if n]:
         lines.append("rejected nodes by reason: " + ", ".join(rejected))
     return "\n".join([*lines, f"the 95 % radius covers {zone.attrs['u95_covers']}"])
 

@@ -1,0 +1,106 @@
+"""The zone on paper."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.colors
+import typst
+import xarray as xr
+from numpy.typing import NDArray
+
+from lmeasure import files
+from lmeasure.accuracy.extent import extent
+from lmeasure.report import zone as page
+from lmeasure.rig import Rig
+
+FloatArray = NDArray[np.float64]
+
+SLICES = 9
+TEMPLATE = Path(__file__).with_name("zone.typ")
+
+
+def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig) -> None:
+    """Write the PDF (A4, PDF/A-2b): findings, slices, figures, reasons, the rig's drawing; whole or not at all."""
+    found = extent(zone)
+    content: dict[str, Any] = {
+        "title": f"Accuracy zone of {rig.name}",
+        "findings": page.findings(zone, found),
+        "slices": [{"level": f"{level:g}", "svg": svg} for level, svg in _slices(zone)],
+        "scale": _scale(),
+        "limit": f"{zone.attrs['limit_deg']:g}",
+        "views": [{"axes": f"{h.upper()} to the right, {v.upper()} up", "svg": _drawing(lines)} for h, v, lines in page.views(zone, rig)],
+        "tables": [
+            {"title": "Figures", "header": ["figure", "value"], "rows": page.figures(zone, found)},
+            {"title": "Both criteria side by side", "header": ["criterion", "nodes", "volume, m³"], "rows": page.criteria(zone)},
+            {"title": "Why nodes are not in the zone", "header": ["reason", "nodes", "share"], "rows": page.rejected(zone)},
+            {
+                "title": "The rig",
+                "header": ["cable", "from", "x, mm", "y, mm", "z, mm", "pulley, mm", "to"],
+                "rows": page.rig_rows(rig),
+            },
+        ],
+        "digest": str(zone.attrs["result_sha256"]),
+    }
+    if found.cube_points:
+        header, rows = page.iso_table(found)
+        content["tables"].insert(1, {"title": "Test cube of ISO 9283 in the zone", "header": list(header), "rows": rows})
+    pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(content)}, pdf_standards=["a-2b"])
+    with files.whole(path) as temporary:
+        temporary.write_bytes(pdf)
+
+
+def _colour(fraction: float) -> str:
+    return str(plotly.colors.sample_colorscale(page.SCALE, [min(max(fraction, 0.0), 1.0)], colortype="rgb")[0])
+
+
+def _scale() -> str:
+    bars = "".join(f'<rect x="{i}" y="0" width="1.05" height="4" fill="{_colour(i / 90)}"/>' for i in range(90))
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 90 4">{bars}</svg>'
+
+
+def _slices(zone: xr.Dataset) -> list[tuple[float, str]]:
+    """(level, SVG) of a few levels: a cell per node in the colour of its worst angle, cells of the zone framed along its edge."""
+    x, y, z = (zone[name].values for name in "xyz")
+    chosen = sorted({round(i) for i in np.linspace(0, len(z) - 1, min(len(z), SLICES))})
+    angle, inside = zone["worst_pressure_angle_deg"].values, zone["in_zone"].values.astype(bool)
+    out = []
+    for k in chosen:
+        cells = "".join(
+            f'<rect x="{i}" y="{len(y) - 1 - j}" width="1.03" height="1.03" fill="{_colour(angle[i, j, k] / 90)}"/>'
+            for i in range(len(x))
+            for j in range(len(y))
+        )
+        frame = f'<path d="{_edge(inside[:, :, k])}" stroke="white" stroke-width="{0.012 * len(x) + 0.08:.3f}" fill="none"/>'
+        out.append((float(z[k]), f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {len(x)} {len(y)}">{cells}{frame}</svg>'))
+    return out
+
+
+def _edge(inside: NDArray[np.bool_]) -> str:
+    """SVG path between cells of which one lies in the zone and its neighbour does not."""
+    n = inside.shape[1]
+    padded = np.pad(inside, 1)
+    parts = [f"M{i} {n - 1 - j}v1" for i, j in np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])]
+    parts += [f"M{i} {n - j}h1" for i, j in np.argwhere(padded[1:-1, 1:] != padded[1:-1, :-1])]
+    return "".join(parts)
+
+
+def _drawing(lines: list[FloatArray]) -> str:
+    """SVG of the scanned box and the cables, in mm, the second coordinate up."""
+    points = np.concatenate(lines)
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.06 * float((high - low).max())
+    width, height = (high - low) + 2 * margin
+
+    def path(line: FloatArray) -> str:
+        return "M" + "L".join(f"{x - low[0] + margin:.1f} {high[1] - y + margin:.1f}" for x, y in line)
+
+    stroke = 0.004 * max(width, height)
+    box = f'<path d="{path(lines[0])}" fill="#e8f1ec" stroke="#1a7f4b" stroke-width="{stroke:.2f}"/>'
+    cables = "".join(f'<path d="{path(line)}" fill="none" stroke="#30343f" stroke-width="{stroke:.2f}"/>' for line in lines[1:])
+    ends = "".join(
+        f'<circle cx="{line[0, 0] - low[0] + margin:.1f}" cy="{high[1] - line[0, 1] + margin:.1f}" r="{3 * stroke:.2f}" fill="#b3261e"/>'
+        for line in lines[1:]
+    )
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.1f} {height:.1f}">{box}{cables}{ends}</svg>'

@@ -1,0 +1,118 @@
+"""A headless Chromium driven over its DevTools protocol: open a page, click as a person would, hear its console."""
+
+import json
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--enable-unsafe-swiftshader",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--window-size=1300,1000",
+    "--remote-debugging-port=0",
+)
+
+
+class Page:
+    """One open page. `errors` holds every console error, uncaught exception and failed request so far."""
+
+    def __init__(self, socket: ClientConnection, session: str) -> None:
+        self.errors: list[str] = []
+        self._socket, self._session, self._number = socket, session, 0
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Answer of one protocol command; events that come before it are heard."""
+        self._number += 1
+        self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters, "sessionId": self._session}))
+        while True:
+            message = json.loads(self._socket.recv(timeout=60))
+            if message.get("id") == self._number and message.get("sessionId") == self._session:
+                assert "error" not in message, message
+                return dict(message["result"])
+            self._hear(message)
+
+    def _hear(self, message: dict[str, Any]) -> None:
+        method, told = message.get("method"), message.get("params", {})
+        if method == "Runtime.exceptionThrown":
+            self.errors.append(str(told["exceptionDetails"].get("exception", told["exceptionDetails"])))
+        elif method == "Runtime.consoleAPICalled" and told["type"] in {"error", "assert"}:
+            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in told["args"]))
+        elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
+            self.errors.append(told["entry"]["text"])
+
+    def evaluate(self, script: str) -> Any:
+        """Value of a script in the page."""
+        answer = self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def wait(self, script: str, seconds: float = 60.0) -> None:
+        """Until the script is true; AssertionError when it never is."""
+        end = time.monotonic() + seconds
+        while not self.evaluate(script):
+            assert time.monotonic() < end, f"never true: {script}; {self.errors}"
+            time.sleep(0.1)
+
+    def click(self, selector: str, across: float = 0.5, down: float = 0.5) -> None:
+        """Press and release the mouse on the first element of a selector, at a fraction of its width and height."""
+        box = self.evaluate(
+            f"(() => {{const e = document.querySelector({json.dumps(selector)}); e.scrollIntoView({{block: 'center'}});"
+            "const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]})()"
+        )
+        x, y = box[0] + across * box[2], box[1] + down * box[3]
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def shoot(self) -> str:
+        """The page's whole picture, as PNG in base64."""
+        return str(self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"])
+
+
+@contextmanager
+def opened(page: Path, profile: Path) -> Iterator[Page]:
+    """The page in a browser of its own, closed afterwards; AssertionError when the machine has no Chromium."""
+    program = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+    assert program, "the tests of pages need Chromium (Debian: apt-get install chromium)"
+    process = subprocess.Popen(
+        [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stderr is not None
+        address = next(m.group(1) for line in process.stderr if (m := re.search(r"listening on (ws://\S+)", line)))
+        with connect(address, max_size=None, open_timeout=60) as socket:
+            target = _bare(socket, "Target.createTarget", url="about:blank")["targetId"]
+            shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"])
+            for domain in ("Runtime", "Log", "Page"):
+                shown.call(f"{domain}.enable")
+            shown.call("Page.navigate", url=page.resolve().as_uri())
+            shown.wait("document.readyState === 'complete'")
+            yield shown
+    finally:
+        process.kill()
+        process.wait()
+        if process.stderr is not None:
+            process.stderr.close()
+
+
+def _bare(socket: ClientConnection, method: str, **parameters: Any) -> dict[str, Any]:
+    """Answer of a command to the browser itself."""
+    socket.send(json.dumps({"id": 0, "method": method, "params": parameters}))
+    while True:
+        message = json.loads(socket.recv(timeout=60))
+        if message.get("id") == 0 and "sessionId" not in message:
+            assert "error" not in message, message
+            return dict(message["result"])

@@ -1,0 +1,129 @@
+"""The zone's report: opened in a browser, its controls clicked; the PDF read back."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from browser import opened
+
+from lmeasure.accuracy.extent import extent
+from lmeasure.accuracy.zone import axis, scan_zone, tilts
+from lmeasure.report.zone import write_zone_report
+from lmeasure.rig import Rig, rig_from_dict
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    positions = [(-754, 293, 833), (1354, -63, 412), (402, -807, 1199), (110, -1284, -478), (537, -1183, 1360), (1312, 1347, 689)]
+    drum = {"counts_per_revolution": 6000, "count_length_mm": 0.012, "groove_pitch_mm": 1.2, "tangent_length_mm": 180.0}
+    points: list[dict[str, Any]] = [
+        {
+            "name": f"B{i}",
+            "position_mm": at,
+            "guide_alpha_deg": float(np.degrees(np.arctan2(-at[2], np.hypot(at[0], at[1])))) + 8.0,
+            "guide_beta_deg": float(np.degrees(np.arctan2(at[0], at[1]))) - 5.0,
+            "pulley_radius_mm": 14.0 + 2 * i,
+            "drum": drum | {"axial_offset_mm": 25.0},
+        }
+        for i, at in enumerate(positions, 1)
+    ]
+    tool = {"P1": (0.0, 150.0, 0.0), "P2": (-130.0, -75.0, 10.0), "P3": (130.0, -75.0, -10.0)}
+    cables = [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i // 2 + 1}"} for i in range(6)]
+    name = "cell <b>&</b> co"
+    return rig_from_dict({"schema": "lmeasure.rig/1", "name": name, "observation_point": points, "tool": tool, "cable": cables})
+
+
+@pytest.fixture(scope="module")
+def zone(rig: Rig) -> xr.Dataset:
+    return scan_zone(rig, None, axis(-400, 400, 100), axis(-400, 400, 100), axis(-300, 300, 100), tilts(0.3, 3), full=True)
+
+
+@pytest.fixture(scope="module")
+def folder(rig: Rig, zone: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    write_zone_report(folder, zone, rig)
+    return folder
+
+
+def test_page_opens_and_its_sliders_work_without_a_console_error(folder: Path, zone: xr.Dataset, tmp_path: Path) -> None:
+    levels = zone.sizes["z"]
+    with opened(folder / "zone.html", tmp_path) as page:
+        page.wait("document.querySelectorAll('.slider-container').length === 2")
+        page.wait("document.querySelector('#space canvas') !== null")
+        for figure, each in (("space", 1), ("slices", 4)):
+            shown = f"document.getElementById('{figure}').data.slice(0, {levels * each}).map(t => t.visible === true)"
+            before = page.evaluate(shown)
+            assert sum(before) == each
+            assert before.index(True) == each * (levels // 2)
+            # the right and the left end of the slider's way
+            for across, level in ((0.995, levels - 1), (0.005, 0)):
+                page.click(f"#{figure} .slider-rail-touch-rect", across=across)
+                page.wait(f"document.getElementById('{figure}').layout.sliders[0].active === {level}")
+                page.wait(f"JSON.stringify({shown}.map((v, i) => v ? i : -1).filter(i => i >= 0)) === "
+                          f"JSON.stringify([...Array({each}).keys()].map(i => i + {each * level}))")  # fmt: skip
+        page.click("#space .legendtoggle")
+        page.wait("document.getElementById('space').data.some(t => t.visible === 'legendonly')")
+        text = page.evaluate("document.body.innerText")
+        assert page.errors == []
+    assert "Accuracy zone of cell <b>&</b> co" in text
+    assert f"The zone holds {zone.attrs['nodes_in_zone']} of them" in text
+    for heading in (
+        "Figures",
+        "Test cube of ISO 9283 in the zone",
+        "Both criteria side by side",
+        "Why nodes are not in the zone",
+        "The rig",
+    ):
+        assert heading in text
+
+
+def test_page_needs_nothing_from_elsewhere(folder: Path) -> None:
+    page = (folder / "zone.html").read_text(encoding="utf-8")
+    assert 'src="http' not in page
+    assert 'rel="stylesheet"' not in page
+
+
+def test_pdf_is_whole_and_the_same_each_time(folder: Path, zone: xr.Dataset, rig: Rig, tmp_path: Path) -> None:
+    pdf = (folder / "zone.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF-1.7")
+    assert b"pdfaid" in pdf
+    write_zone_report(tmp_path, zone, rig)
+    assert (tmp_path / "zone.pdf").read_bytes() == pdf
+
+
+def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:
+    empty = scan_zone(rig, None, axis(0, 100, 50), axis(0, 100, 50), axis(0, 100, 50), tilts(0.3, 3), 10.0)
+    write_zone_report(tmp_path / "empty", empty, rig)
+    with opened(tmp_path / "empty" / "zone.html", tmp_path / "profile") as page:
+        page.wait("document.querySelectorAll('.slider-container').length === 2")
+        assert "No place lies in the zone" in page.evaluate("document.body.innerText")
+        assert page.errors == []
+
+
+def test_extent_of_a_ball() -> None:
+    """A zone that is a ball of 400 mm: its volume, and the cube, box and ball that fit."""
+    nodes = np.arange(-500.0, 501.0, 50.0)
+    x, y, z = np.meshgrid(nodes, nodes, nodes, indexing="ij")
+    inside = x**2 + y**2 + z**2 <= 400.0**2
+    dims = ("x", "y", "z")
+    zone = xr.Dataset(
+        {"in_zone": (dims, inside.astype(np.int8)), "worst_pressure_angle_deg": (dims, np.where(inside, 50.0, 70.0))},
+        coords={"x": nodes, "y": nodes, "z": nodes},
+        attrs={"node_spacing_mm": [50.0, 50.0, 50.0]},
+    )
+    found = extent(zone)
+    exact = 4 / 3 * np.pi * 400.0**3
+    assert abs(found.volume_mm3 - exact) <= found.volume_error_mm3
+    assert found.ball is not None
+    assert found.ball[0] == pytest.approx(0.0, abs=1e-9)
+    assert 300.0 <= found.ball[1] <= 400.0
+    assert found.cube is not None
+    assert found.cube[0] == pytest.approx(0.0, abs=1e-9)
+    # the largest even cube whose corners lie in the ball: edge 2 * 400 / sqrt(3) = 461.9
+    assert found.cube[1] == 400.0
+    assert found.box is not None
+    assert np.prod(found.box[1] - found.box[0]) >= 400.0**3
+    assert [p["name"] for p in found.cube_points] == ["P1", "P2", "P3", "P4", "P5"]
+    assert found.cube_points[1]["position_mm"] == pytest.approx([160.0, 160.0, -160.0])
