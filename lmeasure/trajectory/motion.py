@@ -24,10 +24,10 @@ _AXES = ("x", "y", "z")
 class Motion:
     """Smoothed poses and their derivatives, NaN where there is no pose or too few neighbours.
 
-    time_s (n,); poses (n, 7) base_from_tool; velocity, acceleration, jerk (n, 6) of (rotation [rad]; tool origin [mm]) per s, s^2, s^3, base
-    axes; u_pose, u_velocity, u_acceleration, u_jerk (n, 6) standard uncertainties in the same order, from the independent errors of the
-    samples: an error that all samples share moves the poses and hardly their derivatives. path_mm (n,): way of the tool origin since the
-    beginning, over gaps as the crow flies. half_width_s: of the window; motion much faster than it is smoothed away.
+    time_s (n,); poses (n, 7) base_from_tool; velocity, acceleration, jerk (n, 6) of (rotation [rad]; tool origin [mm]) per s, s^2, s^3, in
+    base axes; u_pose, u_velocity, u_acceleration, u_jerk (n, 6) standard uncertainties in the same order, from the independent errors
+    of the samples: an error that all samples share moves the poses and hardly their derivatives. path_mm (n,): way of the tool origin
+    since the beginning, over gaps as the crow flies. half_width_s: of the window; motion much faster than it is smoothed away.
     """
 
     time_s: FloatArray
@@ -77,8 +77,9 @@ def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S) -> Mot
     steps = np.diff(poses[~np.isnan(poses[:, 0]), :3], axis=0)
     path = np.full(len(poses), np.nan)
     path[~np.isnan(poses[:, 0])] = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
-    scaled = [factors[:, a, None] * u for a in range(kernels.TERMS)]
-    return Motion(trajectory.time_s, poses, derivatives[:, 0], derivatives[:, 1], derivatives[:, 2], *scaled, path, half_width_s)
+    u_pose, u_velocity, u_acceleration, u_jerk = (factors[:, a, None] * u for a in range(kernels.TERMS))
+    velocity, acceleration, jerk = (derivatives[:, a] for a in range(3))
+    return Motion(trajectory.time_s, poses, velocity, acceleration, jerk, u_pose, u_velocity, u_acceleration, u_jerk, path, half_width_s)
 
 
 def write_motion(path: Path, motion: Motion) -> None:
