@@ -97,9 +97,12 @@ def test_uncertainties_against_difference_quotients(by: str) -> None:
             base = values(**size)
             g = drum_geometry(DrumMeasurement.model_validate(base | {key: base[key] + sign * 1e-3 * width}))
             ends.append(np.array([g.tangent_length_mm, g.axial_offset_mm]))
-        total += ((ends[0] - ends[1]) / 2e-3) ** 2
-    got = drum_uncertainty(measurement(**size, **{f"u_{key}": width for key, width in u.items()}))
-    assert got == pytest.approx(np.sqrt(total), rel=1e-6)
+        alone = (ends[0] - ends[1]) / 2e-3
+        assert drum_uncertainty(measurement(**size, **{f"u_{key}": width})) == pytest.approx(np.abs(alone), rel=1e-6, abs=1e-10), key
+        total += alone**2
+    assert drum_uncertainty(measurement(**size, **{f"u_{key}": width for key, width in u.items()})) == pytest.approx(
+        np.sqrt(total), rel=1e-6
+    )
     assert drum_uncertainty(measurement()) == (0, 0)
 
 
