@@ -444,6 +444,8 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64
                 mark |= SENT
             elif c != 82 and c != 114:
                 return n, line, ODD, used
+            if b[i - 1] != 32:  # python-can takes a direction behind a tab for a fourth word
+                return n, line, ODD, used
             i = _skip_blanks(b, i + 1)
             if not _line_end(b[i]):
                 return n, line, ODD, used

@@ -1,0 +1,262 @@
+"""`lmeasure import`: counts, faults, buses, passes, DBC files and the start pose of logs, through the command and through the function."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from log_corpus import write
+from log_fuzz import START_POSE, counter_log, six_cables
+
+from lmeasure import files
+from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
+from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
+from lmeasure.rig import Rig, rig_from_dict, write_rig
+from lmeasure.run import read_run
+
+POSE = ["--position-mm", "1", "2", "3", "--quaternion-xyzw", "0", "0", "0", "1"]
+
+
+def counts_of(log: list[can.Message]) -> np.ndarray:
+    """(n, 6) what the log's counter frames say, by Python's own integers."""
+    rows: list[list[float]] = []
+    for m in log:
+        if m.is_error_frame or m.is_remote_frame or m.is_extended_id:
+            continue
+        if m.arbitration_id == 0x80:
+            rows.append([np.nan] * 6)
+        elif 0x181 <= m.arbitration_id <= 0x186 and len(m.data) == 4:
+            rows[-1][m.arbitration_id - 0x181] = int.from_bytes(m.data, "little", signed=True)
+    return np.array(rows)
+
+
+def command(*words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "lmeasure", *map(str, words)], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".mf4"])
+def test_every_format_gives_the_same_counts(tmp_path: Path, suffix: str) -> None:
+    log = [m for m in counter_log(300, 3) if suffix != ".mf4" or not m.is_error_frame]
+    imported = import_logs([write(tmp_path / f"log{suffix}", log)], six_cables(), START_POSE)
+    counts = imported.run.passes[0]
+    assert np.array_equal(counts.recorded, counts_of(log))
+    assert counts.time_s == pytest.approx(np.arange(300) * 1e-3, abs=1e-6)
+    assert not imported.logs[0].events.tally
+    assert "300 samples" in imported.summary()
+
+
+def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
+    log = counter_log(200, 4)
+    path = write(tmp_path / "drive.blf", log)
+    write_rig(tmp_path / "rig.toml", six_cables())
+    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE)
+    assert done.returncode == 0, done.stderr
+    for words in ("1600 frames", "200 samples", "no faults", "buses 0 (1600 frames)", "181 (200)", "error frames"):
+        assert words in done.stdout
+    run = read_run(tmp_path / "run")
+    assert np.array_equal(run.passes[0].recorded, counts_of(log))
+    assert run.start.tolist() == [1, 2, 3, 0, 0, 0, 1]
+    entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
+    assert entry["ended"] == "complete"
+    assert entry["sha256"] == {"drive.blf": files.sha256(path)}
+    assert entry["received"] == 1600
+    again = command(
+        "import",
+        path,
+        "--rig",
+        tmp_path / "run" / "rig.toml",
+        "--out",
+        tmp_path / "again",
+        "--start",
+        tmp_path / "run" / "run.toml",
+        "--parquet",
+    )
+    assert again.returncode == 0, again.stderr
+    assert np.array_equal(read_run(tmp_path / "again").passes[0].recorded, run.passes[0].recorded)
+
+
+def test_the_start_pose_is_asked_for_once(tmp_path: Path) -> None:
+    path = write(tmp_path / "drive.log", counter_log(5, 4))
+    write_rig(tmp_path / "rig.toml", six_cables())
+    words = ["import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run"]
+    for extra in ([], POSE[:4], POSE[4:], [*POSE, "--start", path]):
+        done = command(*words, *extra)
+        assert done.returncode == 2
+        assert "start pose" in done.stderr
+    done = command(*words, "--start", tmp_path / "rig.toml")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "[start] is missing" in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_cut_log_says_that_it_ended_early(tmp_path: Path) -> None:
+    log = counter_log(300, 5)
+    path = write(tmp_path / "drive.blf", log, max_container_size=4000)
+    path.write_bytes(path.read_bytes()[:-2000])
+    imported = import_logs([path], six_cables(), START_POSE)
+    write_import(tmp_path / "run", imported)
+    found = imported.run.passes[0].recorded
+    assert 200 < len(found) < 300
+    whole = np.isfinite(found.sum(axis=1))
+    assert whole[:-1].all()
+    assert np.array_equal(found[whole], counts_of(log)[: len(found)][whole])
+    assert "ended early" in imported.summary()
+    entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
+    assert entry["ended"] == "early"
+    assert "ended early" in entry["why"]
+
+
+def test_faults_are_counted_and_kept(tmp_path: Path) -> None:
+    log = [m for m in counter_log(100, 6) if m.arbitration_id in range(0x80, 0x187) and not m.is_error_frame and len(m.data) in (0, 4)]
+    log = [m for m in log if m.arbitration_id == 0x80 or 0x181 <= m.arbitration_id <= 0x186]
+    del log[7 * 50 + 3]
+    log.insert(7 * 60 + 2, log[7 * 60 + 1])
+    imported = import_logs([write(tmp_path / "drive.log", log)], six_cables(), START_POSE)
+    assert imported.logs[0].events.tally == {"gap": 1, "duplicate": 1}
+    assert np.isnan(imported.run.passes[0].recorded).sum() == 1
+    assert "1 duplicate, 1 gap" in imported.summary()
+    write_import(tmp_path / "run", imported)
+    table = files.read_table(tmp_path / "run" / "pass1.events.csv")
+    assert table.text("kind") == ["gap", "duplicate"] or sorted(table.text("kind")) == ["duplicate", "gap"]
+
+
+def test_buses(tmp_path: Path) -> None:
+    """The same identifiers on two buses are two rigs: one must be named. Other traffic on another bus is no matter."""
+    log = counter_log(50, 7)
+    twin = counter_log(50, 8)
+    for m in twin:
+        m.channel = 1
+    both = sorted(log + twin, key=lambda m: m.timestamp)
+    path = write(tmp_path / "both.blf", both)
+    with pytest.raises(AcquisitionError, match=r"both\.blf: (channel ch1|SYNC) stands on buses 0, 1; name one with --bus"):
+        import_logs([path], six_cables(), START_POSE)
+    for bus, alone in (("0", log), ("1", twin)):
+        found = import_logs([path], six_cables(), START_POSE, bus=bus).run.passes[0].recorded
+        assert np.array_equal(found, counts_of(alone))
+    with pytest.raises(LMeasureError, match=r"both\.blf"):
+        import_logs([path], six_cables(), START_POSE, bus="7")
+    others = [m for m in twin if not (m.arbitration_id == 0x80 or 0x181 <= m.arbitration_id <= 0x186)]
+    mixed = write(tmp_path / "mixed.blf", sorted(log + others, key=lambda m: m.timestamp))
+    assert np.array_equal(import_logs([mixed], six_cables(), START_POSE).run.passes[0].recorded, counts_of(log))
+
+
+def test_passes(tmp_path: Path) -> None:
+    """A rig of three drums that measures six cables in two passes takes two logs."""
+    data = six_cables().to_dict()
+    for i, cable in enumerate(data["cable"]):
+        cable |= {"pass": 1 + i // 3, "channel": f"ch{1 + i % 3}", "from": f"B{1 + i % 3}"}
+    rig = rig_from_dict(data)
+    logs = [counter_log(40, 9), counter_log(40, 10)]
+    paths = [write(tmp_path / f"pass{i}.log", log) for i, log in enumerate(logs)]
+    imported = import_logs(paths, rig, START_POSE)
+    for counts, log in zip(imported.run.passes, logs, strict=True):
+        assert counts.channels == ("ch1", "ch2", "ch3")
+        assert np.array_equal(counts.recorded, counts_of(log)[:, :3])
+    with pytest.raises(AcquisitionError, match="need 2 passes, one log each; 1 given"):
+        import_logs(paths[:1], rig, START_POSE)
+
+
+DBC = """VERSION ""
+
+BU_: Encoder
+
+BO_ 385 Left: 8 Encoder
+ SG_ ch1 : 0|32@1- (1,0) [0|0] "" Encoder
+ SG_ ch2 : 39|24@0- (1,0) [0|0] "" Encoder
+BO_ 386 Middle: 8 Encoder
+ SG_ ch3 : 4|20@1- (1,0) [0|0] "" Encoder
+ SG_ ch4 : 27|30@0- (1,0) [0|0] "" Encoder
+BO_ 2566844672 Right: 8 Encoder
+ SG_ ch5 : 0|32@1- (0.5,0) [0|0] "" Encoder
+ SG_ ch6 : 32|32@1+ (1,0) [0|0] "" Encoder
+"""
+
+
+def without_counter_bits() -> Rig:
+    data = six_cables().to_dict()
+    for point in data["observation_point"]:
+        point["drum"].pop("counter_bits")
+    return rig_from_dict(data)
+
+
+def test_signals_of_a_dbc_file_as_cantools_reads_them(tmp_path: Path) -> None:
+    """Any bit, both byte orders, both signs; the counts are the signals' integers, before the file's own scaling."""
+    import cantools
+
+    (tmp_path / "rig.dbc").write_text(DBC)
+    database: Any = cantools.database.load_string(DBC, database_format="dbc")
+    rng = np.random.default_rng(11)
+    walk = np.cumsum(rng.integers(-200, 201, (200, 6)), axis=0)
+    walk[:, 5] += 2**31 + 10**6
+    log = []
+    for i, row in enumerate(walk.tolist()):
+        t = 1.7e9 + i * 1e-3
+        log.append(can.Message(timestamp=t, arbitration_id=0x80, is_extended_id=False, channel=0))
+        for name, values in (
+            ("Left", {"ch1": row[0], "ch2": row[1]}),
+            ("Middle", {"ch3": row[2], "ch4": row[3]}),
+            ("Right", {"ch5": row[4], "ch6": row[5]}),
+        ):
+            message = database.get_message_by_name(name)
+            data = message.encode(values, scaling=False)
+            log.append(
+                can.Message(
+                    timestamp=t + 1e-4, arbitration_id=message.frame_id, is_extended_id=message.is_extended_frame, data=data, channel=0
+                )
+            )
+    path = write(tmp_path / "drive.blf", log)
+    rig = with_dbc(without_counter_bits(), tmp_path / "rig.dbc")
+    imported = import_logs([path], rig, START_POSE)
+    found = imported.run.passes[0].recorded
+    decoded = np.array(
+        [[database.decode_message(m.arbitration_id, m.data, scaling=False) for m in log[4 * i + 1 : 4 * i + 4]] for i in range(200)]
+    )
+    expected = np.array([[{**a, **b, **c}[f"ch{j}"] for j in range(1, 7)] for a, b, c in decoded], float)
+    assert np.array_equal(expected, walk)
+    full = np.array([2.0**32, 2.0**24, 2.0**20, 2.0**30, 2.0**32, 2.0**32])
+    assert np.array_equal(found, expected - full * np.rint(expected[0] / full))
+    write_import(tmp_path / "run", imported)
+    write_rig(tmp_path / "rig.toml", without_counter_bits())
+    done = command("import", path, "--rig", tmp_path / "rig.toml", "--dbc", tmp_path / "rig.dbc", "--out", tmp_path / "other", *POSE)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "other" / "pass1.csv").read_bytes() == (tmp_path / "run" / "pass1.csv").read_bytes()
+    again = command("import", path, "--rig", tmp_path / "run" / "rig.toml", "--out", tmp_path / "third", *POSE)
+    assert again.returncode == 0, again.stderr  # the DBC file went with the run
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("no DBC file", "cannot be read as DBC"),
+        (DBC.replace("SG_ ch6", "SG_ other"), "channel ch6: no signal of that name is in it"),
+        (DBC.replace("SG_ ch2", "SG_ ch3"), "channel ch2: no signal"),
+        (DBC.replace("SG_ ch2", "SG_ ch6").replace("SG_ ch1 ", "SG_ ch2 "), "channel ch1: no signal"),
+    ],
+)
+def test_a_dbc_file_that_does_not_say_it(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "rig.dbc").write_text(text)
+    with pytest.raises(LMeasureError, match=r"rig\.dbc") as caught:
+        with_dbc(without_counter_bits(), tmp_path / "rig.dbc")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_the_log_lacks_is_said(tmp_path: Path) -> None:
+    rig = six_cables()
+    empty = tmp_path / "empty.log"
+    empty.write_text("\n\n")
+    with pytest.raises(FileFormatError, match=r"empty\.log: holds no CAN frame"):
+        import_logs([empty], rig, START_POSE)
+    odd = tmp_path / "odd.log"
+    odd.write_text("nothing\nof the\nkind\n")
+    with pytest.raises(FileFormatError, match=r"odd\.log: holds no CAN frame: 3 lines could not be read; the first is 'nothing'"):
+        import_logs([odd], rig, START_POSE)
+    log = [m for m in counter_log(30, 12) if m.arbitration_id != 0x80]
+    with pytest.raises(AcquisitionError, match=r"drive\.log: \d+ frames, but no SYNC 0x80"):
+        import_logs([write(tmp_path / "drive.log", log)], rig, START_POSE)
+    log = [m for m in counter_log(30, 12) if m.arbitration_id != 0x184]
+    with pytest.raises(AcquisitionError, match=r"less\.log: channel ch4: not one count in frames 184; identifiers in the log: "):
+        import_logs([write(tmp_path / "less.log", log)], rig, START_POSE)
