@@ -41,6 +41,8 @@ class Lengths:
     cause: files.TextArray
     cable: files.TextArray
     notes: tuple[str, ...] = ()
+    u_time_s: FloatArray | None = None
+    """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
 
     def columns(self) -> dict[str, Any]:
         """Columns of a lengths file."""
@@ -138,6 +140,8 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     flags = np.zeros(n, np.int64)
     cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
     notes: list[str] = []
+    skewed = any(p.u_time_s is not None for p in run.passes)
+    u_time = np.zeros((n, m)) if skewed else None
     for j, c in enumerate(run.rig.cable):
         counts = run.passes[c.passage - 1]
         drum = run.rig.point(c.from_point).drum
@@ -158,11 +162,13 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         if c.passage > 1:
             values, reasons = _on_time_base(run, c.passage, values, reasons)
         k[:, j] = values
+        if u_time is not None and counts.u_time_s is not None:
+            u_time[:, j] = counts.u_time_s if c.passage == 1 else np.interp(time_s, counts.time_s, counts.u_time_s)
         for mask, flag, text in reasons:
             first = mask & (flags == OK)
             flags[first], cause[first], where[first] = flag, text, c.name
     change = changes_from_counts(run.rig, k)
-    return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes))
+    return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes), u_time)
 
 
 def length_residuals(run: Run, poses: FloatArray) -> FloatArray:

@@ -15,6 +15,9 @@ def reconstruct(
     constraint: Annotated[
         str | None, typer.Option("--constraint", help="What holds the tool where cables are too few: planar or vertical-axis.")
     ] = None,
+    repeatability_mm: Annotated[
+        float, typer.Option("--repeatability-mm", min=0.0, help="Standard deviation per axis of the robot between repeated passes.")
+    ] = 0.0,
     rerun: Rerun = None,
 ) -> None:
     """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
@@ -30,7 +33,7 @@ def reconstruct(
         typer.echo(summary.text())
         return
     recorded = read_run(run, rig)
-    trajectory = stage(recorded, constraint)
+    trajectory = stage(recorded, constraint, repeatability_mm)
     write_trajectory(out, trajectory)
     if rerun is not None:
         from lmeasure.view import write_recording

@@ -176,6 +176,20 @@ def span_rows(cables: FloatArray, pose: FloatArray) -> FloatArray:
 
 
 @kernel
+def span_rows_of(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, m, 6) `span_rows` at (n, 7) poses."""
+    out = np.empty((poses.shape[0], cables.shape[0], 6))
+    for i in range(poses.shape[0]):
+        for j in range(cables.shape[0]):
+            _, e, arm = span_at(cables[j], poses[i])
+            moment = cross(arm, e)
+            for c in range(3):
+                out[i, j, c] = moment[c]
+                out[i, j, 3 + c] = e[c]
+    return out
+
+
+@kernel
 def wrap_geometry(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Where the cables run, for pictures and limits: (n, m, 3) pulley centres, tangent points and attachment points in the base frame,
     (n, m) wrapped angles [rad]."""

@@ -14,6 +14,7 @@ from lmeasure.kernels.cable import PARAMETERS
 from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, span_lengths
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.trajectory.passes import align, pass_covariance, skew_covariance
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
 
@@ -69,6 +70,8 @@ class Reconstruction:
             random, systematic = least_squares.covariances(*given, scheme.free_index, left_out)
             chi_squared = chi if scheme.redundancy else None
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
+        if lengths.u_time_s is not None:
+            random = random + skew_covariance(scheme.rows, poses, _rates(lengths) * lengths.u_time_s)
         trajectory = Trajectory(
             lengths.time_s,
             poses,
@@ -122,12 +125,33 @@ _TEXTS = np.array([_CAUSES.get(code, "") for code in range(len(screw.STATUS))], 
 _UNLINKED = "the counts' resolution only: the rig links no calibration"
 
 
-def reconstruct(run: Run, constraint: str | None = None) -> Trajectory:
+def reconstruct(run: Run, constraint: str | None = None, repeatability_mm: float = 0.0) -> Trajectory:
     """The trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
 
-    Raises what `Reconstruction` raises.
+    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in repeated passes.
+    Raises what `Reconstruction` and `passes.align` raise.
     """
-    return Reconstruction(run.rig, run.start, run.calibration, constraint).add(lengths_from_counts(run))
+    reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint)
+    if run.rig.passes == 1:
+        return reconstruction.add(lengths_from_counts(run))
+    aligned = align(run)
+    lengths = lengths_from_counts(aligned.run)
+    trajectory = reconstruction.add(lengths)
+    notes = aligned.notes
+    if repeatability_mm == 0.0:
+        notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
+    if reconstruction.scheme.point is not None:
+        return replace(trajectory, notes=(*trajectory.notes, *notes))
+    passage = np.array([c.passage for c in run.rig.cable], dtype=np.int64)
+    common = pass_covariance(reconstruction.scheme.rows, passage, trajectory.poses, _rates(lengths), aligned.u_time_s, repeatability_mm)
+    return replace(trajectory, systematic=trajectory.systematic + common, notes=(*trajectory.notes, *notes))
+
+
+def _rates(lengths: Lengths) -> FloatArray:
+    """(n, m) speeds of the cables [mm/s]; zero where they are not known."""
+    if len(lengths.time_s) < 2:
+        return np.zeros_like(lengths.change_mm)
+    return np.nan_to_num(np.gradient(lengths.change_mm, lengths.time_s, axis=0))
 
 
 def _start_of(scheme: Scheme, rig: Rig, start: FloatArray) -> FloatArray:

@@ -1,0 +1,146 @@
+"""Repeated passes of one motion: brought to one clock, checked to be the same motion, and what their differences add to the uncertainty."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.counts import Counts
+from lmeasure.errors import TrajectoryError
+from lmeasure.kernels.cable import span_rows_of
+from lmeasure.run import Run
+
+FloatArray = NDArray[np.float64]
+
+CLOCKS = 1e-3  # difference of rate beyond which two clocks are not meant to be the same
+MOVING = 0.05  # of a pass's largest cable speed
+LAG_S = 0.25  # difference of the instants at which two passes begin or end to move
+VARYING = 0.5  # standard deviation of the speed over its mean from which its profile can be recognised
+ALIKE = 0.3  # correlation of two speed profiles: of one motion seen by different cables it is mostly above 0.5 (simulated)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A run whose later passes are on the clock of pass 1, with the standard uncertainty [s] of each pass's time against it."""
+
+    run: Run
+    u_time_s: tuple[float, ...]
+    notes: tuple[str, ...]
+
+
+def align(run: Run) -> Alignment:
+    """Bring later passes to the clock of pass 1 by their rising sync edges: a shift by one edge, shift and rate by several.
+
+    TrajectoryError when passes are not the same motion: other edges, clocks that differ by more than CLOCKS, another beginning or end,
+    another profile of speed.
+    """
+    first = run.passes[0]
+    passes, u_time, notes = [first], [0.0], []
+    for number in range(2, run.rig.passes + 1):
+        later = run.passes[number - 1]
+        edges = _rising(first), _rising(later)
+        if len(edges[0]) != len(edges[1]):
+            raise TrajectoryError(
+                f"{later.source}: pass {number} has {len(edges[1])} rising sync edges, pass 1 has {len(edges[0])}: not the same motion"
+            )
+        shift, rate, u = _clock(edges[0], edges[1], _period(first), _period(later))
+        if not abs(rate - 1.0) <= CLOCKS:
+            raise TrajectoryError(f"{later.source}: pass {number}: its clock runs {rate:.6f} times pass 1's: not the same motion")
+        if len(edges[0]) == 0:
+            notes.append(f"pass {number} has no sync edges: its clock is taken as pass 1's")
+        elif shift or rate != 1.0:
+            notes.append(f"pass {number}: clock shifted by {shift:+.6f} s, rate {rate:.9f}, from {len(edges[0])} sync edges")
+        later = replace(later, time_s=shift + rate * later.time_s)
+        _same_motion(first, later, number)
+        passes.append(later)
+        u_time.append(u)
+    return Alignment(replace(run, passes=tuple(passes)), tuple(u_time), tuple(notes))
+
+
+def pass_covariance(
+    rows: FloatArray, passage: NDArray[np.int64], poses: FloatArray, rates: FloatArray, u_time_s: tuple[float, ...], repeatability_mm: float
+) -> FloatArray:
+    """(n, 6, 6) covariance of the poses (rotation; tool origin) from errors that a whole pass has in common.
+
+    passage (m,) pass of each cable; rates (n, m) cable speeds [mm/s]; u_time_s per pass; repeatability_mm: standard deviation, per axis, of
+    the place to which the robot brings the tool in a pass. Each pass's cables are late together and displaced together.
+    """
+    n = len(poses)
+    out = np.full((n, 6, 6), np.nan)
+    good = ~np.isnan(poses[:, 0])
+    J = span_rows_of(rows, np.ascontiguousarray(poses[good]))
+    G = np.linalg.pinv(J)
+    total = np.zeros((int(good.sum()), 6, 6))
+    for number, u in enumerate(u_time_s, 1):
+        cables = passage == number
+        late = np.einsum("nij,nj->ni", G[:, :, cables], rates[good][:, cables]) * u
+        total += late[:, :, None] * late[:, None, :]
+        if len(u_time_s) > 1:
+            shift = G[:, :, cables] @ J[:, cables, 3:] * repeatability_mm
+            total += shift @ np.swapaxes(shift, 1, 2)
+    out[good] = total
+    return out
+
+
+def skew_covariance(rows: FloatArray, poses: FloatArray, u_mm: FloatArray) -> FloatArray:
+    """(n, 6, 6) covariance of the poses from independent errors u_mm (n, m) of the lengths at each sample, as of channels that were not
+    counted at one instant."""
+    out = np.full((len(poses), 6, 6), np.nan)
+    good = ~np.isnan(poses[:, 0])
+    G = np.linalg.pinv(span_rows_of(rows, np.ascontiguousarray(poses[good]))) * u_mm[good][:, None, :]
+    out[good] = G @ np.swapaxes(G, 1, 2)
+    return out
+
+
+def _rising(counts: Counts) -> FloatArray:
+    """Times of the samples at which sync becomes 1."""
+    if counts.sync is None:
+        return np.empty(0)
+    before = np.concatenate([[0.0], counts.sync[:-1]])
+    return counts.time_s[(counts.sync == 1) & (before == 0)]
+
+
+def _period(counts: Counts) -> float:
+    return float(np.median(np.diff(counts.time_s))) if len(counts.time_s) > 1 else 0.0
+
+
+def _clock(first: FloatArray, later: FloatArray, period: float, later_period: float) -> tuple[float, float, float]:
+    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later. An edge is known to within a sampling period."""
+    quantum = np.hypot(period, later_period) / np.sqrt(12.0)
+    if len(first) == 0:
+        return 0.0, 1.0, 0.0
+    if len(first) == 1:
+        return float(first[0] - later[0]), 1.0, float(quantum)
+    rate, shift = np.polyfit(later, first, 1)
+    scatter = first - (shift + rate * later)
+    spread = np.sqrt((scatter**2).sum() / max(len(first) - 2, 1))
+    return float(shift), float(rate), float(max(quantum, spread) / np.sqrt(max(len(first) / 2, 1)))
+
+
+def _speed(counts: Counts) -> FloatArray:
+    """(n,) root mean square over the channels of the counts' speed [1/s]; wraps and jumps are no motion."""
+    step = np.diff(counts.recorded, axis=0)
+    step[np.abs(step) > 2**14] = np.nan
+    return np.sqrt(np.nan_to_num((step / np.diff(counts.time_s)[:, None]) ** 2).mean(axis=1))
+
+
+def _same_motion(first: Counts, later: Counts, number: int) -> None:
+    if min(len(first.time_s), len(later.time_s)) < 3:
+        return
+    speeds = _speed(first), _speed(later)
+    spans = []
+    for counts, speed in zip((first, later), speeds, strict=True):
+        moving = np.flatnonzero(speed > MOVING * speed.max()) if speed.max() > 0 else np.array([0])
+        spans.append((counts.time_s[moving[0]], counts.time_s[moving[-1] + 1]))
+    for what, i in (("begins", 0), ("ends", 1)):
+        lag = spans[1][i] - spans[0][i]
+        if abs(lag) > LAG_S:
+            side = "after" if lag > 0 else "before"
+            raise TrajectoryError(f"{later.source}: pass {number} {what} to move {abs(lag):.3f} s {side} pass 1: not the same motion")
+    on_first = np.interp(first.time_s[:-1], later.time_s[:-1], speeds[1])
+    if all(s.std() > VARYING * s.mean() for s in (speeds[0], on_first)):
+        alike = float(np.corrcoef(speeds[0], on_first)[0, 1])
+        if alike < ALIKE:
+            raise TrajectoryError(
+                f"{later.source}: pass {number}: its profile of speed is not that of pass 1 (correlation {alike:.2f}): not the same motion"
+            )

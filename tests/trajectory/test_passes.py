@@ -1,0 +1,146 @@
+"""Two passes of three drums: clocks by their sync edges, refused when they are not the same motion, uncertain by time and repetition."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import START, FloatArray, cell, position_error, record
+from scipy.spatial.transform import Rotation
+
+from lmeasure.counts import Counts
+from lmeasure.errors import TrajectoryError
+from lmeasure.kernels import screw
+from lmeasure.rig import Rig
+from lmeasure.run import Run
+from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory.passes import align
+
+SHIFT_S, RATE = 3.7, 1.0 - 150e-6
+
+
+def rig_of_two_passes() -> Rig:
+    data = cell().to_dict()
+    for i, c in enumerate(data["cable"]):
+        c["channel"], c["pass"] = f"ch{i % 3 + 1}", i // 3 + 1
+    return cell(cable=data["cable"])
+
+
+def path(times: FloatArray) -> FloatArray:
+    """Rest, a way out and back, rest: 4 s."""
+    s = np.sin(np.pi * np.clip((times - 0.5) / 3.0, 0.0, 1.0)) ** 2
+    rotation = Rotation.from_rotvec(np.outer(0.2 * s, [0.5, -0.7, 0.4]))
+    return np.column_stack([200 * s, -150 * s, 90 * s, rotation.as_quat()])
+
+
+def two_passes(sync: bool = True, exact: bool = True, late_s: float = 0.0) -> tuple[Run, FloatArray]:
+    """Pass 2 on a clock of its own; its sync edges may be late against the motion."""
+    rig = rig_of_two_passes()
+    times = np.arange(4000) / 1000.0
+    own = (np.arange(4100) - 30) / 1000.0
+    first = record(rig, times, path(times), exact=exact).passes[0]
+    second = record(rig, own, path(own - late_s), exact=exact).passes[1]
+
+    def pulses(t: FloatArray) -> FloatArray:
+        return np.where((t >= 0.2 - 1e-9) & (t < 0.3) | (t >= 3.7 - 1e-9) & (t < 3.8), 1.0, 0.0)
+
+    if sync:
+        first = replace(first, sync=pulses(times))
+        second = replace(second, sync=pulses(own))
+    second = replace(second, time_s=(own - SHIFT_S) / RATE if sync else own)
+    return Run(rig, START, (first, second)), path(times)
+
+
+def test_clocks_are_found_by_two_edges() -> None:
+    run, truth = two_passes()
+    trajectory = reconstruct(run)
+    assert (trajectory.status == screw.OK).all()
+    # what is left is linear interpolation between samples
+    assert position_error(trajectory.poses, truth).max() < 2e-3
+    assert any("rate 0.99985" in note for note in trajectory.notes)
+
+
+def test_uncertainty_of_the_clocks_is_what_late_edges_do() -> None:
+    run, truth = two_passes(exact=False)
+    stated = reconstruct(run)
+    plain = reconstruct(two_passes(sync=False, exact=False)[0])
+    fast = 2000
+    assert stated.u[0, :3] == pytest.approx(plain.u[0, :3], rel=1e-6)
+    assert (stated.u[1000:3000, :3].max(axis=0) > 2 * plain.u[1000:3000, :3].max(axis=0)).all()
+    # a delay of one standard uncertainty moves the pose by the systematic standard uncertainty that the clocks added
+    u_time = align(run).u_time_s[1]
+    late = reconstruct(two_passes(late_s=u_time)[0])
+    moved = np.abs(late.poses[:, :3] - truth[:, :3])
+    added = np.sqrt(np.einsum("nii->ni", stated.systematic))[:, 3:]
+    np.testing.assert_allclose(moved[1200], added[1200], rtol=0.05, atol=2e-3)
+    assert added[fast].max() < added[1200].max()
+
+
+def test_repeatability_is_carried_to_the_pose() -> None:
+    run, _ = two_passes()
+    without, with_it = reconstruct(run), reconstruct(run, repeatability_mm=0.05)
+    assert (with_it.u[:, :3] > without.u[:, :3]).all()
+    assert any("repeatability" in note for note in without.notes)
+    assert not any("repeatability" in note for note in with_it.notes)
+    # both passes displaced alike displace the pose alike; here they are independent: at least 0.05 mm along some axis
+    assert (np.linalg.norm(with_it.u[:, :3], axis=1) > 0.05).all()
+
+
+def test_without_sync_the_clocks_are_taken_as_one_and_that_is_said() -> None:
+    run, truth = two_passes(sync=False)
+    trajectory = reconstruct(run)
+    assert position_error(trajectory.poses, truth).max() < 1e-6
+    assert any("no sync edges" in note for note in trajectory.notes)
+
+
+def changed(run: Run, **second: object) -> Run:
+    return replace(run, passes=(run.passes[0], replace(run.passes[1], **second)))  # type: ignore[arg-type]
+
+
+def test_passes_of_another_motion_are_refused() -> None:
+    run, _ = two_passes()
+    second = run.passes[1]
+    assert second.sync is not None
+    with pytest.raises(TrajectoryError, match="1 rising sync edges, pass 1 has 2"):
+        align(changed(run, sync=np.where(np.arange(len(second.sync)) > 2000, 0.0, second.sync)))
+    with pytest.raises(TrajectoryError, match=r"clock runs 0\.98"):
+        align(changed(run, time_s=second.time_s * 1.02))
+    plain, _ = two_passes(sync=False)
+    with pytest.raises(TrajectoryError, match=r"pass 2 begins to move 0\.\d+ s after"):
+        align(changed(plain, time_s=plain.passes[1].time_s + 0.6))
+    with pytest.raises(TrajectoryError, match="ends to move"):
+        align(changed(plain, time_s=0.5 + 1.3 * (plain.passes[1].time_s - 0.5)))
+
+
+def test_another_profile_of_speed_is_refused() -> None:
+    rig = rig_of_two_passes()
+    times = np.arange(4000) / 1000.0
+
+    def bursts(where: list[float]) -> FloatArray:
+        # both begin and end alike, by a little
+        s = sum((1.0 if 0.5 < w < 3.0 else 0.2) * np.clip((times - w) / 0.2, 0.0, 1.0) for w in where)
+        return np.column_stack([np.outer(s, [30.0, -20.0, 10.0]), np.tile([0.0, 0.0, 0.0, 1.0], (4000, 1))])
+
+    a, b = record(rig, times, bursts([0.5, 1.5, 3.0])), record(rig, times, bursts([0.5, 2.2, 3.0]))
+    assert reconstruct(Run(rig, START, (a.passes[0], a.passes[1]))).status.max() == screw.OK
+    with pytest.raises(TrajectoryError, match="profile of speed"):
+        reconstruct(Run(rig, START, (a.passes[0], b.passes[1])))
+
+
+def test_channels_counted_at_different_instants_add_speed_times_skew(tmp_path: Path) -> None:
+    rig = cell()
+    times = np.arange(4000) / 1000.0
+    run = record(rig, times, path(times))
+    plain = reconstruct(run)
+    first: Counts = replace(run.passes[0], u_time_s=np.full(4000, 1e-3))
+    skewed = reconstruct(replace(run, passes=(first,)))
+    np.testing.assert_array_equal(skewed.poses, plain.poses)
+    np.testing.assert_allclose(skewed.u[100], plain.u[100])
+    # independent errors of speed x 1 ms on every length, against as many drawn
+    generator = np.random.default_rng(0)
+    i = 1200
+    rates = np.gradient(run.passes[0].recorded, times, axis=0)[i]
+    drawn = run.passes[0].recorded[i] + generator.normal(0.0, 1e-3, (2000, 6)) * rates
+    found = reconstruct(Run(rig, START, (Counts(np.arange(2000.0), first.channels, drawn),)))
+    added = np.sqrt(skewed.u[i] ** 2 - plain.u[i] ** 2)
+    np.testing.assert_allclose(found.poses[:, :3].std(axis=0), added[:3], rtol=0.1)
