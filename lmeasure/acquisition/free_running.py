@@ -69,8 +69,10 @@ class FreeAssembler:
             return self._samples(np.empty(0))
         for i in range(len(self.fields)):
             self._take(i, known)
+        # a sample waits until every channel's next reading can be there
+        horizon = known if last else known - LONGEST_GAP * max((p for p in self._period if p is not None), default=0.0)
         reference = self._old[0][0]
-        return self._samples(reference[(reference > self._given_to) & (reference <= known)])
+        return self._samples(reference[(reference > self._given_to) & (reference <= horizon)])
 
     def _event(self, sample: int, time_s: float, i: int, kind: str, text: str = "") -> None:
         self.events.add(Event(sample, time_s, self.fields[i].channel, kind, text))

@@ -71,8 +71,6 @@ class Recording:
         lines = [f"{self.samples} samples from {self.frames} frames over {self.seconds:.3f} s: {faults}"]
         if self.closure:
             lines.append("back at the start, counts: " + ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items()))
-        if self.ended != "complete":
-            lines.append(f"ended early: {self.ended}")
         return "\n".join(lines)
 
 
@@ -111,7 +109,7 @@ def record(
     except KeyboardInterrupt:
         pass
     except OSError as error:  # AcquisitionError is one too
-        ended = " ".join(str(error).split())
+        ended = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
     return writer.close(ended)
 
 
@@ -344,10 +342,10 @@ class _Appended:
         try:
             while view:
                 view = view[self._file.write(view) :]
-        except OSError:
+        except OSError as error:
             self._full = True
             self._file.truncate(self._size)
-            raise
+            raise OSError(error.errno, error.strerror, str(self._file.name)) from error
         self._size += len(data)
 
     def to_disk(self) -> None:

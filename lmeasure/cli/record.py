@@ -34,6 +34,7 @@ def record(
 ) -> None:
     """Record a pass of the motion: every frame as it came, and the counts decoded from it."""
     from lmeasure.acquisition.session import record_session
+    from lmeasure.errors import AcquisitionError
 
     with _display(live) as show:
         recording = record_session(
@@ -42,6 +43,8 @@ def record(
     typer.echo(recording.summary())
     if start is None and passage == 1:
         typer.echo("note: no --start pose: the base frame is taken to be the tool's frame at the start")
+    if recording.ended != "complete":
+        raise AcquisitionError(f"{out}: ended early, what came before is kept: {recording.ended}")
     if rerun is not None:
         from lmeasure.rig import read_rig
         from lmeasure.view.stages import write_counts_recording

@@ -1,0 +1,158 @@
+"""The assemblers, fed in pieces: where a batch ends must not matter, and channels on their own timers meet at one instant."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of
+
+from lmeasure.acquisition.assembly import counts_from_frames, new_assembler
+from lmeasure.acquisition.decoders import counter_fields
+from lmeasure.acquisition.frames import Frames, frames_from_messages, join, no_frames
+from lmeasure.errors import AcquisitionError
+from lmeasure.rig import Rig, rig_from_dict
+
+RIG = cell()
+COUNTS = motion(RIG)
+FRAMES = frames_of(RIG, COUNTS).take(slice(0, 100 * PER_SAMPLE))
+FIELDS = counter_fields(RIG)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.data())
+def test_where_a_batch_ends_does_not_matter(data: st.DataObject) -> None:
+    order = list(range(len(FRAMES)))
+    for i in data.draw(st.lists(st.integers(1, len(order) - 2), max_size=12)):
+        what = data.draw(st.sampled_from(["drop", "double", "swap"]))
+        if what == "drop" and i < len(order):
+            del order[i]
+        elif what == "double" and i < len(order):
+            order.insert(i, order[i])
+        elif what == "swap" and i + 1 < len(order):
+            order[i], order[i + 1] = order[i + 1], order[i]
+    frames = replace(order_of(FRAMES, order), timestamp_source=data.draw(st.sampled_from(["log", "host"])))
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(frames)), max_size=8)))
+    pieces = [frames.take(slice(a, b)) for a, b in zip([0, *cuts], [*cuts, len(frames)], strict=True)]
+    whole = counts_from_frames(RIG, [frames], FIELDS)
+    cut = counts_from_frames(RIG, pieces, FIELDS)
+    np.testing.assert_array_equal(cut.counts.recorded, whole.counts.recorded)
+    # the SYNC's period is estimated from what is known by then, so a burst's times may differ by parts of a period
+    np.testing.assert_allclose(cut.counts.time_s, whole.counts.time_s, rtol=0, atol=2e-3)
+    assert cut.events.tally == whole.events.tally
+
+
+def test_stamps_of_a_busy_host_are_brought_back_before_its_pause() -> None:
+    stamps = FRAMES.time_s.copy()
+    # nothing was stamped between 30 and 60 ms; then all of it at once
+    late = (stamps > 0.03) & (stamps < 0.06)
+    stamps[late] = 0.06 - 1e-5 * np.arange(late.sum())[::-1] / late.sum()
+    got = counts_from_frames(RIG, [replace(FRAMES, time_s=stamps, timestamp_source="host")], FIELDS).counts
+    np.testing.assert_array_equal(got.recorded, COUNTS.recorded[:100])
+    # 5 % of 30 ms: the SYNCs in between are only known to keep 0.95 of the period
+    np.testing.assert_allclose(got.time_s, COUNTS.time_s[:100], rtol=0, atol=1.6e-3)
+    assert got.u_time_s is not None
+    assert (np.abs(got.time_s - COUNTS.time_s[:100]) <= 2 * got.u_time_s + 1e-9).all()
+    assert got.u_time_s[70] < 1e-5
+
+
+def free_rig(**table: Any) -> Rig:
+    data = RIG.to_dict()
+    data["can"] = {
+        "decoder": "j1939",
+        "channel": [{"channel": f"ch{i}", "pgn": 0xFF00 + i, "byte_order": "big", "start": 1_000_000} for i in range(1, 7)],
+    } | table
+    return rig_from_dict(data)
+
+
+def free_frames(rig: Rig, jitter_s: float = 0.0) -> tuple[Frames, Any]:
+    """Each channel sends every 10 ms by its own timer, out of step with the others: 30 mm/s on channel 1 and so on."""
+    import can
+
+    rng = np.random.default_rng(0)
+    messages = []
+    for i in range(6):
+        for k in range(150):
+            t = 0.01 * k + 0.0017 * i
+            value = 1_000_000 + round((i + 1) * 2500.0 * t)
+            stamp = t + jitter_s * rng.standard_normal()
+            data = value.to_bytes(4, "big") + bytes(4)
+            messages.append(can.Message(timestamp=stamp, arbitration_id=0x0CFF0020 + ((i + 1) << 8), data=data))
+    return frames_from_messages(sorted(messages, key=lambda m: m.timestamp), "kernel"), rng
+
+
+def test_channels_on_their_own_timers_meet_at_one_instant() -> None:
+    rig = free_rig()
+    frames, _ = free_frames(rig)
+    got = counts_from_frames(rig, [frames.take(slice(0, 331)), frames.take(slice(331, None))], counter_fields(rig))
+    counts = got.counts
+    inside = (counts.time_s >= 0.01) & (counts.time_s < 1.48)
+    want = counts.time_s[:, None] * 2500.0 * np.arange(1, 7)
+    # each reading is rounded to a whole count
+    assert np.abs(counts.recorded - want)[inside].max() <= 0.5 + 1e-6
+    assert set(got.events.tally) <= {"gap"}
+    assert np.isnan(counts.recorded[0, 1:]).all()
+    assert counts.u_time_s is not None
+    assert counts.u_time_s.max() < 1e-9
+
+
+def test_the_jitter_of_the_stamps_is_told() -> None:
+    rig = free_rig()
+    frames, _ = free_frames(rig, jitter_s=3e-4)
+    counts = counts_from_frames(rig, [frames], counter_fields(rig)).counts
+    assert counts.u_time_s is not None
+    assert counts.u_time_s[-1] == pytest.approx(3e-4, rel=0.25)
+    want = counts.time_s[:, None] * 2500.0 * np.arange(1, 7)
+    inside = (counts.time_s >= 0.02) & (counts.time_s < 1.47)
+    error_s = (counts.recorded - want)[inside, 5] / 15000.0
+    # 1.5 ms before a reading and 8.5 ms after the one before it: a weighted mean of two stamps
+    assert error_s.std() == pytest.approx(3e-4 * np.hypot(0.85, 0.15), rel=0.25)
+
+
+def test_a_silent_channel_leaves_gaps_and_doubles_are_used_once() -> None:
+    rig = free_rig()
+    frames, _ = free_frames(rig)
+    third = (frames.identifier >> 8) & 0xFF == 3
+    kept = frames.take(~(third & (frames.time_s > 0.5) & (frames.time_s < 0.7)))
+    doubled = join([kept.take(slice(0, 100)), kept.take(slice(99, 100)), kept.take(slice(100, None))])
+    got = counts_from_frames(rig, [doubled], counter_fields(rig))
+    silent = np.isnan(got.counts.recorded[:, 2])
+    assert (got.counts.time_s[silent][1:-1] > 0.49).all()
+    assert 18 <= silent.sum() <= 23
+    assert got.events.tally["duplicate"] == 1
+
+
+def test_the_start_input_is_a_column() -> None:
+    import can
+
+    rig = rig_from_dict(RIG.to_dict() | {"can": RIG.can_table.model_dump() | {"start_input": {"id": 0x300, "byte_offset": 1, "bit": 5}}})
+    state = frames_from_messages(
+        [
+            can.Message(timestamp=0.0205, arbitration_id=0x300, is_extended_id=False, data=[0, 0xDF]),
+            can.Message(timestamp=0.0405, arbitration_id=0x300, is_extended_id=False, data=[0, 0x20]),
+        ]
+    )
+    a, b = 21 * PER_SAMPLE, 41 * PER_SAMPLE
+    before, between, after = FRAMES.take(slice(0, a)), FRAMES.take(slice(a, b)), FRAMES.take(slice(b, None))
+    mixed = join([before, state.take(slice(0, 1)), between, state.take(slice(1, 2)), after])
+    counts = counts_from_frames(rig, [mixed], counter_fields(rig)).counts
+    assert counts.sync is not None
+    np.testing.assert_array_equal(counts.sync, np.arange(100) >= 41)
+
+
+def test_nothing_at_all_says_what_was_missed() -> None:
+    with pytest.raises(AcquisitionError, match="7 frames, but no SYNC 0x80 among them"):
+        counts_from_frames(RIG, [replace(FRAMES.take(slice(0, 7)), identifier=np.full(7, 0x333, np.uint32))], FIELDS)
+    assert len(new_assembler(RIG, FIELDS).feed(no_frames(), last=True).time_s) == 0
+
+
+def test_a_clock_that_goes_back_in_a_log_is_marked() -> None:
+    stamps = FRAMES.time_s - np.where(np.arange(len(FRAMES)) >= 50 * PER_SAMPLE, 3.0, 0.0)
+    for cut in (0, 200, 50 * PER_SAMPLE, 353):
+        frames = replace(FRAMES, time_s=stamps, timestamp_source="log")
+        got = counts_from_frames(RIG, [frames.take(slice(0, cut)), frames.take(slice(cut, None))], FIELDS)
+        np.testing.assert_array_equal(got.counts.recorded, COUNTS.recorded[:100])
+        np.testing.assert_allclose(got.counts.time_s, COUNTS.time_s[:100], rtol=0, atol=1e-9)
+        assert got.events.tally == {"time": 1}
