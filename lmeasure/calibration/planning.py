@@ -1,0 +1,297 @@
+"""Which reference poses to measure: those that leave the least uncertainty in the lengths predicted over a zone."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from lmeasure.calibration import observability
+from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.exchange import CRITERIA, Criterion, Design, Exchange
+from lmeasure.calibration.information import Instrument, estimated_covariance, parameter_information
+from lmeasure.calibration.reach import Limits, Region, Usable
+from lmeasure.calibration.refine import Fit, Noise, fit
+from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration_record import Unobservable
+from lmeasure.errors import CalibrationError
+from lmeasure.kernels.cable import span_lengths
+from lmeasure.lengths import counts_from_poses
+from lmeasure.poses import Poses
+from lmeasure.rig import Cable, Rig
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+POOL_LOG2 = 10
+STARTS = 2  # besides the greedy one, random designs that are improved too
+TARGETS_LOG2 = 5
+CHECKS_LOG2 = 8
+MAX_POSES = 200
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a plan is for.
+
+    poses: how many to choose (the zero pose among them, unless recorded poses are extended); region: where the robot may go; zone: where
+    lengths are to be predicted, default the region; criterion: a key of `exchange.CRITERIA`; u_position_mm, u_rotation_rad: standard
+    uncertainty of the reference poses; further: how many poses beyond the plan are weighed.
+    """
+
+    poses: int
+    region: Region
+    zone: Region | None = None
+    criterion: str = "G"
+    solve: tuple[str, ...] = ("position", "guide")
+    u_position_mm: float = 0.0
+    u_rotation_rad: float = 0.0
+    passes: tuple[int, ...] = (1,)
+    limits: Limits = field(default_factory=Limits)
+    further: int = 3
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """Predicted standard uncertainty, from the calibration alone, of the change of a cable's length since the zone's middle [mm]: rms and
+    worst over the zone and cables, the worst's cable; how many of the unknown directions the counts determine."""
+
+    rms_mm: float
+    worst_mm: float
+    worst_cable: str
+    rank: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Reference poses to measure, and what they are predicted to bring.
+
+    poses: all of them, recorded ones first; recorded: how many of them were there before. course: (number of poses, outlook) as the
+    planned poses are measured one after the other, then with the further poses. without: (name, outlook) of the plan less one of its poses,
+    but for the zero pose. parameters: (name, u, prior u). undetermined: what no count of the plan tells. usable: part of the tried poses
+    that every cable allows, and broken: (limit, part that breaks it).
+    """
+
+    poses: Poses
+    recorded: int
+    outlook: Outlook
+    course: tuple[tuple[int, Outlook], ...]
+    without: tuple[tuple[str, Outlook], ...]
+    parameters: tuple[tuple[str, float, float], ...]
+    undetermined: tuple[Unobservable, ...]
+    equations: int
+    usable: float
+    broken: tuple[tuple[str, float], ...]
+
+
+def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, progress: Progress | None = None) -> Plan:
+    """Choose reference poses for a calibration of the rig, or further ones for a campaign already recorded.
+
+    Poses are usable where `reach.Limits` hold at the rig's own values. CalibrationError when there are none, when the zone cannot be
+    reached, when the recorded campaign has other cables than the rig, or when the settings make no sense.
+    """
+    least = 1 if recorded else 2
+    if not least <= settings.poses <= MAX_POSES:
+        raise CalibrationError(f"a plan of {settings.poses} poses: it must have {least} to {MAX_POSES}")
+    if settings.criterion not in CRITERIA:
+        raise CalibrationError(f"the criterion {settings.criterion!r} is not one of {', '.join(CRITERIA)}")
+    cables = _cables(rig, settings, recorded)
+    instrument = Instrument(rig, cables, settings.solve, settings.u_position_mm, settings.u_rotation_rad)
+    zone = settings.zone or settings.region
+    targets, checks = (_lengths(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
+    usable = Usable(rig, cables, settings.limits)
+    rng = np.random.default_rng([settings.seed, 11])
+    pool = settings.region.candidates(POOL_LOG2, rng)
+    broken = usable.broken(settings.region.rows(pool))
+    good = ~broken.any(axis=1)
+    parts = tuple((reason, float(part)) for reason, part in zip(Usable.REASONS, broken.mean(axis=0), strict=True))
+    if not good.any():
+        why = ", ".join(f"{reason} at {part:.0%}" for reason, part in parts if part)
+        raise CalibrationError(f"rig {rig.name!r}: no pose of the box can be used: {why} of the poses tried")
+    p = len(instrument.unknowns.names)
+    if recorded is None:
+        before, zero, taken = np.zeros((p + 6, p + 6)), None, np.zeros((0, 6))
+    else:
+        before, zero = instrument.recorded(recorded)
+        taken = settings.region.unit(recorded.poses.rows)
+    search = Exchange(instrument, settings.region, usable, pool[good], taken, rng)
+    start = search.begin(before + np.eye(len(before)), zero)
+    design = _search(search, start, settings, targets, progress)
+    chosen = settings.poses - (recorded is None)
+    if len(design.units) < chosen:
+        raise CalibrationError(f"the box has room for {len(design.units) + (recorded is None)} different poses only, not {settings.poses}")
+    criterion = targets.criterion(settings.criterion)
+    design = _ordered(design, criterion)
+    return _described(instrument, settings, recorded, search, design, criterion, checks, (float(good.mean()), parts))
+
+
+def _cables(rig: Rig, settings: Settings, recorded: Campaign | None) -> tuple[Cable, ...]:
+    if recorded is None:
+        cables = tuple(c for c in rig.cable if c.passage in settings.passes)
+        if not cables:
+            raise CalibrationError(f"rig {rig.name!r}: no cable belongs to pass {', '.join(str(n) for n in settings.passes)}")
+        return cables
+    own = {(c.name, c.channel, c.from_point, c.to_point, c.passage) for c in rig.cable}
+    for c in recorded.cables:
+        if (c.name, c.channel, c.from_point, c.to_point, c.passage) not in own:
+            raise CalibrationError(f"rig {rig.name!r}: cable {c.name} of the recorded campaign is not one of its cables")
+    return recorded.cables
+
+
+@dataclass(frozen=True)
+class _Lengths:
+    """Derivatives [mm] of predicted changes of c cables by the unknowns in prior widths: inside (n, c, p) at poses spread evenly over the
+    zone, corners (k, c, p) at its corners."""
+
+    inside: FloatArray
+    corners: FloatArray
+    cables: tuple[str, ...]
+
+    def criterion(self, kind: str) -> Criterion:
+        """A mean is taken evenly over the zone; the worst is looked for at its corners too."""
+        chosen = np.concatenate([self.inside, self.corners]) if kind == "G" else self.inside
+        return Criterion(kind, chosen.reshape(-1, chosen.shape[2]))
+
+
+def _lengths(instrument: Instrument, zone: Region, log2: int, seed: int) -> _Lengths:
+    """All cables of the rig that leave a measured point, whatever their pass; changes since the middle of the zone, where a run is
+    zeroed. Poses that a cable cannot reach are left out."""
+    points = {c.from_point for c in instrument.cables}
+    cables = tuple(c for c in instrument.rig.cable if c.from_point in points)
+    kernel_rows = instrument.rig.cable_rows(cables)
+    start = zone.centre[None, :]
+    unit = qmc.Sobol(6, scramble=True, rng=np.random.default_rng([seed, log2])).random_base2(log2)
+    out = []
+    for rows in (zone.rows(np.where(zone.active, unit, 0.5)), zone.rows(zone.corners())):
+        rows = rows[np.isfinite(span_lengths(kernel_rows, rows)).all(axis=1)]
+        if not len(rows) or not np.isfinite(span_lengths(kernel_rows, start)).all():
+            raise CalibrationError(f"rig {instrument.rig.name!r}: its cables cannot run to the middle and the corners of the zone")
+        out.append(instrument.gradients(rows, start, np.zeros(len(cables), np.int64), cables))
+    return _Lengths(out[0], out[1], tuple(c.name for c in cables))
+
+
+def _search(search: Exchange, start: Design, settings: Settings, targets: _Lengths, progress: Progress | None) -> Design:
+    """The best of a greedy and some random starts, each improved; the largest variance is brought down from the smallest mean."""
+    kinds = ("I", "G") if settings.criterion == "G" else (settings.criterion,)
+    criteria = [targets.criterion(kind) for kind in kinds]
+    count = settings.poses - start.free_zero
+    best: Design | None = None
+    for attempt in range(STARTS + 1):
+        design = search.grow(start, count, criteria[0] if attempt == 0 else None)
+        for stage, criterion in enumerate(criteria):
+            if progress:
+                progress(attempt * len(criteria) + stage, (STARTS + 1) * len(criteria))
+            design = search.improve(design, criterion)
+        value = criteria[-1].value(design.information)
+        if best is None or criteria[-1].better(value, criteria[-1].value(best.information)):
+            best = design
+    assert best is not None
+    if progress:
+        progress((STARTS + 1) * len(criteria), (STARTS + 1) * len(criteria))
+    return best
+
+
+def _ordered(design: Design, criterion: Criterion) -> Design:
+    """The same poses, after the zero pose the one that brings most, then the next: measuring may stop at any of them."""
+    left = list(range(len(design.units)))
+    order: list[int] = []
+    M = design.before
+    while left:
+        i = left[int(np.argmin(criterion.values(M, design.blocks[left])))]
+        M = M + design.blocks[i].T @ design.blocks[i]
+        order.append(i)
+        left.remove(i)
+    return Design(design.zero, design.zero_unit, design.free_zero, design.units[order], design.blocks[order], design.before)
+
+
+def _described(
+    instrument: Instrument,
+    settings: Settings,
+    recorded: Campaign | None,
+    search: Exchange,
+    design: Design,
+    criterion: Criterion,
+    checks: _Lengths,
+    usable: tuple[float, tuple[tuple[str, float], ...]],
+) -> Plan:
+    p = len(instrument.unknowns.names)
+    prior = np.eye(len(design.before))
+
+    def outlook(M: FloatArray) -> Outlook:
+        return _outlook(parameter_information(M - prior, p), checks)
+
+    poses, first = _poses(settings, recorded, design)
+    named = poses.names[first + design.free_zero :]
+    course = []
+    M = design.before.copy()
+    start = first + design.free_zero
+    if recorded is not None:
+        course.append((first, outlook(M)))
+    for i, block in enumerate(design.blocks):
+        M = M + block.T @ block
+        course.append((start + i + 1, outlook(M)))
+    more = search.grow(design, settings.further, criterion)
+    for i, block in enumerate(more.blocks[len(design.blocks) :]):
+        M = M + block.T @ block
+        course.append((len(poses) + i + 1, outlook(M)))
+    found, model = _predicted_fit(instrument, settings, recorded, poses)
+    sight = _lines_of_sight(instrument, poses)
+    u = np.sqrt(np.diag(found.covariance))
+    return Plan(
+        poses,
+        first,
+        outlook(design.information),
+        tuple(course),
+        tuple((name, outlook(design.without(k))) for k, name in enumerate(named)),
+        tuple(zip(instrument.unknowns.names, u.tolist(), instrument.unknowns.width.tolist(), strict=True)),
+        tuple(observability.unobservable_directions(instrument.unknowns, found, sight)),
+        model.equations,
+        *usable,
+    )
+
+
+def _outlook(information: FloatArray, lengths: _Lengths) -> Outlook:
+    covariance, rank = estimated_covariance(information)
+    inside, corners = (np.sum((g @ covariance) * g, axis=2) for g in (lengths.inside, lengths.corners))
+    worst = np.maximum(inside.max(axis=0), corners.max(axis=0))
+    return Outlook(math.sqrt(inside.mean()), math.sqrt(worst.max()), lengths.cables[int(np.argmax(worst))], rank)
+
+
+def _poses(settings: Settings, recorded: Campaign | None, design: Design) -> tuple[Poses, int]:
+    """All poses with their stated uncertainties, and how many were recorded; new ones are named by the next free numbers."""
+    units = np.vstack([design.zero_unit, design.units]) if design.free_zero else design.units
+    rows = settings.region.rows(units)
+    names: tuple[str, ...] = ()
+    u_position, u_rotation = np.full(len(rows), settings.u_position_mm), np.full(len(rows), settings.u_rotation_rad)
+    if recorded is not None:
+        old = recorded.poses
+        names, rows = old.names, np.vstack([old.rows, rows])
+        u_position, u_rotation = np.concatenate([old.u_position_mm, u_position]), np.concatenate([old.u_rotation_rad, u_rotation])
+    first = len(names)
+    number = max([0, *(int(n) for n in names if n.isascii() and n.isdigit())])
+    names += tuple(str(number + i + 1) for i in range(len(rows) - first))
+    return Poses(names, rows, u_position, u_rotation), first
+
+
+def _predicted_fit(instrument: Instrument, settings: Settings, recorded: Campaign | None, poses: Poses) -> tuple[Fit, Model]:
+    """What the estimator itself will say of the plan: its fit to counts as the rig predicts them, not rounded."""
+    m = len(instrument.cables)
+    zero = np.zeros(m, np.int64) if recorded is None else recorded.zero
+    counts = np.empty((len(poses), m))
+    for i in np.unique(zero).tolist():
+        own = np.flatnonzero(zero == i)
+        counts[:, own] = counts_from_poses(instrument.rig, poses.rows, poses.rows[i], tuple(instrument.cables[j] for j in own))
+    if recorded is not None:
+        counts[: len(recorded.poses)][~np.isfinite(recorded.counts)] = np.nan
+    model = Model(Campaign(instrument.rig, poses, instrument.cables, counts, zero), instrument.unknowns)
+    return fit(model, instrument.unknowns.nominal, Noise(poses.u_position_mm, poses.u_rotation_rad), prior_everywhere=False), model
+
+
+def _lines_of_sight(instrument: Instrument, poses: Poses) -> dict[str, FloatArray]:
+    """Unit vectors from the observation points to the middle of the poses."""
+    middle = poses.rows[:, :3].mean(axis=0)
+    ways = {c.from_point: middle - np.array(instrument.rig.point(c.from_point).position_mm) for c in instrument.cables}
+    return {name: way / max(float(np.linalg.norm(way)), 1e-9) for name, way in ways.items()}
