@@ -44,6 +44,13 @@ class Lengths:
     u_time_s: FloatArray | None = None
     """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
 
+    @property
+    def speed_mm_s(self) -> FloatArray:
+        """(n, m) speeds of the cables, zero where they are not known."""
+        if len(self.time_s) < 2:
+            return np.zeros_like(self.change_mm)
+        return np.asarray(np.nan_to_num(np.gradient(self.change_mm, self.time_s, axis=0)))
+
     def columns(self) -> dict[str, Any]:
         """Columns of a lengths file."""
         out: dict[str, Any] = {"time_s": self.time_s}

@@ -18,6 +18,11 @@ def reconstruct(
     repeatability_mm: Annotated[
         float, typer.Option("--repeatability-mm", min=0.0, help="Standard deviation per axis of the robot between repeated passes.")
     ] = 0.0,
+    uncertainty: Annotated[
+        str, typer.Option("--uncertainty", help="linear, or monte-carlo: the run again and again with its inputs drawn (JCGM 101).")
+    ] = "linear",
+    trials: Annotated[int, typer.Option("--trials", min=2, help="Trials of monte-carlo.")] = 400,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of monte-carlo.")] = 0,
     rerun: Rerun = None,
 ) -> None:
     """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
@@ -26,14 +31,20 @@ def reconstruct(
     from lmeasure.trajectory import can_stream, reconstruct_stream, write_trajectory
     from lmeasure.trajectory import reconstruct as stage
 
+    if uncertainty not in ("linear", "monte-carlo"):
+        raise typer.BadParameter(f"{uncertainty!r} is neither linear nor monte-carlo", param_hint="--uncertainty")
     head = read_run_head(run, rig)
-    if can_stream(head) and rerun is None:
+    if can_stream(head) and rerun is None and uncertainty == "linear":
         with bar("reconstruct") as progress:
             summary = reconstruct_stream(head, out, constraint, progress=progress)
         typer.echo(summary.text())
         return
     recorded = read_run(run, rig)
-    trajectory = stage(recorded, constraint, repeatability_mm)
+    if uncertainty == "linear":
+        trajectory = stage(recorded, constraint, repeatability_mm)
+    else:
+        with bar("monte-carlo") as progress:
+            trajectory = stage(recorded, constraint, repeatability_mm, trials, seed, progress)
     write_trajectory(out, trajectory)
     if rerun is not None:
         from lmeasure.view import write_recording

@@ -11,10 +11,9 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
 from lmeasure.kernels.cable import PARAMETERS
-from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, span_lengths
+from lmeasure.lengths import Lengths, cable_covariance, count_variance, span_lengths
 from lmeasure.rig import Rig
-from lmeasure.run import Run
-from lmeasure.trajectory.passes import align, pass_covariance, skew_covariance
+from lmeasure.trajectory.passes import skew_covariance
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
 
@@ -51,15 +50,15 @@ class Reconstruction:
         self.parameters = _parameters(self.scheme, rig, calibration)
         self.covers = "counts of half a unit and the linked calibration" if calibration else _UNLINKED
         m = len(self.scheme.rows)
-        self._state = screw.new_state(self.start) if self.scheme.six else least_squares.new_state(self.start, m)
-        _, _, _, status, *_ = self._follow(np.zeros((1, m)), np.zeros(1, np.int64))
+        self._state = self._new_state()
+        _, _, _, status, *_ = self._follow(self.scheme.rows, self._state, np.zeros((1, m)), np.zeros(1, np.int64))
         if status[0] != screw.OK:
             raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}")
 
     def add(self, lengths: Lengths) -> Trajectory:
         """The trajectory of the next piece of the run."""
         scheme = self.scheme
-        poses, residual, iterations, status, angle, *more = self._follow(lengths.change_mm, lengths.flags)
+        poses, residual, iterations, status, angle, *more = self._follow(scheme.rows, self._state, lengths.change_mm, lengths.flags)
         given = scheme.rows, self.start, poses, lengths.counts, self.scales, self.variance, self.parameters
         cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
         cable, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None
@@ -71,7 +70,7 @@ class Reconstruction:
             chi_squared = chi if scheme.redundancy else None
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
         if lengths.u_time_s is not None:
-            random = random + skew_covariance(scheme.rows, poses, _rates(lengths) * lengths.u_time_s)
+            random = random + skew_covariance(scheme.rows, poses, lengths.speed_mm_s * lengths.u_time_s)
         trajectory = Trajectory(
             lengths.time_s,
             poses,
@@ -89,12 +88,20 @@ class Reconstruction:
         )
         return _without_orientation(trajectory) if scheme.point else trajectory
 
-    def _follow(self, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
-        u, rows = np.sqrt(self.variance), self.scheme.rows
+    def solve(self, rows: FloatArray, changes: FloatArray, flags: IntArray) -> FloatArray:
+        """(n, 7) poses of a whole run by other rows of cables, changes (n, m) [mm] and flags (n,); NaN where none is found."""
+        return np.asarray(self._follow(rows, self._new_state(), changes, flags)[0])
+
+    def _new_state(self) -> FloatArray:
+        six, m = self.scheme.six, len(self.scheme.rows)
+        return np.asarray(screw.new_state(self.start) if six else least_squares.new_state(self.start, m))
+
+    def _follow(self, rows: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
+        u = np.sqrt(self.variance)
         if self.scheme.six:
             follow = lanes.follow if len(changes) >= LANES_PAY else screw.resume
-            return tuple(follow(rows, self.start, self._state, changes, flags, u))
-        return tuple(least_squares.follow(rows, self.start, self._state, changes, flags, u, self.scheme.free_index, SLACK_MM))
+            return tuple(follow(rows, self.start, state, changes, flags, u))
+        return tuple(least_squares.follow(rows, self.start, state, changes, flags, u, self.scheme.free_index, SLACK_MM))
 
     def _remarks(
         self, lengths: Lengths, status: IntArray, left_out: IntArray, cause: NDArray[np.object_], cable: NDArray[np.object_]
@@ -123,35 +130,6 @@ class Reconstruction:
 
 _TEXTS = np.array([_CAUSES.get(code, "") for code in range(len(screw.STATUS))], dtype=np.object_)
 _UNLINKED = "the counts' resolution only: the rig links no calibration"
-
-
-def reconstruct(run: Run, constraint: str | None = None, repeatability_mm: float = 0.0) -> Trajectory:
-    """The trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
-
-    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in repeated passes.
-    Raises what `Reconstruction` and `passes.align` raise.
-    """
-    reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint)
-    if run.rig.passes == 1:
-        return reconstruction.add(lengths_from_counts(run))
-    aligned = align(run)
-    lengths = lengths_from_counts(aligned.run)
-    trajectory = reconstruction.add(lengths)
-    notes = aligned.notes
-    if repeatability_mm == 0.0:
-        notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
-    if reconstruction.scheme.point is not None:
-        return replace(trajectory, notes=(*trajectory.notes, *notes))
-    passage = np.array([c.passage for c in run.rig.cable], dtype=np.int64)
-    common = pass_covariance(reconstruction.scheme.rows, passage, trajectory.poses, _rates(lengths), aligned.u_time_s, repeatability_mm)
-    return replace(trajectory, systematic=trajectory.systematic + common, notes=(*trajectory.notes, *notes))
-
-
-def _rates(lengths: Lengths) -> FloatArray:
-    """(n, m) speeds of the cables [mm/s]; zero where they are not known."""
-    if len(lengths.time_s) < 2:
-        return np.zeros_like(lengths.change_mm)
-    return np.nan_to_num(np.gradient(lengths.change_mm, lengths.time_s, axis=0))
 
 
 def _start_of(scheme: Scheme, rig: Rig, start: FloatArray) -> FloatArray:

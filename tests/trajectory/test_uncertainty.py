@@ -1,13 +1,18 @@
 """The stated covariances against what real reconstructions scatter by, counts redrawn and the rig drawn from its calibration."""
 
 import numpy as np
+import pytest
 from cells import START, FloatArray, cell, motion, record
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.errors import TrajectoryError
+from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.lengths import lengths_from_counts, parameter_names
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
-from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory import Reconstruction, reconstruct
+from lmeasure.trajectory.monte_carlo import by_monte_carlo, moved_rows
 
 TRIALS = 600
 SAMPLES = (0, 700, 1500, 2999)
@@ -123,3 +128,45 @@ def test_the_calibration_covariance_is_what_true_rigs_drawn_from_it_scatter_by()
     assert scatter[0].max() < 1e-9
     assert u[0].max() < 1e-9
     np.testing.assert_allclose(scatter[1:], u[1:], rtol=TOLERANCE)
+
+
+def test_monte_carlo_and_the_linear_law_agree() -> None:
+    """JCGM 101 against JCGM 100, each kind of error by itself: standard uncertainties and correlations."""
+    rig, record_ = calibrated()
+    times, poses = samples_of()
+    run = Run(rig, START, record(rig, times, poses).passes, record_)
+    reconstruction = Reconstruction(rig, START, record_)
+    lengths = lengths_from_counts(run)
+    linear = reconstruction.add(lengths)
+    told: list[int] = []
+    found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=5, progress=lambda done, of: told.append(of - done))
+    assert told == list(range(2 * TRIALS - 1, -1, -1))
+    assert "Monte Carlo" in found.covers
+    np.testing.assert_array_equal(found.poses, linear.poses)
+    for name in ("random", "systematic"):
+        a, b = getattr(found, name)[1:], getattr(linear, name)[1:]
+        u = np.sqrt(np.einsum("nii->ni", b))
+        np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", a)), u, rtol=TOLERANCE)
+        outer = u[:, :, None] * u[:, None, :]
+        np.testing.assert_allclose(a / outer, b / outer, atol=3 * TOLERANCE)
+
+
+def test_too_few_trials_are_refused() -> None:
+    rig = cell()
+    run = record(rig, *motion(3))
+    reconstruction = Reconstruction(rig, START)
+    lengths = lengths_from_counts(run)
+    with pytest.raises(TrajectoryError, match="1 trials"):
+        by_monte_carlo(reconstruction, lengths, reconstruction.add(lengths), 1)
+
+
+def test_moved_rows_are_those_of_the_moved_rig() -> None:
+    rig, record_ = calibrated()
+    shift = np.random.default_rng(0).normal(size=len(record_.parameters)) * 0.1
+    names = [p.name for p in record_.parameters]
+    by_cable = np.zeros((6, len(PARAMETERS)))
+    for j, own in enumerate(parameter_names(rig)):
+        for i, name in enumerate(own):
+            if name in names:
+                by_cable[j, i] = shift[names.index(name)] * (np.radians(1.0) if name.endswith("_deg") else 1.0)
+    np.testing.assert_allclose(moved_rows(rig.cable_rows(), by_cable), drawn(rig, record_, shift).cable_rows(), rtol=1e-13, atol=1e-13)
