@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 LONGEST_LINE = 1 << 16
 
-CANDUMP_LINE = re.compile(r"\(\d+\.?\d*\)\s+\S+\s+[0-9a-f]{1,8}#(#\d)?(r\d*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE | re.ASCII)
+CANDUMP_LINE = re.compile(r"\([0-9]+\.?[0-9]*\)\s+\S+\s+[0-9a-f]{1,8}#(#[0-9])?(r[0-9]*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE)
 
 ASC_DATE = re.compile(r"date\s+\w+\s+(.+)", re.IGNORECASE)
 ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
