@@ -77,6 +77,11 @@ def chunk_size(orientations: int) -> int:
     return LANES * max(1, POSES_PER_CHUNK // (LANES * orientations))
 
 
+def with_positions(plan: Plan, positions: FloatArray) -> Plan:
+    """The same scan at other (n, 3) positions [mm]."""
+    return replace(plan, positions=np.ascontiguousarray(positions))
+
+
 def block_order(cables: FloatArray, positions: FloatArray, quaternions: FloatArray) -> IntArray:
     """(6,) order of the cables in which the first three directions stay farthest from coplanar over a sample of the poses."""
     some = positions[np.linspace(0, len(positions) - 1, min(len(positions), 200)).astype(np.int64)]

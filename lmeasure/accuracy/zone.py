@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import files
 from lmeasure.accuracy.bodies import Body, body_rows
-from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, digest_of, run
+from lmeasure.accuracy.refinement import refined_volume
+from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, digest_of, run, with_positions
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import AccuracyError, FileFormatError, GeometryError
 from lmeasure.kernels import zone as kernels
@@ -131,13 +132,15 @@ def scan_zone(
     workers: int | None = None,
     scheduler: str | None = None,
     checkpoint: Path | None = None,
+    refine: float | None = None,
 ) -> xr.Dataset:
     """Worst pressure angle and uncertainty over the orientations, at each node of a box, and what lies within the limits.
 
     x, y, z: nodes of the tool origin [mm, base frame]; rotations: base_from_tool orientations, all tried at each node. In the zone is a
     node where every orientation keeps the limits: limit_deg and length_limits, or all that `Limits` knows when `limits` is given.
-    bodies are what the cables must not touch. start (7,) is the pose at which the counters are zeroed, spacing_mm the volume's
-    step along an axis with a single node; workers, scheduler and checkpoint are those of `accuracy.scan.run`.
+    bodies are what the cables must not touch. start (7,) is the pose at which the counters are zeroed; spacing_mm the volume's step along
+    an axis with a single node; refine asks for the volume within the box to this relative change (0.002, say), by cutting the cells along
+    the zone's edge (`accuracy.refinement.refined_volume`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
 
     u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from
     independent counts of +-1/2 (variance c^2/12) and, when given, the calibration's. A length is counted from the start pose: a zone
@@ -161,9 +164,13 @@ def scan_zone(
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     near = bool(bodies) or limits.clearance_mm is not None
     plan = make_plan(rig, calibration, positions, rotations, start, full=full, near=near, bodies=bodies)
-    figures, flags = run(plan, progress, workers=workers, scheduler=scheduler, checkpoint=checkpoint)
+    way: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
+    figures, flags = run(plan, progress, checkpoint=checkpoint, **way)
     data = xr.Dataset(
-        _variables(figures, flags, tuple(len(a) for a in axes), full, near)
+        {
+            name: (DIMS, values.reshape([len(a) for a in axes]), _about(*ABOUT[name]))
+            for name, values in named_figures(figures, flags, full, near).items()
+        }
         | {"quaternion_xyzw": (("orientation", "component"), plan.quaternions, _about("orientations base_from_tool", "1"))},
         coords={
             name: (name, values, _about(f"{name} of the tool origin, base frame", "mm")) for name, values in zip(DIMS, axes, strict=True)
@@ -177,7 +184,15 @@ def scan_zone(
             "plan_sha256": plan.digest(),
         },
     )
-    return within(data, limits)
+    zone = within(data, limits)
+    if refine is None:
+        return zone
+
+    def inside(points: FloatArray) -> NDArray[np.bool_]:
+        named = named_figures(*run(with_positions(plan, points), **way), full, near)
+        return np.asarray(broken_limits(named, limits, zone.attrs["assembly_sign"])[0] == 0)
+
+    return zone.assign_attrs(refined_volume(zone["in_zone"].values.astype(bool), axes, inside, refine))
 
 
 def make_plan(
@@ -225,31 +240,37 @@ def make_plan(
     )
 
 
-def _variables(figures: FloatArray, flags: NDArray[np.int64], shape: tuple[int, ...], full: bool, near: bool) -> dict[str, Any]:
-    """Dataset variables of the kernels' figures."""
+def named_figures(figures: FloatArray, flags: NDArray[np.int64], full: bool, near: bool) -> dict[str, NDArray[Any]]:
+    """(n,) arrays by the dataset's names, of the kernels' (F, n) figures and (n,) flags."""
     f = dict(zip(kernels.FIGURES, figures, strict=True))
     out = {
-        "worst_pressure_angle_deg": (np.degrees(np.arccos(1.0 / np.sqrt(f["speed2"]))), "largest pressure-angle analogue", "degree"),
-        "u95_position_mm": (f["u95_position"], "radius at the tool origin that holds 95 %", "mm"),
-        "shortest_cable_mm": (np.where(np.isfinite(f["shortest"]), f["shortest"], np.nan), "shortest cable, B to attachment point", "mm"),
-        "longest_cable_mm": (f["longest"], "longest cable, B to attachment point", "mm"),
-        "largest_wrap_deg": (np.degrees(f["wrap"]), "largest angle that a cable wraps around its swivel pulley", "degree"),
-        "singularity_distance": (1.0 / np.sqrt(f["norm2"]), "1/|J^-1|, J with moments divided by the platform's size", "1"),
+        "worst_pressure_angle_deg": np.degrees(np.arccos(1.0 / np.sqrt(f["speed2"]))),
+        "u95_position_mm": f["u95_position"],
+        "shortest_cable_mm": np.where(np.isfinite(f["shortest"]), f["shortest"], np.nan),
+        "longest_cable_mm": f["longest"],
+        "largest_wrap_deg": np.degrees(f["wrap"]),
+        "singularity_distance": 1.0 / np.sqrt(f["norm2"]),
+        "assembly": np.where(f["determinant_low"] > 0, 1, np.where(f["determinant_high"] < 0, -1, 0)).astype(np.int8),
+        "flags": flags,
     }
     if full:
-        out["u95_rotation_deg"] = (np.degrees(f["u95_rotation"]), "radius of the rotation vector that holds 95 %", "degree")
-        out["u95_attachment_mm"] = (f["u95_attachment"], "radius at the worst attachment point that holds 95 %", "mm")
-    if near:
-        out["clearance_mm"] = (f["clearance"], "least distance between cables, and from cable to body", "mm")
-    assembly = np.where(f["determinant_low"] > 0, 1, np.where(f["determinant_high"] < 0, -1, 0)).astype(np.int8)
-    whole = {
-        "assembly": (assembly, "sign of the determinant, 0 where it changes", "1"),
-        "flags": (flags, "cable cannot run 1, singular 2", "1"),
-    }
-    return {
-        name: (DIMS, values.reshape(shape), _about(f"{text}, worst over the orientations" if name in out else text, units))
-        for name, (values, text, units) in (out | whole).items()
-    }
+        out |= {"u95_rotation_deg": np.degrees(f["u95_rotation"]), "u95_attachment_mm": f["u95_attachment"]}
+    return out | {"clearance_mm": f["clearance"]} if near else out
+
+
+ABOUT = {
+    "worst_pressure_angle_deg": ("largest pressure-angle analogue, worst over the orientations", "degree"),
+    "u95_position_mm": ("radius at the tool origin that holds 95 %, worst over the orientations", "mm"),
+    "u95_rotation_deg": ("radius of the rotation vector that holds 95 %, worst over the orientations", "degree"),
+    "u95_attachment_mm": ("radius at the worst attachment point that holds 95 %, worst over the orientations", "mm"),
+    "shortest_cable_mm": ("shortest cable, B to attachment point", "mm"),
+    "longest_cable_mm": ("longest cable, B to attachment point", "mm"),
+    "largest_wrap_deg": ("largest angle that a cable wraps around its swivel pulley", "degree"),
+    "singularity_distance": ("least 1/|J^-1|, J with moments divided by the platform's size", "1"),
+    "clearance_mm": ("least distance between cables, and from cable to body", "mm"),
+    "assembly": ("sign of the determinant, 0 where it changes", "1"),
+    "flags": ("cable cannot run 1, singular 2", "1"),
+}
 
 
 def covers(calibration: CalibrationRecord | None) -> str:
@@ -262,27 +283,27 @@ def covers(calibration: CalibrationRecord | None) -> str:
     )
 
 
-def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
-    """The dataset with the limits applied: in_zone, rejected_because, volume.
+def broken_limits(figures: Mapping[str, NDArray[Any]], limits: Limits, sign: int | None = None) -> tuple[NDArray[np.int32], int]:
+    """Bits of `REASONS` for arrays of figures named as in the dataset, with `flags`; and the assembly's sign.
 
-    The assembly that `one_assembly` keeps is that of most nodes without another fault.
+    The assembly that `one_assembly` keeps is the given sign, or that of most places without another fault.
     """
-    flags = data["flags"].values
+    flags = figures["flags"]
     shortest, longest = limits.length_mm or (0.0, math.inf)
     nothing = np.zeros(flags.shape, bool)
 
     def over(name: str, limit: float | None) -> NDArray[np.bool_]:
-        return nothing if limit is None else ~(data[name].values <= limit)
+        return nothing if limit is None else ~(figures[name] <= limit)
 
     def under(name: str, limit: float | None) -> NDArray[np.bool_]:
-        return nothing if limit is None else ~(data[name].values >= limit)
+        return nothing if limit is None else ~(figures[name] >= limit)
 
     broken = [
         flags & kernels.CANNOT_RUN != 0,
         flags & kernels.SINGULAR != 0,
         over("worst_pressure_angle_deg", limits.angle_deg),
-        data["shortest_cable_mm"].values < shortest,
-        data["longest_cable_mm"].values > longest,
+        figures["shortest_cable_mm"] < shortest,
+        figures["longest_cable_mm"] > longest,
         over("u95_position_mm", limits.u95_mm),
         over("u95_rotation_deg", limits.u95_rotation_deg),
         over("u95_attachment_mm", limits.u95_attachment_mm),
@@ -291,11 +312,16 @@ def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
         nothing,
         under("singularity_distance", limits.singularity),
     ]
-    assembly = data["assembly"].values
-    sign = 1 if assembly[~np.any(broken, axis=0)].sum() >= 0 else -1
+    if sign is None:
+        sign = 1 if figures["assembly"][~np.any(broken, axis=0)].sum() >= 0 else -1
     if limits.one_assembly:
-        broken[REASONS.index("other_assembly")] = assembly != sign
-    because = sum((mask.astype(np.int32) << bit for bit, mask in enumerate(broken)), np.zeros(flags.shape, np.int32))
+        broken[REASONS.index("other_assembly")] = figures["assembly"] != sign
+    return sum((mask.astype(np.int32) << bit for bit, mask in enumerate(broken)), np.zeros(flags.shape, np.int32)), sign
+
+
+def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
+    """The dataset with the limits applied: in_zone, rejected_because, volume."""
+    because, sign = broken_limits({str(name): values.values for name, values in data.data_vars.items()}, limits)
     inside = because == 0
     masks = np.array([1 << bit for bit in range(len(REASONS))], np.int32)
     out = data.assign(
@@ -313,7 +339,8 @@ def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
         | {
             "zone_volume_mm3": float(inside.sum() * math.prod(data.attrs["node_spacing_mm"])),
             "nodes_in_zone": int(inside.sum()),
-            "assemblies_in_zone": len(np.unique(assembly[inside])),
+            "assemblies_in_zone": len(np.unique(data["assembly"].values[inside])),
+            "assembly_sign": sign,
         }
     )
     return out.assign_attrs(result_sha256=digest_of({str(name): out[name].values for name in sorted(map(str, out.data_vars))}))
@@ -348,11 +375,18 @@ def reasons(zone: xr.Dataset) -> dict[str, int]:
 def summary(zone: xr.Dataset) -> str:
     """A few lines for a person: how much of the box is in the zone, the best node, why the rest is not."""
     angle, inside = zone["worst_pressure_angle_deg"], zone["in_zone"].values.astype(bool)
+    if "refined_volume_mm3" in zone.attrs:
+        a = zone.attrs
+        change = f"{a['refined_volume_change_mm3'] / 1e9:.2g} m^3 at the last step"
+        lines_refined = [f"volume within the box, edge refined: {a['refined_volume_mm3'] / 1e9:.6g} m^3 (changed by {change})"]
+    else:
+        lines_refined = []
     best = np.unravel_index(int(np.argmin(angle.values)), angle.shape)
     where = ", ".join(f"{name} {float(zone[name][i]):g}" for name, i in zip("xyz", best, strict=True))
     lines = [
         f"{inside.sum()} of {inside.size} nodes are in the zone ({zone.sizes['orientation']} orientations each, within "
         f"{zone.attrs['limit_deg']:g} deg): {zone.attrs['zone_volume_mm3'] / 1e9:.6g} m^3",
+        *lines_refined,
         f"smallest worst pressure angle {float(angle.values[best]):.2f} deg at {where} mm",
     ]
     if inside.any():

@@ -52,6 +52,10 @@ def zone(
         float | None, typer.Option("--singularity", help="Least distance to a singular pose.", rich_help_panel=LIMITS)
     ] = None,
     full: Annotated[bool, typer.Option("--full", help="Map orientation and attachment points too.", rich_help_panel=COMPUTING)] = False,
+    refine: Annotated[
+        float | None,
+        typer.Option("--refine", metavar="RELATIVE", help="Refine the edge until the volume changes by less.", rich_help_panel=COMPUTING),
+    ] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Threads; default all cores.", rich_help_panel=COMPUTING)] = None,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="dask scheduler to use.", rich_help_panel=COMPUTING)
@@ -92,6 +96,7 @@ def zone(
         "workers": workers,
         "scheduler": scheduler,
         "checkpoint": checkpoint,
+        "refine": refine,
     }
     with bar("zone") as progress:
         data = scan_zone(linked, calibration, nodes[0], nodes[1], nodes[2], rotations, progress=progress, **options)
