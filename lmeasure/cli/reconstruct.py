@@ -10,7 +10,7 @@ from lmeasure.cli.options import Rerun
 
 def reconstruct(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: run.toml, rig.toml and the counts of each pass.")],
-    out: Annotated[Path, typer.Option("--out", help="Trajectory to write, .parquet or .csv.")],
+    out: Annotated[Path, typer.Option("--out", help="Trajectory to write: .parquet, .csv, or .tum for the poses alone.")],
     rig: Annotated[Path | None, typer.Option("--rig", help="Use this rig.toml instead of the run's own.")] = None,
     constraint: Annotated[
         str | None, typer.Option("--constraint", help="What holds the tool where cables are too few: planar or vertical-axis.")
@@ -23,6 +23,7 @@ def reconstruct(
     ] = "linear",
     trials: Annotated[int, typer.Option("--trials", min=2, help="Trials of monte-carlo.")] = 400,
     seed: Annotated[int, typer.Option("--seed", help="Seed of monte-carlo.")] = 0,
+    angles: Annotated[bool, typer.Option("--angles", help="Add the angles of the rig's convention.")] = False,
     rerun: Rerun = None,
 ) -> None:
     """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
@@ -34,9 +35,10 @@ def reconstruct(
     if uncertainty not in ("linear", "monte-carlo"):
         raise typer.BadParameter(f"{uncertainty!r} is neither linear nor monte-carlo", param_hint="--uncertainty")
     head = read_run_head(run, rig)
+    named = head.rig.angles if angles else None
     if can_stream(head) and rerun is None and uncertainty == "linear":
         with bar("reconstruct") as progress:
-            summary = reconstruct_stream(head, out, constraint, progress=progress)
+            summary = reconstruct_stream(head, out, constraint, named, progress)
         typer.echo(summary.text())
         return
     recorded = read_run(run, rig)
@@ -45,7 +47,7 @@ def reconstruct(
     else:
         with bar("monte-carlo") as progress:
             trajectory = stage(recorded, constraint, repeatability_mm, trials, seed, progress)
-    write_trajectory(out, trajectory)
+    write_trajectory(out, trajectory, named)
     if rerun is not None:
         from lmeasure.view import write_recording
 

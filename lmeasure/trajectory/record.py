@@ -1,15 +1,18 @@
 """The trajectory: poses over time with their status and uncertainty, and its files."""
 
 from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lmeasure import files
-from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.conventions import QUATERNION_COLUMNS, angles_from_rotation, convention
 from lmeasure.kernels import screw
 from lmeasure.poses import POSITION_COLUMNS
 
@@ -51,8 +54,8 @@ class Trajectory:
         both = np.sqrt(np.einsum("nii->ni", self.random + self.systematic))
         return np.asarray(both[:, [3, 4, 5, 0, 1, 2]])
 
-    def columns(self) -> dict[str, Any]:
-        """Columns of a trajectory file."""
+    def columns(self, angles: str | None = None) -> dict[str, Any]:
+        """Columns of a trajectory file; with the angles of a controller's convention, behind the others, when one is named."""
         out: dict[str, Any] = {"time_s": self.time_s}
         out |= dict(zip(POSITION_COLUMNS, self.poses[:, :3].T, strict=True))
         out |= dict(zip(QUATERNION_COLUMNS, self.poses[:, 3:].T, strict=True))
@@ -65,7 +68,14 @@ class Trajectory:
             "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
         }
         out |= dict(zip(UNCERTAINTY_COLUMNS, self.u.T, strict=True))
-        return out if self.chi_squared is None else out | {"chi_squared": self.chi_squared}
+        if self.chi_squared is not None:
+            out["chi_squared"] = self.chi_squared
+        if angles is not None:
+            values = np.full((len(self.poses), 3), np.nan)
+            known = ~np.isnan(self.poses[:, 3:]).any(axis=1)
+            values[known] = angles_from_rotation(angles, Rotation.from_quat(self.poses[known, 3:]))
+            out |= dict(zip(convention(angles).columns, values.T, strict=True))
+        return out
 
     def summary(self) -> str:
         """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
@@ -114,9 +124,29 @@ class Summary:
         return "\n".join([*lines, f"uncertainties: {self.covers}", *(f"note: {note}" for note in self.notes)])
 
 
-def write_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write .parquet or .csv with the columns of the contract, whole or not at all; Parquet keeps `covers` in its metadata."""
-    files.write_table(path, trajectory.columns(), {"uncertainty_covers": trajectory.covers})
+@contextmanager
+def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Iterator[Callable[[Trajectory], None]]:
+    """Write a trajectory in pieces, whole or not at all: .parquet or .csv with the columns of the contract, and the angles of a convention
+    when one is named; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, only what is known). Parquet keeps
+    `covers` in its metadata."""
+    if Path(path).suffix.lower() == ".tum":
+        with files.whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as out:
+
+            def write_lines(piece: Trajectory) -> None:
+                known = ~np.isnan(piece.poses).any(axis=1)
+                rows = np.column_stack([piece.time_s, piece.poses[:, :3] / 1000.0, piece.poses[:, 3:]])[known]
+                out.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
+
+            yield write_lines
+        return
+    with files.table_writer(path, {"uncertainty_covers": covers}) as write:
+        yield lambda piece: write(piece.columns(angles))
+
+
+def write_trajectory(path: Path, trajectory: Trajectory, angles: str | None = None) -> None:
+    """`trajectory_writer` for a trajectory in one piece."""
+    with trajectory_writer(path, trajectory.covers, angles) as write:
+        write(trajectory)
 
 
 def read_trajectory(path: Path) -> Trajectory:

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure import files
 from lmeasure.counts import WidthEvidence, read_counts_in_pieces
 from lmeasure.kernels import counter
 from lmeasure.lengths import counter_rate, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
-from lmeasure.trajectory.record import Summary, Trajectory
+from lmeasure.trajectory.record import Summary, trajectory_writer
 from lmeasure.trajectory.screw_method import Reconstruction
 
 Progress = Callable[[int, int], None]
@@ -26,12 +25,12 @@ def reconstruct_stream(
     head: RunHead,
     out: Path,
     constraint: str | None = None,
-    change: Callable[[Trajectory], Trajectory] | None = None,
+    angles: str | None = None,
     progress: Progress | None = None,
 ) -> Summary:
-    """Reconstruct a run for which `can_stream` holds and write its trajectory, .parquet or .csv, whole or not at all.
+    """Reconstruct a run for which `can_stream` holds and write its trajectory as `trajectory_writer` does.
 
-    The result is that of `reconstruct`. change is applied to each piece before it is written; progress is told (done, of).
+    The result is that of `reconstruct`; progress is told (done, of).
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
@@ -39,12 +38,10 @@ def reconstruct_stream(
     counters = np.zeros((len(rig.cable), counter.STATE))
     summary = Summary()
     summary.notes += notes
-    with files.table_writer(out, {"uncertainty_covers": reconstruction.covers}) as write:
+    with trajectory_writer(out, reconstruction.covers, angles) as write:
         for piece in read_counts_in_pieces(head.counts[0], progress):
             trajectory = reconstruction.add(lengths_from_counts(Run(rig, head.start, (piece,)), counters))
-            if change is not None:
-                trajectory = change(trajectory)
-            write(trajectory.columns())
+            write(trajectory)
             summary.add(trajectory)
     return summary
 

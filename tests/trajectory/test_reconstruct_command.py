@@ -11,8 +11,10 @@ import pyarrow.parquet
 import pytest
 import tomli_w
 from cells import cell, motion, record
+from scipy.spatial.transform import Rotation
 
 from lmeasure import cli
+from lmeasure.conventions import rotation_from_angles
 from lmeasure.run import write_run
 from lmeasure.trajectory import read_trajectory
 
@@ -135,3 +137,35 @@ def test_an_output_of_an_unknown_kind_is_refused(
 ) -> None:
     assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.xlsx") == 1
     assert ".parquet" in capsys.readouterr().err
+
+
+def test_angles_of_the_rigs_convention_are_added_on_request(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.csv", "--angles") == 0
+    table = pd.read_csv(tmp_path / "a.csv")
+    assert list(table.columns)[-3:] == ["o_deg", "a_deg", "t_deg"]
+    known = table["status"] == "ok"
+    again = rotation_from_angles("puma-oat", table.loc[known, ["o_deg", "a_deg", "t_deg"]].to_numpy())
+    assert (again * Rotation.from_quat(table.loc[known, ["qx", "qy", "qz", "qw"]].to_numpy()).inv()).magnitude().max() < 1e-12
+    assert table.loc[~known, "o_deg"].isna().all()
+
+
+def test_tum_holds_the_known_poses_in_metres(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.tum") == 0
+    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet") == 0
+    tum = np.loadtxt(tmp_path / "a.tum")
+    table = pd.read_parquet(tmp_path / "a.parquet")
+    table = table[table["status"] == "ok"]
+    np.testing.assert_array_equal(tum[:, 0], table["time_s"])
+    np.testing.assert_array_equal(tum[:, 1:4], table[["x_mm", "y_mm", "z_mm"]] / 1000.0)
+    np.testing.assert_array_equal(tum[:, 4:], table[["qx", "qy", "qz", "qw"]])
+
+
+def test_monte_carlo_by_command(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monte_carlo = ["--uncertainty", "monte-carlo", "--trials", "300"]
+    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet", *monte_carlo) == 0
+    assert "Monte Carlo of 300 trials" in capsys.readouterr().out
+    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "b.parquet") == 0
+    a, b = read_trajectory(tmp_path / "a.parquet"), read_trajectory(tmp_path / "b.parquet")
+    np.testing.assert_array_equal(a.poses, b.poses)
+    np.testing.assert_allclose(a.u, b.u, rtol=0.25)
+    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet", "--uncertainty", "guess") == 2
