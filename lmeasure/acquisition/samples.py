@@ -19,8 +19,8 @@ IntArray = NDArray[np.int64]
 
 SPACING = 0.95
 """Of the SYNC period: what two SYNCs are at least apart, as far as a host's stamps are concerned."""
-LONGEST_HOLD = 2000
-"""Samples that are held back at most to see where a burst of late stamps ends."""
+LONGEST_HOLD_S = 0.3
+"""How long a sample is held back at most to see where a burst of late stamps ends."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
 
@@ -235,7 +235,7 @@ class SyncAssembler:
         pace = intervals >= least
         calm = np.flatnonzero(pace[:-2] & pace[1:-1] & pace[2:]) if len(pace) > 2 else np.empty(0, np.intp)
         known = int(calm[-1]) + 1 if len(calm) else 0
-        return out, max(known, len(out) - LONGEST_HOLD)
+        return out, max(known, int(np.searchsorted(self._sync_time, self._sync_time[-1] - LONGEST_HOLD_S)))
 
     def _rise(self) -> None:
         """Where the clock went back, the times continue one period after the last."""

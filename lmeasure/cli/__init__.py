@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import calibrate, demo, drum, import_, motion, plan_poses, reconstruct, record, simulate, view, zone
+from lmeasure.cli import calibrate, check, demo, drum, import_, motion, plan_poses, reconstruct, record, simulate, view, zone
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(
@@ -45,6 +45,7 @@ app.command("zone")(zone.zone)
 app.command("plan-poses")(plan_poses.plan_poses)
 app.command("simulate")(simulate.simulate)
 app.command("record")(record.record)
+app.command("check")(check.check)
 app.command("import")(import_.import_)
 app.command("view")(view.view)
 app.command("drum")(drum.drum)
