@@ -164,8 +164,8 @@ def use(path: Path, kind: str, rig: Rig) -> str:
 def agrees_with_the_library(path: Path) -> bool:
     """What is read of the log is what python-can reads, wherever it can be asked.
 
-    Behind a container or object of a BLF file that cannot be trusted python-can may run forever; a text log is put to it line by line, because it stops at
-    the first one that it cannot read.
+    Behind a container or object of a BLF file that cannot be trusted python-can may run forever; a text log is put to it line by line,
+    because it stops at the first one that it cannot read.
     """
     try:
         frames, report = read_log(path)
