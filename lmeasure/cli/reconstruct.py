@@ -49,7 +49,7 @@ def reconstruct(
             trajectory = stage(recorded, constraint, repeatability_mm, trials, seed, progress)
     write_trajectory(out, trajectory, named)
     if rerun is not None:
-        from lmeasure.view import write_recording
+        from lmeasure.view.stages import write_recording
 
         write_recording(rerun, recorded.rig, run=recorded, trajectory=trajectory)
     typer.echo(trajectory.summary())

@@ -1,0 +1,38 @@
+"""One sample from recorded counts to a pose, for a run that is being recorded."""
+
+import math
+
+import numpy as np
+
+from lmeasure.kernels import counter, kernel
+from lmeasure.kernels.cable import FloatArray, drum_change
+from lmeasure.kernels.screw import CABLES, GAP, JUMP, OK, resume
+
+
+@kernel
+def step(
+    cables: FloatArray,
+    start: FloatArray,
+    state: FloatArray,
+    counters: FloatArray,
+    channels: FloatArray,
+    time_s: float,
+    recorded: FloatArray,
+    u: FloatArray,
+    pose: FloatArray,
+) -> tuple[int, float, float]:
+    """(status, largest residual [mm], worst pressure angle [rad]) of a sample, its pose into pose (7,), NaN when it is not OK.
+
+    state of `screw.resume` and counters (6, `counter.STATE`) are moved on in place; channels (6, 4) of the cables: count per recorded count
+    (sign over scale), largest rate of recorded counts [1/s], values of the counter or 0, count length [mm]; recorded (6,) NaN for no count.
+    """
+    changes, flags, now = np.empty((1, CABLES)), np.zeros(1, np.int64), np.full(1, time_s)
+    for j in range(CABLES):
+        counts, what = counter.resume(recorded[j : j + 1], now, channels[j, 1], channels[j, 2], counters[j])
+        if what[0] != counter.FOLLOWED and flags[0] == OK:
+            flags[0] = JUMP if what[0] == counter.JUMPED or what[0] == counter.FOREIGN else GAP
+        changes[0, j] = drum_change(counts[0] * channels[j, 0], cables[j, 10], cables[j, 11], cables[j, 12], channels[j, 3])
+    poses, residual, _, status, angle = resume(cables, start, state, changes, flags, u)
+    for c in range(7):
+        pose[c] = poses[0, c] if status[0] == OK else math.nan
+    return status[0], residual[0], angle[0]

@@ -1,0 +1,63 @@
+"""The pose while the run is being recorded: one sample in, one pose out, in microseconds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.errors import TrajectoryError
+from lmeasure.kernels import counter, live, screw
+from lmeasure.lengths import counter_rate
+from lmeasure.rig import Rig
+from lmeasure.trajectory.screw_method import Reconstruction
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LiveSample:
+    """A pose (7,) base_from_tool, NaN unless status is `ok`, with its largest length residual and worst pressure angle."""
+
+    status: str
+    pose: FloatArray
+    residual_mm: float
+    worst_pressure_angle_deg: float
+
+
+class LivePose:
+    """A run of six cables in one pass that is followed sample by sample; the poses are those of `reconstruct`.
+
+    Where a drum states no counter_bits its counter is taken as one that does not wrap. Raises what `Reconstruction` raises, and
+    TrajectoryError when the rig has another scheme or more than one pass: then there is no pose yet. Everything is compiled before the
+    constructor returns.
+    """
+
+    def __init__(self, rig: Rig, start: FloatArray) -> None:
+        reconstruction = Reconstruction(rig, start)
+        if not reconstruction.scheme.six or rig.passes > 1:
+            raise TrajectoryError(f"rig {rig.name!r}: a live pose needs six cables counted in one pass")
+        self.channels = tuple(c.channel for c in rig.cable)
+        self._rows, self._start = reconstruction.scheme.rows, reconstruction.start
+        self._u = np.sqrt(reconstruction.variance)
+        drums = [rig.point(c.from_point).drum for c in rig.cable]
+        self._channels = np.array(
+            [
+                (d.count_sign / d.scale, counter_rate(d), 0.0 if d.counter_bits is None else 2.0**d.counter_bits, d.count_length_mm)
+                for d in drums
+            ]
+        )
+        self._reset()
+        self.update(0.0, np.zeros(len(drums)))
+        self._reset()
+
+    def _reset(self) -> None:
+        self._state = screw.new_state(self._start)
+        self._counters = np.zeros((len(self.channels), counter.STATE))
+
+    def update(self, time_s: float, recorded: FloatArray) -> LiveSample:
+        """The pose of the next sample: recorded counts (6,) in the order of `channels`, NaN where there is none."""
+        pose = np.empty(7)
+        status, residual, angle = live.step(
+            self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose
+        )
+        return LiveSample(screw.STATUS[status], pose, residual, float(np.degrees(angle)))
