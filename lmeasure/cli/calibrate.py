@@ -27,11 +27,16 @@ def calibrate(
         bool, typer.Option("--prior", help="Use the nominal rig's priors in every direction, not only where data are silent.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the LP-search.")] = 0,
+    compare: Annotated[
+        Path | None,
+        typer.Option("--compare", metavar="OLD", help="Earlier output folder or calibration.json: say what moved, and whether by chance."),
+    ] = None,
     rerun: Rerun = None,
 ) -> None:
     """Find the observation points from recorded counts at reference poses, with what the data can and cannot tell."""
     from lmeasure.calibration import Settings, read_campaign
     from lmeasure.calibration import calibrate as stage
+    from lmeasure.calibration import compare as comparing
     from lmeasure.calibration_record import write_calibration_record
     from lmeasure.cli.progress import bar
     from lmeasure.report.calibration import write_calibration_page
@@ -39,9 +44,12 @@ def calibrate(
 
     groups = tuple(g.strip() for g in solve.split(",") if g.strip())
     campaign = read_campaign(folder)
+    # read before anything is written: OLD may be the very folder of --out
+    earlier = None if compare is None else comparing.read_earlier(compare)
     with bar("calibrating") as progress:
         result = stage(campaign, Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed), progress)
-    write_calibration_page(out / "report.html", result)
+    comparison = None if earlier is None else comparing.compare(earlier, result, seed)
+    write_calibration_page(out / "report.html", result, comparison)
     write_calibration_record(out / "calibration.json", result.record)
     write_rig(out / "rig.toml", result.rig)
     record = result.record
@@ -57,4 +65,6 @@ def calibrate(
         typer.echo(f"predicted over the workspace: cable {e['cable']} u {e['rms_mm']:.4f} mm rms, {e['worst_mm']:.4f} at worst")
     for w in record.warnings:
         typer.echo(f"warning {w.code}: {w.text}")
+    if comparison is not None:
+        typer.echo(comparing.summary(comparison))
     typer.echo(f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}")

@@ -6,13 +6,14 @@ from pathlib import Path
 import plotly.graph_objects as go
 
 from lmeasure.calibration import Calibration
+from lmeasure.calibration.compare import Comparison, chance
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.report import html
 
 
-def write_calibration_page(path: Path, calibration: Calibration) -> None:
-    """Write a self-contained HTML page of the calibration, whole or not at all."""
+def write_calibration_page(path: Path, calibration: Calibration, comparison: Comparison | None = None) -> None:
+    """Write a self-contained HTML page of the calibration, and of what moved since an earlier one, whole or not at all."""
     record = calibration.record
     html.write_page(
         path,
@@ -20,6 +21,7 @@ def write_calibration_page(path: Path, calibration: Calibration) -> None:
         [
             *_summary(record),
             *_silence(record),
+            *_moved(comparison),
             html.heading("Values"),
             html.paragraph("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value."),
             html.table(
@@ -57,6 +59,39 @@ def _silence(record: CalibrationRecord) -> list[str]:
         html.paragraph("Each line moves by one prior standard uncertainty without changing a count. More and wider spread poses cure it."),
         "<ul>" + "".join(f"<li>{html.text(u.text)}</li>" for u in record.unobservable) + "</ul>",
     ]
+
+
+def _moved(comparison: Comparison | None) -> list[str]:
+    if comparison is None:
+        return []
+    verdict = "Something moved beyond the uncertainties." if comparison.moved else "Nothing moved beyond the uncertainties."
+    every = (*comparison.points, comparison.together)
+    return [
+        html.heading(f"Since the calibration {comparison.source}"),
+        html.paragraph(verdict, "warning" if comparison.moved else ""),
+        *(html.paragraph(f"note: {note}") for note in comparison.notes),
+        html.paragraph("All values of a point jointly, in the directions of which both calibrations' counts tell something."),
+        html.table(
+            ("point", "shift, mm", "chi-squared", "directions", "by chance", ""),
+            (
+                (p.point, f"{p.distance_mm:.4f}", f"{p.chi_squared:.4g}", f"{p.freedom} of {p.values}", chance(p.probability),
+                 "moved" if p.moved else "")
+                for p in every
+            ),
+        ),
+        html.paragraph("What the two make of the same counts, over the workspace of the reference poses."),
+        html.table(
+            ("cable", "rms, mm", "worst, mm", "u there, mm", "by chance", ""),
+            (
+                (c.cable, f"{c.rms_mm:.4f}", f"{c.worst_mm:.4f}", f"{c.u_mm:.4f}", chance(c.probability), "moved" if c.moved else "")
+                for c in comparison.lengths
+            ),
+        ),
+        html.table(
+            ("value", "before", "now", "change", "u of the change"),
+            ((v.name, f"{v.old:.4f}", f"{v.new:.4f}", f"{v.change:.4f}", f"{v.u:.3g}") for v in comparison.values),
+        ),
+    ]  # fmt: skip
 
 
 def _predicted(calibration: Calibration) -> list[str]:
