@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import calibrate, check, demo, drum, import_, motion, plan_poses, reconstruct, record, simulate, view, zone
+from lmeasure.cli import calibrate, check, demo, drum, import_, motion, place, plan_poses, reconstruct, record, simulate, view, zone
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(
@@ -42,6 +42,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("motion")(motion.motion)
 app.command("zone")(zone.zone)
+app.command("place")(place.place)
 app.command("plan-poses")(plan_poses.plan_poses)
 app.command("simulate")(simulate.simulate)
 app.command("record")(record.record)

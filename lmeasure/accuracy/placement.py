@@ -1,0 +1,347 @@
+"""Where to put the observation and attachment points, so that the instrument can be believed where the robot works."""
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from scipy.optimize import differential_evolution, minimize
+from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
+
+from lmeasure import files
+from lmeasure.accuracy.scan import digest_of
+from lmeasure.accuracy.zone import axis, make_plan, tilts
+from lmeasure.errors import AccuracyError, FileFormatError
+from lmeasure.kernels import placement as kernels
+from lmeasure.kernels.zone_lanes import LANES
+from lmeasure.lengths import count_variance
+from lmeasure.rig import Rig
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+Vector = tuple[float, float, float]
+
+SCHEMA = "lmeasure.placement/1"
+POPULATION = 90
+ROBUST_DRAWS = 16
+GENERATIONS = 2000
+LOCAL_CALLS = 2000
+BROKEN_MM = 0.1  # of a rule that the search may leave to rounding and to the fitter
+BROKEN_PER_MM = 0.02  # cost of a millimetre across a rule: ten times what a millimetre can win [rad, or relative radius]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class Box(_Strict):
+    """A box along the axes [mm]."""
+
+    low_mm: Vector
+    high_mm: Vector
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        if any(a > b for a, b in zip(self.low_mm, self.high_mm, strict=True)):
+            raise ValueError("low_mm must not exceed high_mm")
+        return self
+
+
+class Where(Box):
+    """A box (flat for a surface) in which the named points may be put.
+
+    In the base frame for observation points, in the tool frame for attachment points.
+    """
+
+    points: Annotated[tuple[str, ...], Field(min_length=1)]
+
+
+class Work(Box):
+    """The robot's task: a box of the tool origin and tilts about an orientation; every limit is held at all of it."""
+
+    nodes: Annotated[int, Field(ge=2, le=20)] = 3
+    tilt_rad: Annotated[float, Field(ge=0, le=math.pi)] = 0.0
+    tilt_steps: Annotated[int, Field(ge=1, le=20)] = 3
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+class Placement(_Strict):
+    """What may be moved, where to, and for which task; the content of a placement file.
+
+    objective: the worst pressure angle, or the worst 95 % radius of the position, over the task; tolerance_mm: how well a point is
+    mounted, per axis: the result is the best in the worst of draws within it; length_mm: cables allowed at the task.
+    """
+
+    schema_: Annotated[Literal["lmeasure.placement/1"], Field(alias="schema")] = "lmeasure.placement/1"
+    objective: Literal["pressure_angle", "u95"] = "pressure_angle"
+    tolerance_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    length_mm: tuple[float, float] | None = None
+    task: Work
+    mount: tuple[Where, ...] = ()
+    attachment: tuple[Where, ...] = ()
+    keep_out: tuple[Box, ...] = ()
+
+
+def read_placement(path: Path) -> Placement:
+    """Read a placement file; FileFormatError names the file and the key."""
+    try:
+        return Placement.model_validate(files.read_toml(path))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise FileFormatError(f"{path}: {'.'.join(str(s) for s in first['loc'])}: {first['msg']}") from None
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A search's result: the rig, the worst figures at the task before and after, what a millimetre at each coordinate does.
+
+    before, after: worst_pressure_angle_deg, u95_position_mm, robust_pressure_angle_deg (the worst within the mounting tolerance),
+    shortest_cable_mm, longest_cable_mm; sensitivity: per point the change of the worst angle [deg] by one millimetre along x, y, z.
+    """
+
+    rig: Rig
+    before: dict[str, float]
+    after: dict[str, float]
+    sensitivity: dict[str, tuple[float, float, float]]
+    evaluations: int
+
+    def summary(self) -> str:
+        """A few lines for a person."""
+        b, a = self.before, self.after
+        lines = [
+            f"worst pressure angle at the task {b['worst_pressure_angle_deg']:.2f} -> {a['worst_pressure_angle_deg']:.2f} deg "
+            f"(within the mounting tolerance {a['robust_pressure_angle_deg']:.2f} deg)",
+            f"worst 95 % radius {b['u95_position_mm']:.4g} -> {a['u95_position_mm']:.4g} mm; cables {a['shortest_cable_mm']:.0f} to "
+            f"{a['longest_cable_mm']:.0f} mm; {self.evaluations} rigs tried",
+        ]
+        name, most = max(self.sensitivity.items(), key=lambda item: max(map(abs, item[1])))
+        return "\n".join([*lines, f"most sensitive point {name}: {max(map(abs, most)):.3f} deg per mm"])
+
+
+class _Search:
+    """Rigs as vectors of the free coordinates, and what they are worth at the task."""
+
+    def __init__(self, rig: Rig, wanted: Placement) -> None:
+        rig.require_pose()
+        self.rig, self.wanted = rig, wanted
+        self.free = [(kind, name, where) for kind in ("mount", "attachment") for where in getattr(wanted, kind) for name in where.points]
+        self._check()
+        self.low = np.array([where.low_mm for _, _, where in self.free]).ravel()
+        self.high = np.array([where.high_mm for _, _, where in self.free]).ravel()
+        task = wanted.task
+        spans = [axis(a, b, (b - a) / (task.nodes - 1)) if b > a else np.array([a]) for a, b in zip(task.low_mm, task.high_mm, strict=True)]
+        nodes = np.array(list(itertools.product(*spans)))
+        self.positions = np.concatenate([nodes, np.repeat(nodes[-1:], -len(nodes) % LANES, axis=0)])
+        self.centre = 0.5 * (np.array(task.low_mm) + np.array(task.high_mm))
+        turns = tilts(task.tilt_rad, task.tilt_steps, Rotation.from_quat(task.quaternion_xyzw))
+        self.plan = make_plan(rig, None, self.positions, turns, np.array([*self.centre, *task.quaternion_xyzw]))
+        self.rows, self.evaluations = rig.cable_rows(), 0
+        toward = self.centre - self.rows[:, 0:3]
+        self.toward = toward / np.linalg.norm(toward, axis=1)[:, None]
+        self.keep_out = np.array([(box.low_mm, box.high_mm) for box in wanted.keep_out]).reshape(-1, 2, 3)
+        self.mounted = np.array([kind == "mount" for kind, _, _ in self.free])
+        # rows of the cables that each free point moves
+        ends = [("from_point" if kind == "mount" else "to_point", name) for kind, name, _ in self.free]
+        self.moves = [[j for j, c in enumerate(rig.cable) if getattr(c, end) == name] for end, name in ends]
+
+    def _check(self) -> None:
+        if not self.free:
+            raise AccuracyError("placement: neither [[mount]] nor [[attachment]] names a point that may be moved")
+        points, tool = {p.name for p in self.rig.observation_point}, set(self.rig.tool)
+        seen: set[tuple[str, str]] = set()
+        for kind, name, _ in self.free:
+            known = points if kind == "mount" else tool
+            if name not in known:
+                raise AccuracyError(f"placement: {kind}: {name!r} is no point of rig {self.rig.name!r} ({', '.join(sorted(known))})")
+            if (kind, name) in seen:
+                raise AccuracyError(f"placement: {kind}: {name!r} is placed twice")
+            seen.add((kind, name))
+
+    def current(self) -> FloatArray:
+        """The rig's own free coordinates, (3 f,) [mm], inside the boxes or not."""
+        values = [self.rig.point(name).position_mm if kind == "mount" else self.rig.tool[name] for kind, name, _ in self.free]
+        return np.array(values, dtype=np.float64).ravel()
+
+    def cables(self, x: FloatArray) -> FloatArray:
+        """(n, 6, 17) kernel rows of (n, 3 f) candidates; a guide turns with its point: from the task, its pulley is wrapped as before."""
+        out = np.repeat(self.rows[None], len(x), axis=0)
+        for f, rows in enumerate(self.moves):
+            for j in rows:
+                columns = slice(0, 3) if self.mounted[f] else slice(7, 10)
+                out[:, j, columns] = x[:, 3 * f : 3 * f + 3]
+        toward = self.centre - out[:, :, 0:3]
+        toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+        out[:, :, 3:6] = _carried(self.toward[None], toward, self.rows[None, :, 3:6])
+        out[:, :, 14] = np.arcsin(np.clip(out[:, :, 5], -1, 1))
+        out[:, :, 15] = np.arctan2(-out[:, :, 3], -out[:, :, 4])
+        return out
+
+    def figures(self, x: FloatArray) -> FloatArray:
+        """(n, 4) worst squared speed, 95 % radius [mm], shortest and longest cable [mm] of (n, 3 f) candidates over the task."""
+        self.evaluations += len(x)
+        plan = self.plan
+        return np.asarray(kernels.worst_at_task(self.cables(x), self.positions, plan.quaternions, plan.variance, plan.order))
+
+    def worth(self, x: FloatArray) -> FloatArray:
+        """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules."""
+        speed2, u95, shortest, longest = self.figures(x).T
+        value = np.arccos(1.0 / np.sqrt(speed2)) if self.wanted.objective == "pressure_angle" else np.log(np.minimum(u95, 1e9))
+        return np.asarray(value + BROKEN_PER_MM * self.broken(x, shortest, longest))
+
+    def broken(self, x: FloatArray, shortest: FloatArray, longest: FloatArray) -> FloatArray:
+        """(n,) millimetres by which candidates break the cable lengths and the keep-outs."""
+        out = np.zeros(len(x))
+        if self.wanted.length_mm:
+            least, most = self.wanted.length_mm
+            # a cable that cannot run has no length
+            out += np.maximum(0, least - np.where(np.isfinite(shortest), shortest, 0.0)) + np.maximum(0, longest - most)
+        points = x.reshape(len(x), -1, 3)[:, self.mounted]
+        for low, high in self.keep_out:
+            out += np.maximum(0, np.minimum(points - low, high - points).min(axis=-1)).sum(axis=-1)
+        return out
+
+    def around(self, x: FloatArray, draws: FloatArray) -> float:
+        """The worst objective within the mounting tolerance of one candidate."""
+        return float(self.worth(np.concatenate([x[None], x[None] + draws])).max())
+
+
+def _carried(old: FloatArray, new: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Vectors turned by the smallest rotation that takes the unit direction old to new."""
+    cross = np.cross(old, new)
+    cosine = (old * new).sum(axis=-1, keepdims=True)
+    along = (cross * vectors).sum(axis=-1, keepdims=True)
+    # Rodrigues with sin and cos from the two directions; opposite ones leave the axis open, and any will do
+    turned = cosine * vectors + np.cross(cross, vectors) + cross * along / np.maximum(1.0 + cosine, 1e-9)
+    return np.asarray(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
+
+
+def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None = None, *, generations: int = GENERATIONS) -> Placed:
+    """Search the free points for the best worst figure at the task.
+
+    Differential evolution from a Sobol population (the present rig among it) over the boxes, until the population agrees or the generations
+    are used up, then Powell's directions on the worst within the mounting tolerance. The same seed gives the same result. AccuracyError
+    when no candidate keeps the rules.
+    """
+    search = _Search(rig, wanted)
+    random = np.random.default_rng(seed)
+    bounds = list(zip(search.low, search.high, strict=True))
+    sobol = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed))
+    first = qmc.scale(sobol.random_base2(math.ceil(math.log2(POPULATION * 8))), search.low, np.maximum(search.high, search.low + 1e-9))
+    start = np.clip(search.current(), search.low, search.high)
+    value = search.worth(first)
+    population = np.concatenate([start[None], first[np.argsort(value)[: POPULATION - 1]]])
+
+    def told(_: FloatArray, convergence: float) -> None:
+        told_count[0] += 1
+        if progress:
+            progress(told_count[0], generations)
+
+    told_count = [0]
+    result = differential_evolution(
+        lambda x: search.worth(np.ascontiguousarray(x.T)),
+        [(low, max(high, low + 1e-9)) for low, high in bounds],
+        maxiter=generations,
+        init=population,
+        mutation=(0.4, 0.9),
+        recombination=0.85,
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+        tol=1e-6,
+        rng=random,
+        callback=told,
+    )
+    tolerance = wanted.tolerance_mm
+    draws = np.zeros((0, len(bounds)))
+    if tolerance > 0:
+        mounted = np.repeat(search.mounted, 3)
+        corners = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed + 1)).random_base2(int(math.log2(ROBUST_DRAWS)))
+        draws = np.where(mounted, tolerance * np.sign(corners - 0.5), 0.0)
+    best = _local(search, result.x, draws)
+    _, _, shortest, longest = search.figures(best[None]).T
+    if search.broken(best[None], shortest, longest)[0] > BROKEN_MM:
+        raise AccuracyError("placement: no places were found that keep the cable lengths and keep-outs at the whole task")
+    before, after = search.current(), best
+    return Placed(
+        _rig_at(search, best),
+        _told(search, before, draws),
+        _told(search, after, draws),
+        _sensitivity(search, after),
+        search.evaluations,
+    )
+
+
+def _local(search: _Search, x: FloatArray, draws: FloatArray) -> FloatArray:
+    """Powell's directions within the boxes, on the worst within the mounting tolerance."""
+    bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
+    found = minimize(
+        lambda y: search.around(np.asarray(y), draws),
+        x,
+        method="Powell",
+        bounds=bounds,
+        options={"xtol": 1e-4, "ftol": 1e-7, "maxfev": LOCAL_CALLS},
+    )
+    return np.asarray(found.x if found.fun <= search.around(x, draws) else x)
+
+
+def _told(search: _Search, x: FloatArray, draws: FloatArray) -> dict[str, float]:
+    speed2, u95, shortest, longest = (float(v) for v in search.figures(x[None])[0])
+    robust = float(search.figures(np.concatenate([x[None], x[None] + draws]))[:, 0].max())
+    return {
+        "worst_pressure_angle_deg": _angle(speed2),
+        "robust_pressure_angle_deg": _angle(robust),
+        "u95_position_mm": u95,
+        "shortest_cable_mm": shortest,
+        "longest_cable_mm": longest,
+    }
+
+
+def _angle(speed2: float) -> float:
+    return math.degrees(math.acos(1.0 / math.sqrt(speed2)))
+
+
+def _sensitivity(search: _Search, x: FloatArray) -> dict[str, tuple[float, float, float]]:
+    """Change of the worst angle [deg] by one millimetre; the larger of the two directions, as a worst case has a kink at its best."""
+    here = _angle(float(search.figures(x[None])[0, 0]))
+    steps = np.eye(len(x))
+    ahead = [_angle(float(v)) - here for v in search.figures(x + steps)[:, 0]]
+    behind = [_angle(float(v)) - here for v in search.figures(x - steps)[:, 0]]
+    worst = np.where(np.abs(ahead) >= np.abs(behind), ahead, behind).reshape(-1, 3)
+    return {name: (float(w[0]), float(w[1]), float(w[2])) for (_, name, _), w in zip(search.free, worst, strict=True)}
+
+
+def _rig_at(search: _Search, x: FloatArray) -> Rig:
+    """The rig with its free points at x and its guides turned along; a calibration of the old places is not kept."""
+    rig = search.rig
+    places = {(kind, name): tuple(float(v) for v in x[3 * f : 3 * f + 3]) for f, (kind, name, _) in enumerate(search.free)}
+    rows = search.cables(x[None])[0]
+    guides = {c.from_point: (math.degrees(rows[j, 14]), math.degrees(rows[j, 15])) for j, c in enumerate(rig.cable)}
+    points = []
+    for p in rig.observation_point:
+        if ("mount", p.name) in places:
+            alpha, beta = guides.get(p.name, (p.guide_alpha_deg, p.guide_beta_deg))
+            update = {"position_mm": places["mount", p.name], "guide_alpha_deg": alpha, "guide_beta_deg": beta}
+            points.append(p.model_copy(update=update))
+        else:
+            points.append(p)
+    tool = {name: places.get(("attachment", name), at) for name, at in rig.tool.items()}
+    return rig.model_copy(update={"observation_point": tuple(points), "tool": tool, "calibration": None})
+
+
+def placement_record(placed: Placed, seed: int) -> dict[str, Any]:
+    """What placement.json holds."""
+    return {
+        "schema": SCHEMA,
+        "seed": seed,
+        "evaluations": placed.evaluations,
+        "before": placed.before,
+        "after": placed.after,
+        "sensitivity_deg_per_mm": placed.sensitivity,
+        "rig_sha256": digest_of({"cables": placed.rig.cable_rows(), "variance": count_variance(placed.rig)}),
+    }
