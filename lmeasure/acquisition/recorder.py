@@ -97,17 +97,13 @@ def record(
     ended = "complete"
     begin = time.monotonic()
     try:
-        while (seconds is None or time.monotonic() - begin < seconds) and not stop():
-            frames = source.receive(TURN_S)
-            if frames is None:
-                break
-            for kind, text in source.notices():
-                writer.notice(kind, text)
-            writer.write(frames)
-            if show is not None:
-                show(writer.progress(time.monotonic() - begin))
-    except KeyboardInterrupt:
-        pass
+        with contextlib.suppress(KeyboardInterrupt):
+            while (seconds is None or time.monotonic() - begin < seconds) and not stop():
+                if not writer.take(TURN_S):
+                    break
+                if show is not None:
+                    show(writer.progress(time.monotonic() - begin))
+        writer.take(0.0)  # what has come by now
     except OSError as error:  # AcquisitionError is one too
         ended = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
     return writer.close(ended)
@@ -178,6 +174,7 @@ class _Writer:
         self._latency: float | None = None
         self._synced = time.monotonic()
         self._table = self._manifest(start, devices)
+        self.assembler.feed(no_frames())  # compiles before the first frame comes
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._log = _Appended(self.folder / f"pass{passage}.log")
@@ -227,13 +224,17 @@ class _Writer:
         table["recording"] = [*table.get("recording", []), entry]
         return table
 
-    def notice(self, kind: str, text: str) -> None:
-        """Something happened to the source."""
+    def take(self, seconds: float) -> bool:
+        """Append what comes within the time and what it completes; False when the source has ended."""
+        frames = self.source.receive(seconds)
         at = float(self._latest.time_s[-1]) if self._latest is not None else 0.0
-        self.assembler.events.add(Event(self.assembler.given, at, "", kind, text))
+        for kind, text in self.source.notices():
+            self.assembler.events.add(Event(self.assembler.given, at, "", kind, text))
+        if frames is not None:
+            self._write(frames)
+        return frames is not None
 
-    def write(self, frames: Frames) -> None:
-        """Append a batch and what it completes."""
+    def _write(self, frames: Frames) -> None:
         if len(frames):
             # what the log can say is what is counted: reading it again gives the same
             frames = replace(frames, time_s=np.round(frames.time_s, 6))
