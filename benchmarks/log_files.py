@@ -3,7 +3,7 @@
     python benchmarks/log_files.py [--samples 60000] [--repeat 5] [--keep]
 
 The log is that of six encoders at 1 kHz: SYNC and six frames of 4 bytes per sample. The other side is what a user would write: iterate
-over `can.LogReader`, decode each counter frame with cantools, take a row at every SYNC. Both run in turns; the best of each counts.
+over `can.LogReader`, decode each counter frame with cantools, take a row at every SYNC. Both run in turns; least CPU time of each.
 --keep writes the table to benchmarks/results/log_files.md.
 """
 
@@ -115,14 +115,14 @@ def only_read_by_library(path: Path) -> int:
 
 
 def best(*calls: tuple[Callable[[Path], object], int], path: Path) -> list[float]:
-    """Shortest wall time [s] of each call; they run in turns, so that what else the machine does falls on all."""
+    """Shortest CPU time [s] of each call, threads included: what else a busy machine does falls on neither. They run in turns."""
     shortest = [float("inf")] * len(calls)
     for turn in range(max(repeat for _, repeat in calls)):
         for k, (call, repeat) in enumerate(calls):
             if turn < repeat:
-                begin = time.perf_counter()
+                begin = time.process_time()
                 call(path)
-                shortest[k] = min(shortest[k], time.perf_counter() - begin)
+                shortest[k] = min(shortest[k], time.process_time() - begin)
     return shortest
 
 
