@@ -101,7 +101,8 @@ class FreeAssembler:
             self._scatter[i] = 1.4826 * float(np.median(np.abs(intervals - np.median(intervals)))) / math.sqrt(2.0)
         double = self._doubles(i, times, values, last_time)
         for k in np.flatnonzero(double):
-            self._event(self.given, float(times[k]), i, "duplicate")
+            kind = "duplicate" if values[k] == (values[k - 1] if k else counter.value) else "conflict"
+            self._event(self.given, float(times[k]), i, kind, "" if kind == "duplicate" else "another count at the same time: not used")
         times, values = times[~double], values[~double]
         samples = np.full(len(times), self.given, np.int64)
         if i == 0:
@@ -118,8 +119,7 @@ class FreeAssembler:
         counter = self.counters[i]
         before_t = np.concatenate([[last_time], times[:-1]])
         same = np.concatenate([[counter.seen and int(values[0]) == counter.value], values[1:] == values[:-1]])
-        at_once = (times - before_t < 0.25 * period) | (times == before_t)
-        return np.asarray(same & at_once)
+        return np.asarray((same & (times - before_t < 0.25 * period)) | (times == before_t))
 
     def _samples(self, time_s: FloatArray) -> Samples:
         n, m = len(time_s), len(self.fields)
