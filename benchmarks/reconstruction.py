@@ -1,14 +1,17 @@
 """Reconstruction of a log, side by side with SciPy's `least_squares` per pose on the same model, on one core.
 
-    python benchmarks/reconstruction.py [--write]
+    python benchmarks/reconstruction.py [--long SAMPLES] [--write]
 
 The comparison is what a user would write: the rig's lengths in vectorised NumPy, each pose started from the one before. Every line is
-measured in this run, on the same log; ratios are against the first line. --write keeps the table in results/reconstruction.md.
+measured in this run, on the same log; ratios are against the first line. Kernels are timed by the processor time of their one thread, the
+best of several, and commands by theirs, so that other work on the machine does not count; latencies by the clock. --long adds a log from
+file to file: 36 million samples are ten hours at 1 kHz. --write keeps the table in results/reconstruction.md.
 """
 
 import argparse
 import os
 import platform
+import resource
 import subprocess
 import sys
 import tempfile
@@ -24,16 +27,20 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels import screw
-from lmeasure.lengths import count_variance, lengths_from_counts, span_lengths
+from lmeasure import files
+from lmeasure.counts import Counts
+from lmeasure.kernels import kernel, lanes, screw
+from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run
+from lmeasure.run import Run, write_run
+from lmeasure.trajectory.live import LivePose
 
 FloatArray = NDArray[np.float64]
 
 RESULTS = Path(__file__).parent / "results" / "reconstruction.md"
 NOISE_MM = 0.02
 SAMPLES = 200_000
+DIVIDER_BOUND = 33e6  # Newton steps per second and core, divisions alone
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
@@ -59,12 +66,17 @@ def cell() -> Rig:
 
 
 def motion(n: int, rate_hz: float = 1000.0) -> tuple[FloatArray, FloatArray]:
-    """(times [s], (n, 7) poses): a smooth motion of +-200 mm and +-0.2 rad, up to 0.5 m/s."""
+    """(times [s], (n, 7) poses) of `at`."""
     t = np.arange(n) / rate_hz
+    return t, at(t)
+
+
+def at(t: FloatArray) -> FloatArray:
+    """(n, 7) poses: a smooth motion of +-200 mm and +-0.2 rad, up to 0.8 m/s."""
     w = 2.0 * np.pi * np.array([0.31, 0.43, 0.37])
     position = 200.0 * np.sin(np.outer(t, w)) * [1.0, -0.8, 0.6]
     rotation = Rotation.from_rotvec(0.2 * np.sin(np.outer(t, w[::-1])) * [0.9, 0.7, -1.0])
-    return t, np.column_stack([position, rotation.as_quat()])
+    return np.column_stack([position, rotation.as_quat()])
 
 
 def noisy_changes(rig: Rig, poses: FloatArray, noise_mm: float) -> FloatArray:
@@ -94,21 +106,29 @@ def by_scipy(rows: FloatArray, changes: FloatArray) -> FloatArray:
     return out
 
 
+@kernel
+def repeat_steps(tile: FloatArray, targets: FloatArray, rows: FloatArray, n: int) -> None:
+    for _ in range(n):
+        lanes._step(tile, targets, rows)
+
+
 def best_time(work: Callable[[], object], repeats: int) -> float:
-    """Shortest wall time [s] of several."""
+    """Shortest processor time [s] of several."""
     times = []
     for _ in range(repeats):
-        t = time.perf_counter()
+        t = time.process_time()
         work()
-        times.append(time.perf_counter() - t)
+        times.append(time.process_time() - t)
     return min(times)
 
 
 def command_time(arguments: list[str], environment: dict[str, str] | None = None) -> float:
-    """Wall time [s] of a command."""
-    t = time.perf_counter()
-    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL, env=os.environ | (environment or {}))
-    return time.perf_counter() - t
+    """Processor time [s] of a command."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL, env=kept | (environment or {}))
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def machine() -> str:
@@ -129,13 +149,20 @@ def kernels(lines: list[str]) -> None:
     changes = noisy_changes(rig, poses, NOISE_MM)
     flags = np.zeros(SAMPLES, np.int64)
     few = 300
-    t = time.perf_counter()
     by_hand = by_scipy(rows, changes[:few])
-    scipy_rate = few / (time.perf_counter() - t)
-    screw.track(rows, START, changes[:10], flags[:10], u)
-    found = screw.track(rows, START, changes, flags, u)[0]
-    difference = np.abs(by_hand[:, :3] - found[:few, :3]).max()
-    plain_rate = SAMPLES / best_time(lambda: screw.track(rows, START, changes, flags, u), 5)
+    scipy_rate = few / best_time(lambda: by_scipy(rows, changes[:few]), 3)
+
+    def plain() -> FloatArray:
+        return np.asarray(screw.resume(rows, START, screw.new_state(START), changes, flags, u)[0])
+
+    def in_lanes() -> FloatArray:
+        return np.asarray(lanes.follow(rows, START, screw.new_state(START), changes, flags, u)[0])
+
+    one, many = plain(), in_lanes()
+    difference = np.abs(by_hand[:, :3] - one[:few, :3]).max()
+    between = np.abs(one[:, :3] - many[:, :3]).max()
+    plain_rate, lane_rate = SAMPLES / best_time(plain, 5), SAMPLES / best_time(in_lanes, 7)
+    steps = lanes_rate()
     lines += [
         f"Log of {SAMPLES:,} samples with {NOISE_MM} mm of noise on every length ({few} of them for SciPy).",
         "",
@@ -143,34 +170,90 @@ def kernels(lines: list[str]) -> None:
         "|---|---|---|",
         f"| SciPy `least_squares` per pose, model in NumPy | {scipy_rate:,.0f} | 1 |",
         f"| screw method, sample by sample | {plain_rate:,.0f} | {plain_rate / scipy_rate:,.0f} |",
+        f"| screw method, in lanes over time | {lane_rate:,.0f} | {lane_rate / scipy_rate:,.0f} |",
         "",
-        f"Both give the same poses: largest difference {difference:.1e} mm (SciPy stops at its own tolerance).",
+        f"The same poses: SciPy's differ by at most {difference:.1e} mm, the lanes' by {between:.1e} mm from those sample by sample.",
+        f"The lanes make {steps / 1e6:.1f} million Newton steps per second, {steps / DIVIDER_BOUND:.2f} of the bound that the divider sets",
+        f"to the straight-line form with a full elimination ({DIVIDER_BOUND / 1e6:.0f} million); a pose takes two, and a pass to judge it.",
+        "",
+    ]
+
+
+def lanes_rate() -> float:
+    """Newton steps per second of a tile of lanes."""
+    rig = cell()
+    tile = np.zeros((10, lanes.WIDTH))
+    tile[:7] = motion(lanes.WIDTH)[1].T
+    targets = span_lengths(rig, motion(lanes.WIDTH)[1]).T.ravel()
+    flat, rows = tile.ravel(), rig.cable_rows()[[0, 2, 4, 1, 3, 5]]
+    targets = targets.reshape(6, -1)[[0, 2, 4, 1, 3, 5]].ravel()
+    repeat_steps(flat.copy(), targets, rows, 1)
+    return 20_000 * lanes.WIDTH / best_time(lambda: repeat_steps(flat.copy(), targets, rows, 20_000), 3)
+
+
+def latency(lines: list[str]) -> None:
+    """One sample at a time, as while recording."""
+    rig = cell()
+    times, poses = motion(20_000)
+    recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, START))
+    live = LivePose(rig, START)
+    taken = np.empty(len(times))
+    for i, row in enumerate(recorded):
+        t = time.perf_counter()
+        live.update(times[i], row)
+        taken[i] = time.perf_counter() - t
+    half, most, worst = 1e6 * np.percentile(taken, [50, 99, 100])
+    lines += [f"Live, one sample at a time: median {half:.1f} us, 99 % within {most:.1f} us, the longest of 20,000 {worst:.0f} us.", ""]
+
+
+def long_log(lines: list[str], samples: int) -> None:
+    """A long log at 1 kHz from file to file, in a process of its own: its time and its largest memory."""
+    piece = min(samples, 1_000_000)
+    rig = cell()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "run"
+        first = Counts(np.zeros(1), tuple(c.channel for c in rig.cable), np.zeros((1, 6)))
+        write_run(folder, Run(rig, START, (first,)), suffix=".parquet")
+        with files.table_writer(folder / "pass1.parquet") as write:
+            for begin in range(0, samples, piece):
+                times = np.arange(begin, begin + piece) / 1000.0
+                recorded = recorded_from_counts(rig, counts_from_poses(rig, at(times), START))
+                write(Counts(times, first.channels, recorded).columns())
+        script = (
+            "import resource, sys; from lmeasure.cli import main\n"
+            "try: main()\n"
+            "except SystemExit: pass\n"
+            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)"
+        )
+        arguments = [sys.executable, "-c", script, "reconstruct", str(folder), "--out", f"{name}/out.parquet"]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        done = subprocess.run(arguments, check=True, capture_output=True, text=True)
+        seconds = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        memory = int(done.stderr.split()[-1]) / 1024
+        size = Path(name, "out.parquet").stat().st_size / 2**30
+    lines += [
+        f"{samples:,} samples from file to file with covariances: {seconds:.0f} s of the processor ({samples / seconds:,.0f} samples per",
+        f"second), largest memory {memory:.0f} MB, {size:.1f} GB written.",
         "",
     ]
 
 
 def commands(lines: list[str]) -> None:
     """Cold and warm starts of the command line."""
-    from lmeasure.run import write_run
-    from lmeasure.lengths import counts_from_poses, recorded_from_counts
-    from lmeasure.counts import Counts
-
     rig = cell()
     times, poses = motion(10_000)
     recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, START))
     run = Run(rig, START, (Counts(times, tuple(c.channel for c in rig.cable), recorded),))
-    lengths_from_counts(run)
-    count_variance(rig)
     with tempfile.TemporaryDirectory() as folder:
         write_run(Path(folder) / "run", run)
         lmeasure = [sys.executable, "-m", "lmeasure"]
         reconstruct = [*lmeasure, "reconstruct", f"{folder}/run", "--out", f"{folder}/out.parquet"]
-        cache = {"NUMBA_CACHE_DIR": f"{folder}/cache"}
+        cache = {"NUMBA_CACHE_DIR": f"{folder}/cache", "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
         cold = command_time(reconstruct, cache)
         warm = min(command_time(reconstruct, cache) for _ in range(3))
-        shown = min(command_time([*lmeasure, "--help"]) for _ in range(3))
+        shown = min(command_time([*lmeasure, "--help"], cache) for _ in range(3))
     lines += [
-        "| command | seconds |",
+        "| command | processor seconds |",
         "|---|---|",
         f"| `lmeasure --help` | {shown:.2f} |",
         f"| `lmeasure reconstruct`, 10,000 samples, nothing compiled before | {cold:.2f} |",
@@ -181,13 +264,17 @@ def commands(lines: list[str]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--long", type=int, metavar="SAMPLES", help="also a log of as many samples, such as 36000000")
     parser.add_argument("--write", action="store_true", help="keep the table in benchmarks/results")
     arguments = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     lines = ["# Reconstruction", "", f"Machine: {machine()}.", ""]
     kernels(lines)
+    latency(lines)
     commands(lines)
+    if arguments.long:
+        long_log(lines, arguments.long)
     text = "\n".join(lines)
     print(text)
     if arguments.write:

@@ -227,8 +227,8 @@ def read_table(path: Path, *, torn: bool = False) -> Table:
     return Table(path, data.rename_columns(names))
 
 
-PIECE_BYTES = 8 * 2**20
-PIECE_ROWS = 2**17
+PIECE_BYTES = 2 * 2**20  # some 30,000 lines of a counts file
+PIECE_ROWS = 2**15
 
 
 def read_table_in_pieces(path: Path) -> Iterator[tuple[Table, float]]:
