@@ -58,8 +58,8 @@ def main() -> None:
         [
             f"# Six encoders at {RATE_HZ:g} Hz for {asked.minutes:g} minutes between two processes",
             "",
-            f"`python benchmarks/acquisition_endurance.py --minutes {asked.minutes:g}`, {platform.machine()}, {os.cpu_count()} cores shared with",
-            f"other work, Python {platform.python_version()}.",
+            f"`python benchmarks/acquisition_endurance.py --minutes {asked.minutes:g}`, {platform.machine()}, {os.cpu_count()} cores",
+            f"shared with other work, Python {platform.python_version()}.",
             "",
             "| bus | counts sent | frames received | all counts bit-identical, in order | faults | recorder's share of a core |",
             "|---|---|---|---|---|---|",

@@ -39,6 +39,7 @@ class FreeAssembler:
         self.fields, self.counters, self.events, self._start_line = fields, counters, events, start_line
         self._watch = NetworkWatch(fields, NO_SYNC, events)
         self.given = 0
+        self.stamps_moved_s = 0.0
         m = len(fields)
         self._new: list[tuple[FloatArray, IntArray]] = [(np.empty(0), np.empty(0, np.int64))] * m
         self._old: list[tuple[FloatArray, FloatArray]] = [(np.empty(0), np.empty(0))] * m

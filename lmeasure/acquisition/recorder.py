@@ -180,7 +180,7 @@ class _Writer:
             self._log = _Appended(self.folder / f"pass{passage}.log")
             self._csv = _Appended(self.folder / f"pass{passage}.csv")
             extra = ["sync"] * (rig.can_table.start_input is not None)
-            extra += ["u_time_s"] * (rig.can_table.timing == "free" or source.timestamp_source == "host")
+            extra += ["u_time_s"] * (rig.can_table.timing == "free")
             self._csv.append((",".join(["time_s", *(f.channel for f in fields), *extra]) + "\n").encode())
         except FileExistsError as error:
             raise AcquisitionError(f"{error.filename}: is there already; nothing is written over a recording") from error
@@ -321,6 +321,8 @@ class _Writer:
                 "closure_counts": closure,
                 "sha256": {name: files.sha256(self.folder / name) for name in (path.name, entry["frames"], "rig.toml")},
             }
+            if self.assembler.stamps_moved_s:
+                entry["stamps_brought_back_s"] = self.assembler.stamps_moved_s
             if ended != "complete":
                 entry["why"] = ended
             files.write_toml(self.folder / "run.toml", self._table)

@@ -1,6 +1,5 @@
 """From frames to samples: every channel's count at one instant, faults repaired where the frames themselves tell how, marked where not."""
 
-import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,10 +36,14 @@ class Samples:
 
 
 class Assembler(Protocol):
-    """Takes frames in the order of their reception, gives samples once nothing can change them any more."""
+    """Takes frames in the order of their reception, gives samples once nothing can change them any more.
+
+    given: how many so far; stamps_moved_s: how far a sample's time was brought back at most from a busy host's stamp.
+    """
 
     events: EventLog
     given: int
+    stamps_moved_s: float
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
@@ -96,7 +99,7 @@ class SyncAssembler:
         self._last_time = -np.inf
         self._time_shift = 0.0
         self._late_stamps = False
-        self._scatter = 0.0
+        self.stamps_moved_s = 0.0
         self.given = 0
         self.before_sync = 0
 
@@ -157,10 +160,8 @@ class SyncAssembler:
         self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
         self._sync_time = self._sync_time[ready:]
         self.given += ready
-        start = None if self._start_line is None else self._start_line.at(time_s)
-        # between two stamps that were kept the SYNCs may lie anywhere within SPACING of the period
-        skew = np.hypot(self._scatter, (1.0 - SPACING) * moved / math.sqrt(3.0)) if self._late_stamps else None
-        return Samples(time_s, recorded, start, skew)
+        self.stamps_moved_s = max(self.stamps_moved_s, float(moved.max()))
+        return Samples(time_s, recorded, None if self._start_line is None else self._start_line.at(time_s))
 
     def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
         """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
@@ -224,7 +225,6 @@ class SyncAssembler:
             return self._sync_time, len(self._sync_time)
         least = SPACING * self._period
         intervals = np.diff(self._sync_time)
-        self._scatter = 1.4826 * float(np.median(np.abs(intervals - self._period))) / math.sqrt(2.0)
         count = np.arange(len(self._sync_time))
         # of each, the earliest that it or any later stamp allows
         out = np.minimum.accumulate((self._sync_time - least * count)[::-1])[::-1] + least * count
