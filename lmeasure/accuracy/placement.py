@@ -29,7 +29,9 @@ Vector = tuple[float, float, float]
 
 SCHEMA = "lmeasure.placement/1"
 POPULATION = 90
-ROBUST_DRAWS = 16
+SAMPLE_BITS = 10  # of the Sobol sample from which a population is taken
+ROUNDS = 3  # searches from other samples; the best counts, as one may settle a few degrees above another
+ROBUST_BITS = 4
 GENERATIONS = 2000
 LOCAL_CALLS = 2000
 BROKEN_MM = 0.1  # of a rule that the search may leave to rounding and to the fitter
@@ -195,15 +197,16 @@ class _Search:
         return np.asarray(value + BROKEN_PER_MM * self.broken(x, shortest, longest))
 
     def broken(self, x: FloatArray, shortest: FloatArray, longest: FloatArray) -> FloatArray:
-        """(n,) millimetres by which candidates break the cable lengths and the keep-outs."""
-        out = np.zeros(len(x))
+        """(n,) millimetres by which candidates break the cable lengths and the keep-outs, with the mounting tolerance as a margin."""
+        out, margin = np.zeros(len(x)), math.sqrt(3.0) * self.wanted.tolerance_mm
         if self.wanted.length_mm:
             least, most = self.wanted.length_mm
             # a cable that cannot run has no length
-            out += np.maximum(0, least - np.where(np.isfinite(shortest), shortest, 0.0)) + np.maximum(0, longest - most)
+            out += np.maximum(0, least + margin - np.where(np.isfinite(shortest), shortest, 0.0)) + np.maximum(0, longest - most + margin)
         points = x.reshape(len(x), -1, 3)[:, self.mounted]
         for low, high in self.keep_out:
-            out += np.maximum(0, np.minimum(points - low, high - points).min(axis=-1)).sum(axis=-1)
+            depth = np.minimum(points - low, high - points).min(axis=-1)
+            out += np.maximum(0, depth + self.wanted.tolerance_mm).sum(axis=-1)
         return out
 
     def around(self, x: FloatArray, draws: FloatArray) -> float:
@@ -224,44 +227,52 @@ def _carried(old: FloatArray, new: FloatArray, vectors: FloatArray) -> FloatArra
 def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None = None, *, generations: int = GENERATIONS) -> Placed:
     """Search the free points for the best worst figure at the task.
 
-    Differential evolution from a Sobol population (the present rig among it) over the boxes, until the population agrees or the generations
-    are used up, then Powell's directions on the worst within the mounting tolerance. The same seed gives the same result. AccuracyError
-    when no candidate keeps the rules.
+    Rounds of differential evolution from the best of a Sobol sample (the present rig among the first) over the boxes, each until its
+    population agrees or the generations are used up; the best of them goes on by Powell's directions, on the worst within the mounting
+    tolerance. The same seed gives the same result. AccuracyError when no candidate keeps the rules.
     """
     search = _Search(rig, wanted)
     random = np.random.default_rng(seed)
-    bounds = list(zip(search.low, search.high, strict=True))
-    sobol = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed))
-    first = qmc.scale(sobol.random_base2(math.ceil(math.log2(POPULATION * 8))), search.low, np.maximum(search.high, search.low + 1e-9))
+    bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
     start = np.clip(search.current(), search.low, search.high)
-    value = search.worth(first)
-    population = np.concatenate([start[None], first[np.argsort(value)[: POPULATION - 1]]])
+    done = 0
 
     def told(_: FloatArray, convergence: float) -> None:
-        told_count[0] += 1
+        nonlocal done
+        done += 1
         if progress:
-            progress(told_count[0], generations)
+            progress(done, ROUNDS * generations)
 
-    told_count = [0]
-    result = differential_evolution(
-        lambda x: search.worth(np.ascontiguousarray(x.T)),
-        [(low, max(high, low + 1e-9)) for low, high in bounds],
-        maxiter=generations,
-        init=population,
-        mutation=(0.4, 0.9),
-        recombination=0.85,
-        vectorized=True,
-        updating="deferred",
-        polish=False,
-        tol=1e-6,
-        rng=random,
-        callback=told,
-    )
+    results = []
+    for number, stream in enumerate(np.random.SeedSequence(seed).spawn(ROUNDS)):
+        random = np.random.default_rng(stream)
+        sample = qmc.scale(qmc.Sobol(len(bounds), rng=random).random_base2(SAMPLE_BITS), *np.transpose(bounds))
+        population = sample[np.argsort(search.worth(sample))[:POPULATION]]
+        if number == 0:
+            population[-1] = start
+        results.append(
+            differential_evolution(
+                lambda x: search.worth(np.ascontiguousarray(x.T)),
+                bounds,
+                maxiter=generations,
+                init=population,
+                mutation=(0.4, 0.9),
+                recombination=0.85,
+                vectorized=True,
+                updating="deferred",
+                polish=False,
+                tol=1e-4,
+                rng=random,
+                callback=told,
+            )
+        )
+        done = (number + 1) * generations
+    result = min(results, key=lambda r: r.fun)
     tolerance = wanted.tolerance_mm
     draws = np.zeros((0, len(bounds)))
     if tolerance > 0:
         mounted = np.repeat(search.mounted, 3)
-        corners = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed + 1)).random_base2(int(math.log2(ROBUST_DRAWS)))
+        corners = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed + 1)).random_base2(ROBUST_BITS)
         draws = np.where(mounted, tolerance * np.sign(corners - 0.5), 0.0)
     best = _local(search, result.x, draws)
     _, _, shortest, longest = search.figures(best[None]).T
