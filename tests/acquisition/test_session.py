@@ -1,0 +1,121 @@
+"""`lmeasure record` as a whole: the simulated cell, replayed logs, several passes, and what the folder says of the recording."""
+
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from lmeasure import files
+from lmeasure.acquisition.frames import messages_from_frames
+from lmeasure.acquisition.logfiles import read_log
+from lmeasure.acquisition.session import record_session
+from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.rig import rig_from_dict, write_rig
+from lmeasure.run import read_run
+from lmeasure.simulation import cell_rig, read_scenario, simulate
+
+SCENARIO = """
+schema = "lmeasure.scenario/1"
+rig = "rig.toml"
+rate_hz = 200.0
+[motion]
+speed_mm_s = 1500.0
+dwell_s = 0.3
+[[waypoint]]
+position_mm = [0.0, 0.0, 0.0]
+[[waypoint]]
+position_mm = [120.0, -90.0, 60.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with rig, scenario and the recording `run` of it."""
+    folder = tmp_path_factory.mktemp("session")
+    write_rig(folder / "rig.toml", cell_rig(6))
+    (folder / "scenario.toml").write_text(SCENARIO)
+    shown: list[Any] = []
+    recording = record_session(
+        folder / "rig.toml", f"simulated:{folder / 'scenario.toml'}", folder / "run", start="1,2,3,0,0,0,1", show=shown.append
+    )
+    assert recording.ended == "complete"
+    assert recording.faults == {}
+    assert shown[-1].channels == tuple(f"ch{i}" for i in range(1, 7))
+    assert 0 <= shown[-1].latency_s < 60
+    return folder
+
+
+def test_the_simulated_cell_is_recorded_bit_for_bit(recorded: Path) -> None:
+    run = simulate(*read_scenario(recorded / "scenario.toml")).run
+    assert run is not None
+    got = read_run(recorded / "run")
+    np.testing.assert_array_equal(got.passes[0].recorded, run.run.passes[0].recorded)
+    assert got.start.tolist() == [1, 2, 3, 0, 0, 0, 1]
+
+
+def test_the_manifest_says_what_was_recorded_and_how_it_closed(recorded: Path) -> None:
+    entry = files.read_toml(recorded / "run" / "run.toml")["recording"][0]
+    assert entry["closure_counts"] == dict.fromkeys((f"ch{i}" for i in range(1, 7)), 0.0)
+    assert entry["ended"] == "complete"
+    assert entry["timestamps"] == "host"
+    assert entry["software"].startswith("lmeasure ")
+    for name, digest in entry["sha256"].items():
+        assert files.sha256(recorded / "run" / name) == digest
+    assert set(entry["sha256"]) == {"pass1.csv", "pass1.log", "rig.toml"}
+
+
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".asc", ".csv", ".trc"])
+def test_a_log_replays_to_the_same_counts(suffix: str, recorded: Path, tmp_path: Path) -> None:
+    frames, _ = read_log(recorded / "run" / "pass1.log")
+    log = tmp_path / f"drive{suffix}"
+    with can.Logger(log) as logger:
+        for message in messages_from_frames(frames):
+            message.channel = 0
+            logger(message)
+    recording = record_session(recorded / "rig.toml", f"replay:{log}", tmp_path / "run", paced=False)
+    np.testing.assert_array_equal(read_run(tmp_path / "run").passes[0].recorded, read_run(recorded / "run").passes[0].recorded)
+    assert recording.frames == len(frames)
+    assert files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]["timestamps"] == "log"
+
+
+def test_a_replay_in_its_own_time_is_the_same_recording(recorded: Path, tmp_path: Path) -> None:
+    record_session(recorded / "rig.toml", f"replay:{recorded / 'run' / 'pass1.log'}", tmp_path / "run")
+    got, first = read_run(tmp_path / "run").passes[0], read_run(recorded / "run").passes[0]
+    np.testing.assert_array_equal(got.recorded, first.recorded)
+    # the first time a busy host's stamps were put right; a log's are taken as they are
+    moved = files.read_toml(recorded / "run" / "run.toml")["recording"][0].get("stamps_brought_back_s", 0.0)
+    np.testing.assert_allclose(got.time_s, first.time_s, rtol=0, atol=moved + 2e-6)
+
+
+def test_passes_of_one_motion_join_one_folder(recorded: Path, tmp_path: Path) -> None:
+    data = cell_rig(6).to_dict()
+    for i, cable in enumerate(data["cable"]):
+        cable["pass"] = 1 + i % 2
+    write_rig(tmp_path / "rig.toml", rig_from_dict(data))
+    bus = f"replay:{recorded / 'run' / 'pass1.log'}"
+    with pytest.raises(AcquisitionError, match="there is no pass 3"):
+        record_session(tmp_path / "rig.toml", bus, tmp_path / "run", passage=3, paced=False)
+    with pytest.raises(FileFormatError, match=r"run\.toml: cannot be read"):
+        record_session(tmp_path / "rig.toml", bus, tmp_path / "run", passage=2, paced=False)
+    for number in (1, 2):
+        record_session(tmp_path / "rig.toml", bus, tmp_path / "run", passage=number, paced=False)
+    run = read_run(tmp_path / "run")
+    assert [p.channels for p in run.passes] == [("ch1", "ch3", "ch5"), ("ch2", "ch4", "ch6")]
+    assert [e["pass"] for e in files.read_toml(tmp_path / "run" / "run.toml")["recording"]] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("asked", "complaint"),
+    [
+        ({"start": "1,2,3"}, "--start '1,2,3': x,y,z in mm"),
+        ({"start": "1,2,3,0,0,0,2"}, "the quaternion's length is 2, not 1"),
+        ({"start": "a,b,c,d,e,f,g"}, "--start"),
+        ({"options": ["host"]}, "--bus-option 'host': is not KEY=VALUE"),
+    ],
+)
+def test_a_wrong_option_is_refused_in_one_line(asked: dict[str, Any], complaint: str, recorded: Path, tmp_path: Path) -> None:
+    with pytest.raises(AcquisitionError, match=complaint):
+        record_session(recorded / "rig.toml", f"replay:{recorded / 'run' / 'pass1.log'}", tmp_path / "run", paced=False, **asked)
+    assert not (tmp_path / "run").exists()
