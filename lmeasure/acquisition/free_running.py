@@ -67,13 +67,13 @@ class FreeAssembler:
         ]
         known = max(latest) if last else max(min(latest), max(latest) - WAIT_S)
         if not math.isfinite(known):
-            return self._samples(np.empty(0))
+            return self._samples(np.empty(0), known)
         for i in range(len(self.fields)):
             self._take(i, known)
         # a sample waits until every channel's next reading can be there
         horizon = known if last else known - LONGEST_GAP * max((p for p in self._period if p is not None), default=0.0)
         reference = self._old[0][0]
-        return self._samples(reference[(reference > self._given_to) & (reference <= horizon)])
+        return self._samples(reference[(reference > self._given_to) & (reference <= horizon)], horizon)
 
     def _event(self, sample: int, time_s: float, i: int, kind: str, text: str = "") -> None:
         self.events.add(Event(sample, time_s, self.fields[i].channel, kind, text))
@@ -122,19 +122,19 @@ class FreeAssembler:
         same = np.concatenate([[counter.seen and int(values[0]) == counter.value], values[1:] == values[:-1]])
         return np.asarray((same & (times - before_t < 0.25 * period)) | (times == before_t))
 
-    def _samples(self, time_s: FloatArray) -> Samples:
+    def _samples(self, time_s: FloatArray, horizon: float) -> Samples:
+        """The samples at the times; readings that no later sample can need are let go."""
         n, m = len(time_s), len(self.fields)
         recorded = np.full((n, m), np.nan)
         for i in range(m):
             times, counts = self._old[i]
-            if len(times) == 0 or n == 0:
-                continue
-            recorded[:, i] = self.counters[i].shown(self._interpolated(i, time_s))
+            if len(times) and n:
+                recorded[:, i] = self.counters[i].shown(self._interpolated(i, time_s))
             for row in np.flatnonzero(np.isnan(recorded[:, i])):
                 if not self.counters[i].lost:
                     self._event(self.given + int(row), float(time_s[row]), i, "gap")
-            # one reading before the last sample is kept for the next
-            keep = max(int(np.searchsorted(times, time_s[-1], side="right")) - 1, 0)
+            # one reading before the next sample is kept for it
+            keep = max(int(np.searchsorted(times, horizon, side="right")) - 1, 0)
             self._old[i] = times[keep:], counts[keep:]
         if n:
             self._given_to = float(time_s[-1])

@@ -20,6 +20,8 @@ SPACING = 0.95
 """Of the SYNC period: what two SYNCs are at least apart, as far as a host's stamps are concerned."""
 LONGEST_HOLD_S = 0.3
 """How long a sample is held back at most to see where a burst of late stamps ends."""
+FRAMES_OF_A_SYNC = 16
+"""Frames of each channel that are kept while the next SYNC does not come."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
 
@@ -101,7 +103,6 @@ class SyncAssembler:
         self._late_stamps = False
         self.stamps_moved_s = 0.0
         self.given = 0
-        self.before_sync = 0
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
@@ -112,15 +113,24 @@ class SyncAssembler:
         is_sync = (frames.identifier == self._sync_id) & ((frames.flags & (ERROR | REMOTE)) == 0)
         sync_at = np.flatnonzero(is_sync)
         window = np.searchsorted(sync_at, readings.frame) - 1 + len(self._sync_time)
-        early = window < 0
-        self.before_sync += int(early.sum())
+        early = window < 0  # of a SYNC that came before the recording
         self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps
         self._sync_time = np.concatenate([self._sync_time, frames.time_s[sync_at] + self._time_shift])
         self._window = np.concatenate([self._window, window[~early]])
         self._field = np.concatenate([self._field, readings.field[~early].astype(np.int64)])
         self._value = np.concatenate([self._value, readings.value[~early]])
         self._misfits(frames, readings)
+        self._forget_what_no_sync_ends()
         return self._give(last)
+
+    def _forget_what_no_sync_ends(self) -> None:
+        """Encoders that go on sending when the SYNC has stopped: their frames belong to no sample, and are not kept for ever."""
+        surplus = np.flatnonzero(self._window == len(self._sync_time) - 1)[FRAMES_OF_A_SYNC * len(self.fields) :]
+        if len(surplus):
+            self._event(len(self._sync_time), "", "missing_sync", f"{len(surplus)} frames without a SYNC")
+            keep = np.ones(len(self._window), np.bool_)
+            keep[surplus] = False
+            self._window, self._field, self._value = self._window[keep], self._field[keep], self._value[keep]
 
     def _misfits(self, frames: Frames, readings: Readings) -> None:
         for field, short, carried in zip(self.fields, readings.short, carries(frames, readings, self.fields), strict=True):

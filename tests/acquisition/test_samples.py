@@ -156,3 +156,34 @@ def test_a_clock_that_goes_back_in_a_log_is_marked() -> None:
         np.testing.assert_array_equal(got.counts.recorded, COUNTS.recorded[:100])
         np.testing.assert_allclose(got.counts.time_s, COUNTS.time_s[:100], rtol=0, atol=1e-9)
         assert got.events.tally == {"time": 1}
+
+
+def held(assembler: Any) -> int:
+    """How many numbers an assembler keeps."""
+    arrays = [*vars(assembler).values(), *(a for pair in getattr(assembler, "_old", []) + getattr(assembler, "_new", []) for a in pair)]
+    return sum(a.size for a in arrays if isinstance(a, np.ndarray))
+
+
+def test_nothing_grows_when_the_sync_stops() -> None:
+    assembler = new_assembler(RIG, FIELDS)
+    assembler.feed(FRAMES)
+    orphans = FRAMES.take(FRAMES.identifier != 0x80)
+    sizes = []
+    for _ in range(20):
+        assembler.feed(orphans)
+        sizes.append(held(assembler))
+    assert sizes[-1] == sizes[0] < 2000
+    assert assembler.events.tally["missing_sync"] >= 19
+
+
+def test_nothing_grows_when_the_first_channel_falls_silent() -> None:
+    rig = free_rig()
+    frames, _ = free_frames(rig)
+    others = frames.take((frames.identifier >> 8) & 0xFF != 1)
+    assembler = new_assembler(rig, counter_fields(rig))
+    assembler.feed(frames)
+    sizes = []
+    for k in range(1, 15):
+        assembler.feed(replace(others, time_s=others.time_s + 1.5 * k))
+        sizes.append(held(assembler))
+    assert max(sizes[3:]) <= max(sizes[:3]) < 5000
