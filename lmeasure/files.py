@@ -257,7 +257,8 @@ def read_table_in_pieces(path: Path) -> Iterator[tuple[Table, float]]:
 
 def _pieces(path: Path) -> Iterator[tuple[pa.Table, float]]:
     if path.suffix.lower() == ".parquet":
-        with pa.parquet.ParquetFile(path) as file:
+        # without its read-ahead, which keeps the compressed bytes of the whole file
+        with pa.parquet.ParquetFile(path, pre_buffer=False, buffer_size=2**20) as file:
             done, total = 0, max(file.metadata.num_rows, 1)
             for batch in file.iter_batches(PIECE_ROWS):
                 done += len(batch)
