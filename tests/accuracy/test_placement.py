@@ -58,7 +58,7 @@ def test_sensitivity_is_the_change_by_a_millimetre() -> None:
     placed = place(rig, wanted, generations=5)
     assert place(rig, wanted, generations=5).rig == placed.rig
     moved = placed.rig.observation_point[0].position_mm
-    search = _Search(placed.rig, wanted)
+    search = _Search(rig, wanted)
     x = np.array(moved)
     angles = np.degrees(np.arccos(1 / np.sqrt(search.figures(np.stack([x, x + [0, 1, 0], x - [0, 1, 0]]))[:, 0])))
     changes = angles[1:] - angles[0]

@@ -44,7 +44,8 @@ def test_worst_is_over_all_orientations() -> None:
     zone = scan_zone(rig, None, nodes, nodes, nodes, all_of_them)
     alone = [scan_zone(rig, None, nodes, nodes, nodes, all_of_them[i : i + 1]) for i in range(27)]
     for name, worst in (("worst_pressure_angle_deg", np.max), ("u95_position_mm", np.max), ("shortest_cable_mm", np.min)):
-        np.testing.assert_array_equal(zone[name].values, worst([z[name].values for z in alone], axis=0))
+        # the order in which the cables are taken may differ, and with it the rounding
+        np.testing.assert_allclose(zone[name].values, worst([z[name].values for z in alone], axis=0), rtol=1e-9)
 
 
 def test_thesis_example_at_the_origin() -> None:

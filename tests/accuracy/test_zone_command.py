@@ -8,6 +8,7 @@ from zone_rigs import cell, published
 
 from lmeasure.accuracy import read_zone
 from lmeasure.cli import app
+from lmeasure.errors import LMeasureError
 from lmeasure.rig import write_rig
 
 
@@ -61,4 +62,55 @@ def test_wrong_usage_is_exit_2_and_writes_nothing(rig_file: Path, wrong: list[st
     out = rig_file.with_name("zone.nc")
     result = CliRunner().invoke(app, ["zone", str(rig_file), *box("0:0:1"), "--out", str(out), *wrong])
     assert result.exit_code == 2, result.output
+    assert not out.exists()
+
+
+def test_every_limit_and_way_of_computing_by_options(rig_file: Path) -> None:
+    folder = rig_file.parent
+    (folder / "bodies.toml").write_text(
+        'schema = "lmeasure.bodies/1"\n[[body]]\nname = "column"\nfrom_mm = [600, 0, -500]\nto_mm = [600, 0, 900]\nradius_mm = 80\n'
+    )
+    arguments = [
+        "zone",
+        str(rig_file),
+        *box("-200:200:100"),
+        "--tilt-rad",
+        "0.2",
+        "--limit-deg",
+        "85",
+        "--u95-mm",
+        "5",
+        "--wrap-deg",
+        "300",
+    ]
+    arguments += ["--u95-rotation-deg", "2", "--u95-attachment-mm", "8", "--clearance-mm", "5", "--bodies", str(folder / "bodies.toml")]
+    arguments += ["--singularity", "0.001", "--one-assembly", "--length-mm", "200:3000", "--refine", "0.05", "--workers", "1"]
+    arguments += ["--checkpoint", str(folder / "kept"), "--out", str(folder / "zone.nc")]
+    first = CliRunner().invoke(app, arguments)
+    assert first.exit_code == 0, first.output
+    zone = read_zone(folder / "zone.nc")
+    for name in ("u95_rotation_deg", "u95_attachment_mm", "clearance_mm", "largest_wrap_deg", "assembly", "singularity_distance"):
+        assert name in zone
+    assert "refined_volume_mm3" in zone.attrs
+    assert zone.attrs["limit_clearance_mm"] == 5.0
+    # the kept chunks give the same again
+    second = CliRunner().invoke(app, arguments)
+    assert second.output == first.output
+    assert read_zone(folder / "zone.nc").attrs["result_sha256"] == zone.attrs["result_sha256"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (["--limit-deg", "95"], "95 degrees"),
+        (["--u95-mm", "-1"], "u95_mm"),
+        (["--bodies", "nowhere.toml"], "nowhere.toml"),
+        (["--length-mm", "5:1"], "5 to 1 mm"),
+    ],
+)
+def test_limits_that_make_no_sense_are_one_line(rig_file: Path, wrong: list[str], said: str) -> None:
+    out = rig_file.with_name("zone.nc")
+    result = CliRunner().invoke(app, ["zone", str(rig_file), *box("0:0:1"), "--out", str(out), *wrong])
+    assert isinstance(result.exception, LMeasureError)
+    assert said in str(result.exception)
     assert not out.exists()
