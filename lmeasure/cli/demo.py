@@ -35,11 +35,21 @@ def demo(
 
 @contextmanager
 def _stages() -> Iterator[Callable[[str, int, int], None]]:
-    """A line for each stage on stderr, with its time; the value takes `(stage, done, of)`."""
+    """A line for each stage on stderr, on a terminal with a bar and its time; the value takes `(stage, done, of)`."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        begun: set[str] = set()
+
+        def say(stage: str, done: int, of: int) -> None:
+            if stage not in begun:
+                begun.add(stage)
+                typer.echo(stage, err=True)
+
+        yield say
+        return
     with Progress(TextColumn("{task.description:34}"), BarColumn(), TimeElapsedColumn(), console=console) as shown:
         tasks: dict[str, TaskID] = {}
         current = shown.add_task("load", total=None)

@@ -105,6 +105,7 @@ def test_from_scenario_to_zone_by_files_alone(tmp_path: Path) -> None:
         (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "reference_poses.csv: cannot be read: No such file or directory"),
         (("zone", "no.toml", *BOX, "--out", "OUT/zone.nc"), "no.toml: cannot be read: No such file or directory"),
         (("simulate", "no.toml", "--out", "OUT/run"), "no.toml: cannot be read: No such file or directory"),
+        (("demo", "--out", Path(__file__).parent), "holds other files and no demo.json of an earlier demo"),
         (("view", "no.rrd"), "no.rrd: cannot be read: No such file or directory"),
         (("view", __file__), "test_commands.py: is not a whole rerun recording"),
     ],
