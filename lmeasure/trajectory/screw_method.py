@@ -51,9 +51,10 @@ class Reconstruction:
         self.covers = "counts of half a unit and the linked calibration" if calibration else _UNLINKED
         m = len(self.scheme.rows)
         self._state = self._new_state()
-        _, _, _, status, *_ = self._follow(self.scheme.rows, self._state, np.zeros((1, m)), np.zeros(1, np.int64))
+        _, _, _, status, angle, *_ = self._follow(self.scheme.rows, self._state, np.zeros((1, m)), np.zeros(1, np.int64))
         if status[0] != screw.OK:
             raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}")
+        self._start_angle = float(angle[0])
 
     def add(self, lengths: Lengths) -> Trajectory:
         """The trajectory of the next piece of the run."""
@@ -125,6 +126,11 @@ class Reconstruction:
             notes.append(f"all cables lead to {point}: x, y, z are its position, the orientation is not measured")
         if self.scheme.held:
             notes.append(f"{self.scheme.held}: taken as exact")
+        if self._start_angle > screw.NEAR_SINGULAR:
+            degrees = np.degrees(self._start_angle)
+            notes.append(
+                f"start pose: worst pressure angle {degrees:.1f} deg; if it is off by millimetres the run may be in another assembly"
+            )
         return tuple(notes)
 
 

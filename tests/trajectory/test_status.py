@@ -179,3 +179,10 @@ def test_two_passes_of_three_drums_are_one_solution(rig: Rig, run: Run, clean: T
     two = cell(cable=data["cable"])
     trajectory = reconstruct(record(two, times, poses))
     np.testing.assert_array_equal(trajectory.poses, clean.poses)
+
+
+def test_a_start_near_a_singular_pose_is_said(rig: Rig) -> None:
+    start = np.r_[0.0, 0.0, 0.0, Rotation.from_rotvec([0.0, 0.0, 1.38]).as_quat()]
+    trajectory = reconstruct(record(rig, np.arange(3) / 1000.0, np.tile(start, (3, 1)), start))
+    assert any("may be in another assembly" in note for note in trajectory.notes)
+    assert not any("assembly" in note for note in reconstruct(record(rig, *motion(3))).notes)
