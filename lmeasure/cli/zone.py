@@ -63,6 +63,9 @@ def zone(
     checkpoint: Annotated[
         Path | None, typer.Option("--checkpoint", metavar="DIR", help="Keep chunks here; go on after a kill.", rich_help_panel=COMPUTING)
     ] = None,
+    path: Annotated[
+        Path | None, typer.Option("--path", metavar="PROGRAM.toml", help="Hold a robot program against the zone; writes OUT.path.csv too.")
+    ] = None,
     report: Annotated[Path | None, typer.Option("--report", metavar="DIR", help="Write zone.html and zone.pdf into this folder.")] = None,
     rerun: Rerun = None,
 ) -> None:
@@ -70,6 +73,7 @@ def zone(
     from lmeasure.accuracy.bodies import read_bodies
     from lmeasure.accuracy.zone import Limits, scan_zone, summary, write_zone
     from lmeasure.cli.progress import bar
+    from lmeasure.program import read_program
     from lmeasure.run import read_linked_rig
 
     spans = {name: _numbers(name, text, ":", 3) for name, text in (("--x", x), ("--y", y), ("--z", z))}
@@ -88,6 +92,7 @@ def zone(
         singularity,
     )
     linked, calibration = read_linked_rig(rig)
+    program = None if path is None else read_program(path)
     options: dict[str, Any] = {
         "limits": limits,
         "full": full or report is not None,
@@ -110,6 +115,13 @@ def zone(
 
         write_recording(rerun, linked, zone=data)
     typer.echo(summary(data))
+    if program is not None:
+        from lmeasure import files
+        from lmeasure.accuracy.guard import columns, guard
+
+        parts = guard(linked, calibration, data, program, rotations.mean())
+        files.write_table(out.with_suffix(".path.csv"), columns(parts))
+        typer.echo("\n".join(part.line() for part in parts))
 
 
 def _tilts(tilt_rad: float, steps: int, quaternion: str | None) -> "Rotation":

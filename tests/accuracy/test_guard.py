@@ -1,0 +1,86 @@
+"""A program held against the zone."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lmeasure import files
+from lmeasure.accuracy.zone import axis, scan_zone, tilts
+from lmeasure.cli import app
+from lmeasure.errors import FileFormatError
+from lmeasure.program import read_program
+from lmeasure.rig import read_rig
+
+RIG = Path(__file__).parents[2] / "datasets" / "thesis-5.7" / "placed.toml"
+PROGRAM = """
+schema = "lmeasure.program/1"
+[[pose]]
+name = "P1"
+position_mm = [0.0, 0.0, 0.0]
+quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
+[[path]]
+name = "out"
+kind = "linear"
+start_mm = [0.0, 0.0, 0.0]
+end_mm = [700.0, 0.0, 0.0]
+[[path]]
+name = "round"
+kind = "circular"
+centre_mm = [0.0, 0.0, 50.0]
+normal = [0.0, 0.0, 2.0]
+radius_mm = 100.0
+start_mm = [100.0, 0.0, 50.0]
+[[path]]
+name = "square"
+kind = "rectangular"
+corners_mm = [[0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]]
+"""
+
+
+def test_each_part_is_told_with_its_distance_from_the_edge(tmp_path: Path) -> None:
+    (tmp_path / "program.toml").write_text(PROGRAM)
+    span = "-300:300:50"
+    arguments = ["zone", str(RIG), "--x", span, "--y", span, "--z", span, "--tilt-rad", "0.3", "--out", str(tmp_path / "zone.nc")]
+    result = CliRunner().invoke(app, [*arguments, "--path", str(tmp_path / "program.toml")])
+    assert result.exit_code == 0, result.output
+    assert "path out: angle at most" in result.output
+    assert "LEAVES THE ZONE" in result.output.split("path out")[1].split("\n")[0]
+    assert "LEAVES" not in result.output.split("path round")[1]
+    table = files.read_table(tmp_path / "zone.path.csv")
+    part, edge = np.array(table.text("part")), table.numbers("to_edge_mm")
+    # the whole box is in the zone: its faces are the edge
+    assert edge[part == "pose P1"] == pytest.approx([300.0])
+    assert edge[part == "path round"].min() == pytest.approx(200.0, abs=0.5)
+    out = part == "path out"
+    np.testing.assert_allclose(edge[out], np.maximum(300.0 - table.numbers("x_mm")[out], 0.0), atol=1e-9)
+    one = scan_zone(read_rig(RIG), None, axis(0, 0, 1), axis(0, 0, 1), axis(0, 0, 1), tilts(0, 1))
+    assert table.numbers("u95_position_mm")[part == "pose P1"] == pytest.approx([one["u95_position_mm"].item()], rel=1e-9)
+
+
+def test_points_of_a_path_close_and_keep_their_step(tmp_path: Path) -> None:
+    (tmp_path / "program.toml").write_text(PROGRAM)
+    out, circle, square = read_program(tmp_path / "program.toml").path
+    for path in (out, circle, square):
+        points = path.points(7.0)
+        assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() <= 7.0 + 1e-9
+    points = circle.points(5.0)
+    np.testing.assert_allclose(np.linalg.norm(points - [0, 0, 50], axis=1), 100.0)
+    np.testing.assert_allclose(points[0], points[-1], atol=1e-9)
+    np.testing.assert_allclose(square.points(5.0)[0], square.points(5.0)[-1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('kind = "linear"', 'kind = "curved"', "path"),
+        ("end_mm = [700.0, 0.0, 0.0]", "", "needs end_mm"),
+        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]", "not of length 1"),
+        ("radius_mm = 100.0", "radius_mm = -1.0", "radius_mm"),
+    ],
+)
+def test_program_that_makes_no_sense_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    (tmp_path / "program.toml").write_text(PROGRAM.replace(old, new))
+    with pytest.raises(FileFormatError, match=said):
+        read_program(tmp_path / "program.toml")
