@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
 from lmeasure.acquisition.decoders import CounterField, counter_fields
+from lmeasure.acquisition.frames import no_frames
 from lmeasure.acquisition.recorder import Progress, Recording, record
 from lmeasure.acquisition.sources import Source, open_source
 from lmeasure.can_table import CanOpenCan
@@ -70,6 +72,7 @@ def connect(
     table = rig.can_table
     if not isinstance(table, CanOpenCan):
         fields = counter_fields(rig, passage, folder)
+        _warm_up(rig, fields, passage)
         return Link(open_source(bus, table.bit_rate, options, paced=paced), fields)
     if bus.split(":", 1)[0] in {"replay", "simulated"}:
         counter_fields(rig, passage, folder)  # says that the encoders must be asked
@@ -84,7 +87,14 @@ def connect(
             produce_sync(opened, table.sync_id, table.sync_period_ms / 1e3)
 
     source = open_source(bus, table.bit_rate, given, paced=paced, prepare=prepare)
-    return Link(source, tuple(d.field for d in devices[0]), devices[0])
+    fields = tuple(d.field for d in devices[0])
+    _warm_up(rig, fields, passage)
+    return Link(source, fields, devices[0])
+
+
+def _warm_up(rig: Rig, fields: tuple[CounterField, ...], passage: int) -> None:
+    """Compile what decodes frames, which can take seconds the first time, while none can be lost by it."""
+    new_assembler(rig, fields, passage).feed(no_frames())
 
 
 def pose_from_text(text: str) -> FloatArray:

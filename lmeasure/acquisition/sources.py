@@ -5,6 +5,7 @@ own time, and `simulated:SCENARIO` for the simulated cell.
 """
 
 import contextlib
+import logging
 import os
 import socket
 import threading
@@ -317,6 +318,8 @@ def open_source(
         return SimulatedSource(Path(channel))
     import can
 
+    # what is wrong comes as an exception and is said in one line; a driver's chatter is not for the terminal
+    logging.getLogger("can").setLevel(logging.ERROR)
     if interface not in can.interfaces.BACKENDS:
         raise AcquisitionError(f"--bus {bus!r}: {interface!r} is no interface; known: {', '.join(sorted(can.interfaces.BACKENDS))}")
     given: dict[str, Any] = {k: int(v) if isinstance(v, str) and v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}

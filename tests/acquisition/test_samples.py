@@ -187,3 +187,30 @@ def test_nothing_grows_when_the_first_channel_falls_silent() -> None:
         assembler.feed(replace(others, time_s=others.time_s + 1.5 * k))
         sizes.append(held(assembler))
     assert max(sizes[3:]) <= max(sizes[:3]) < 5000
+
+
+def test_a_late_frame_is_put_back_even_while_its_sample_is_held() -> None:
+    # frame 6 of each third sample comes after the next SYNC; every batch ends somewhere else, stamps of a host hold samples back
+    order = list(range(len(FRAMES)))
+    for s in range(3, 97, 3):
+        a, b = PER_SAMPLE * s + 6, PER_SAMPLE * (s + 1)
+        order[a], order[b] = order[b], order[a]
+    moving = replace(COUNTS, recorded=np.arange(len(COUNTS.time_s))[:, None] * np.arange(1, 7) * 10.0)
+    frames = replace(order_of(frames_of(RIG, moving).take(slice(0, len(FRAMES))), order), timestamp_source="host")
+    for size in range(1, 40):
+        assembler = new_assembler(RIG, FIELDS)
+        pieces = [assembler.feed(frames.take(slice(a, a + size))) for a in range(0, len(frames), size)]
+        pieces.append(assembler.feed(no_frames(), last=True))
+        np.testing.assert_array_equal(np.vstack([p.recorded for p in pieces]), moving.recorded[:100])
+        assert assembler.events.tally == {"reordered": 32}
+
+
+def test_a_slow_encoder_that_starts_again_is_found_by_its_leap() -> None:
+    changed = np.asarray(np.tile(np.arange(100.0)[:, None] * 3.0, (1, 6)) + 1000.0, np.float64)
+    changed[60:, 1] = np.arange(40.0) * 3.0
+    fast = cell(max_cable_speed_mm_s=20000.0)  # 1666 counts per sample would be possible
+    frames = frames_of(fast, replace(COUNTS, time_s=COUNTS.time_s[:100], recorded=changed))
+    got = counts_from_frames(fast, [frames], FIELDS)
+    changed[60:, 1] = np.nan
+    np.testing.assert_array_equal(got.counts.recorded, changed)
+    assert got.events.tally == {"reset": 1}
