@@ -195,7 +195,7 @@ def test_a_late_frame_is_put_back_even_while_its_sample_is_held() -> None:
     for s in range(3, 97, 3):
         a, b = PER_SAMPLE * s + 6, PER_SAMPLE * (s + 1)
         order[a], order[b] = order[b], order[a]
-    moving = replace(COUNTS, recorded=np.arange(len(COUNTS.time_s))[:, None] * np.arange(1, 7) * 10.0)
+    moving = replace(COUNTS, recorded=np.multiply.outer(np.arange(len(COUNTS.time_s)), np.arange(10, 70, 10)).astype(np.float64))
     frames = replace(order_of(frames_of(RIG, moving).take(slice(0, len(FRAMES))), order), timestamp_source="host")
     for size in range(1, 40):
         assembler = new_assembler(RIG, FIELDS)
@@ -206,7 +206,7 @@ def test_a_late_frame_is_put_back_even_while_its_sample_is_held() -> None:
 
 
 def test_a_slow_encoder_that_starts_again_is_found_by_its_leap() -> None:
-    changed = np.asarray(np.tile(np.arange(100.0)[:, None] * 3.0, (1, 6)) + 1000.0, np.float64)
+    changed = np.tile(np.arange(100.0)[:, None] * 3.0, (1, 6)) + 1000.0
     changed[60:, 1] = np.arange(40.0) * 3.0
     fast = cell(max_cable_speed_mm_s=20000.0)  # 1666 counts per sample would be possible
     frames = frames_of(fast, replace(COUNTS, time_s=COUNTS.time_s[:100], recorded=changed))
