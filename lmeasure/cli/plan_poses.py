@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lmeasure.cli.options import Rerun
+
 if TYPE_CHECKING:
     from lmeasure.calibration import Campaign
     from lmeasure.calibration.reach import Region
@@ -53,6 +55,7 @@ def plan_poses(
     further: Annotated[int, typer.Option("--further", min=0, max=50, help="Poses beyond the plan to weigh in the table.")] = 3,
     quaternions: Annotated[bool, typer.Option("--quaternions", help="Write quaternions, not the rig's angles.")] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of candidates and starts.")] = 0,
+    rerun: Rerun = None,
 ) -> None:
     """Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings."""
     import math
@@ -94,6 +97,10 @@ def plan_poses(
     with bar("planning") as progress:
         plan = stage(what, settings, recorded, progress)
     write_poses(out, plan.poses, None if quaternions else what.angles)
+    if rerun is not None:
+        from lmeasure.view.stages import write_recording
+
+        write_recording(rerun, what, reference=plan.poses)
     typer.echo(summary(plan))
     typer.echo(f"written: {out}")
 
