@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import can
 import click
 import numpy as np
 import pandas as pd
@@ -14,7 +15,12 @@ import typer
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
+from lmeasure.acquisition.decoders import counter_fields
+from lmeasure.acquisition.feed import frames_from_counts
+from lmeasure.acquisition.frames import messages_from_frames
 from lmeasure.cli import app
+from lmeasure.rig import write_rig
+from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 BOX = ("--x", "-200:200:200", "--y", "-200:200:200", "--z", "-200:200:200", "--tilt-rad", "0.1")
@@ -95,6 +101,41 @@ def test_from_scenario_to_zone_by_files_alone(tmp_path: Path) -> None:
     }
     for name, entity in shown.items():
         assert entity in {chunk.entity_path for chunk in RrdReader(tmp_path / f"{name}.rrd").stream()}
+
+
+def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
+    rig = cell_rig(2)
+    home = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    time_s, poses = smooth_path(home, [Leg(home + [40.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0])], 500.0)
+    counts = simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(0)).run.passes[0]
+    log = tmp_path / "drive.blf"
+    with can.BLFWriter(log) as writer:
+        frames = frames_from_counts(time_s, counts.recorded, counter_fields(rig, 1), rig.can_table.sync_id)
+        for message in messages_from_frames(frames):
+            writer.on_message_received(message)
+    write_rig(tmp_path / "rig.toml", rig)
+    pose = ("--position-mm", "0", "0", "0", "--quaternion-xyzw", "0", "0", "0", "1")
+    for words in (
+        ("import", log, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "a", *pose, "--rerun", tmp_path / "import.rrd"),
+        (
+            "record",
+            "--bus",
+            f"replay:{log}",
+            "--fast",
+            "--rig",
+            tmp_path / "rig.toml",
+            "--out",
+            tmp_path / "b",
+            "--rerun",
+            tmp_path / "record.rrd",
+        ),
+    ):
+        done = CliRunner().invoke(app, [str(x) for x in words])
+        assert done.exit_code == 0, done.output
+    for name in ("import", "record"):
+        stream = RrdReader(tmp_path / f"{name}.rrd").stream().filter(content="/counts/pass1/ch4", components="Scalars:scalars")
+        shown = [cell[0] for chunk in stream for cell in chunk.to_record_batch().column("Scalars:scalars").to_pylist()]
+        np.testing.assert_array_equal(shown, counts.of("ch4"))
 
 
 @pytest.mark.parametrize(
