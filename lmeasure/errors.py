@@ -39,3 +39,7 @@ class AcquisitionError(LMeasureError, OSError):
 
 class AccuracyError(LMeasureError, ValueError):
     """An accuracy zone or a placement that cannot be worked out from what was asked."""
+
+
+class CertificationError(LMeasureError, ValueError):
+    """A program and a trajectory from which a characteristic cannot be told."""

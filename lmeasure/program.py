@@ -99,6 +99,8 @@ class Program(_Strict):
     """Poses and paths of a program.toml, in file order."""
 
     schema_: Annotated[Literal["lmeasure.program/1"], Field(alias="schema")]
+    angles: str | None = None
+    """Convention of component-wise angles; see `lmeasure.conventions`."""
     pose: tuple[CommandedPose, ...] = ()
     path: tuple[CommandedPath, ...] = ()
 

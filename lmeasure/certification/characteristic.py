@@ -1,0 +1,83 @@
+"""A characteristic of a robot: its value, how well it is known, and what may be said of it.
+
+Written to certificate.json as
+
+    {"schema": "lmeasure.certificate/1",
+     "characteristics": [{"name": "AP_p", "pose": "P1", "value": .., "unit": "mm", "u95": .., "capable": true, ...}, ...]}
+
+one table per characteristic, as `Characteristic.as_dict` gives it: keys that do not apply are left out (a path's characteristic has `path`
+and no `pose`), `value` and `u95` are always there. Deviations of speed (AV, RV) are in percent.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+Verdict = Literal["conforms", "does not conform", "not decided"]
+Rule = Literal["simple", "guarded"]
+
+
+@dataclass(frozen=True)
+class Conformity:
+    """A characteristic held against a stated tolerance (JCGM 106).
+
+    lower, upper: tolerance limits in the characteristic's unit, None where there is none; rule: simple acceptance (the value decides) or
+    guarded acceptance (the value decides with U95 as guard band on both sides, between them nothing is decided); verdict; probability:
+    that the characteristic lies within the limits, by a normal law of standard deviation U95 / 1.96 about the value.
+    """
+
+    lower: float | None
+    upper: float | None
+    rule: Rule
+    verdict: Verdict
+    probability: float
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """One figure of a certificate.
+
+    name: as ISO 9283:1998 writes it, _ for a subscript: AP_p, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c, RP_l, RP_a.., vAP_p, AD_p, RD, t_s
+    (stabilisation time), OV, dAP_p, dRP_l (drift), E (exchangeability), AT_p, RT_p, AT_a.., CR, CO, SPL (stabilisation path length), AV,
+    RV, FV, t_min (minimum posing time), C_x.. (static compliance), WS, WF (weaving). `_rot` marks rotation as a whole (an extension).
+    pose, path: what of the program it belongs to; a distance or a posing has the pose "P2-P4". part: what of that, such as "corner 2".
+    clause: of ISO 9283:1998. value, unit; u95: half of the interval about the value that holds the characteristic of the true poses of
+    these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (independent from dwell to
+    dwell) and from the calibration (shared by the run); coverage_factor: u95 over their root sum of squares, None where that is zero.
+    cycles: how many it is made of. capable: whether u95 is small enough to say the value; limit_u95: how small that is, in the unit.
+    conformity: None unless a tolerance is stated. angles: convention of a component-wise angle. extension: not in the standard. excluded:
+    why no verdict is given though there is a value (outside the instrument's zone); capable is then false.
+    """
+
+    name: str
+    clause: str
+    value: float
+    unit: str
+    u95: float
+    capable: bool
+    cycles: int
+    pose: str | None = None
+    path: str | None = None
+    part: str | None = None
+    u_random: float | None = None
+    u_systematic: float | None = None
+    coverage_factor: float | None = None
+    limit_u95: float | None = None
+    conformity: Conformity | None = None
+    angles: str | None = None
+    extension: bool = False
+    excluded: str | None = None
+    note: str | None = None
+
+    @property
+    def where(self) -> str:
+        """Pose or path, and the part of it, for a person."""
+        return " ".join(p for p in (self.pose or self.path, self.part) if p)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The table of certificate.json; see the module's text."""
+        order = ["name", "pose", "path", "part", "value", "unit", "u95", "capable"]
+        names = order + [f.name for f in fields(self) if f.name not in order]
+        out = {name: getattr(self, name) for name in names}
+        if self.conformity is not None:
+            out["conformity"] = {k: v for k, v in vars(self.conformity).items() if v is not None}
+        return {k: v for k, v in out.items() if v is not None}
