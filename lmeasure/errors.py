@@ -43,3 +43,11 @@ class AccuracyError(LMeasureError, ValueError):
 
 class CertificationError(LMeasureError, ValueError):
     """A program and a trajectory from which a characteristic cannot be told."""
+
+
+class RobotError(LMeasureError, ValueError):
+    """A robot that cannot do what its program asks; `sample` is where, when a path was asked."""
+
+    def __init__(self, text: str, sample: int | None = None) -> None:
+        super().__init__(text)
+        self.sample = sample

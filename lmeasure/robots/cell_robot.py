@@ -1,0 +1,46 @@
+"""The arm that stands in the simulated cell: as its maker drew it, and as it was built."""
+
+import math
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure.robots.serial import AXES, elbow_arm
+from lmeasure.robots.simulated import SimulatedRobot
+
+FOOT_MM = (1100.0, 0.0, -500.0)
+"""At the side of the cell where no cable passes, below the work space; the arm looks along -X."""
+TOOL_MM = 100.0
+"""From the flange down to the tool's origin."""
+U_LENGTH_MM, U_ANGLE_RAD = 0.15, 2e-4
+JOINT_NOISE_RAD = 1.5e-5
+BACKLASH_RAD = 3e-5
+RATED_SPEED_MM_S = 1000.0
+RATED_LOAD_KG = 20.0
+RAMP_S = (0.15, 0.05)
+GROWTH = 1.5e-4
+"""A steel arm that gets 13 K warmer."""
+GROWTH_S = 1800.0
+
+
+def cell_robot(seed: int = 0) -> SimulatedRobot:
+    """A robot of 20 kg with normal errors of its links: a few tenths of a millimetre at the tool, as no two are built."""
+    rng = np.random.default_rng(seed)
+    foot = np.array([*FOOT_MM, *Rotation.from_rotvec([0.0, 0.0, math.pi]).as_quat()])
+    # the flange looks down, the tool's axes are those of the base frame at rest
+    tool = np.array([0.0, 0.0, TOOL_MM, *Rotation.from_matrix([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]).as_quat()])
+    nominal = elbow_arm(foot=foot, tool=tool)
+    errors = rng.normal(size=nominal.links.shape) * [U_ANGLE_RAD, U_LENGTH_MM, U_LENGTH_MM, U_ANGLE_RAD, U_ANGLE_RAD]
+    return SimulatedRobot(
+        nominal,
+        nominal.with_errors(errors),
+        rest=np.array([0.0, 0.0, 0.0, 0.0, 1.4, 0.0]),
+        ramp_s=RAMP_S,
+        natural_rad_s=rng.uniform(40.0, 70.0, AXES),
+        damping=rng.uniform(0.6, 0.9, AXES),
+        joint_noise_rad=JOINT_NOISE_RAD * rng.uniform(0.5, 1.5, AXES),
+        backlash_rad=BACKLASH_RAD * rng.uniform(0.5, 1.5, AXES),
+        stiffness_n_mm_rad=np.array([2e9, 2e9, 1.5e9, 4e8, 4e8, 3e8]),
+        growth=GROWTH,
+        growth_s=GROWTH_S,
+    )

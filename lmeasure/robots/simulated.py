@@ -1,0 +1,163 @@
+"""A simulated arm at work: what a controller commands, and where an arm with errors, servos and heat really goes."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import cont2discrete, lfilter
+from scipy.spatial.transform import Rotation
+
+from lmeasure.errors import RobotError
+from lmeasure.robots.commands import Command
+from lmeasure.robots.serial import AXES, SerialArm
+
+FloatArray = NDArray[np.float64]
+
+GRAVITY_M_S2 = 9.80665
+MAX_SAMPLES = 50_000_000
+APPROACH_S = 0.05
+"""Before its arrival, the time over which a joint's direction decides on which side its backlash lies."""
+
+
+@dataclass(frozen=True)
+class SimulatedRobot:
+    """A robot whose controller knows the nominal arm while the arm was built otherwise.
+
+    rest (6,): joint angles it starts near; ramp_s: the setpoints, of constant speed, are averaged over these two spans, which gives them
+    finite acceleration and jerk and rounds corners; natural_rad_s, damping (6,): each joint's servo is a linear second-order system
+    behind its setpoint; joint_noise_rad (6,): standard deviation of a joint's error, drawn once for each command; backlash_rad
+    (6,): a joint stops short by half of it, on the side it came from; stiffness_n_mm_rad (6,); growth: relative growth of the links'
+    lengths in the end, with the time constant growth_s.
+    """
+
+    nominal: SerialArm
+    built: SerialArm
+    rest: FloatArray
+    ramp_s: tuple[float, float]
+    natural_rad_s: FloatArray
+    damping: FloatArray
+    joint_noise_rad: FloatArray
+    backlash_rad: FloatArray
+    stiffness_n_mm_rad: FloatArray
+    growth: float = 0.0
+    growth_s: float = 3600.0
+
+    def perform(
+        self,
+        commands: Sequence[Command],
+        start: FloatArray,
+        rate_hz: float,
+        rng: np.random.Generator,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> "Performance":
+        """Carry out the commands from rest at the pose `start` (7,); RobotError names the command that the arm cannot reach."""
+        setpoints, spans = _setpoints(commands, start, self.ramp_s, rate_hz)
+        n = len(setpoints)
+        time_s = np.arange(n) / rate_hz
+        out = np.empty((n, 7))
+        asked = self._joints(commands, setpoints, spans, rate_hz)
+        joints = self._servo(asked, rate_hz)
+        errors = self._errors(asked, spans, rate_hz, rng)
+        first = np.concatenate([[0], [math.ceil(span.begin_s * rate_hz) for span in spans[1:]], [n]]).astype(int)
+        for i, command in enumerate(commands):
+            part = slice(first[i], first[i + 1])
+            turned = joints[part] + errors[part]
+            pull = command.force_n - np.array([0.0, 0.0, GRAVITY_M_S2 * command.load_kg])
+            if pull.any():
+                at = setpoints[part, :3]
+                turned += self.built.deflection(turned, self.stiffness_n_mm_rad, np.broadcast_to(pull, at.shape), at)
+            out[part] = self.built.forward(turned, -self.growth * np.expm1(-time_s[part] / self.growth_s))
+            if progress is not None:
+                progress(i + 1, len(commands))
+        return Performance(time_s, setpoints, out, tuple(commands), tuple(spans))
+
+    def _joints(self, commands: Sequence[Command], setpoints: FloatArray, spans: Sequence["Span"], rate_hz: float) -> FloatArray:
+        try:
+            return self.nominal.follow(setpoints, self.rest)
+        except RobotError as error:
+            if error.sample is None:
+                raise
+            number = int(np.searchsorted([math.ceil(s.begin_s * rate_hz) for s in spans], error.sample, side="right")) - 1
+            command = commands[max(number, 0)]
+            raise RobotError(f"command {max(number, 0) + 1} ({command.target or 'on the way'}, cycle {command.cycle}): {error}") from None
+
+    def _servo(self, asked: FloatArray, rate_hz: float) -> FloatArray:
+        """(n, 6) joint angles that follow the setpoints, at rest before the first sample; setpoints run straight between samples."""
+        out = np.empty_like(asked)
+        for i, (w, z) in enumerate(zip(self.natural_rad_s, self.damping, strict=True)):
+            numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), 1.0 / rate_hz, method="foh")
+            out[:, i] = asked[0, i] + lfilter(numerator[0], denominator, asked[:, i] - asked[0, i])
+        return out
+
+    def _errors(self, asked: FloatArray, spans: Sequence["Span"], rate_hz: float, rng: np.random.Generator) -> FloatArray:
+        """(n, 6) errors of the joints: drawn once for each command, taken up while it moves, kept while it rests."""
+        noise = rng.normal(size=(len(spans), AXES)) * self.joint_noise_rad
+        knots, values = [0.0], [np.zeros(AXES)]
+        for span, drawn in zip(spans, noise, strict=True):
+            end = min(round(span.arrival_s * rate_hz), len(asked) - 1)
+            before = max(round((span.arrival_s - sum(self.ramp_s) - APPROACH_S) * rate_hz), 0)
+            way = asked[end] - asked[before]
+            side = np.where(np.abs(way) > 1e-9, np.sign(way), 0.0)
+            knots += [span.begin_s, span.arrival_s]
+            values += [values[-1], drawn - 0.5 * self.backlash_rad * side]
+        time_s, table = np.arange(len(asked)) / rate_hz, np.array(values)
+        return np.column_stack([np.interp(time_s, knots, table[:, i]) for i in range(AXES)])
+
+
+@dataclass(frozen=True)
+class Span:
+    """Times [s] of a command: it begins to move, its setpoint arrives, its rest ends."""
+
+    begin_s: float
+    arrival_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class Performance:
+    """Commands carried out: (n,) times [s], (n, 7) commanded and true poses, and when each command was carried out."""
+
+    time_s: FloatArray
+    commanded: FloatArray
+    poses: FloatArray
+    commands: tuple[Command, ...]
+    spans: tuple[Span, ...]
+
+
+def _setpoints(
+    commands: Sequence[Command], start: FloatArray, ramp_s: tuple[float, float], rate_hz: float
+) -> tuple[FloatArray, list[Span]]:
+    """(n, 7) commanded poses: straight at constant speed from pose to pose, then averaged over both ramps; and the spans.
+
+    Orientations are averaged as rotation vectors from the start's.
+    """
+    reference = Rotation.from_quat(start[3:])
+    ramp = sum(ramp_s)
+    knots, rows, spans = [0.0], [start], []
+    for command in commands:
+        times = knots[-1] + np.cumsum(command.durations(rows[-1]))
+        spans.append(Span(knots[-1], float(times[-1]) + ramp, float(times[-1]) + ramp + command.dwell_s))
+        knots += [*(float(t) for t in times), spans[-1].end_s]
+        rows += [*command.poses, command.poses[-1]]
+    n = math.floor(knots[-1] * rate_hz + 1e-9) + 1
+    if n > MAX_SAMPLES:
+        raise RobotError(f"the commands take {knots[-1]:.6g} s, {n} samples at {rate_hz:g} Hz; at most {MAX_SAMPLES} are simulated")
+    table = np.array(rows)
+    vectors = (Rotation.from_quat(table[:, 3:]) * reference.inv()).as_rotvec()
+    time_s = np.arange(n) / rate_hz
+    columns = [_averaged(np.interp(time_s, knots, c), ramp_s, rate_hz) for c in np.column_stack([table[:, :3], vectors]).T]
+    smooth = np.column_stack(columns)
+    quaternions = (Rotation.from_rotvec(smooth[:, 3:]) * reference).as_quat()
+    return np.column_stack([smooth[:, :3], quaternions]), spans
+
+
+def _averaged(values: FloatArray, spans_s: Sequence[float], rate_hz: float) -> FloatArray:
+    """The mean over the last span of each sample, span after span; before the first sample stands its value."""
+    for span in spans_s:
+        width = max(round(span * rate_hz), 1)
+        padded = np.concatenate([np.full(width, values[0]), values]) - values[0]
+        total = np.cumsum(padded)
+        values = values[0] + (total[width:] - total[:-width]) / width
+    return values
