@@ -45,7 +45,7 @@ class SerialArm:
         return replace(self, links=self.links + errors)
 
     def forward(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> FloatArray:
-        """(..., 7) poses base_from_tool, qw not negative, at (..., 6) joint angles [rad]; growth (...) is the relative growth of all d and a."""
+        """(..., 7) poses base_from_tool, qw not negative, at (..., 6) joint angles [rad]; growth (...): relative growth of all d and a."""
         joints = np.asarray(joints, dtype=np.float64)
         at, turn = self.flange(joints, growth)
         at = at + np.einsum("...ij,j->...i", turn, self.tool[:3])
