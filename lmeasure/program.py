@@ -1,20 +1,21 @@
-"""The robot's program: commanded poses and paths, as program.toml writes them."""
+"""The robot's program: commanded poses and paths, as program.toml writes them, and when the robot ran them."""
 
 import itertools
 import math
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
-from lmeasure import files
+from lmeasure import conventions, files
+from lmeasure.checked import Strict, Whole, complaint
 from lmeasure.errors import FileFormatError
 
 FloatArray = NDArray[np.float64]
-Vector = tuple[float, float, float]
-Windows = tuple[tuple[float, float], ...]
 
 NEEDS = {
     "linear": ("start_mm", "end_mm"),
@@ -24,91 +25,290 @@ NEEDS = {
 }
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+def _one_line(value: str) -> str:
+    if not value.isprintable():
+        raise ValueError("must be one line of printable text")
+    return value
 
 
-class CommandedPose(_Strict):
-    """A pose the robot is told to take; windows_s are its dwells, one per cycle."""
+def _in_order(windows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    for number, (start, end) in enumerate(windows, 1):
+        if not start < end:
+            raise ValueError(f"window {number}, [{start:g}, {end:g}] s, does not end after its start")
+    for number, ((_, end), (start, _)) in enumerate(itertools.pairwise(windows), 1):
+        if start < end:
+            raise ValueError(f"window {number + 1} starts at {start:g} s, before window {number} ends at {end:g} s")
+    return windows
 
-    name: Annotated[str, Field(min_length=1)]
-    position_mm: Vector
-    quaternion_xyzw: tuple[float, float, float, float]
+
+def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    length = math.hypot(*value)
+    if abs(length - 1.0) > 1e-6:
+        raise ValueError(f"is not of length 1 but {length:.9g}")
+    return value
+
+
+Label = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
+Coordinate = Annotated[float, Field(ge=-conventions.MAX_LENGTH_MM, le=conventions.MAX_LENGTH_MM)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
+Positive = Annotated[float, Field(gt=0)]
+Cycles = Annotated[Whole, Field(ge=1, le=100_000)]
+Windows = Annotated[tuple[tuple[float, float], ...], AfterValidator(_in_order)]
+"""Intervals of time [s], one per cycle, in order."""
+
+
+class _Run(Strict):
+    """What poses and paths have in common: a name, when they were run, at what speed and load."""
+
+    name: Label
     windows_s: Windows = ()
+    cycles: Cycles | None = None
+    """How many there should be; windows of another number are refused."""
+    speed_percent: Annotated[float, Field(gt=0, le=100)] | None = None
+    load_kg: Annotated[float, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
-    def _unit(self) -> Self:
-        if abs(math.hypot(*self.quaternion_xyzw) - 1.0) > 1e-6:
-            raise ValueError(f"quaternion_xyzw of pose {self.name} is not of length 1")
+    def _all_cycles(self) -> Self:
+        if self.cycles is not None and self.windows_s and len(self.windows_s) != self.cycles:
+            raise ValueError(f"{self.name}: has {len(self.windows_s)} windows for {self.cycles} cycles")
         return self
 
 
-class CommandedPath(_Strict):
-    """A path of the tool origin [mm, base frame] at a commanded speed."""
+class CommandedPose(_Run):
+    """A pose the robot is told to take; windows_s are its dwells, one per cycle.
 
-    name: Annotated[str, Field(min_length=1)]
+    approaches: the direction each dwell was reached from (7.2.3), units: the robot each belongs to (7.7), as many as windows. settling_s:
+    from before the arrival until rest, one per cycle, for stabilisation and overshoot (7.4, 7.5) with limit_band_mm about the pose at the
+    end, by default the pose's repeatability.
+    """
+
+    position_mm: Vector
+    quaternion_xyzw: Quaternion
+    approaches: tuple[Label, ...] = ()
+    units: tuple[Label, ...] = ()
+    settling_s: Windows = ()
+    limit_band_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_per_window(self) -> Self:
+        for key in ("approaches", "units"):
+            given = getattr(self, key)
+            if given and len(given) != len(self.windows_s):
+                raise ValueError(f"{self.name}: has {len(given)} {key} for {len(self.windows_s)} windows; one for each")
+        return self
+
+
+class CommandedPath(_Run):
+    """A path of the tool origin [mm, base frame] at a commanded speed; windows_s hold its runs, one per cycle.
+
+    quaternion_xyzw: the orientation on it, or at its start when end_quaternion_xyzw says another for its end (8.4: turning at constant rate
+    about one axis). stabilisation_mm: the deviation within which the robot is back on the path after a corner (8.5). weave_stroke_mm,
+    weave_distance_mm: peak to peak across a linear path and the way along it of one weave (11).
+    """
+
     kind: Literal["linear", "circular", "rectangular", "points"]
     start_mm: Vector | None = None
     end_mm: Vector | None = None
     centre_mm: Vector | None = None
     normal: Vector | None = None
-    radius_mm: Annotated[float, Field(gt=0)] | None = None
+    radius_mm: Positive | None = None
     corners_mm: Annotated[tuple[Vector, ...], Field(min_length=3)] | None = None
     points_mm: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = None
-    speed_mm_s: Annotated[float, Field(gt=0)] | None = None
-    windows_s: Windows = ()
+    speed_mm_s: Positive | None = None
+    quaternion_xyzw: Quaternion | None = None
+    end_quaternion_xyzw: Quaternion | None = None
+    stabilisation_mm: Positive | None = None
+    weave_stroke_mm: Positive | None = None
+    weave_distance_mm: Positive | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         for key in NEEDS[self.kind]:
             if getattr(self, key) is None:
                 raise ValueError(f"path {self.name}: kind {self.kind!r} needs {key}")
+        for key in {k for keys in NEEDS.values() for k in keys} - set(NEEDS[self.kind]):
+            if getattr(self, key) is not None:
+                raise ValueError(f"path {self.name}: kind {self.kind!r} has no {key}")
         if self.normal is not None and math.hypot(*self.normal) == 0.0:
             raise ValueError(f"path {self.name}: normal has no length")
+        if self.end_quaternion_xyzw is not None and self.quaternion_xyzw is None:
+            raise ValueError(f"path {self.name}: end_quaternion_xyzw needs quaternion_xyzw for the start")
+        if (self.weave_stroke_mm is None) != (self.weave_distance_mm is None) or (self.weave_stroke_mm and self.kind != "linear"):
+            raise ValueError(f"path {self.name}: a weave is a linear path with weave_stroke_mm and weave_distance_mm")
+        corners = self.corners()
+        steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        if (steps == 0.0).any():
+            raise ValueError(f"path {self.name}: point {int(np.argmin(steps)) + 2} is the one before it again")
+        if self.kind == "circular" and np.linalg.norm(self._from_centre()) < 1e-9:
+            raise ValueError(f"path {self.name}: start_mm lies on the axis of the circle")
         return self
+
+    def corners(self) -> FloatArray:
+        """(k, 3) corners [mm] of a path made of straight lines, back at the start when it is rectangular; a circle's start alone."""
+        if self.kind == "linear":
+            return np.array([self.start_mm, self.end_mm], dtype=np.float64)
+        if self.kind == "rectangular":
+            assert self.corners_mm is not None
+            return np.array([*self.corners_mm, self.corners_mm[0]], dtype=np.float64)
+        if self.kind == "points":
+            return np.array(self.points_mm, dtype=np.float64)
+        return np.array([self.start_mm], dtype=np.float64)
+
+    def circle(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a circular path: centre (3,), and radii (3,) to its start and to a quarter turn behind it, right-handed about the normal."""
+        assert self.radius_mm is not None
+        out = self._from_centre()
+        out *= self.radius_mm / np.linalg.norm(out)
+        return np.array(self.centre_mm, dtype=np.float64), out, np.cross(self._axis(), out)
+
+    def _axis(self) -> FloatArray:
+        normal = np.array(self.normal, dtype=np.float64)
+        return np.asarray(normal / np.linalg.norm(normal))
+
+    def _from_centre(self) -> FloatArray:
+        out = np.array(self.start_mm, dtype=np.float64) - np.array(self.centre_mm, dtype=np.float64)
+        return np.asarray(out - (out @ self._axis()) * self._axis())
 
     def points(self, step_mm: float) -> FloatArray:
         """(n, 3) points along the path [mm], at most step_mm apart; a closed kind comes back to its start."""
         if self.kind == "circular":
-            return self._circle(step_mm)
-        if self.kind == "linear":
-            corners = np.array([self.start_mm, self.end_mm], dtype=np.float64)
-        elif self.kind == "rectangular":
-            assert self.corners_mm is not None
-            corners = np.array([*self.corners_mm, self.corners_mm[0]], dtype=np.float64)
-        else:
-            corners = np.array(self.points_mm, dtype=np.float64)
+            assert self.radius_mm is not None
+            centre, out, across = self.circle()
+            turn = np.linspace(0, 2 * math.pi, max(8, math.ceil(2 * math.pi * self.radius_mm / step_mm)) + 1)
+            return np.asarray(centre + np.cos(turn)[:, None] * out + np.sin(turn)[:, None] * across)
+        corners = self.corners()
         parts = [corners[:1]]
         for a, b in itertools.pairwise(corners):
             n = max(1, math.ceil(float(np.linalg.norm(b - a)) / step_mm))
             parts.append(a + (np.arange(1, n + 1) / n)[:, None] * (b - a))
         return np.concatenate(parts)
 
-    def _circle(self, step_mm: float) -> FloatArray:
-        centre, normal = np.array(self.centre_mm, dtype=np.float64), np.array(self.normal, dtype=np.float64)
-        assert self.radius_mm is not None
-        normal /= np.linalg.norm(normal)
-        out = np.array(self.start_mm, dtype=np.float64) - centre
-        out -= (out @ normal) * normal
-        out *= self.radius_mm / np.linalg.norm(out)
-        turn = np.linspace(0, 2 * math.pi, max(8, math.ceil(2 * math.pi * self.radius_mm / step_mm)) + 1)
-        return np.asarray(centre + np.cos(turn)[:, None] * out + np.sin(turn)[:, None] * np.cross(normal, out))
+
+class Distance(Strict):
+    """Two poses whose distance is certified (7.3)."""
+
+    from_pose: Annotated[Label, Field(alias="from")]
+    to_pose: Annotated[Label, Field(alias="to")]
+
+    @property
+    def name(self) -> str:
+        """As the certificate writes it."""
+        return f"{self.from_pose}-{self.to_pose}"
 
 
-class Program(_Strict):
-    """Poses and paths of a program.toml, in file order."""
+class Posing(Distance):
+    """Moves between two poses whose time is certified (9): windows from before departure until rest, one per cycle; the robot has arrived
+    when it stays within limit_band_mm of where it ends, by default the repeatability of that pose."""
+
+    windows_s: Windows
+    limit_band_mm: Positive | None = None
+
+
+class Drift(Strict):
+    """A pose whose cycles, so many at a time, show its drift (7.6)."""
+
+    pose: Label
+    group: Annotated[Whole, Field(ge=2, le=100_000)] = 10
+
+
+class Compliance(Strict):
+    """Dwells at a pose under forces on the tool [N, base frame], one force per window (10)."""
+
+    pose: Label
+    windows_s: Windows
+    force_n: tuple[tuple[float, float, float], ...]
+
+    @model_validator(mode="after")
+    def _one_per_window(self) -> Self:
+        if len(self.force_n) != len(self.windows_s):
+            raise ValueError(f"compliance of {self.pose}: {len(self.force_n)} force_n for {len(self.windows_s)} windows_s; one for each")
+        return self
+
+
+class Tolerance(Strict):
+    """Limits of a characteristic, at one pose or path or at all that have it; rule of decision by JCGM 106, else the evaluation's."""
+
+    characteristic: Label
+    pose: Label | None = None
+    path: Label | None = None
+    lower: float | None = None
+    upper: float | None = None
+    rule: Literal["simple", "guarded"] | None = None
+
+    @model_validator(mode="after")
+    def _limits(self) -> Self:
+        if self.lower is None and self.upper is None:
+            raise ValueError(f"tolerance of {self.characteristic}: needs lower, upper or both")
+        if self.lower is not None and self.upper is not None and not self.lower < self.upper:
+            raise ValueError(f"tolerance of {self.characteristic}: lower = {self.lower:g} is not below upper = {self.upper:g}")
+        return self
+
+
+class Program(Strict):
+    """A program.toml: poses and paths in file order, and what is to be told of them."""
 
     schema_: Annotated[Literal["lmeasure.program/1"], Field(alias="schema")]
+    name: Label | None = None
     angles: str | None = None
     """Convention of component-wise angles; see `lmeasure.conventions`."""
+    load_kg: Annotated[float, Field(ge=0)] | None = None
     pose: tuple[CommandedPose, ...] = ()
     path: tuple[CommandedPath, ...] = ()
+    distance: tuple[Distance, ...] = ()
+    drift: tuple[Drift, ...] = ()
+    posing: tuple[Posing, ...] = ()
+    compliance: tuple[Compliance, ...] = ()
+    tolerance: tuple[Tolerance, ...] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.angles is not None and self.angles not in conventions.CONVENTIONS:
+            raise ValueError(f"angles: {self.angles!r} is not one of {', '.join(conventions.CONVENTIONS)}")
+        poses, paths = [p.name for p in self.pose], [p.name for p in self.path]
+        for kind, names in (("pose", poses), ("path", paths)):
+            for name, times in Counter(names).items():
+                if times > 1:
+                    raise ValueError(f"{kind}: the name {name!r} is given {times} times")
+        asked = [(f"distance {d.name}", n) for d in (*self.distance, *self.posing) for n in (d.from_pose, d.to_pose)]
+        asked += [("drift", d.pose) for d in self.drift] + [("compliance", c.pose) for c in self.compliance]
+        asked += [
+            ("tolerance", t.pose) for t in self.tolerance if t.pose and t.pose not in {d.name for d in (*self.distance, *self.posing)}
+        ]
+        for what, name in asked:
+            if name not in poses:
+                raise ValueError(f"{what}: there is no pose {name!r}")
+        for t in self.tolerance:
+            if t.path is not None and t.path not in paths:
+                raise ValueError(f"tolerance: there is no path {t.path!r}")
+        _apart("pose", self.pose)
+        _apart("path", self.path)
+        return self
+
+
+def _apart(kind: str, parts: Sequence[_Run]) -> None:
+    """The robot cannot be at two poses at once."""
+    windows = sorted((start, end, p.name) for p in parts for start, end in p.windows_s)
+    for (_, end, one), (start, _, other) in itertools.pairwise(windows):
+        if start < end:
+            raise ValueError(f"{kind} {other}: a window starts at {start:g} s, before one of {one} ends at {end:g} s")
+
+
+_TABLES: dict[str, type[BaseModel]] = {
+    "pose": CommandedPose,
+    "path": CommandedPath,
+    "distance": Distance,
+    "drift": Drift,
+    "posing": Posing,
+    "compliance": Compliance,
+    "tolerance": Tolerance,
+}
 
 
 def read_program(path: Path) -> Program:
     """Read a program.toml; FileFormatError names the file and the key."""
+    data = files.read_toml(path)
     try:
-        return Program.model_validate(files.read_toml(path))
+        return Program.model_validate(data)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise FileFormatError(f"{path}: {'.'.join(str(s) for s in first['loc'])}: {first['msg']}") from None
+        raise FileFormatError(f"{path}: {complaint(error, data, Program, _TABLES)}") from None
