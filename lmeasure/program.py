@@ -1,11 +1,11 @@
-"""The robot's program: commanded poses and paths, as program.toml writes them, and when the robot ran them."""
+"""The robot's program: commanded poses and paths, as program.toml writes them, and, once it has run, when."""
 
 import itertools
 import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +94,7 @@ class CommandedPose(_Run):
     def _one_per_window(self) -> Self:
         for key in ("approaches", "units"):
             given = getattr(self, key)
-            if given and len(given) != len(self.windows_s):
+            if given and self.windows_s and len(given) != len(self.windows_s):
                 raise ValueError(f"{self.name}: has {len(given)} {key} for {len(self.windows_s)} windows; one for each")
         return self
 
@@ -201,7 +201,7 @@ class Posing(Distance):
     """Moves between two poses whose time is certified (9): windows from before departure until rest, one per cycle; the robot has arrived
     when it stays within limit_band_mm of where it ends, by default the repeatability of that pose."""
 
-    windows_s: Windows
+    windows_s: Windows = ()
     limit_band_mm: Positive | None = None
 
 
@@ -216,12 +216,12 @@ class Compliance(Strict):
     """Dwells at a pose under forces on the tool [N, base frame], one force per window (10)."""
 
     pose: Label
-    windows_s: Windows
     force_n: tuple[tuple[float, float, float], ...]
+    windows_s: Windows = ()
 
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
-        if len(self.force_n) != len(self.windows_s):
+        if self.windows_s and len(self.force_n) != len(self.windows_s):
             raise ValueError(f"compliance of {self.pose}: {len(self.force_n)} force_n for {len(self.windows_s)} windows_s; one for each")
         return self
 
@@ -286,6 +286,11 @@ class Program(Strict):
         return self
 
 
+    def to_dict(self) -> dict[str, Any]:
+        """The content of program.toml, keys left out where they say nothing."""
+        return {"schema": self.schema_} | self.model_dump(by_alias=True, exclude_defaults=True, mode="json")
+
+
 def _apart(kind: str, parts: Sequence[_Run]) -> None:
     """The robot cannot be at two poses at once."""
     windows = sorted((start, end, p.name) for p in parts for start, end in p.windows_s)
@@ -312,3 +317,8 @@ def read_program(path: Path) -> Program:
         return Program.model_validate(data)
     except ValidationError as error:
         raise FileFormatError(f"{path}: {complaint(error, data, Program, _TABLES)}") from None
+
+
+def write_program(path: Path, program: Program) -> None:
+    """Write a program.toml, whole or not at all."""
+    files.write_toml(path, program.to_dict())

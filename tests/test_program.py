@@ -1,12 +1,13 @@
 """Programs: what a program.toml may say, and what is refused in one line."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lmeasure.errors import FileFormatError
-from lmeasure.program import read_program
+from lmeasure.program import read_program, write_program
 
 WHOLE = """
 schema = "lmeasure.program/1"
@@ -76,6 +77,15 @@ def test_everything_a_program_can_say(tmp_path: Path) -> None:
     assert program.drift[0].group == 10
     assert program.compliance[0].force_n[1] == (10.0, 0.0, 0.0)
     np.testing.assert_array_equal(program.path[0].corners(), [[0, 0, 0], [100, 0, 0]])
+    write_program(tmp_path / "again.toml", program)
+    assert read_program(tmp_path / "again.toml") == program
+
+
+def test_a_program_that_has_not_run_says_approaches_and_forces_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text(re.sub(r"(?m)^windows_s = .*\n", "", WHOLE))
+    program = read_program(tmp_path / "p.toml")
+    assert program.pose[0].approaches == ("x", "y")
+    assert program.compliance[0].force_n[1] == (10.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
