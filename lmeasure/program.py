@@ -285,7 +285,6 @@ class Program(Strict):
         _apart("path", self.path)
         return self
 
-
     def to_dict(self) -> dict[str, Any]:
         """The content of program.toml, keys left out where they say nothing."""
         return {"schema": self.schema_} | self.model_dump(by_alias=True, exclude_defaults=True, mode="json")
