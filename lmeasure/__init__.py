@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lmeasure.poses import Poses, poses_from_rows, read_poses, write_poses
     from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
     from lmeasure.run import Run, read_run, write_run
-    from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct, write_trajectory
+    from lmeasure.trajectory import PoseCovariances, Trajectory, covariances, read_trajectory, reconstruct, write_trajectory
 
 __all__ = [
     "Calibration",
@@ -30,12 +30,14 @@ __all__ = [
     "DrumMeasurement",
     "LMeasureError",
     "Lengths",
+    "PoseCovariances",
     "Poses",
     "Rig",
     "Run",
     "Trajectory",
     "angles_from_rotation",
     "calibrate",
+    "covariances",
     "lengths_from_counts",
     "limit_from_accuracy",
     "poses_from_rows",
@@ -75,7 +77,7 @@ _HOMES = {
     "poses": ("Poses", "poses_from_rows", "read_poses", "write_poses"),
     "rig": ("Rig", "read_rig", "rig_from_dict", "write_rig"),
     "run": ("Run", "read_run", "write_run"),
-    "trajectory": ("Trajectory", "read_trajectory", "reconstruct", "write_trajectory"),
+    "trajectory": ("PoseCovariances", "Trajectory", "covariances", "read_trajectory", "reconstruct", "write_trajectory"),
 }
 _HOME = {name: f"lmeasure.{module}" for module, names in _HOMES.items() for name in names}
 

@@ -1,5 +1,6 @@
 """The run folder: run.toml, the rig (with its calibration record when linked) and the counts of each pass."""
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,16 +19,21 @@ from lmeasure.rig import Rig, read_rig, write_rig
 FloatArray = NDArray[np.float64]
 
 SCHEMA = "lmeasure.run/1"
+START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg")
 
 
 @dataclass(frozen=True)
 class Run:
-    """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes."""
+    """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes.
+
+    u_start: standard uncertainties of the start pose, per coordinate [mm] and per axis of rotation [rad], base axes, tool origin.
+    """
 
     rig: Rig
     start: FloatArray
     passes: tuple[Counts, ...]
     calibration: CalibrationRecord | None = None
+    u_start: tuple[float, float] = (0.0, 0.0)
 
 
 def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
@@ -47,13 +53,14 @@ class RunHead:
     counts: tuple[Path, ...]
     torn: tuple[bool, ...]
     calibration: CalibrationRecord | None = None
+    u_start: tuple[float, float] = (0.0, 0.0)
 
 
 def read_run(folder: Path, rig_path: Path | None = None) -> Run:
     """Read a run folder; rig_path replaces the rig it names. FileFormatError names the file and key."""
     head = read_run_head(folder, rig_path)
     passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
-    return Run(head.rig, head.start, passes, head.calibration)
+    return Run(head.rig, head.start, passes, head.calibration, head.u_start)
 
 
 def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
@@ -85,7 +92,8 @@ def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
         counts.append(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"))
         torn.append(_ended_early(data, number))
-    return RunHead(rig, start_pose(data.get("start"), rig.angles, path), tuple(counts), tuple(torn), calibration)
+    start = start_pose(data.get("start"), rig.angles, path)
+    return RunHead(rig, start, tuple(counts), tuple(torn), calibration, start_uncertainty(data["start"], path))
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
@@ -98,7 +106,9 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
     names = [f"pass{i + 1}{suffix}" for i in range(len(run.passes))]
     for name, counts in zip(names, run.passes, strict=True):
         write_counts(folder / name, counts)
-    start = {"position_mm": [float(x) for x in run.start[:3]], "quaternion_xyzw": [float(x) for x in run.start[3:]]}
+    start: dict[str, Any] = {"position_mm": [float(x) for x in run.start[:3]], "quaternion_xyzw": [float(x) for x in run.start[3:]]}
+    u = run.u_start[0], math.degrees(run.u_start[1])
+    start |= {key: value for key, value in zip(START_UNCERTAINTY, u, strict=True) if value}
     files.write_toml(
         folder / "run.toml",
         {"schema": SCHEMA, "rig": "rig.toml", "start": start, "pass": [{"counts": n} for n in names]} | (extra or {}),
@@ -129,9 +139,11 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
     convention = conventions.convention(angles)
     unit = convention.columns[0].rsplit("_", 1)[1]
     angle_key = "_".join(c.rsplit("_", 1)[0] for c in convention.columns) + f"_{unit}"
-    unknown = sorted(set(start) - {"position_mm", "quaternion_xyzw", angle_key})
+    unknown = sorted(set(start) - {"position_mm", "quaternion_xyzw", angle_key, *START_UNCERTAINTY})
     if unknown:
-        raise FileFormatError(f"{path}: start: unknown key {unknown[0]!r}; known: position_mm, quaternion_xyzw, {angle_key}")
+        raise FileFormatError(
+            f"{path}: start: unknown key {unknown[0]!r}; known: position_mm, quaternion_xyzw, {angle_key}, u_position_mm, u_rotation_deg"
+        )
     position = _numbers(start, "position_mm", 3, path)
     if ("quaternion_xyzw" in start) == (angle_key in start):
         raise FileFormatError(f"{path}: start: give either quaternion_xyzw or {angle_key}")
@@ -143,6 +155,17 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
         return np.asarray(poses_from_rows(np.concatenate([position, quaternion])).rows[0])
     except FileFormatError as error:
         raise FileFormatError(f"{path}: start: {error}") from None
+
+
+def start_uncertainty(start: dict[str, Any], path: Path | str) -> tuple[float, float]:
+    """(mm, rad) standard uncertainties of a [start] table, per coordinate and per axis; zero where it states none."""
+    values = []
+    for key in START_UNCERTAINTY:
+        value = start.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= conventions.MAX_LENGTH_MM:
+            raise FileFormatError(f"{path}: start: {key} = {value!r} is not a standard uncertainty: a number that is not negative")
+        values.append(float(value))
+    return values[0], math.radians(values[1])
 
 
 def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> FloatArray:

@@ -141,7 +141,7 @@ def test_demo_run_folder_gives_the_same_trajectory(ran: Ran) -> None:
     again = reconstruct(run)
     stored = read_trajectory(out / "trajectory.parquet")
     np.testing.assert_array_equal(again.poses, stored.poses)
-    np.testing.assert_array_equal(again.u, stored.u)
+    np.testing.assert_allclose(again.u, stored.u, rtol=1e-14)  # kept as the whole and its systematic part
 
 
 def rig_of(path: Path) -> dict[str, object]:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import FloatArray, length_gradient, orientation, span_at, vec
+from lmeasure.kernels.cable import FloatArray, orientation, span_at, vec
 from lmeasure.kernels.screw import (
     MAX_ITERATIONS,
     NOT_CONVERGED,
@@ -21,13 +21,11 @@ from lmeasure.kernels.screw import (
     SINGULAR,
     SLACK,
     STRIDE_MM,
-    WIDTH,
     IntArray,
     copy,
     displace,
     eliminate,
     platform_size,
-    spread,
 )
 from lmeasure.kernels.vector import add, cross, norm, rotate
 
@@ -282,40 +280,15 @@ def follow(
 
 
 @kernel
-def covariances(
-    cables: FloatArray,
-    start: FloatArray,
-    poses: FloatArray,
-    counts: FloatArray,
-    scales: FloatArray,
-    count_variance: FloatArray,
-    parameter_covariance: FloatArray,
-    free: IntArray,
-    left_out: IntArray,
-) -> tuple[FloatArray, FloatArray]:
-    """`screw.pose_covariances` for any scheme; what the scheme holds has no uncertainty. left_out (n,) as `follow` returns it."""
-    n, m = poses.shape[0], cables.shape[0]
-    random, systematic = np.full((n, 6, 6), np.nan), np.full((n, 6, 6), np.nan)
+def twists(cables: FloatArray, poses: FloatArray, weights: FloatArray, free: IntArray) -> FloatArray:
+    """(n, 6, m) twist (omega; v) about the tool origin per unit of each length, by least squares with weights (n, m), zero for a cable that
+    is not used; zero in what is not free (f,), NaN where the pose of poses (n, 7) is NaN or singular."""
+    n, m = weights.shape
+    out = np.full((n, 6, m), np.nan)
+    G, r, targets = np.empty((6, m)), np.empty(m), np.zeros(m)
     size = platform_size(cables)
-    at_start, here, G, r = np.empty((m, WIDTH)), np.zeros((m, WIDTH)), np.empty((6, m)), np.empty(m)
-    weights = np.empty(m)
-    linked = np.any(parameter_covariance != 0.0)
-    for j in range(m):
-        length_gradient(cables[j], start, 0.0, scales[j], at_start[j])
-    smallest = count_variance.min()
     for i in range(n):
-        if math.isnan(poses[i, 0]):
-            continue
-        for j in range(m):
-            unused = j == left_out[i] or math.isnan(counts[i, j])
-            weights[j] = 0.0 if unused else math.sqrt(smallest / count_variance[j])
-            if linked and not unused:
-                length_gradient(cables[j], poses[i], counts[i, j], scales[j], here[j])
-                for c in range(WIDTH):
-                    here[j, c] -= at_start[j, c]
-        _inverse(cables, poses[i], weights, free, size, at_start[:, 0], G, r)
-        a, b = spread(G, here, count_variance, parameter_covariance, linked)
-        for c in range(6):
-            copy(a[c], random[i, c])
-            copy(b[c], systematic[i, c])
-    return random, systematic
+        if not math.isnan(poses[i, 0]) and _inverse(cables, poses[i], weights[i], free, size, targets, G, r)[0]:
+            for c in range(6):
+                copy(G[c], out[i, c])
+    return out

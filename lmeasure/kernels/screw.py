@@ -375,6 +375,20 @@ def track(
 
 
 @kernel
+def twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, 6, 6) inverses of the rows at (n, 7) poses: column i is the twist (omega; v) about the tool origin per unit of length i; NaN
+    where the pose is NaN or singular."""
+    out = np.full((poses.shape[0], 6, CABLES), np.nan)
+    J, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES))
+    size = platform_size(cables)
+    for i in range(poses.shape[0]):
+        if not math.isnan(poses[i, 0]) and invert(cables, poses[i], J, inverse, size) != 0.0:
+            for a in range(6):
+                copy(inverse[a], out[i, a])
+    return out
+
+
+@kernel
 def spread(
     inverse: FloatArray, gradients: FloatArray, count_variance: FloatArray, parameter_covariance: FloatArray, linked: bool
 ) -> tuple[FloatArray, FloatArray]:

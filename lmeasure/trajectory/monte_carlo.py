@@ -44,30 +44,33 @@ def by_monte_carlo(
     """The trajectory with covariances from as many trials, each kind of error by itself.
 
     Random: every count is anywhere within half a unit of what was recorded, and its instant uncertain where that is stated. Systematic:
-    the rig's parameters are drawn from the linked calibration, once per trial for the whole run. Poses that a trial does not find are
+    the rig's parameters are drawn from the linked calibration, the start pose and the passes' clocks and places from their uncertainties,
+    once per trial for the whole run. Poses that a trial does not find are
     left out of its sample's covariance.
     TrajectoryError for fewer than 2 trials.
     """
     if trials < 2:
         raise TrajectoryError(f"Monte Carlo: {trials} trials tell no scatter; at least 2")
     generator = np.random.default_rng(seed)
-    rows, counts = reconstruction.scheme.rows, lengths.counts
+    budget, start = reconstruction.budget, reconstruction.start
+    rows, counts, factor = reconstruction.scheme.rows, lengths.counts, budget.parameters
     skew = None if lengths.u_time_s is None else lengths.u_time_s * lengths.speed_mm_s
-    factor = _factor(reconstruction.parameters)
-    of = trials * (2 if factor.shape[1] else 1)
+    of = trials * (2 if budget.sources else 1)
+    passes = np.nan_to_num(budget.pass_lengths(trajectory.poses, lengths.speed_mm_s))
 
     def random_trial() -> FloatArray:
-        drawn = counts + generator.uniform(-0.5, 0.5, counts.shape) / reconstruction.scales
+        drawn = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales
         changes = changes_from_counts(rows, drawn)
         if skew is not None:
             changes += skew * generator.standard_normal(changes.shape)
-        return reconstruction.solve(rows, changes, lengths.flags)
+        return reconstruction.solve(rows, start, changes, lengths.flags)
 
     def systematic_trial() -> FloatArray:
         shift = (factor @ generator.standard_normal(factor.shape[1])).reshape(len(rows), len(PARAMETERS))
-        moved, scales = moved_rows(rows, shift), reconstruction.scales
+        moved, scales = moved_rows(rows, shift), budget.scales
         k = counts * scales / (scales + shift[:, PARAMETERS.index("scale")])
-        return reconstruction.solve(moved, changes_from_counts(moved, k), lengths.flags)
+        changes = changes_from_counts(moved, k) + passes @ generator.standard_normal(passes.shape[2])
+        return reconstruction.solve(moved, budget.drawn_start(generator), changes, lengths.flags)
 
     done = [0]
 
@@ -76,9 +79,9 @@ def by_monte_carlo(
         if progress is not None:
             progress(done[0], of)
 
-    base = reconstruction.solve(rows, lengths.change_mm, lengths.flags)
+    base = reconstruction.solve(rows, start, lengths.change_mm, lengths.flags)
     random = _scatter(random_trial, base, trials, step)
-    systematic = _scatter(systematic_trial, base, trials, step) if factor.shape[1] else np.zeros_like(random)
+    systematic = _scatter(systematic_trial, base, trials, step) if budget.sources else np.zeros_like(random)
     unknown = np.isnan(trajectory.random)
     random[unknown] = systematic[unknown] = np.nan
     return replace(
@@ -96,13 +99,6 @@ def moved_rows(rows: FloatArray, shift: FloatArray) -> FloatArray:
     a, b = out[:, 14], out[:, 15]
     out[:, 3:6] = np.column_stack([-np.cos(a) * np.sin(b), -np.cos(a) * np.cos(b), np.sin(a)])
     return out
-
-
-def _factor(covariance: FloatArray) -> FloatArray:
-    """(p, r) F with F F^T the covariance, r its rank."""
-    values, vectors = np.linalg.eigh(covariance)
-    kept = values > 1e-12 * max(float(values.max(initial=0.0)), 1e-300)
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept])) if values.max(initial=0.0) > 0 else np.zeros((len(covariance), 0))
 
 
 def _scatter(trial: Callable[[], FloatArray], base: FloatArray, trials: int, step: Callable[[], None]) -> FloatArray:

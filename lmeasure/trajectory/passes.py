@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
-from lmeasure.kernels.cable import span_rows_of
 from lmeasure.run import Run
 
 FloatArray = NDArray[np.float64]
@@ -55,41 +54,6 @@ def align(run: Run) -> Alignment:
         passes.append(later)
         u_time.append(u)
     return Alignment(replace(run, passes=tuple(passes)), tuple(u_time), tuple(notes))
-
-
-def pass_covariance(
-    rows: FloatArray, passage: NDArray[np.int64], poses: FloatArray, rates: FloatArray, u_time_s: tuple[float, ...], repeatability_mm: float
-) -> FloatArray:
-    """(n, 6, 6) covariance of the poses (rotation; tool origin) from errors that a whole pass has in common.
-
-    passage (m,) pass of each cable; rates (n, m) cable speeds [mm/s]; u_time_s per pass; repeatability_mm: standard deviation, per axis, of
-    the place to which the robot brings the tool in a pass. Each pass's cables are late together and displaced together.
-    """
-    n = len(poses)
-    out = np.full((n, 6, 6), np.nan)
-    good = ~np.isnan(poses[:, 0])
-    J = span_rows_of(rows, np.ascontiguousarray(poses[good]))
-    G = np.linalg.pinv(J)
-    total = np.zeros((int(good.sum()), 6, 6))
-    for number, u in enumerate(u_time_s, 1):
-        cables = passage == number
-        late = np.einsum("nij,nj->ni", G[:, :, cables], rates[good][:, cables]) * u
-        total += late[:, :, None] * late[:, None, :]
-        if len(u_time_s) > 1:
-            shift = G[:, :, cables] @ J[:, cables, 3:] * repeatability_mm
-            total += shift @ np.swapaxes(shift, 1, 2)
-    out[good] = total
-    return out
-
-
-def skew_covariance(rows: FloatArray, poses: FloatArray, u_mm: FloatArray) -> FloatArray:
-    """(n, 6, 6) covariance of the poses from independent errors u_mm (n, m) of the lengths at each sample, as of channels that were not
-    counted at one instant."""
-    out = np.full((len(poses), 6, 6), np.nan)
-    good = ~np.isnan(poses[:, 0])
-    G = np.linalg.pinv(span_rows_of(rows, np.ascontiguousarray(poses[good]))) * u_mm[good][:, None, :]
-    out[good] = G @ np.swapaxes(G, 1, 2)
-    return out
 
 
 def _rising(counts: Counts) -> FloatArray:

@@ -20,6 +20,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
+SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
+"""The part of those that the whole run has in common."""
+_PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,9 @@ class Trajectory:
 
     time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual;
     iterations (n,); status (n,) codes of `kernels.screw.STATUS`; cause, cable (n) texts; worst_pressure_angle_deg (n,);
-    u_random, u_systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, from the
-    resolution of the counts and from the linked calibration (systematic: nearly the same error along the whole run).
+    random, systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R: what is independent
+    from sample to sample, as the resolution of the counts, and what the whole run has in common, as the linked calibration, the start pose
+    and the passes' clocks (`budget.covariances` tells how samples correlate).
     covers: what the standard uncertainties hold, in words. chi_squared (n,): sum of squared residuals over their variances, of as many
     degrees of freedom as there are redundant cables; None when there are none.
     """
@@ -51,8 +55,7 @@ class Trajectory:
     @property
     def u(self) -> FloatArray:
         """(n, 6) standard uncertainties in the order of `UNCERTAINTY_COLUMNS`: tool origin [mm], small rotation [rad]."""
-        both = np.sqrt(np.einsum("nii->ni", self.random + self.systematic))
-        return np.asarray(both[:, [3, 4, 5, 0, 1, 2]])
+        return np.sqrt(_variances(self.random) + _variances(self.systematic))
 
     def columns(self, angles: str | None = None) -> dict[str, Any]:
         """Columns of a trajectory file; with the angles of a controller's convention, behind the others, when one is named."""
@@ -68,6 +71,7 @@ class Trajectory:
             "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
         }
         out |= dict(zip(UNCERTAINTY_COLUMNS, self.u.T, strict=True))
+        out |= dict(zip(SYSTEMATIC_COLUMNS, np.sqrt(_variances(self.systematic)).T, strict=True))
         if self.chi_squared is not None:
             out["chi_squared"] = self.chi_squared
         if angles is not None:
@@ -152,7 +156,9 @@ def write_trajectory(path: Path, trajectory: Trajectory, angles: str | None = No
 def read_trajectory(path: Path) -> Trajectory:
     """Read what `write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
     table = files.read_table(path)
-    u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)[:, [3, 4, 5, 0, 1, 2]]
+    u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
+    # a trajectory of another program may not tell the parts apart
+    common = table.matrix(SYSTEMATIC_COLUMNS, gaps=True) if SYSTEMATIC_COLUMNS[0] in table.columns else np.zeros_like(u)
     return Trajectory(
         table.numbers("time_s"),
         table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True),
@@ -162,8 +168,18 @@ def read_trajectory(path: Path) -> Trajectory:
         table.labels("cause"),
         table.labels("cable"),
         table.numbers("worst_pressure_angle_deg", gaps=True),
-        np.einsum("ni,ij->nij", u**2, np.eye(6)),
-        np.zeros((len(u), 6, 6)),
+        _diagonal(np.maximum(u**2 - common**2, 0.0)),
+        _diagonal(common**2),
         "as the file says",
         chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
     )
+
+
+def _variances(covariance: FloatArray) -> FloatArray:
+    """(n, 6) variances in the order of `UNCERTAINTY_COLUMNS`."""
+    return np.asarray(np.einsum("nii->ni", covariance)[:, _PLACES])
+
+
+def _diagonal(variances: FloatArray) -> FloatArray:
+    """(n, 6, 6) covariances with (n, 6) variances in the order of `UNCERTAINTY_COLUMNS`."""
+    return np.asarray(variances[:, _PLACES, None] * np.eye(6))

@@ -3,12 +3,10 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from lmeasure.lengths import lengths_from_counts
 from lmeasure.run import Run
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
-from lmeasure.trajectory.passes import align, pass_covariance
+from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.screw_method import Reconstruction
 
@@ -27,18 +25,16 @@ def reconstruct(
     Carlo instead of the linear law for the uncertainties, 0 for none; see `monte_carlo.by_monte_carlo`.
     Raises what `Reconstruction` and `passes.align` raise.
     """
-    reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint)
     aligned = align(run)
+    clocks = aligned.u_time_s
+    reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint, run.u_start, clocks, repeatability_mm)
     lengths = lengths_from_counts(aligned.run)
     trajectory = reconstruction.add(lengths)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed, progress)
-    if run.rig.passes == 1 or reconstruction.scheme.point is not None:
+    if run.rig.passes == 1:
         return trajectory
     notes = (*trajectory.notes, *aligned.notes)
     if repeatability_mm == 0.0:
         notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
-    passage = np.array([c.passage for c in run.rig.cable], dtype=np.int64)
-    rows = reconstruction.scheme.rows
-    common = pass_covariance(rows, passage, trajectory.poses, lengths.speed_mm_s, aligned.u_time_s, repeatability_mm)
-    return replace(trajectory, systematic=trajectory.systematic + common, notes=notes)
+    return replace(trajectory, notes=notes)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import span_rows
@@ -33,6 +34,8 @@ class Scheme:
     free: tuple[str, ...]
     point: str | None = None
     held: str = ""
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of that point in the tool frame."""
 
     @property
     def six(self) -> bool:
@@ -43,6 +46,13 @@ class Scheme:
     def free_index(self) -> IntArray:
         """(f,) indices of the free components."""
         return np.array([FREEDOMS.index(name) for name in self.free], dtype=np.int64)
+
+    def start_of(self, start: FloatArray) -> FloatArray:
+        """The start pose (7,); of the attachment point where only that is measured."""
+        if self.point is None:
+            return start
+        place = start[:3] + Rotation.from_quat(start[3:]).apply(self.place)
+        return np.concatenate([place, [0.0, 0.0, 0.0, 1.0]])
 
     @property
     def redundancy(self) -> int:
@@ -69,7 +79,7 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
         if m < CABLES_FOR_A_POINT:
             raise RigError(f"rig {rig.name!r}: has {m} cables to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")
         rows[:, 7:10] = 0.0
-        return Scheme(rows, FREEDOMS[3:], point=used[0])
+        return Scheme(rows, FREEDOMS[3:], point=used[0], place=rig.tool[used[0]])
     if m < len(FREEDOMS):
         raise RigError(
             f"rig {rig.name!r}: has {m} cables and leaves {len(FREEDOMS) - m} of six freedoms unmeasured, at the start "

@@ -5,17 +5,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
-from lmeasure.kernels.cable import PARAMETERS
-from lmeasure.lengths import Lengths, cable_covariance, count_variance, span_lengths
+from lmeasure.lengths import Lengths, span_lengths
 from lmeasure.rig import Rig
-from lmeasure.trajectory.passes import skew_covariance
+from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.record import Trajectory
-from lmeasure.trajectory.scheme import Scheme, scheme_of
+from lmeasure.trajectory.scheme import scheme_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -39,19 +37,27 @@ class Reconstruction:
     start pose is singular.
     """
 
-    def __init__(self, rig: Rig, start: FloatArray, calibration: CalibrationRecord | None = None, constraint: str | None = None) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        start: FloatArray,
+        calibration: CalibrationRecord | None = None,
+        constraint: str | None = None,
+        u_start: tuple[float, float] = (0.0, 0.0),
+        u_clock_s: tuple[float, ...] = (),
+        repeatability_mm: float = 0.0,
+    ) -> None:
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
         try:
             span_lengths(rig, start[None, :])
         except GeometryError as error:
             raise GeometryError(f"start {error}") from None
-        self.start = _start_of(self.scheme, rig, start)
-        self.variance, self.scales = count_variance(rig), rig.scales()
-        self.parameters = _parameters(self.scheme, rig, calibration)
-        self.covers = "counts of half a unit and the linked calibration" if calibration else _UNLINKED
+        self.start = self.scheme.start_of(start)
+        self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm)
+        self.covers = self.budget.covers
         m = len(self.scheme.rows)
-        self._state = self._new_state()
-        _, _, _, status, angle, *_ = self._follow(self.scheme.rows, self._state, np.zeros((1, m)), np.zeros(1, np.int64))
+        self._state = self._new_state(self.start)
+        _, _, _, status, angle, *_ = self._follow(self.scheme.rows, self.start, self._state, np.zeros((1, m)), np.zeros(1, np.int64))
         if status[0] != screw.OK:
             raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}")
         self._start_angle = float(angle[0])
@@ -59,19 +65,15 @@ class Reconstruction:
     def add(self, lengths: Lengths) -> Trajectory:
         """The trajectory of the next piece of the run."""
         scheme = self.scheme
-        poses, residual, iterations, status, angle, *more = self._follow(scheme.rows, self._state, lengths.change_mm, lengths.flags)
-        given = scheme.rows, self.start, poses, lengths.counts, self.scales, self.variance, self.parameters
+        found = self._follow(scheme.rows, self.start, self._state, lengths.change_mm, lengths.flags)
+        poses, residual, iterations, status, angle, *more = found
         cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
-        cable, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None
-        if scheme.six:
-            random, systematic = screw.pose_covariances(*given)
-        else:
+        cable, left_out, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None, None
+        if not scheme.six:
             left_out, chi = more
-            random, systematic = least_squares.covariances(*given, scheme.free_index, left_out)
             chi_squared = chi if scheme.redundancy else None
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
-        if lengths.u_time_s is not None:
-            random = random + skew_covariance(scheme.rows, poses, lengths.speed_mm_s * lengths.u_time_s)
+        random, systematic = self.budget.covariances(poses, lengths.counts, lengths.speed_mm_s, lengths.u_time_s, left_out)
         trajectory = Trajectory(
             lengths.time_s,
             poses,
@@ -89,20 +91,21 @@ class Reconstruction:
         )
         return _without_orientation(trajectory) if scheme.point else trajectory
 
-    def solve(self, rows: FloatArray, changes: FloatArray, flags: IntArray) -> FloatArray:
-        """(n, 7) poses of a whole run by other rows of cables, changes (n, m) [mm] and flags (n,); NaN where none is found."""
-        return np.asarray(self._follow(rows, self._new_state(), changes, flags)[0])
+    def solve(self, rows: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray) -> FloatArray:
+        """(n, 7) poses of a whole run by other rows of cables, from another start, changes (n, m) [mm] and flags (n,); NaN where none is
+        found."""
+        return np.asarray(self._follow(rows, start, self._new_state(start), changes, flags)[0])
 
-    def _new_state(self) -> FloatArray:
+    def _new_state(self, start: FloatArray) -> FloatArray:
         six, m = self.scheme.six, len(self.scheme.rows)
-        return np.asarray(screw.new_state(self.start) if six else least_squares.new_state(self.start, m))
+        return np.asarray(screw.new_state(start) if six else least_squares.new_state(start, m))
 
-    def _follow(self, rows: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
-        u = np.sqrt(self.variance)
+    def _follow(self, rows: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
+        u = np.sqrt(self.budget.variance)
         if self.scheme.six:
             follow = lanes.follow if len(changes) >= LANES_PAY else screw.resume
-            return tuple(follow(rows, self.start, state, changes, flags, u))
-        return tuple(least_squares.follow(rows, self.start, state, changes, flags, u, self.scheme.free_index, SLACK_MM))
+            return tuple(follow(rows, start, state, changes, flags, u))
+        return tuple(least_squares.follow(rows, start, state, changes, flags, u, self.scheme.free_index, SLACK_MM))
 
     def _remarks(
         self, lengths: Lengths, status: IntArray, left_out: IntArray, cause: NDArray[np.object_], cable: NDArray[np.object_]
@@ -135,24 +138,6 @@ class Reconstruction:
 
 
 _TEXTS = np.array([_CAUSES.get(code, "") for code in range(len(screw.STATUS))], dtype=np.object_)
-_UNLINKED = "the counts' resolution only: the rig links no calibration"
-
-
-def _start_of(scheme: Scheme, rig: Rig, start: FloatArray) -> FloatArray:
-    """The start pose (7,); of the attachment point where only that is measured."""
-    if scheme.point is None:
-        return start
-    place = start[:3] + Rotation.from_quat(start[3:]).apply(rig.tool[scheme.point])
-    return np.concatenate([place, [0.0, 0.0, 0.0, 1.0]])
-
-
-def _parameters(scheme: Scheme, rig: Rig, calibration: CalibrationRecord | None) -> FloatArray:
-    """(13 m, 13 m) covariance of the cables' parameters; where the point itself is measured its place in the tool frame does not enter."""
-    covariance = cable_covariance(rig, calibration)
-    if scheme.point is not None:
-        attachment = np.tile([name.startswith("attachment") for name in PARAMETERS], len(scheme.rows))
-        covariance[attachment, :] = covariance[:, attachment] = 0.0
-    return covariance
 
 
 def _without_orientation(trajectory: Trajectory) -> Trajectory:

@@ -1,0 +1,240 @@
+"""Where the uncertainty of a pose comes from, sample by sample: what is drawn anew at every sample, and what a whole run shares.
+
+A pose errs by delta = G dl, G the inverse of its rows. Random are the lengths' own errors, independent from sample to sample. Systematic
+are a few errors that every sample of the run has in common - of the calibration, of the start pose, of a pass's clock and place - so each
+is a standard normal variable z_k and the pose errs by sum_k factor_k z_k, with factors of its own at every sample and the same z: from the
+factors the errors of differences, means and lines follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.errors import TrajectoryError
+from lmeasure.kernels import least_squares, screw
+from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_rows, span_rows_of
+from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts
+from lmeasure.rig import Rig
+from lmeasure.run import Run
+from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.scheme import Scheme, scheme_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CHUNK = 2048  # poses whose factors are in memory at once
+
+
+@dataclass(frozen=True)
+class PoseCovariances:
+    """Errors of poses, delta = (rotation [rad]; tool origin [mm]), R_true = Exp(delta_rotation) R, base axes; NaN where there is no pose.
+
+    random (n, 6, 6): covariance of what is independent from sample to sample. factors (n, 6, K): the systematic error is factors @ z with
+    one z (K,) of independent standard normal variables for the whole run, so that factors[i] @ factors[j].T is its covariance between the
+    samples i and j. sources (K,): what each stands for: "calibration", "start pose", "clock of pass 2", "place of pass 2".
+    """
+
+    random: FloatArray
+    factors: FloatArray
+    sources: tuple[str, ...]
+
+    @property
+    def systematic(self) -> FloatArray:
+        """(n, 6, 6) covariance of the systematic error at each sample."""
+        return np.asarray(self.factors @ np.swapaxes(self.factors, 1, 2))
+
+
+class Budget:
+    """The sources of error of one run.
+
+    u_start: standard uncertainties of the start pose [mm, rad]; u_clock_s: of each pass's time against pass 1's; repeatability_mm: standard
+    deviation, per axis, of the place to which the robot brings the tool in a pass.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        start: FloatArray,
+        scheme: Scheme,
+        calibration: CalibrationRecord | None = None,
+        u_start: tuple[float, float] = (0.0, 0.0),
+        u_clock_s: tuple[float, ...] = (),
+        repeatability_mm: float = 0.0,
+    ) -> None:
+        self.scheme, self.scales, self.variance = scheme, rig.scales(), count_variance(rig)
+        self.parameters = factor_of(_parameters(scheme, rig, calibration))
+        self.start = start
+        self._zero = scheme.start_of(start)
+        # what a constraint holds is exact, and a point's place has a part in all
+        moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
+        self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
+        self._start_lengths = (span_rows(rig.cable_rows(), start) * self._u_start)[:, self._u_start > 0.0]
+        self._passage = np.array([c.passage for c in rig.cable], dtype=np.int64)
+        self._u_clock_s, self._repeatability_mm = u_clock_s, repeatability_mm if rig.passes > 1 else 0.0
+        self.pass_sources = tuple(f"clock of pass {p}" for p, u in enumerate(u_clock_s, 1) if u)
+        if self._repeatability_mm:
+            self.pass_sources += tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3))
+        own = self.parameters.shape[1], self._start_lengths.shape[1]
+        self.sources = ("calibration",) * own[0] + ("start pose",) * own[1] + self.pass_sources
+        self.covers = _covers(calibration is not None, bool(own[1]), bool(self.pass_sources))
+
+    def of(
+        self,
+        poses: FloatArray,
+        counts: FloatArray,
+        speed_mm_s: FloatArray,
+        u_time_s: FloatArray | None = None,
+        unused: IntArray | None = None,
+    ) -> PoseCovariances:
+        """Covariances and factors of (n, 7) poses at true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the instants at which
+        the cables were counted; unused (n,): a cable that was left out, or -1."""
+        poses = np.ascontiguousarray(poses)
+        G = self._twists(poses, counts, unused)
+        u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
+        scattered = G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
+        random = scattered @ np.swapaxes(scattered, 1, 2)
+        if not self.sources:
+            return PoseCovariances(random, np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0], ())
+        parts = [self.parameter_lengths(poses, counts), np.broadcast_to(self._start_lengths, (len(poses), *self._start_lengths.shape))]
+        lengths = np.concatenate([*parts, self.pass_lengths(poses, speed_mm_s)], axis=2)
+        # a cable without a count, or left out, has no part in the pose
+        return PoseCovariances(random, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
+
+    def covariances(
+        self,
+        poses: FloatArray,
+        counts: FloatArray,
+        speed_mm_s: FloatArray,
+        u_time_s: FloatArray | None = None,
+        unused: IntArray | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, 6, 6) random and systematic covariances, as `of`, in little memory for many poses."""
+        random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
+        for begin in range(0, len(poses), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            found = self.of(
+                poses[part],
+                counts[part],
+                speed_mm_s[part],
+                None if u_time_s is None else u_time_s[part],
+                None if unused is None else unused[part],
+            )
+            random[part] = found.random
+            systematic[part] = found.systematic if self.sources else np.where(np.isnan(found.random), np.nan, 0.0)
+        return random, systematic
+
+    def drawn_start(self, generator: np.random.Generator) -> FloatArray:
+        """(7,) the start as the scheme takes it, displaced by a draw of its errors."""
+        delta = self._u_start * generator.standard_normal(6)
+        turned = Rotation.from_rotvec(delta[:3]) * Rotation.from_quat(self.start[3:])
+        return self.scheme.start_of(np.concatenate([self.start[:3] + delta[3:], turned.as_quat()]))
+
+    def parameter_lengths(self, poses: FloatArray, counts: FloatArray) -> FloatArray:
+        """(n, m, r) errors of the lengths per calibration variable. A parameter acts at the pose and at the zero pose, where counting
+        began."""
+        rows, m = self.scheme.rows, len(self.scheme.rows)
+        factor = self.parameters.reshape(m, len(PARAMETERS), -1)
+        if factor.shape[2] == 0:
+            return np.empty((len(poses), m, 0))
+        zero = length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)
+        gradients = length_gradients(rows, poses, counts, self.scales) - zero
+        return -np.swapaxes(np.swapaxes(gradients, 0, 1) @ factor, 0, 1)
+
+    def pass_lengths(self, poses: FloatArray, speed_mm_s: FloatArray) -> FloatArray:
+        """(n, m, k) errors of the lengths per `pass_sources`: the cables of a pass are late together and displaced together."""
+        n, m = speed_mm_s.shape
+        columns = [np.where(self._passage == p, speed_mm_s * u, 0.0)[:, :, None] for p, u in enumerate(self._u_clock_s, 1) if u]
+        if self._repeatability_mm:
+            shifts = span_rows_of(self.scheme.rows, np.ascontiguousarray(poses))[:, :, 3:] * self._repeatability_mm
+            columns += [np.where((self._passage == p)[:, None], shifts, 0.0) for p in range(1, self._passage.max() + 1)]
+        return np.concatenate(columns, axis=2) if columns else np.empty((n, m, 0))
+
+    def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None) -> FloatArray:
+        if self.scheme.six:
+            return np.asarray(screw.twists(self.scheme.rows, poses))
+        weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.variance.min() / self.variance))
+        if unused is not None:
+            left = np.flatnonzero(unused >= 0)
+            weights[left, unused[left]] = 0.0
+        return np.asarray(least_squares.twists(self.scheme.rows, poses, weights, self.scheme.free_index))
+
+
+def covariances(
+    trajectory: Trajectory,
+    run: Run,
+    samples: slice | NDArray[np.intp] | NDArray[np.bool_] | None = None,
+    *,
+    constraint: str | None = None,
+    repeatability_mm: float = 0.0,
+) -> PoseCovariances:
+    """Random covariances and systematic factors of the poses of a run, all or the chosen samples; constraint and repeatability_mm as
+    `reconstruct` was given them. A trajectory that was read from its file will do.
+
+    TrajectoryError when the trajectory is not of this run; raises what `passes.align` raises.
+    """
+    aligned = align(run)
+    lengths = lengths_from_counts(aligned.run)
+    if len(lengths.time_s) != len(trajectory.time_s) or not np.allclose(lengths.time_s, trajectory.time_s, rtol=0.0, atol=1e-9):
+        raise TrajectoryError(
+            f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
+            "it is not of this run"
+        )
+    scheme = scheme_of(run.rig, run.start, constraint)
+    budget = Budget(run.rig, run.start, scheme, run.calibration, run.u_start, aligned.u_time_s, repeatability_mm)
+    chosen = slice(None) if samples is None else samples
+    speed, skew = lengths.speed_mm_s[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
+    poses = trajectory.poses[chosen].copy()
+    if scheme.point is not None:
+        # of the point alone: any orientation will do, for the rows have no arms
+        known = ~np.isnan(poses[:, 0])
+        poses[known, 3:] = (0.0, 0.0, 0.0, 1.0)
+    found = budget.of(poses, lengths.counts[chosen], speed, skew, _left_out(trajectory, lengths)[chosen])
+    return found if scheme.point is None else without_orientation(found)
+
+
+def without_orientation(found: PoseCovariances) -> PoseCovariances:
+    """The same where the orientation is not measured: NaN."""
+    random, factors = found.random.copy(), found.factors.copy()
+    random[:, :3, :] = random[:, :, :3] = np.nan
+    factors[:, :3] = np.nan
+    return PoseCovariances(random, factors, found.sources)
+
+
+def factor_of(covariance: FloatArray) -> FloatArray:
+    """(p, r) F with F F^T the covariance, r its rank."""
+    values, vectors = np.linalg.eigh(covariance)
+    largest = float(values.max(initial=0.0))
+    kept = values > 1e-12 * largest if largest > 0.0 else np.zeros(len(values), np.bool_)
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _left_out(trajectory: Trajectory, lengths: Lengths) -> IntArray:
+    """(n,) the cable that an `ok` sample names because it was not used, or -1."""
+    out = np.full(len(trajectory.time_s), -1)
+    for j, name in enumerate(lengths.cables):
+        out[(trajectory.status == screw.OK) & (trajectory.cable == name)] = j
+    return out
+
+
+def _parameters(scheme: Scheme, rig: Rig, calibration: CalibrationRecord | None) -> FloatArray:
+    """(13 m, 13 m) covariance of the cables' parameters; where the point itself is measured its place in the tool frame does not enter."""
+    covariance = cable_covariance(rig, calibration)
+    if scheme.point is not None:
+        attachment = np.tile([name.startswith("attachment") for name in PARAMETERS], len(scheme.rows))
+        covariance[attachment, :] = covariance[:, attachment] = 0.0
+    return covariance
+
+
+def _covers(calibrated: bool, start: bool, passes: bool) -> str:
+    """What the standard uncertainties hold, in words."""
+    more = [text for there, text in ((start, "the start pose"), (passes, "the passes")) if there]
+    if calibrated:
+        parts = ["counts of half a unit", *more, "the linked calibration"]
+        return f"{', '.join(parts[:-1])} and {parts[-1]}"
+    if more:
+        return f"counts of half a unit and {' and '.join(more)}: the rig links no calibration"
+    return "the counts' resolution only: the rig links no calibration"

@@ -1,0 +1,164 @@
+"""The budget of a run: what samples share and what they do not, against what real reconstructions scatter by."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import START, FloatArray, cell, motion, record
+from scipy.spatial.transform import Rotation
+from test_uncertainty import SAMPLES, calibrated, deviations, drawn, samples_of
+
+from lmeasure import covariances
+from lmeasure.errors import FileFormatError, TrajectoryError
+from lmeasure.lengths import lengths_from_counts
+from lmeasure.rig import Rig
+from lmeasure.run import Run, read_run, write_run
+from lmeasure.trajectory import Reconstruction, read_trajectory, reconstruct, write_trajectory
+from lmeasure.trajectory.monte_carlo import by_monte_carlo
+
+TRIALS = 300  # a standard deviation of as many draws is known to 4 %
+RUNS = 150  # 6 %
+U_START = (0.3, 0.001)
+AS_FILE = [3, 4, 5, 0, 1, 2]
+
+
+def off(start: FloatArray, generator: np.random.Generator, u: tuple[float, float] = U_START) -> FloatArray:
+    """A true start whose stated place is `start`."""
+    turned = Rotation.from_rotvec(generator.normal(0.0, u[1], 3)) * Rotation.from_quat(start[3:])
+    return np.r_[start[:3] + generator.normal(0.0, u[0], 3), turned.as_quat()]
+
+
+def test_factors_are_what_whole_runs_err_by_together() -> None:
+    """True rigs and true starts drawn: covariances within a sample and between samples of one run."""
+    rig, record_ = calibrated()
+    times, poses = samples_of()
+    run = Run(rig, START, record(rig, times, poses, exact=True).passes, record_, U_START)
+    stated = reconstruct(run)
+    assert stated.covers == "counts of half a unit, the start pose and the linked calibration"
+    budget = covariances(stated, run)
+    generator = np.random.default_rng(3)
+    shifts = generator.multivariate_normal(np.zeros(len(record_.parameters)), record_.covariance_matrix(), RUNS, method="cholesky")
+    found = []
+    for shift in shifts:
+        true = record(drawn(rig, record_, shift), times, poses, start=off(START, generator), exact=True)
+        found.append(deviations(reconstruct(Run(rig, START, true.passes)).poses, poses)[:, AS_FILE].ravel())
+    scatter = np.cov(np.array(found).T)
+    stacked = budget.factors.reshape(6 * len(SAMPLES), -1)
+    expected = stacked @ stacked.T
+    u = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(np.sqrt(np.diag(scatter)), u, rtol=0.24)
+    np.testing.assert_allclose(scatter / np.outer(u, u), expected / np.outer(u, u), atol=0.4)
+    # the errors of one run move together: that is what makes them systematic
+    assert np.abs((expected / np.outer(u, u))[:6, 6:]).max() > 0.5
+    np.testing.assert_allclose(budget.systematic, stated.systematic, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(budget.random, stated.random, rtol=1e-12)
+
+
+def test_at_the_start_the_pose_is_as_uncertain_as_was_stated() -> None:
+    rig = cell()
+    run = replace(record(rig, *motion(3)), u_start=U_START)
+    found = reconstruct(run)
+    np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.systematic))[0], np.repeat(U_START[::-1], 3), rtol=1e-9)
+    assert found.covers == "counts of half a unit and the start pose: the rig links no calibration"
+    assert set(covariances(found, run).sources) == {"start pose"}
+
+
+def test_monte_carlo_draws_the_start_too() -> None:
+    rig = cell(None)
+    run = replace(record(rig, *samples_of()), u_start=U_START)
+    reconstruction = Reconstruction(rig, START, u_start=U_START)
+    lengths = lengths_from_counts(run)
+    linear = reconstruction.add(lengths)
+    found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=1)
+    u = np.sqrt(np.einsum("nii->ni", linear.systematic))
+    np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.systematic)), u, rtol=0.17)
+
+
+def two_passes() -> tuple[Rig, Run]:
+    data = cell(None).to_dict()
+    for number, cable in enumerate(data["cable"]):
+        cable["pass"] = 1 + number % 2
+    rig = cell(None, cable=data["cable"])
+    return rig, record(rig, *motion(1500))
+
+
+def test_passes_have_sources_of_their_own() -> None:
+    _, run = two_passes()
+    found = reconstruct(run, repeatability_mm=0.05)
+    budget = covariances(found, run, slice(100, 200), repeatability_mm=0.05)
+    assert budget.sources == ("place of pass 1",) * 3 + ("place of pass 2",) * 3
+    np.testing.assert_allclose(budget.systematic, found.systematic[100:200], rtol=1e-9)
+    # both passes displaced alike displace the pose alike, whatever the rig
+    np.testing.assert_allclose(
+        budget.factors[:, :, :3] + budget.factors[:, :, 3:], np.tile(0.05 * np.eye(6)[:, 3:], (100, 1, 1)), atol=1e-12
+    )
+
+
+def test_monte_carlo_and_the_linear_law_agree_on_passes() -> None:
+    rig, run = two_passes()
+    times = run.passes[0].time_s
+    chosen = [0, 700, 1499]
+    few = Run(rig, START, tuple(replace(p, time_s=times[chosen], recorded=p.recorded[chosen]) for p in run.passes))
+    reconstruction = Reconstruction(rig, START, u_clock_s=(0.0, 0.001), repeatability_mm=0.05)
+    lengths = lengths_from_counts(few)
+    linear = reconstruction.add(lengths)
+    found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=2)
+    u = np.sqrt(np.einsum("nii->ni", linear.systematic))
+    np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.systematic)), u, rtol=0.17)
+
+
+def test_a_point_is_as_uncertain_as_start_and_arm_make_it() -> None:
+    """Three cables to one point: a turned start displaces the point by its arm."""
+    data = cell().to_dict()
+    rig = cell(cable=[dict(c, to="P1") for c in data["cable"]])
+    run = replace(record(rig, *motion(4)), u_start=U_START)
+    found = reconstruct(run)
+    budget = covariances(found, run)
+    arm = np.array(rig.tool["P1"])
+    across = np.array([[0.0, arm[2], -arm[1]], [-arm[2], 0.0, arm[0]], [arm[1], -arm[0], 0.0]])
+    expected = U_START[0] ** 2 * np.eye(3) + U_START[1] ** 2 * across @ across.T
+    np.testing.assert_allclose(budget.systematic[0, 3:, 3:], expected, rtol=1e-9, atol=1e-15)
+    assert np.isnan(budget.systematic[:, :3]).all()
+    np.testing.assert_allclose(budget.systematic, found.systematic, rtol=1e-9)
+
+
+def test_what_a_constraint_holds_is_exact_in_the_start() -> None:
+    rig = cell(constraint="planar")
+    run = replace(record(rig, *motion(3, reach_mm=0.0, tilt_rad=0.0)), u_start=U_START)
+    u = np.sqrt(np.einsum("nii->ni", reconstruct(run).systematic))[0]
+    np.testing.assert_allclose(u[[2, 3, 4]], [U_START[1], U_START[0], U_START[0]], rtol=1e-9)
+    np.testing.assert_array_equal(u[[0, 1, 5]], 0.0)
+
+
+def test_a_trajectory_read_back_tells_the_same(tmp_path: Path) -> None:
+    rig, record_ = calibrated()
+    run = Run(rig, START, record(rig, *motion(50)).passes, record_, U_START)
+    write_run(tmp_path / "run", run)
+    again = read_run(tmp_path / "run")
+    np.testing.assert_allclose(again.u_start, U_START, rtol=1e-14)
+    found = reconstruct(again)
+    write_trajectory(tmp_path / "out.parquet", found)
+    kept = read_trajectory(tmp_path / "out.parquet")
+    np.testing.assert_allclose(np.einsum("nii->ni", kept.systematic), np.einsum("nii->ni", found.systematic), rtol=1e-12)
+    np.testing.assert_allclose(np.einsum("nii->ni", kept.random), np.einsum("nii->ni", found.random), rtol=1e-6)
+    a, b = covariances(kept, again), covariances(found, run)
+    np.testing.assert_allclose(a.factors, b.factors, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(a.random, b.random)
+
+
+def test_another_runs_trajectory_is_refused() -> None:
+    rig = cell()
+    run, other = record(rig, *motion(20)), record(rig, *motion(30))
+    with pytest.raises(TrajectoryError, match="has 30 samples, the trajectory has 20 or at other times"):
+        covariances(reconstruct(run), other)
+
+
+@pytest.mark.parametrize("value", [-0.1, "wide", True, float("nan")])
+def test_an_uncertainty_of_the_start_that_is_none_is_refused(tmp_path: Path, value: object) -> None:
+    write_run(tmp_path, record(cell(), *motion(3)))
+    text = (tmp_path / "run.toml").read_text()
+    shown = str(value).lower() if not isinstance(value, str) else f'"{value}"'
+    (tmp_path / "run.toml").write_text(text.replace("[start]", f"[start]\nu_position_mm = {shown}"))
+    with pytest.raises(FileFormatError, match=r"run.toml: start: u_position_mm = .* is not a standard uncertainty"):
+        read_run(tmp_path)
