@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable
-from lmeasure.kernels.cable import PARAMETERS
 from lmeasure.run import Run, RunHead
 from lmeasure.trajectory import Reconstruction, Trajectory
 
@@ -44,34 +43,23 @@ class ErrorModel(Protocol):
 
 
 class ErrorsOfRun:
-    """Errors by the rig of a run: every count anywhere within half a unit, the rig's parameters as its linked calibration knows them."""
+    """Errors by the rig of a run: every count anywhere within half a unit, the rig's parameters as its linked calibration knows them, the
+    start pose as `run.toml` states it."""
 
     def __init__(self, run: Run | RunHead, constraint: str | None = None) -> None:
-        self._solver = Reconstruction(run.rig, run.start, run.calibration, constraint)
+        self._solver = Reconstruction(run.rig, run.start, run.calibration, constraint, run.u_start)
         self.covers = self._solver.covers
-        values, vectors = np.linalg.eigh(self._solver.parameters)
-        kept = values > 1e-14 * max(float(values.max(initial=0.0)), 1e-300)
-        cables = len(self._solver.scheme.rows)
-        self._factor = (vectors[:, kept] * np.sqrt(values[kept])).reshape(cables, len(PARAMETERS), int(kept.sum()))
 
     def at(self, trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
-        """See `ErrorModel`; the parameters move a length at the pose and at the start, where the counters were zeroed."""
-        solver, rows, free = self._solver, self._solver.scheme.rows, self._solver.scheme.free_index
+        """See `ErrorModel`."""
+        solver, rows = self._solver, self._solver.scheme.rows
         n, m = len(poses), len(rows)
         here = np.array(poses)
         if solver.scheme.point is not None:
             here[:, 3:] = (0.0, 0.0, 0.0, 1.0)
-        zero = solver.start[None, :]
-        J = cable.span_rows_of(rows, here)[:, :, free]
-        weighted = J / solver.variance[:, None]
-        inverse = np.zeros((n, 6, m))
-        inverse[:, free] = np.linalg.solve(J.transpose(0, 2, 1) @ weighted, weighted.transpose(0, 2, 1))
-        random = (inverse * solver.variance) @ inverse.transpose(0, 2, 1)
-        counts = cable.counts_from_changes(rows, cable.span_lengths(rows, here) - cable.span_lengths(rows, zero))
-        gradients = cable.length_gradients(rows, here, counts, solver.scales)
-        gradients -= cable.length_gradients(rows, zero, np.zeros((1, m)), solver.scales)
-        shared = -inverse @ np.einsum("nmp,mpk->nmk", gradients, self._factor)
-        return PoseErrors(random, np.zeros((n, 6, 0)), shared)
+        counts = cable.counts_from_changes(rows, cable.span_lengths(rows, here) - cable.span_lengths(rows, solver.start[None, :]))
+        found = solver.budget.of(here, counts, np.zeros((n, m)))
+        return PoseErrors(found.random, np.zeros((n, 6, 0)), found.factors)
 
 
 class ErrorsOfFile:
