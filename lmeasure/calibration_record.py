@@ -72,7 +72,12 @@ class Input(_Record):
 
 
 class CalibrationRecord(_Record):
-    """calibration.json of the contract. covariance (p, p) is that of the parameters in their order, in their units."""
+    """calibration.json of the contract.
+
+    covariance (p, p) is that of the parameters in their order, in their units. tangent_covariance, of the linearised model, is what lengths
+    and poses inherit: along a bent valley the values stray from the tangent and the lengths hardly do. Absent, the covariance serves both.
+    region: the values v with (v - values)' covariance^-1 (v - values) <= factor^2 hold the truth with the probability stated.
+    """
 
     schema_: Annotated[Literal["lmeasure.calibration/1"], Field(alias="schema")] = "lmeasure.calibration/1"
     rig: str
@@ -90,21 +95,17 @@ class CalibrationRecord(_Record):
     correlations: tuple[dict[str, Any], ...] = ()
     predicted: dict[str, Any] = Field(default_factory=dict)
     validation: dict[str, Any] = Field(default_factory=dict)
+    tangent_covariance: tuple[tuple[Number, ...], ...] | None = None
+    region: dict[str, Any] = Field(default_factory=dict)
     noise: dict[str, float] = Field(default_factory=dict)
     settings: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _is_a_covariance(self) -> Self:
+    def _are_covariances(self) -> Self:
         p = len(self.parameters)
-        if len(self.covariance) != p or any(len(row) != p for row in self.covariance):
-            raise ValueError(f"covariance: is not {p} x {p} as the parameters ask")
-        matrix = self.covariance_matrix()
-        scale = np.sqrt(np.outer(np.diag(matrix).clip(0), np.diag(matrix).clip(0)))
-        if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
-            raise ValueError("covariance: is not symmetric with variances on its diagonal")
-        correlation = matrix / np.where(scale > 0, scale, 1.0)
-        if p and np.linalg.eigvalsh(correlation).min() < -NEGATIVE_EIGENVALUE:
-            raise ValueError("covariance: is not positive semidefinite: some combination would have a negative variance")
+        _check_covariance("covariance", self.covariance, p)
+        if self.tangent_covariance is not None:
+            _check_covariance("tangent_covariance", self.tangent_covariance, p)
         if p:
             name, times = Counter(q.name for q in self.parameters).most_common(1)[0]
             if times > 1:
@@ -113,7 +114,11 @@ class CalibrationRecord(_Record):
 
     def covariance_matrix(self) -> FloatArray:
         """(p, p) covariance of the parameters in their own units."""
-        return np.array(self.covariance, dtype=np.float64).reshape(len(self.parameters), len(self.parameters))
+        return _matrix(self.covariance)
+
+    def tangent_matrix(self) -> FloatArray:
+        """(p, p) covariance of the parameters to propagate linearly, in their own units."""
+        return _matrix(self.covariance if self.tangent_covariance is None else self.tangent_covariance)
 
     def cable_covariance(self, names: list[list[str]]) -> FloatArray:
         """(13 m, 13 m) covariance of the kernels' parameters, mm and rad, for m cables.
@@ -127,7 +132,24 @@ class CalibrationRecord(_Record):
         for i, name in enumerate(flat):
             if name in index:
                 select[i, index[name]] = math.radians(1.0) if name.endswith("_deg") else 1.0
-        return np.asarray(select @ self.covariance_matrix() @ select.T)
+        return np.asarray(select @ self.tangent_matrix() @ select.T)
+
+
+def _matrix(rows: tuple[tuple[float, ...], ...]) -> FloatArray:
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows))
+
+
+def _check_covariance(name: str, rows: tuple[tuple[float, ...], ...], p: int) -> None:
+    """ValueError unless the rows are a symmetric positive semidefinite (p, p) matrix."""
+    if len(rows) != p or any(len(row) != p for row in rows):
+        raise ValueError(f"{name}: is not {p} x {p} as the parameters ask")
+    matrix = _matrix(rows)
+    scale = np.sqrt(np.outer(np.diag(matrix).clip(0), np.diag(matrix).clip(0)))
+    if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
+        raise ValueError(f"{name}: is not symmetric with variances on its diagonal")
+    correlation = matrix / np.where(scale > 0, scale, 1.0)
+    if p and np.linalg.eigvalsh(correlation).min() < -NEGATIVE_EIGENVALUE:
+        raise ValueError(f"{name}: is not positive semidefinite: some combination would have a negative variance")
 
 
 def read_calibration_record(path: Path) -> CalibrationRecord:

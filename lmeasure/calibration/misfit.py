@@ -52,7 +52,8 @@ def explain_misfit(model: Model, found: Fit, noise: Noise, prior: bool, blamed: 
         )
         findings.append(Finding(code="misfit", text=text, value=u))
     if _improbable(found):
-        found = replace(found, covariance=np.asarray(found.covariance * (found.chi2 / (len(found.residuals) - found.rank))))
+        excess = found.chi2 / (len(found.residuals) - found.rank)
+        found = replace(found, covariance=np.asarray(found.covariance * excess), excess=excess)
     return found, noise, findings
 
 

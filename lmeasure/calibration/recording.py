@@ -1,12 +1,12 @@
 """The calibration record of a fit: values with their uncertainties, and what holds them together."""
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.prediction import Prediction
 from lmeasure.calibration.refine import Fit, Noise
+from lmeasure.calibration.regions import PROBABILITY, Regions, whole_counts
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import Validation
 from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual, Unobservable
@@ -17,22 +17,32 @@ CORRELATED = 0.95
 
 
 def make_record(
-    campaign: Campaign, model: Model, found: Fit, noise: Noise, findings: list[Finding], silent: list[Unobservable]
+    campaign: Campaign,
+    model: Model,
+    found: Fit,
+    where: Regions,
+    noise: Noise,
+    findings: list[Finding],
+    silent: list[Unobservable],
 ) -> CalibrationRecord:
     """The record of a fit; coarse solutions, ranges, predictions and settings are added by the caller that has them."""
     unknowns = model.unknowns
-    u = np.sqrt(np.diag(found.covariance))
+    u = np.sqrt(np.diag(where.covariance))
     freedom = len(found.residuals) - found.rank
-    # a noise level taken from the residuals themselves is known only as well as their number allows
-    estimated = any(w.code == "misfit" for w in findings)
-    coverage = float(scipy.stats.t.ppf(0.975, max(freedom, 1))) if estimated else 1.959963984540054
     return CalibrationRecord(
         rig=campaign.rig.name,
         parameters=tuple(
-            Parameter(name=n, value=float(v), u=float(s), prior_u=float(w), U95=coverage * float(s))
-            for n, v, s, w in zip(unknowns.names, found.theta, u, unknowns.width, strict=True)
+            Parameter(name=n, value=float(v), u=float(s), prior_u=float(w), U95=float(half))
+            for n, v, s, w, half in zip(unknowns.names, found.theta, u, unknowns.width, where.U95, strict=True)
         ),
-        covariance=tuple(tuple(float(x) for x in row) for row in found.covariance),
+        covariance=_rows(where.covariance),
+        tangent_covariance=_rows(found.covariance),
+        region={
+            "probability": PROBABILITY,
+            "factor": where.factor,
+            "bend": where.bend,
+            "whole_counts": bool(whole_counts(model).all()),
+        },
         residuals=tuple(
             Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
             for i, j, r in zip(model.pose_index, model.cable_index, found.residuals, strict=True)
@@ -43,7 +53,7 @@ def make_record(
         unobservable=tuple(silent),
         warnings=tuple(findings),
         inputs=campaign.inputs,
-        correlations=tuple(_correlations(unknowns.names, found.covariance, u)),
+        correlations=tuple(_correlations(unknowns.names, where.covariance, u)),
         validation=_validation(model, found),
         noise={
             "chi_squared": found.chi2,
@@ -53,6 +63,10 @@ def make_record(
             "reference_u_rotation_deg": float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2)))),
         },
     )
+
+
+def _rows(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(x) for x in row) for row in matrix)
 
 
 def _correlations(names: tuple[str, ...], covariance: FloatArray, u: FloatArray) -> list[dict[str, object]]:

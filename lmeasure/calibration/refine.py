@@ -37,8 +37,9 @@ class Fit:
 
     theta (p,) in the units of the unknowns; residuals (e,) modelled less measured [mm]; V (e, e) their covariance [mm^2]; s (p,) singular
     values of the whitened, prior-scaled Jacobian (zero-padded), directions (p, p) its right singular vectors as rows; known (p,) True
-    where the data decide; covariance (p, p) of theta; chi2 of the residuals under V; prior_misfit: squared distance from the
-    nominal values in prior widths where the prior acts; nominal_misfit: the same in all directions.
+    where the data decide; prior_everywhere: whether the prior acts on those too; covariance (p, p) of theta with the model linearised; chi2 of
+    the residuals under V; prior_misfit: squared distance from the nominal values in prior widths where the prior acts; nominal_misfit: the
+    same in all directions; excess: how many times V the residuals ask for when nothing explains them (in the covariance already).
     """
 
     theta: FloatArray
@@ -47,11 +48,19 @@ class Fit:
     s: FloatArray
     directions: FloatArray
     known: BoolArray
+    prior_everywhere: bool
     covariance: FloatArray
     chi2: float
     prior_misfit: float
     nominal_misfit: float
     converged: bool
+    excess: float = 1.0
+
+    @property
+    def gains(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(p,) each: how a unit of the data's and of the prior's error moves the result along each direction, and the standard
+        uncertainty that both make, all in prior widths."""
+        return _gains(self.s, self.known, self.prior_everywhere)
 
     @property
     def rank(self) -> int:
@@ -62,6 +71,14 @@ class Fit:
     def objective(self) -> float:
         """Twice the negative log posterior, constants left out: what tells one minimum from another."""
         return self.chi2 + self.nominal_misfit
+
+
+def _gains(s: FloatArray, known: BoolArray, prior_everywhere: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+    if prior_everywhere:
+        data, prior = s / (1.0 + s**2), 1.0 / (1.0 + s**2)
+    else:
+        data, prior = np.where(known, 1.0 / np.where(known, s, 1.0), 0.0), np.where(known, 0.0, 1.0)
+    return data, prior, np.hypot(data, prior)
 
 
 def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
@@ -76,7 +93,7 @@ def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatA
     return np.asarray(V)
 
 
-class _Whitened:
+class Whitened:
     """Whitened residuals and Jacobian of a model in z, for one covariance of the residuals."""
 
     def __init__(self, model: Model, V: FloatArray) -> None:
@@ -91,12 +108,13 @@ class _Whitened:
         return np.asarray(self._nominal + self._width * z)
 
     def residuals(self, z: FloatArray) -> FloatArray:
-        return self._whiten(self.model.residuals(self.theta(z))[:, None])[:, 0]
+        return self.whiten(self.model.residuals(self.theta(z))[:, None])[:, 0]
 
     def jacobian(self, z: FloatArray) -> FloatArray:
-        return self._whiten(self.model.jacobian(self.theta(z)) * self._width)
+        return self.whiten(self.model.jacobian(self.theta(z)) * self._width)
 
-    def _whiten(self, columns: FloatArray) -> FloatArray:
+    def whiten(self, columns: FloatArray) -> FloatArray:
+        """(e, c) columns of errors of the residuals [mm] with unit covariance instead of V."""
         return np.asarray(self._W * columns if self._W.shape[1] == 1 else self._W @ columns)
 
 
@@ -110,7 +128,7 @@ def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool) -
     precision = 1e-13 if prior_everywhere else 1e-7
     # V depends on theta where the poses are in error, and hardly: the second round has it at the optimum
     for _ in range(2 if (noise.u_position_mm.any() or noise.u_rotation_rad.any()) else 1):
-        w = _Whitened(model, V)
+        w = Whitened(model, V)
         found = scipy.optimize.least_squares(
             lambda z, w=w: np.concatenate([w.residuals(z), z]),
             z,
@@ -131,13 +149,13 @@ def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool) -
     return _describe(model, z, V, prior_everywhere, converged)
 
 
-def _split(w: _Whitened, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+def _split(w: Whitened, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     U, s, Vt = np.linalg.svd(w.jacobian(z), full_matrices=True)
     s = np.concatenate([s, np.zeros(len(z) - len(s))])
     return U, s, Vt, s > 1.0
 
 
-def _release(w: _Whitened, z: FloatArray) -> tuple[FloatArray, bool]:
+def _release(w: Whitened, z: FloatArray) -> tuple[FloatArray, bool]:
     """Gauss-Newton that fits the data in the directions they determine and goes back to the nominal value in the others.
 
     Curved silent directions are approached slowly; what remains is settled when it is a hundredth of the standard uncertainty there.
@@ -169,11 +187,11 @@ def _release(w: _Whitened, z: FloatArray) -> tuple[FloatArray, bool]:
 
 
 def _describe(model: Model, z: FloatArray, V: FloatArray, prior_everywhere: bool, converged: bool) -> Fit:
-    w = _Whitened(model, V)
+    w = Whitened(model, V)
     _, s, Vt, known = _split(w, z)
-    variance = 1.0 / (1.0 + s**2) if prior_everywhere else np.where(known, 1.0 / np.where(known, s, 1.0) ** 2, 1.0)
+    sigma = _gains(s, known, prior_everywhere)[2]
     width = model.unknowns.width
-    covariance = (Vt.T * variance) @ Vt * np.outer(width, width)
+    covariance = (Vt.T * sigma**2) @ Vt * np.outer(width, width)
     r = w.residuals(z)
     theta = w.theta(z)
     penalty = z if prior_everywhere else Vt[~known] @ z
@@ -184,6 +202,7 @@ def _describe(model: Model, z: FloatArray, V: FloatArray, prior_everywhere: bool
         s,
         Vt,
         known,
+        prior_everywhere,
         np.asarray((covariance + covariance.T) / 2),
         float(r @ r),
         float(penalty @ penalty),

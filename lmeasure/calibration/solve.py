@@ -17,6 +17,7 @@ from lmeasure.calibration.prediction import Prediction, predict
 from lmeasure.calibration.ranges import position_range
 from lmeasure.calibration.recording import make_record, predicted_entry
 from lmeasure.calibration.refine import Fit, Noise, fit
+from lmeasure.calibration.regions import BENT, regions
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
 from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.rig import Rig
@@ -25,6 +26,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 STARTS = 6  # distinct LP candidates that are polished per point
+APART = 10.0  # standard uncertainties between two results that are not one
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class _Point:
     boxes: list[Box]
     fit: Fit
     model: Model
+    rivals: list[Fit]
 
 
 def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Progress | None = None) -> Calibration:
@@ -89,6 +92,14 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
         model, fit(model, start, noise, settings.prior), noise, settings.prior, [w.channel or w.code for w in gross]
     )
     findings += [*gross, *misfits, *_shape_findings(campaign, unknowns, joint, points)]
+    estimated = any(w.code == "misfit" for w in misfits)
+    where = regions(model, joint, settings.seed, model.equations - joint.rank if estimated else None)
+    if where.bend > BENT and joint.rank == len(unknowns.names):
+        text = (
+            f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
+            "that; lengths are told better than the values suggest"
+        )
+        findings.append(Finding(code="nonlinear", text=text, value=where.bend))
     sight = _lines_of_sight(campaign, unknowns, joint)
     silent = observability.unobservable_directions(unknowns, joint, sight)
     for owner in dict.fromkeys(u.point for u in silent):
@@ -98,7 +109,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
         text = f"{owner}: {equations} equations leave {left} undetermined; there the nominal rig's priors decide"
         findings.append(Finding(code="underdetermined", text=text, value=float(len(own))))
     rig = rig_with(campaign, unknowns, joint.theta, "calibration.json")
-    record = make_record(campaign, model, joint, noise, findings, silent)
+    record = make_record(campaign, model, joint, where, noise, findings, silent)
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in _with_assumed(campaign)]
     predicted = predict(campaign, rig, record, settings.seed)
     record = record.model_copy(
@@ -177,13 +188,17 @@ def _solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise
             if key in unknowns.names:
                 start[unknowns.names.index(key)] = value
         starts.append(start)
-    best: Fit | None = None
-    for start in _distinct(starts, unknowns.width):
-        found = fit(model, start, noise, settings.prior)
-        if best is None or found.objective < best.objective - 1e-6:
-            best = found
-    assert best is not None
-    return _Point(name, coarse, boxes, best, model)
+    best, *others = sorted(
+        (fit(model, start, noise, settings.prior) for start in _distinct(starts, unknowns.width)), key=lambda f: f.objective
+    )
+    rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]
+    return _Point(name, coarse, boxes, best, model, rivals)
+
+
+def _apart(a: Fit, b: Fit, width: FloatArray) -> float:
+    """Distance of two results in the directions that the data determine at either, in standard uncertainties there: the smaller one."""
+    d = (a.theta - b.theta) / width
+    return min(float(np.linalg.norm((f.s * (f.directions @ d))[f.known])) for f in (a, b))
 
 
 def _distinct(starts: list[FloatArray], width: FloatArray) -> list[FloatArray]:
@@ -199,6 +214,10 @@ def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: 
     """Results at the edge of the search, missing coarse solutions, and a fit that did not settle."""
     out = []
     for point in points:
+        for rival in point.rivals[:1]:
+            values = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.unknowns.names, rival.theta, strict=True))
+            text = f"{point.name}: another result fits as well (chi-squared {rival.chi2:.3g} against {point.fit.chi2:.3g}): {values}"
+            out.append(Finding(code="ambiguous", text=text, value=rival.chi2 - point.fit.chi2))
         rig_point = campaign.rig.point(point.name)
         values = dict(zip(unknowns.names, found.theta, strict=True))
         where = np.array(

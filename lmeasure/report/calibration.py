@@ -24,6 +24,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
             *_moved(comparison),
             html.heading("Values"),
             html.paragraph("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value."),
+            *_region(record),
             html.table(
                 ("value", "result", "u", "U95", "prior u"),
                 ((p.name, f"{p.value:.4f}", f"{p.u:.3g}", f"{p.U95:.3g}", f"{p.prior_u:.3g}") for p in record.parameters),
@@ -49,6 +50,21 @@ def _summary(record: CalibrationRecord) -> list[str]:
     rms = f"Residuals {record.noise['residual_rms_mm']:.4g} mm rms; "
     chi = f"chi-squared {record.noise['chi_squared']:.4g} with {record.noise['degrees_of_freedom']:.0f} degrees of freedom."
     return [*parts, html.paragraph(told + rms + chi)]
+
+
+def _region(record: CalibrationRecord) -> list[str]:
+    """What the joint region of the values is."""
+    if not record.region:
+        return []
+    counts = "whole counts, whose rounding is uniform" if record.region["whole_counts"] else "counts with Gaussian noise"
+    return [
+        html.paragraph(
+            f"U95 is the half width of each value's own interval of {100 * record.region['probability']:.0f} %; all values together lie "
+            f"within {record.region['factor']:.3g} standard uncertainties of their joint covariance, from {counts}. The model's curvature adds "
+            f"{record.region['bend']:.2g} standard uncertainties to the linear ones in the direction where it is largest; lengths and poses "
+            "hardly feel it and inherit the linear covariance."
+        )
+    ]
 
 
 def _silence(record: CalibrationRecord) -> list[str]:

@@ -1,0 +1,159 @@
+"""Slow study over random rigs and campaigns: do calibrations reach the Cramer-Rao bound, do their 95 % regions hold the truth in 95 %?
+
+    python benchmarks/calibration_coverage.py --case all --first 0 --campaigns 500 --out campaigns.csv
+    python benchmarks/calibration_coverage.py --table campaigns.csv
+
+The campaign is the unit: one drawn rig, one set of poses, one draw of the noise, its number the seed. Pieces may be run one after another or
+side by side; each adds its campaigns to the file, and --table prints what benchmarks/results/calibration_coverage.md shows.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import scipy.stats
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration import Calibration, Settings, calibrate
+from lmeasure.calibration.refine import Noise, Whitened, fit, residual_covariance
+from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.kernels import cable as cable_kernels
+from lmeasure.lengths import cable_covariance, counts_from_poses, span_lengths
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
+from random_campaigns import Drawn, at_truth, draw, true_values
+
+FloatArray = NDArray[np.float64]
+
+CASES = {
+    "gaussian, exact poses": ("gaussian", 0.0, 1, 10),
+    "gaussian, poses 0.05 mm": ("gaussian", 0.05, 6, 30),
+    "rounded, exact poses": ("rounded", 0.0, 1, 10),
+    "rounded, poses 0.05 mm": ("rounded", 0.05, 6, 30),
+}
+"""Noise of the counts, standard uncertainty of the reference poses [mm], observation points, least number of poses (up to ten more)."""
+
+STRAIGHT = 0.1  # bend up to which the linear bound is what can be reached
+SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapped", "angles", "outlier", "slip", "ambiguous"}
+
+
+def bound(drawn: Drawn) -> FloatArray:
+    """Cramer-Rao bound (p, p) of the parameters, from the information at the truth."""
+    campaign = at_truth(drawn)
+    model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
+    noise = Noise(campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
+    J, V = model.jacobian(model.unknowns.nominal), residual_covariance(model, model.unknowns.nominal, noise)
+    return np.asarray(np.linalg.inv(J.T @ np.linalg.solve(V, J)))
+
+
+def lengths(drawn: Drawn, result: Calibration, information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n, m) errors of predicted changes since the zero pose, their bounds and their stated standard uncertainties [mm], at held-out poses."""
+    rng = np.random.default_rng(9)
+    rows = np.column_stack([rng.uniform(-300, 300, (100, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (100, 3))).as_quat()])
+    rows = np.vstack([drawn.campaign.poses.rows[:1], rows])
+    wrong = span_lengths(result.rig, rows) - span_lengths(drawn.truth, rows)
+    linked = result.record.model_copy(update={"tangent_covariance": tuple(map(tuple, information.tolist()))})
+    return wrong[1:] - wrong[0], _predicted(drawn, result, linked, rows), _predicted(drawn, result, result.record, rows)
+
+
+def _predicted(drawn: Drawn, result: Calibration, record: object, rows: FloatArray) -> FloatArray:
+    rig = result.rig
+    cables, scales = rig.cable_rows(), rig.scales()
+    # the geometry alone: what the drum makes of a count is known here
+    counts = counts_from_poses(rig, rows, rows[0])
+    g = cable_kernels.length_gradients(cables, np.ascontiguousarray(rows), counts, scales)
+    g = g[1:] - g[0]
+    covariance, width = cable_covariance(rig, record, rig.cable), g.shape[2]  # type: ignore[arg-type]
+    blocks = np.array([covariance[j * width : (j + 1) * width, j * width : (j + 1) * width] for j in range(g.shape[1])])
+    return np.asarray(np.sqrt(np.einsum("nma,mab,nmb->nm", g, blocks, g)))
+
+
+def study(case: str, seed: int) -> dict[str, object]:
+    """One campaign, drawn and calibrated."""
+    noise, u, points, poses = CASES[case]
+    drawn = draw(seed, points=points, poses=poses + seed % 11, noise=noise, u_position_mm=u)
+    result = calibrate(drawn.campaign, Settings())
+    record = result.record
+    codes = {w.code for w in record.warnings}
+    out: dict[str, object] = {"case": case, "seed": seed, "determined": record.rank == record.unknowns, "said": bool(codes & SAID)}
+    if not out["determined"]:
+        return out
+    names = [p.name for p in record.parameters]
+    truth = true_values(drawn, names)
+    error = np.array([p.value for p in record.parameters]) - truth
+    information = bound(drawn)
+    own = float(error @ np.linalg.solve(record.covariance_matrix(), error))
+    wrong, best, stated = lengths(drawn, result, information)
+    # the minimum that a start at the truth leads to
+    model = Model(drawn.campaign, unknowns_of(drawn.campaign, ("position", "guide")))
+    reached = fit(model, truth, Noise(drawn.campaign.poses.u_position_mm, drawn.campaign.poses.u_rotation_rad), prior_everywhere=False)
+    apart = np.array([p.value for p in record.parameters]) - reached.theta
+    elsewhere = float(apart @ np.linalg.solve(reached.covariance, apart)) > 0.1
+    at_truth_chi2 = float(np.sum(Whitened(model, reached.V).residuals((truth - model.unknowns.nominal) / model.unknowns.width) ** 2))
+    ratio = error / np.sqrt(np.diag(information))
+    return out | {
+        "bend": record.region["bend"],
+        "values_to_bound": float(np.mean(ratio**2)),
+        "joint_to_bound": float(error @ np.linalg.solve(information, error)) / len(error),
+        "lengths_to_bound": float(np.mean((wrong / best) ** 2)),
+        "inside": own <= record.region["factor"] ** 2,
+        "inside_gaussian": own <= scipy.stats.chi2.ppf(0.95, len(error)),
+        "values_inside": float(np.mean([abs(e) <= p.U95 for e, p in zip(error, record.parameters, strict=True)])),
+        "lengths_inside": float(np.mean(np.abs(wrong) <= 1.959964 * stated)),
+        "wrong": elsewhere or at_truth_chi2 - reached.chi2 > scipy.stats.chi2.isf(1e-6, len(error)),
+    }
+
+
+def table(data: pd.DataFrame) -> None:
+    """The study's table, one line a case."""
+    header = (
+        "case", "campaigns", "determined", "values / bound", "lengths / bound", "of these straight", "joint / bound",
+        "in 95 % region", "p", "Gaussian region", "values in U95", "lengths in 1.96 u", "another minimum, said", "unsaid",
+    )  # fmt: skip
+    print("| " + " | ".join(header) + " |\n" + "|" + "---|" * len(header))
+    for case in CASES:
+        own = data[data["case"] == case]
+        known = own[own["determined"]]
+        if known.empty:
+            continue
+        straight = known[known["bend"] < STRAIGHT]
+        inside = int(known["inside"].sum())
+        p = scipy.stats.binomtest(inside, len(known), 0.95).pvalue
+        wrong = known["wrong"].astype(bool)
+
+        def root(column: pd.Series) -> str:
+            m = column.astype(float)
+            return f"{np.sqrt(m.mean()):.3f} ± {m.std() / np.sqrt(len(m)) / 2 / np.sqrt(m.mean()):.3f}"
+
+        row = (
+            case, len(own), len(known), root(known["values_to_bound"]), root(known["lengths_to_bound"]), len(straight),
+            root(straight["joint_to_bound"]), f"{100 * inside / len(known):.1f} %", f"{p:.3f}",
+            f"{100 * known['inside_gaussian'].mean():.1f} %", f"{100 * known['values_inside'].mean():.1f} %",
+            f"{100 * known['lengths_inside'].mean():.1f} %", int((wrong & known["said"]).sum()), int((wrong & ~known["said"]).sum()),
+        )  # fmt: skip
+        print("| " + " | ".join(str(c) for c in row) + " |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", default="all", choices=["all", *CASES])
+    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first campaign of each case")
+    parser.add_argument("--campaigns", type=int, default=500, help="campaigns of each case")
+    parser.add_argument("--out", type=Path, default=Path("campaigns.csv"))
+    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
+    arguments = parser.parse_args()
+    if arguments.table:
+        table(pd.read_csv(arguments.table).drop_duplicates(["case", "seed"]))
+        return
+    for case in CASES if arguments.case == "all" else [arguments.case]:
+        rows = [study(case, seed) for seed in range(arguments.first, arguments.first + arguments.campaigns)]
+        found = pd.DataFrame(rows)
+        found.to_csv(arguments.out, mode="a", header=not arguments.out.exists(), index=False)
+    table(pd.read_csv(arguments.out).drop_duplicates(["case", "seed"]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Random rigs and campaigns with a known truth, for every estimator to be held to."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration import Campaign
+from lmeasure.lengths import counts_from_poses
+from lmeasure.poses import Poses
+from lmeasure.rig import Rig, rig_from_dict
+
+FloatArray = NDArray[np.float64]
+
+COUNT_MM = 0.012
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A campaign as the metrologist has it (nominal rig, reference poses as the robot states them), with the true rig behind it."""
+
+    campaign: Campaign
+    truth: Rig
+
+
+def draw(seed: int, *, points: int = 1, poses: int = 14, noise: str = "gaussian", u_position_mm: float = 0.0) -> Drawn:
+    """A rig of drums on a shell around the cell, a campaign in it, and a nominal rig off by its own prior uncertainties.
+
+    noise: "gaussian" adds to every count what whole counts add in variance, "rounded" rounds; u_position_mm is drawn on the stated
+    reference poses.
+    """
+    rng = np.random.default_rng([seed, points, poses])
+    data = {
+        "schema": "lmeasure.rig/1",
+        "name": f"drawn {seed}",
+        "observation_point": [_point(f"B{i + 1}", rng) for i in range(points)],
+        "tool": {f"P{i + 1}": [150 * float(np.cos(a)), 150 * float(np.sin(a)), 0.0] for i, a in enumerate(np.radians([90, 210, 330]))},
+        "cable": [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i % 3 + 1}"} for i in range(points)],
+    }
+    truth = rig_from_dict(data)
+    rows = np.column_stack([rng.uniform(-300, 300, (poses, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (poses, 3))).as_quat()])
+    counts = counts_from_poses(truth, rows, rows[0])
+    if noise == "rounded":
+        counts = np.rint(counts)
+    else:
+        counts[1:] += rng.normal(0, 1 / np.sqrt(12), (poses - 1, points))
+    stated = rows.copy()
+    stated[:, :3] += rng.normal(0, 1, (poses, 3)) * u_position_mm
+    names = tuple(str(i + 1) for i in range(poses))
+    reference = Poses(names, stated, np.full(poses, u_position_mm), np.zeros(poses))
+    nominal = truth.to_dict()
+    for p in nominal["observation_point"]:
+        p["position_mm"] = (np.array(p["position_mm"]) + rng.normal(0, 30, 3).clip(-75, 75)).tolist()
+        for key in ("guide_alpha_deg", "guide_beta_deg"):
+            p[key] = float(p[key] + np.clip(rng.normal(0, 5), -12, 12))
+    campaign = Campaign(rig_from_dict(nominal), reference, truth.cable, counts, np.zeros(points, dtype=np.int64))
+    return Drawn(campaign, truth)
+
+
+def _point(name: str, rng: np.random.Generator) -> dict[str, object]:
+    """A pulley 1.2 to 2.2 m from the cell's centre whose drum stands behind and below it."""
+    way = rng.normal(size=3)
+    way[2] = abs(way[2]) - 0.3
+    way /= np.linalg.norm(way)
+    place = way * rng.uniform(1200, 2200)
+    return {
+        "name": name,
+        "position_mm": place.tolist(),
+        "guide_alpha_deg": rng.uniform(35, 65),
+        "guide_beta_deg": float(np.degrees(np.arctan2(place[0], place[1]))) + rng.uniform(-15, 15),
+        "pulley_radius_mm": rng.uniform(12, 30),
+        "drum": {
+            "counts_per_revolution": 6000,
+            "count_length_mm": COUNT_MM,
+            "groove_pitch_mm": rng.uniform(0.8, 1.6),
+            "tangent_length_mm": rng.uniform(130, 240),
+            "axial_offset_mm": rng.uniform(20, 30),
+        },
+    }
+
+
+def true_values(drawn: Drawn, names: list[str]) -> FloatArray:
+    """(p,) true values of the record's parameters."""
+    out = []
+    for name in names:
+        owner, key = name.rsplit(".", 1)
+        p = drawn.truth.point(owner)
+        holder = p if hasattr(p, key) else p.drum
+        out.append(p.position_mm["xyz".index(key[0])] if key in ("x_mm", "y_mm", "z_mm") else float(getattr(holder, key)))
+    return np.array(out)
+
+
+def at_truth(drawn: Drawn) -> Campaign:
+    """The same campaign with the true rig as the nominal one."""
+    return replace(drawn.campaign, rig=drawn.truth)

@@ -1,0 +1,106 @@
+"""Draw an instrument, simulate a campaign, calibrate, compare: every option of the calibration inherits this."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+from random_campaigns import Drawn, draw, true_values
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration import Calibration, Settings, calibrate
+from lmeasure.lengths import span_lengths
+from lmeasure.rig import Rig, rig_from_dict
+
+SEEDS = range(5)
+CHANCE = 1e-5  # of a correct calibration failing one comparison
+
+
+def compare(drawn: Drawn, result: Calibration) -> None:
+    """The error is one that the stated covariance allows, and so are the lengths the rig predicts."""
+    record = result.record
+    error = np.array([p.value for p in record.parameters]) - true_values(drawn, [p.name for p in record.parameters])
+    square = float(error @ np.linalg.solve(record.covariance_matrix(), error))
+    assert square < scipy.stats.chi2.isf(CHANCE, len(error))
+    rng = np.random.default_rng(9)
+    rows = np.column_stack([rng.uniform(-300, 300, (100, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (100, 3))).as_quat()])
+    rows = np.vstack([drawn.campaign.poses.rows[:1], rows])
+    wrong = span_lengths(result.rig, rows) - span_lengths(drawn.truth, rows)
+    worst = max(e["worst_mm"] for e in record.predicted["lengths"])
+    # outside the reference poses' box the prediction grows; inside it the worst pose bounds all
+    assert np.abs(wrong[1:] - wrong[0]).max() < 8 * max(worst, 0.004)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("noise", ["gaussian", "rounded"])
+def test_exact_poses(seed: int, noise: str) -> None:
+    drawn = draw(seed, points=2, poses=14, noise=noise)
+    result = calibrate(drawn.campaign)
+    assert not {w.code for w in result.record.warnings} - {"nonlinear"}
+    compare(drawn, result)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_stated_pose_errors(seed: int) -> None:
+    drawn = draw(seed, points=6, poses=22, noise="rounded", u_position_mm=0.05)
+    result = calibrate(drawn.campaign)
+    assert "misfit" not in {w.code for w in result.record.warnings}
+    compare(drawn, result)
+
+
+def without(drawn: Drawn, key: str, shift: float) -> Rig:
+    """The campaign's nominal rig with one more value off by `shift` on every point."""
+    data: dict[str, Any] = drawn.campaign.rig.to_dict()
+    for p in data["observation_point"]:
+        holder = p if key in p else p["drum"]
+        holder[key] = holder.get(key, 1.0) + shift
+    return rig_from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("group", "key", "shift"),
+    [
+        ("radius", "pulley_radius_mm", 0.8),
+        ("tangent", "tangent_length_mm", 4.0),
+        ("axial", "axial_offset_mm", 4.0),
+        ("pitch", "groove_pitch_mm", 0.04),
+    ],
+)
+@pytest.mark.parametrize("seed", SEEDS[:3])
+def test_more_unknowns(seed: int, group: str, key: str, shift: float) -> None:
+    """What is not solved for biases; what is solved for is covered by its stated uncertainty."""
+    drawn = draw(seed, points=1, poses=24, noise="gaussian")
+    off = replace(drawn, campaign=replace(drawn.campaign, rig=without(drawn, key, shift)))
+    result = calibrate(off.campaign, Settings(("position", "guide", group)))
+    compare(off, result)
+
+
+@pytest.mark.parametrize("seed", SEEDS[:3])
+def test_scale(seed: int) -> None:
+    drawn = draw(seed, points=1, poses=24, noise="gaussian")
+    off = without(drawn, "scale", 0.004)
+    counts = drawn.campaign.counts / 1.004
+    truth = drawn.truth.to_dict()
+    truth["observation_point"][0]["drum"]["scale"] = 1.0
+    moved = Drawn(replace(drawn.campaign, rig=off, counts=counts), rig_from_dict(truth))
+    compare(moved, calibrate(moved.campaign, Settings(("position", "guide", "scale"))))
+
+
+@pytest.mark.parametrize("seed", SEEDS[:3])
+def test_prior_everywhere(seed: int) -> None:
+    drawn = draw(seed, points=1, poses=6, noise="gaussian")
+    compare(drawn, calibrate(drawn.campaign, Settings(prior=True)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_too_few_poses_are_never_a_bare_optimum(seed: int) -> None:
+    drawn = draw(seed, points=1, poses=5, noise="gaussian")
+    record = calibrate(drawn.campaign).record
+    assert record.rank <= 4 < record.unknowns
+    assert record.unobservable
+    assert "underdetermined" in {w.code for w in record.warnings}
+
+
+def test_same_draw_same_campaign() -> None:
+    np.testing.assert_array_equal(draw(3).campaign.counts, draw(3).campaign.counts)
