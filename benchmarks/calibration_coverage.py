@@ -3,8 +3,8 @@
     python benchmarks/calibration_coverage.py --case all --first 0 --campaigns 500 --out campaigns.csv
     python benchmarks/calibration_coverage.py --table campaigns.csv
 
-The campaign is the unit: one drawn rig, one set of poses, one draw of the noise, its number the seed. Pieces may be run one after another or
-side by side; each adds its campaigns to the file, and --table prints what benchmarks/results/calibration_coverage.md shows.
+The campaign is the unit: one drawn rig, one set of poses, one draw of the noise; its number is the seed. Pieces may be run one after
+another; each adds its campaigns to the file, and --table prints what benchmarks/results/calibration_coverage.md shows.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def bound(drawn: Drawn) -> FloatArray:
 
 
 def lengths(drawn: Drawn, result: Calibration, information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n, m) errors of predicted changes since the zero pose, their bounds and their stated standard uncertainties [mm], at held-out poses."""
+    """(n, m) errors of predicted changes since the zero pose, their bounds and their stated uncertainties [mm], at held-out poses."""
     rng = np.random.default_rng(9)
     rows = np.column_stack([rng.uniform(-300, 300, (100, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (100, 3))).as_quat()])
     rows = np.vstack([drawn.campaign.poses.rows[:1], rows])

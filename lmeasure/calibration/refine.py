@@ -37,9 +37,10 @@ class Fit:
 
     theta (p,) in the units of the unknowns; residuals (e,) modelled less measured [mm]; V (e, e) their covariance [mm^2]; s (p,) singular
     values of the whitened, prior-scaled Jacobian (zero-padded), directions (p, p) its right singular vectors as rows; known (p,) True
-    where the data decide; prior_everywhere: whether the prior acts on those too; covariance (p, p) of theta with the model linearised; chi2 of
-    the residuals under V; prior_misfit: squared distance from the nominal values in prior widths where the prior acts; nominal_misfit: the
-    same in all directions; excess: how many times V the residuals ask for when nothing explains them (in the covariance already).
+    where the data decide; prior_everywhere: whether the prior acts on those too; covariance (p, p) of theta with the model linearised; chi2
+    of the residuals under V; prior_misfit: squared distance from the nominal values in prior widths where the prior acts;
+    nominal_misfit: the same in all directions; excess: how many times V the residuals ask for when nothing explains them (in the
+    covariance already).
     """
 
     theta: FloatArray

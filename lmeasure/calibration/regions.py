@@ -37,9 +37,9 @@ BENT = 3.0
 class Regions:
     """Where the truth is with 95 %.
 
-    covariance (p, p) of the values, second order included, in their units; factor: the values v with (v - result)' covariance^-1 (v - result)
-    <= factor^2 are the joint region; U95 (p,) half width of each value's own interval; bend: root mean square of the second-order part in
-    the direction where it is largest in linear standard uncertainties.
+    covariance (p, p) of the values, second order included, in their units; factor: the values v with
+    (v - result)' covariance^-1 (v - result) <= factor^2 are the joint region; U95 (p,) half width of each value's own interval;
+    bend: root mean square of the second-order part in the direction where it is largest in linear standard uncertainties.
     """
 
     covariance: FloatArray
@@ -101,7 +101,7 @@ def _noise(model: Model, fit: Fit, rng: np.random.Generator) -> FloatArray:
 
 
 def _second_derivatives(w: Whitened, z: FloatArray, axes: FloatArray) -> FloatArray:
-    """(e, p, p) second derivatives of the whitened residuals along the columns of axes (p, p), each the mean over plus and minus its length:
-    one standard uncertainty, so that they describe the valley and not its lowest point."""
+    """(e, p, p) second derivatives of the whitened residuals along the columns of axes (p, p), each the mean over plus and minus its
+    length: one standard uncertainty, so that they describe the valley and not its lowest point."""
     H = np.stack([(w.jacobian(z + a) - w.jacobian(z - a)) @ axes / 2 for a in axes.T], axis=1)
     return np.asarray((H + H.transpose(0, 2, 1)) / 2)

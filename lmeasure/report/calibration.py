@@ -59,10 +59,10 @@ def _region(record: CalibrationRecord) -> list[str]:
     counts = "whole counts, whose rounding is uniform" if record.region["whole_counts"] else "counts with Gaussian noise"
     return [
         html.paragraph(
-            f"U95 is the half width of each value's own interval of {100 * record.region['probability']:.0f} %; all values together lie "
-            f"within {record.region['factor']:.3g} standard uncertainties of their joint covariance, from {counts}. The model's curvature adds "
-            f"{record.region['bend']:.2g} standard uncertainties to the linear ones in the direction where it is largest; lengths and poses "
-            "hardly feel it and inherit the linear covariance."
+            f"U95 is the half width of each value's own interval of {100 * record.region['probability']:.0f} %; all values together "
+            f"lie within {record.region['factor']:.3g} standard uncertainties of their joint covariance, from {counts}. The model's "
+            f"curvature adds {record.region['bend']:.2g} standard uncertainties to the linear ones in the direction where it is largest; "
+            "lengths and poses hardly feel it and inherit the linear covariance."
         )
     ]
 
