@@ -215,8 +215,8 @@ def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: 
     out = []
     for point in points:
         for rival in point.rivals[:1]:
-            values = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.unknowns.names, rival.theta, strict=True))
-            text = f"{point.name}: another result fits as well (chi-squared {rival.chi2:.3g} against {point.fit.chi2:.3g}): {values}"
+            there = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.unknowns.names, rival.theta, strict=True))
+            text = f"{point.name}: another result fits as well (chi-squared {rival.chi2:.3g} against {point.fit.chi2:.3g}): {there}"
             out.append(Finding(code="ambiguous", text=text, value=rival.chi2 - point.fit.chi2))
         rig_point = campaign.rig.point(point.name)
         values = dict(zip(unknowns.names, found.theta, strict=True))
