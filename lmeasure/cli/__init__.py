@@ -9,7 +9,22 @@ from typing import Annotated
 
 import typer
 
-from lmeasure.cli import calibrate, check, demo, drum, import_, motion, place, plan_poses, reconstruct, record, simulate, view, zone
+from lmeasure.cli import (
+    calibrate,
+    check,
+    demo,
+    drum,
+    import_,
+    motion,
+    place,
+    plan_poses,
+    program,
+    reconstruct,
+    record,
+    simulate,
+    view,
+    zone,
+)
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(
@@ -50,6 +65,7 @@ app.command("check")(check.check)
 app.command("import")(import_.import_)
 app.command("view")(view.view)
 app.command("drum")(drum.drum)
+app.command("program")(program.program)
 app.command("demo")(demo.demo)
 
 

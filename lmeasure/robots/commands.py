@@ -1,6 +1,7 @@
 """What a robot is told: one command after the other, each a way of the tool and a rest at its end."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +18,16 @@ def _no_force() -> FloatArray:
 class Command:
     """Go from where the tool is through (k, 7) poses [mm, base frame] at a constant speed, and rest at the last.
 
-    target: the pose or path of the program that is measured, empty on the way to one; cycle counts from 1. The tool origin runs straight
-    between the poses; where only the orientation changes, it turns at rotation_rad_s. load_kg hangs from the tool, force_n (3,) [N, base
-    frame] pulls at it.
+    target: the pose, path, posing or loaded pose (role) of the program that is measured, empty on the way to one; cycle counts from 1. The
+    tool origin runs straight between the poses; where only the orientation changes, it turns at rotation_rad_s. load_kg hangs from the
+    tool, force_n (3,) [N, base frame] pulls at it.
     """
 
     poses: FloatArray
     speed_mm_s: float
     dwell_s: float = 0.0
     target: str = ""
+    role: Literal["pose", "settling", "path", "posing", "compliance"] = "pose"
     cycle: int = 1
     rotation_rad_s: float = 1.0
     load_kg: float = 0.0
