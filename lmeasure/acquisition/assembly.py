@@ -14,6 +14,7 @@ from lmeasure.acquisition.free_running import FreeAssembler
 from lmeasure.acquisition.samples import Assembler, StartLine, SyncAssembler
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError
+from lmeasure.kernels.counter import rests
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -84,8 +85,8 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
     """
     if len(counts.channels) < 2:
         return None
-    still = [_still(counts.time_s, column) for column in counts.recorded.T]
-    if not any(len(firsts) for firsts, _ in still):
+    still = [rests(counts.time_s, column, STALL_S) for column in counts.recorded.T]
+    if not any(len(stretches) for stretches in still):
         return None
     drums = rig.drums_of(passage)
     mm = np.array([drums[c].count_length_mm / drums[c].scale for c in counts.channels])
@@ -98,7 +99,7 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
     recorded = counts.recorded.copy()
     found = False
     for j, channel in enumerate(counts.channels):
-        for first, last in zip(*still[j], strict=True):
+        for first, last in still[j].tolist():
             others = np.delete(way[last] - way[first], j)
             if np.median(others) < STALL_OTHERS_MM:
                 continue
@@ -109,14 +110,3 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
             events.add(Event(begin, float(counts.time_s[begin]), channel, "stall", span))
             found = True
     return replace(counts, recorded=recorded) if found else None
-
-
-def _still(time_s: FloatArray, recorded: FloatArray) -> tuple[list[int], list[int]]:
-    """First and last sample of each stretch of STALL_S or more over which a channel keeps its count."""
-    present = np.flatnonzero(np.isfinite(recorded))
-    if len(present) < 2:
-        return [], []
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(recorded[present]) != 0) + 1, [len(present)]])
-    firsts, lasts = present[edges[:-1]], present[edges[1:] - 1]
-    long = time_s[lasts] - time_s[firsts] >= STALL_S
-    return firsts[long].tolist(), lasts[long].tolist()

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from lmeasure.acquisition.decoders import CounterField
 from lmeasure.acquisition.events import Event, EventLog
+from lmeasure.kernels.counter import runs_on
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -47,6 +48,13 @@ class CounterState:
             first = int(values[0]) - self.field.start
             self.total = (first + half) % modulus - half if wraps else first
             self.value, self.time_s, self.seen = int(values[0]), float(times[0]), True
+        full = modulus if wraps else 0
+        most = modulus / 2 if wraps and not self.wraps_later else np.inf
+        if not self.lost and runs_on(values, times, self.value, self.time_s, full, self.max_rate, most, RESET_WITHIN, RESET_LEAST):
+            totals = self.total + (values - self.value)
+            self.step = int(values[-1]) - int(values[-2] if len(values) > 1 else self.value)
+            self.value, self.total, self.time_s = int(values[-1]), int(totals[-1]), float(times[-1])
+            return self.field.scale * totals
         before = np.concatenate([[self.value], values[:-1]])
         pause = np.diff(times, prepend=self.time_s)
         with np.errstate(over="ignore"):
@@ -69,7 +77,8 @@ class CounterState:
         if not self.wraps_later:
             return counts
         full = self.field.scale * self.field.modulus
-        return (counts + full / 2) % full - full / 2
+        raised = counts + full / 2
+        return (raised if ((raised >= 0) & (raised < full)).all() else raised % full) - full / 2
 
     def _find(
         self, values: IntArray, plain: IntArray, steps: IntArray, limit: FloatArray, times: FloatArray, samples: IntArray, events: EventLog

@@ -20,6 +20,7 @@ from lmeasure.rig import Rig
 IntArray = NDArray[np.int64]
 
 ALL_BITS = 0x1FFFFFFF
+STANDARD_IDENTIFIERS = 0x800
 PDU1_LIMIT = 240
 """J1939: below this PDU format the lower byte of the group's number is the receiver's address (SAE J1939-21)."""
 
@@ -67,14 +68,18 @@ class CounterField:
 
 @dataclass(frozen=True)
 class Readings:
-    """Decoded values in the order of their frames: frame (n,) position of the frame in its batch, field (n,) index of the field, time_s
-    (n,), value (n,) int64 in device units (of an unsigned 64-bit field its two's complement). short: per field, frames too short for it."""
+    """Decoded values in the order of their frames: frame (n,) position of the frame in its batch, field (n,) index of the field, value (n,)
+    int64 in device units (of an unsigned 64-bit field its two's complement), window (n,) how many SYNCs of the batch stand before
+    it. sync (k,): positions of the SYNCs. Per field: short, frames too short for it; wider, how often the byte behind it counted on when it
+    passed its end: then the byte belongs to the counter, which has more bits than the rig says."""
 
-    frame: NDArray[np.intp]
+    frame: IntArray
     field: NDArray[np.int16]
-    time_s: NDArray[np.float64]
     value: IntArray
     short: tuple[int, ...]
+    wider: tuple[int, ...]
+    window: IntArray
+    sync: IntArray
 
 
 def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[CounterField, ...]:
@@ -160,35 +165,22 @@ def _dbc_places(table: DbcCan, folder: Path) -> dict[str, Place]:
     return out
 
 
-def decode(frames: Frames, fields: tuple[CounterField, ...]) -> Readings:
-    """All values of the fields in the frames. Error and remote frames carry none; a frame too short for its field is counted, not read."""
+def decode(frames: Frames, fields: tuple[CounterField, ...], sync_id: int | None = None) -> Readings:
+    """All values of the fields in the frames, and the SYNCs among them. Error and remote frames carry none; a frame too short for its field
+    is counted, not read."""
     columns = (frames.time_s, frames.identifier, frames.flags, frames.length, frames.data, frames.channel)
-    frame, field, value, short = extract(columns, np.array([f.row() for f in fields], np.int64))
-    return Readings(frame, field, frames.time_s[frame], value, tuple(short.tolist()))
+    rows = [(*f.row(), _byte_behind(f, fields)) for f in fields]
+    sync_key = -1 if sync_id is None else sync_id if sync_id < STANDARD_IDENTIFIERS else sync_id | ALL_BITS + 1
+    frame, field, value, window, short, wider, syncs = extract(columns, np.array(rows, np.int64), sync_key)
+    return Readings(frame, field, value, tuple(short.tolist()), tuple(wider.tolist()), window, syncs)
 
 
-def carries(frames: Frames, readings: Readings, fields: tuple[CounterField, ...]) -> tuple[int, ...]:
-    """How often the byte behind each field counts up or down by one where the field, taken without sign, passes its end that way: then the
-    byte belongs to the counter, which is wider than the rig says. readings: what `decode` found in the frames."""
-    out = []
-    for i, field in enumerate(fields):
-        behind = field.bytes_needed if field.byte_order == "little" else field.first_bit // 8 - 1
-        taken = {b for f in fields if (f.identifier, f.extended) == (field.identifier, field.extended) for b, _ in f.shifts()}
-        if field.bits >= 64 or field.modulus != 2**field.bits or not 0 <= behind < frames.data.shape[1] or behind in taken:
-            out.append(0)
-            continue
-        mine = np.flatnonzero(readings.field == i)
-        steps = np.diff(readings.value[mine] & (field.modulus - 1))
-        passes = np.flatnonzero(np.abs(steps) > field.modulus // 2)
-        if len(passes) == 0:
-            out.append(0)
-            continue
-        before, after = readings.frame[mine[passes]], readings.frame[mine[passes + 1]]
-        upper = frames.data[:, behind].astype(np.int64)
-        carried = (upper[after] - upper[before] + 128) % 256 - 128
-        told = np.minimum(frames.length[before], frames.length[after]) > behind
-        out.append(int(np.count_nonzero(told & (carried == -np.sign(steps[passes])))))
-    return tuple(out)
+def _byte_behind(field: CounterField, fields: tuple[CounterField, ...]) -> int:
+    """The byte in which the counter would go on if it were wider than the rig says; -1 where that cannot be: it would be another counter's,
+    or no carry would reach it."""
+    behind = field.bytes_needed if field.byte_order == "little" else field.first_bit // 8 - 1
+    taken = {b for f in fields if (f.identifier, f.extended) == (field.identifier, field.extended) for b, _ in f.shifts()}
+    return -1 if field.bits >= 63 or field.modulus != 2**field.bits or behind in taken else behind
 
 
 def encode(values: IntArray, field: CounterField, data: NDArray[np.uint8]) -> None:

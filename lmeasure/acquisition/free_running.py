@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.counters import CounterState
-from lmeasure.acquisition.decoders import CounterField, carries, decode
+from lmeasure.acquisition.decoders import CounterField, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
 from lmeasure.acquisition.network import NetworkWatch
@@ -53,14 +53,13 @@ class FreeAssembler:
         if self._start_line is not None:
             self._start_line.feed(frames)
         readings = decode(frames, self.fields)
-        carried = carries(frames, readings, self.fields)
         for i, field in enumerate(self.fields):
             mine = readings.field == i
             times, values = self._new[i]
-            self._new[i] = np.concatenate([times, readings.time_s[mine]]), np.concatenate([values, readings.value[mine]])
+            self._new[i] = np.concatenate([times, frames.time_s[readings.frame[mine]]]), np.concatenate([values, readings.value[mine]])
             for _ in range(readings.short[i]):
                 self._event(self.given, self._given_to, i, "short_frame", f"fewer than {field.bytes_needed} bytes")
-            for _ in range(carried[i]):
+            for _ in range(readings.wider[i]):
                 self._event(self.given, self._given_to, i, "wider", f"the byte behind its {field.bits} bits counts on")
         latest = [
             float(max(new[0].max(initial=-math.inf), old[0].max(initial=-math.inf))) for new, old in zip(self._new, self._old, strict=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from lmeasure import files
 from lmeasure.acquisition.assembly import counts_from_frames
-from lmeasure.acquisition.decoders import CounterField, counter_fields, decode
+from lmeasure.acquisition.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, decode
 from lmeasure.acquisition.events import EventLog, event_columns
 from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames
 from lmeasure.acquisition.logfiles import LogReport, log_batches
@@ -24,7 +24,6 @@ from lmeasure.rig import Rig
 from lmeasure.run import Run, write_run
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
-STANDARD_IDENTIFIERS = 0x800
 SHOWN_IDENTIFIERS = 12
 
 
@@ -161,11 +160,11 @@ def _of_one_bus(
             yield batch.take(batch.channel == (batch.buses.index(bus) if bus in batch.buses else -1))
             continue
         if len(batch.buses) > 1:
-            readings = decode(batch, fields)
+            readings = decode(batch, fields, sync_id)
             for j, one in enumerate(fields):
                 channels = np.unique(batch.channel[readings.frame[readings.field == j]])
                 where.setdefault(f"channel {one.channel}", set()).update(batch.buses[c] for c in channels)
-            channels = np.unique(batch.channel[batch.identifier == sync_id])
+            channels = np.unique(batch.channel[readings.sync])
             where.setdefault("SYNC", set()).update(batch.buses[c] for c in channels)
             for name, buses in where.items():
                 if len(buses) > 1:

@@ -13,7 +13,7 @@ from lmeasure.kernels.frames import LATEST_S, NAMED_CHANNELS, Columns
 if TYPE_CHECKING:
     import can
 
-BLOCK_BYTES = 1 << 21
+BLOCK_BYTES = 1 << 20
 LARGEST_IDENTIFIER = 0x1FFFFFFF
 
 
@@ -64,13 +64,19 @@ def frames_of(columns: Columns, count: int, buses: tuple[str, ...], path: Path) 
     return Frames(*columns, buses, "log", str(path)).take(slice(count))
 
 
-def read_some(file: BinaryIO, size: int, report: LogReport) -> bytes:
-    """At most size bytes; a packed file that breaks off, or is broken, ends there."""
+def read_into(room: memoryview, file: BinaryIO, report: LogReport) -> int:
+    """How many bytes were read into the room; a packed file that breaks off, or is broken, ends there."""
     try:
-        return file.read(size)
+        return file.readinto(room)  # type: ignore[attr-defined, no-any-return]
     except (EOFError, OSError, zlib.error) as error:
         report.ended_early = f"the file cannot be read further: {error}"
-        return b""
+        return 0
+
+
+def read_some(file: BinaryIO, size: int, report: LogReport) -> bytes:
+    """At most size bytes, as `read_into`."""
+    room = bytearray(size)
+    return bytes(memoryview(room)[: read_into(memoryview(room), file, report)])
 
 
 class Channels:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, BinaryIO, Protocol
 import numpy as np
 
 from lmeasure.acquisition.frames import CLASSIC_BYTES, FD_BYTES, Frames, frames_from_messages, join, no_frames
-from lmeasure.acquisition.log_common import BLOCK_BYTES, Channels, LogReport, checked, frames_of, new_columns, read_some
+from lmeasure.acquisition.log_common import BLOCK_BYTES, Channels, LogReport, checked, frames_of, new_columns, read_into
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.frames import ODD, WIDE, Bytes, Columns
-from lmeasure.kernels.log_text import NAME_BYTES, NAMES, SHORTEST_LINE, scan_asc, scan_candump
+from lmeasure.kernels.log_text import NAME_BYTES, NAMES, SHORTEST_LINE, line_stop, scan_asc, scan_candump
 
 if TYPE_CHECKING:
     import can
@@ -62,48 +62,45 @@ class _Dialect(Protocol):
         """Frames of one line; none where it holds none, or where nobody can read it, which is counted."""
 
 
-def _batches(path: Path, blocks: Iterable[bytes], dialect: _Dialect) -> Iterator[Frames]:
+def _batches(path: Path, blocks: Iterable[Bytes], dialect: _Dialect) -> Iterator[Frames]:
     width = CLASSIC_BYTES
     for block in blocks:
-        text = np.frombuffer(block, np.uint8)
         parts: list[Frames] = []
         pos = 0
         while pos < len(block):
             columns = new_columns((len(block) - pos) // SHORTEST_LINE + 1, width)
-            count, used, status = dialect.scan(text[pos:], columns)
+            count, used, status = dialect.scan(block[pos:], columns)
             if count:
                 parts.append(frames_of(columns, count, dialect.names(), path))
             pos += used
             if status == WIDE:
                 width = FD_BYTES
             elif status == ODD:
-                stop = _line_stop(block, pos)
-                parts.append(dialect.odd(block[pos:stop]))
+                stop = line_stop(block, pos)
+                parts.append(dialect.odd(block[pos:stop].tobytes()))
                 pos = stop + 1
         yield parts[0] if len(parts) == 1 else join(parts)
 
 
-def _blocks(path: Path, file: BinaryIO, report: LogReport) -> Iterator[bytes]:
-    """Blocks of whole lines. A last line without its end is not read: a number cut short would pass for another."""
-    tail = b""
-    while piece := read_some(file, BLOCK_BYTES, report):
-        block = tail + piece
-        cut = max(block.rfind(b"\n"), block.rfind(b"\r")) + 1
-        tail = block[cut:]
-        if len(tail) > LONGEST_LINE:
+def _blocks(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Bytes]:
+    """Blocks of whole lines, each overwritten by the next. A last line without its end is not read: a number cut short would pass for
+    another."""
+    held = bytearray(LONGEST_LINE + BLOCK_BYTES)
+    room, text = memoryview(held), np.frombuffer(held, np.uint8)
+    kept = 0
+    while got := read_into(room[kept : kept + BLOCK_BYTES], file, report):
+        end = kept + got
+        cut = max(held.rfind(b"\n", 0, end), held.rfind(b"\r", 0, end)) + 1
+        kept = end - cut
+        if kept > LONGEST_LINE:
             raise FileFormatError(f"{path}: is no text log: a line is longer than {LONGEST_LINE} bytes")
         if cut:
-            yield block[:cut]
+            yield text[:cut]
+        room[:kept] = room[cut:end]
+    tail = bytes(room[:kept])
     if tail.strip(b" \t\0\x1a"):
         shown = tail[:60].decode("ascii", "replace")
         report.ended_early = report.ended_early or f"the last line has no end and was not read: {shown!r}"
-
-
-def _line_stop(block: bytes, pos: int) -> int:
-    """Where the line that begins at pos ends; every block ends with a line end."""
-    stop = block.find(b"\n", pos)
-    carriage = block.find(b"\r", pos, stop if stop >= 0 else len(block))
-    return carriage if carriage >= 0 else stop
 
 
 def _text(line: bytes) -> str:
@@ -157,11 +154,11 @@ class _Asc:
         self.block_open = False
         self._channels = Channels()
 
-    def begun(self, blocks: Iterator[bytes]) -> Iterator[bytes]:
+    def begun(self, blocks: Iterator[Bytes]) -> Iterator[Bytes]:
         """The blocks, the header lines of the first one understood."""
         for number, block in enumerate(blocks):
             if number == 0:
-                for line in block[:LONGEST_LINE].splitlines():
+                for line in block[:LONGEST_LINE].tobytes().splitlines():
                     text = _text(line)
                     if text and not ASC_HEADER.match(text):
                         break

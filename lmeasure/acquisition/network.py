@@ -8,6 +8,8 @@ from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 
 FIRST_PDO_ID, LAST_PDO_ID = 0x181, 0x57F
 EMERGENCY, HEARTBEAT = 0x80, 0x700
+OTHERS = 0x780
+"""Above every identifier that is looked for."""
 STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
 ERROR_CLASSES = {
     0x00: "error reset or no error",
@@ -32,15 +34,15 @@ class NetworkWatch:
         self._events = events
         self._channels = {f.identifier & 0x7F: f.channel for f in fields if not f.extended and FIRST_PDO_ID <= f.identifier <= LAST_PDO_ID}
         wanted = {EMERGENCY + n for n in self._channels} | {HEARTBEAT + n for n in self._channels}
-        self._wanted = np.array(sorted(wanted - {sync_id} - {f.identifier for f in fields}), np.uint32)
+        self._wanted = np.zeros(OTHERS + 1, np.bool_)
+        self._wanted[list(wanted - {sync_id} - {f.identifier for f in fields})] = True
         self._state: dict[int, int] = {}
 
     def feed(self, frames: Frames, sample: int) -> None:
         """Look at a batch; sample is the next one to be given out."""
-        if len(self._wanted) == 0:
-            return
-        plain = (frames.flags & (ERROR | REMOTE | EXTENDED)) == 0
-        for row in np.flatnonzero(plain & np.isin(frames.identifier, self._wanted)):
+        for row in np.flatnonzero(self._wanted[np.minimum(frames.identifier, OTHERS)]):
+            if frames.flags[row] & (ERROR | REMOTE | EXTENDED):
+                continue
             identifier, length, data = int(frames.identifier[row]), int(frames.length[row]), frames.data[row]
             node = identifier & 0x7F
             at = float(frames.time_s[row])

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.counters import CounterState
-from lmeasure.acquisition.decoders import CounterField, Readings, carries, decode
+from lmeasure.acquisition.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.network import NetworkWatch
 from lmeasure.can_table import StartInput
+from lmeasure.kernels.frames import tabulate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -95,7 +96,7 @@ class SyncAssembler:
         self._watch = NetworkWatch(fields, sync_id, events)
         self._sync_time: FloatArray = np.empty(0)
         self._window: IntArray = np.empty(0, np.int64)
-        self._field: IntArray = np.empty(0, np.int64)
+        self._field: NDArray[np.int16] = np.empty(0, np.int16)
         self._value: IntArray = np.empty(0, np.int64)
         self._period: float | None = None
         self._last_time = -np.inf
@@ -109,17 +110,15 @@ class SyncAssembler:
         self._watch.feed(frames, self.given)
         if self._start_line is not None:
             self._start_line.feed(frames)
-        readings = decode(frames, self.fields)
-        is_sync = (frames.identifier == self._sync_id) & ((frames.flags & (ERROR | REMOTE)) == 0)
-        sync_at = np.flatnonzero(is_sync)
-        window = np.searchsorted(sync_at, readings.frame) - 1 + len(self._sync_time)
-        early = window < 0  # of a SYNC that came before the recording
+        readings = decode(frames, self.fields, self._sync_id)
+        window = readings.window - 1 + len(self._sync_time)
+        begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
         self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps
-        self._sync_time = np.concatenate([self._sync_time, frames.time_s[sync_at] + self._time_shift])
-        self._window = np.concatenate([self._window, window[~early]])
-        self._field = np.concatenate([self._field, readings.field[~early].astype(np.int64)])
-        self._value = np.concatenate([self._value, readings.value[~early]])
-        self._misfits(frames, readings)
+        self._sync_time = np.concatenate([self._sync_time, frames.time_s[readings.sync] + self._time_shift])
+        self._window = np.concatenate([self._window, window[begun]])
+        self._field = np.concatenate([self._field, readings.field[begun]])
+        self._value = np.concatenate([self._value, readings.value[begun]])
+        self._misfits(readings)
         self._forget_what_no_sync_ends()
         return self._give(last)
 
@@ -132,11 +131,11 @@ class SyncAssembler:
             keep[surplus] = False
             self._window, self._field, self._value = self._window[keep], self._field[keep], self._value[keep]
 
-    def _misfits(self, frames: Frames, readings: Readings) -> None:
-        for field, short, carried in zip(self.fields, readings.short, carries(frames, readings, self.fields), strict=True):
+    def _misfits(self, readings: Readings) -> None:
+        for field, short, wider in zip(self.fields, readings.short, readings.wider, strict=True):
             for _ in range(short):
                 self._event(0, field.channel, "short_frame", f"fewer than {field.bytes_needed} bytes")
-            for _ in range(carried):
+            for _ in range(wider):
                 self._event(0, field.channel, "wider", f"the byte behind its {field.bits} bits counts on")
 
     def _event(self, row: int, channel: str, kind: str, text: str = "") -> None:
@@ -151,20 +150,18 @@ class SyncAssembler:
         ready = min(total if last else max(total - 2, 0), known)
         if ready == 0:
             return Samples(np.empty(0), np.empty((0, m)))
-        place = self._window * m + self._field
-        n = np.bincount(place, minlength=total * m).reshape(total, m)
-        value = np.zeros((total, m), np.int64)
-        value.reshape(-1)[place[::-1]] = self._value[::-1]  # of several the first stays
-        for w in np.flatnonzero((n[: total if last else total - 1] > 1).any(axis=1)):
+        value, n = tabulate(self._window, self._field, self._value, m, total)
+        for w in np.flatnonzero((n[:, : total if last else total - 1] > 1).any(axis=0)):
             self._settle(int(w), n, value, ready)
-        for w, c in np.argwhere(n[:ready] == 0):
+        for w, c in np.argwhere(n[:, :ready].T == 0):
             self._event(int(w), self.fields[c].channel, "gap")
         time_s = settled[:ready]
         self._last_time = float(time_s[-1])
-        recorded = np.full((ready, m), np.nan)
+        recorded, number = np.full((ready, m), np.nan), self.given + np.arange(ready)
         for c, counter in enumerate(self.counters):
-            rows = np.flatnonzero(n[:ready, c] == 1)
-            recorded[rows, c] = counter.shown(counter.advance(value[rows, c], time_s[rows], self.given + rows, self.events))
+            there = n[c, :ready] == 1
+            rows = slice(ready) if there.all() else np.flatnonzero(there)
+            recorded[rows, c] = counter.shown(counter.advance(value[c, rows], time_s[rows], number[rows], self.events))
         moved = self._sync_time[:ready] - time_s
         keep = self._window >= ready
         self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
@@ -175,37 +172,37 @@ class SyncAssembler:
 
     def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
         """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
-        several = np.flatnonzero(n[w] > 1)
-        alone = w + 1 >= len(n)
+        several = np.flatnonzero(n[:, w] > 1)
+        alone = w + 1 >= n.shape[1]
         spacing = np.inf if alone else self._sync_time[w + 1] - self._sync_time[w]
         if self._period is not None and not alone and spacing > 1.5 * self._period and 2 * len(several) > len(self.fields):
             if w < ready:
                 self._event(w + 1, "", "missing_sync", f"{spacing:.6g} s without SYNC, frames of {len(several)} channels without a sample")
-                n[w, several] = 1
+                n[several, w] = 1
             return
         for c in several:
             mine = np.flatnonzero((self._window == w) & (self._field == c))
             values = self._value[mine]
             channel = self.fields[c].channel
-            late = w > 0 and n[w - 1, c] == 0
+            late = w > 0 and n[c, w - 1] == 0
             if len(mine) == 2 and late and values[0] != values[1]:
-                n[w - 1, c], value[w - 1, c] = 1, values[0]
-                n[w, c], value[w, c] = 1, values[1]
+                n[c, w - 1], value[c, w - 1] = 1, values[0]
+                n[c, w], value[c, w] = 1, values[1]
                 self._window[mine[0]] = w - 1
                 self._event(w - 1, channel, "reordered", "after the next SYNC")
             elif w >= ready:
                 continue  # what follows is not known yet
-            elif len(mine) == 2 and not alone and n[w + 1, c] == 0 and values[0] != values[1]:
-                n[w + 1, c], value[w + 1, c] = 1, values[1]
-                n[w, c] = 1
+            elif len(mine) == 2 and not alone and n[c, w + 1] == 0 and values[0] != values[1]:
+                n[c, w + 1], value[c, w + 1] = 1, values[1]
+                n[c, w] = 1
                 self._window[mine[1]] = w + 1
                 self._event(w + 1, channel, "reordered", "before its SYNC")
             elif (values == values[0]).all():
-                n[w, c] = 1
+                n[c, w] = 1
                 for _ in range(len(mine) - 1):
                     self._event(w, channel, "duplicate")
             else:
-                n[w, c] = -1  # neither one value nor a gap
+                n[c, w] = -1  # neither one value nor a gap
                 self._event(w, channel, "conflict", ", ".join(str(v) for v in values[:4]))
 
     def _drop_double_syncs(self) -> None:
@@ -214,9 +211,12 @@ class SyncAssembler:
             self._period = float(np.median(np.abs(np.diff(self._sync_time))))
         if self._period is None or len(self._sync_time) < 2:
             return
+        intervals = np.diff(self._sync_time, prepend=-np.inf)
+        double = (intervals < 0.25 * self._period) & (intervals >= 0)
+        if not double.any():
+            return
         filled = np.bincount(self._window, minlength=len(self._sync_time)) > 0
-        double = np.zeros(len(self._sync_time), np.bool_)
-        double[1:] = (np.diff(self._sync_time) < 0.25 * self._period) & ~filled[:-1] & (np.diff(self._sync_time) >= 0)
+        double[1:] &= ~filled[:-1]
         if not double.any():
             return
         for w in np.flatnonzero(double):

@@ -74,3 +74,45 @@ def resume(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
         if what[i] != JUMPED:
             state[_ANY], state[_COUNT], state[_GOOD], state[_GOOD_TIME] = 1.0, counts[i], x, time_s[i]
     return counts, what
+
+
+@kernel
+def runs_on(
+    values: IntArray, times: FloatArray, value: int, time_s: float, full: int, max_rate: float, most: float, zero: int, least: int
+) -> bool:
+    """Whether nothing at all happens to a counter in (n,) values at the times [s] behind a value at time_s.
+
+    Then every step is one that max_rate [1/s] allows, in no pause more than `most` units were possible, no step passes the end of a range
+    of `full` values (0: it has none), and none of more than `least` units leads to within `zero` of 0.
+    """
+    half = full // 2
+    for i in range(len(values)):
+        step = values[i] - value
+        limit = max_rate * (times[i] - time_s) + 1.0
+        if abs(step) > limit or limit > most or (full > 0 and not -half <= step < half):
+            return False
+        if abs(values[i]) <= zero and abs(step) > least:
+            return False
+        value, time_s = values[i], times[i]
+    return True
+
+
+@kernel
+def rests(time_s: FloatArray, recorded: FloatArray, least_s: float) -> IntArray:
+    """(k, 2) first and last sample of each stretch of least_s or more over which (n,) recorded counts stay the same; empty cells are
+    passed over."""
+    found = []
+    first = last = -1
+    for i in range(len(recorded) + 1):
+        if i < len(recorded) and math.isnan(recorded[i]):
+            continue
+        if first >= 0 and i < len(recorded) and recorded[i] == recorded[first]:
+            last = i
+            continue
+        if first >= 0 and time_s[last] - time_s[first] >= least_s:
+            found.append((first, last))
+        first = last = i
+    out = np.empty((len(found), 2), np.int64)
+    for k in range(len(found)):
+        out[k, 0], out[k, 1] = found[k]
+    return out

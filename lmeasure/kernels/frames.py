@@ -34,6 +34,7 @@ ODD = 3
 CAN_MESSAGE, CAN_ERROR_EXT, CAN_MESSAGE2, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64 = 1, 73, 86, 100, 101
 SMALLEST_FRAME_OBJECT = 48
 LARGEST_OBJECT = 1 << 24
+SIGNATURE = int.from_bytes(b"LOBJ", "little")
 NAMED_CHANNELS = 1 << 16
 LATEST_S = 1e11
 """Times beyond are no times: a double could not tell samples apart."""
@@ -42,13 +43,19 @@ FD_LENGTH = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np
 
 
 @inline
+def byte(b: Bytes, i: int) -> int:
+    """Byte i. By an unsigned place: a signed one is tested each time for counting from the end, which costs a scan a third of its speed."""
+    return b[u64(i)]  # type: ignore[no-any-return]
+
+
+@inline
 def _u16(b: Bytes, i: int) -> int:
-    return i64(b[i]) | i64(b[i + 1]) << 8
+    return i64(byte(b, i)) | i64(byte(b, i + 1)) << 8
 
 
 @inline
 def _u32(b: Bytes, i: int) -> int:
-    return i64(b[i]) | i64(b[i + 1]) << 8 | i64(b[i + 2]) << 16 | i64(b[i + 3]) << 24
+    return i64(byte(b, i)) | i64(byte(b, i + 1)) << 8 | i64(byte(b, i + 2)) << 16 | i64(byte(b, i + 3)) << 24
 
 
 @inline
@@ -81,7 +88,7 @@ def _copy(b: Bytes, start: int, count: int, data: Bytes, row: int) -> None:
     for k in range(data.shape[1]):
         data[row, k] = 0
     for k in range(count):
-        data[row, k] = b[start + k]
+        data[row, k] = byte(b, start + k)
 
 
 @kernel
@@ -99,7 +106,7 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
     while True:
         # the next object starts within the padding of the last: at most four bytes on
         at = pos
-        while at <= pos + 4 and at + 4 <= end and not (b[at] == 76 and b[at + 1] == 79 and b[at + 2] == 66 and b[at + 3] == 74):
+        while at <= pos + 4 and at + 4 <= end and _u32(b, at) != SIGNATURE:
             at += 1
         if at > pos + 4 or at + 4 > end:
             return n, pos, BROKEN if pos + 8 <= end else DONE, places_used
@@ -129,17 +136,17 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
         per_second = u64(100_000) if _u32(b, at + 16) == 1 else u64(1_000_000_000)
         mark = 0
         if kind == CAN_FD_MESSAGE_64:
-            number = i64(b[i])
-            wanted, valid = i64(b[i + 1]), i64(b[i + 2])
+            number = i64(byte(b, i))
+            wanted, valid = i64(byte(b, i + 1)), i64(byte(b, i + 2))
             raw = _u32(b, i + 4)
             fd_flags = _u32(b, i + 12)
             mark |= REMOTE if fd_flags & 0x0010 else 0
             mark |= FD if fd_flags & 0x1000 else 0
             mark |= BITRATE_SWITCH if fd_flags & 0x2000 else 0
             mark |= ERROR_STATE if fd_flags & 0x4000 else 0
-            mark |= SENT if b[i + 34] else 0
+            mark |= SENT if byte(b, i + 34) else 0
             wanted = i64(FD_LENGTH[wanted]) if wanted < 16 else 64
-            beyond = i64(b[i + 35])
+            beyond = i64(byte(b, i + 35))
             start = i + 40
             # the object may hold fewer bytes than it says; the rest is zero, as Vector's library reads it
             count = max(0, min(valid, (beyond if beyond else size) - header_size - 40))
@@ -147,29 +154,29 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
                 return n, pos, BROKEN, places_used
         elif kind == CAN_FD_MESSAGE:
             number = _u16(b, i)
-            wanted = i64(b[i + 3])
+            wanted = i64(byte(b, i + 3))
             raw = _u32(b, i + 4)
-            mark |= REMOTE if b[i + 2] & 0x80 else 0
-            mark |= SENT if b[i + 2] & 1 else 0
-            mark |= FD if b[i + 13] & 1 else 0
-            mark |= BITRATE_SWITCH if b[i + 13] & 2 else 0
-            mark |= ERROR_STATE if b[i + 13] & 4 else 0
+            mark |= REMOTE if byte(b, i + 2) & 0x80 else 0
+            mark |= SENT if byte(b, i + 2) & 1 else 0
+            mark |= FD if byte(b, i + 13) & 1 else 0
+            mark |= BITRATE_SWITCH if byte(b, i + 13) & 2 else 0
+            mark |= ERROR_STATE if byte(b, i + 13) & 4 else 0
             wanted = i64(FD_LENGTH[wanted]) if wanted < 16 else 64
-            valid = min(i64(b[i + 14]), 64)
+            valid = min(i64(byte(b, i + 14)), 64)
             start, count = i + 20, valid
         elif kind == CAN_ERROR_EXT:
             number = _u16(b, i)
-            wanted = i64(b[i + 10])
+            wanted = i64(byte(b, i + 10))
             raw = _u32(b, i + 16)
             mark |= ERROR
             valid = min(wanted, 8)
             start, count = i + 24, valid
         else:
             number = _u16(b, i)
-            wanted = i64(b[i + 3])
+            wanted = i64(byte(b, i + 3))
             raw = _u32(b, i + 4)
-            mark |= REMOTE if b[i + 2] & 0x80 else 0
-            mark |= SENT if b[i + 2] & 1 else 0
+            mark |= REMOTE if byte(b, i + 2) & 0x80 else 0
+            mark |= SENT if byte(b, i + 2) & 1 else 0
             valid = min(wanted, 8)
             start, count = i + 8, valid
         mark |= EXTENDED if raw & 0x80000000 else 0
@@ -193,7 +200,7 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
         pos = following
 
 
-KEY, MASK, FIRST_BIT, BITS, BIG_ENDIAN, SIGNED = range(6)
+KEY, MASK, FIRST_BIT, BITS, BIG_ENDIAN, SIGNED, BEHIND = range(7)
 """Columns of a field: see `extract`."""
 
 
@@ -201,11 +208,11 @@ KEY, MASK, FIRST_BIT, BITS, BIG_ENDIAN, SIGNED = range(6)
 def _little(data: Bytes, row: int, first: int, bits: int) -> Any:
     """The bits from bit `first` on, counted from the lowest bit of byte 0 upwards; the first is the lowest."""
     at, shift = first >> 3, first & 7
-    value = u64(data[row, at]) >> u64(shift)
+    value = u64(data[u64(row), u64(at)]) >> u64(shift)
     got = 8 - shift
     while got < bits:
         at += 1
-        value |= u64(data[row, at]) << u64(got)
+        value |= u64(data[u64(row), u64(at)]) << u64(got)
         got += 8
     return value
 
@@ -214,38 +221,58 @@ def _little(data: Bytes, row: int, first: int, bits: int) -> Any:
 def _big(data: Bytes, row: int, first: int, bits: int) -> Any:
     """The bits from bit `first` on, counted from the highest bit of byte 0 downwards; the first is the highest."""
     at, shift = first >> 3, first & 7
-    value = u64(data[row, at]) & u64(0xFF >> shift)
+    value = u64(data[u64(row), u64(at)]) & u64(0xFF >> shift)
     got = 8 - shift
     while got + 8 <= bits:
         at += 1
-        value = value << u64(8) | u64(data[row, at])
+        value = value << u64(8) | u64(data[u64(row), u64(at)])
         got += 8
     if got < bits:
         left = bits - got
-        return value << u64(left) | u64(data[row, at + 1]) >> u64(8 - left)
+        return value << u64(left) | u64(data[u64(row), u64(at + 1)]) >> u64(8 - left)
     return value >> u64(got - bits)
 
 
-@kernel
-def extract(frames: Columns, fields: NDArray[np.int64]) -> Any:
-    """Integers at given places of given frames, in the order of the frames.
+@inline
+def _carried(before: int, after: int, bits: int, upper_before: int, upper_after: int) -> bool:
+    """Whether a field of `bits` passes its end between two readings and the byte behind it counts on by one the same way."""
+    half = i64(1) << bits - 1
+    step = (after & 2 * half - 1) - (before & 2 * half - 1)
+    if abs(step) <= half:
+        return False
+    return (upper_after - upper_before) & 0xFF == (1 if step < 0 else 0xFF)
 
-    frames: columns of n frames. fields (m, 6): key and mask, a frame being meant where (identifier + 2^29 if extended) & mask = key; first
-    bit, bits (1 to 64), 1 for big-endian, 1 for signed. The first bit counts from the lowest bit of byte 0 upwards, or where big-endian
-    from the highest bit of byte 0 downwards. Returns positions of the frames, indices of the fields and values, (k,) each (an unsigned
-    value of 64 bits as the same bits), and (m,) how many frames were too short to hold the field. Remote and error frames carry none.
+
+@kernel
+def extract(frames: Columns, fields: NDArray[np.int64], sync_key: int) -> Any:
+    """Integers at given places of given frames, in the order of the frames, and where the SYNCs stand among them.
+
+    frames: columns of n frames. fields (m, 7): key and mask, a frame being meant where (identifier + 2^29 if extended) & mask = key; first
+    bit, bits (1 to 64), 1 for big-endian, 1 for signed; the byte in which the counter would go on if it were wider, or -1. The first bit
+    counts from the lowest bit of byte 0 upwards, or where big-endian from the highest bit of byte 0 downwards. sync_key: what SYNC frames
+    are named likewise, -1 for none. Remote and error frames carry nothing.
+
+    Returns (k,) each: positions of the frames, indices of the fields, values (an unsigned value of 64 bits as the same bits), how many
+    SYNCs stand before; (m,) each: how many frames were too short to hold the field, how often the byte behind carried on; (s,) positions
+    of the SYNCs.
     """
     _, identifier, flags, length, data, _ = frames
-    short = np.zeros(len(fields), np.int64)
-    most = len(identifier) * len(fields)
-    row, index, values = np.empty(most, np.int64), np.empty(most, np.int16), np.empty(most, np.int64)
-    at = 0
-    for i in range(len(identifier)):
+    n, m = len(identifier), len(fields)
+    short, wider = np.zeros(m, np.int64), np.zeros(m, np.int64)
+    last = np.full(m, -1)
+    key, mask = fields[:, KEY].copy(), fields[:, MASK].copy()
+    row, index, values, window = np.empty(n * m, np.int64), np.empty(n * m, np.int16), np.empty(n * m, np.int64), np.empty(n * m, np.int64)
+    syncs = np.empty(n, np.int64)
+    at = seen = 0
+    for i in range(n):
         if flags[i] & (REMOTE | ERROR):
             continue
         name = i64(identifier[i]) | (i64(1) << 29 if flags[i] & EXTENDED else i64(0))
-        for j in range(len(fields)):
-            if name & fields[j, MASK] != fields[j, KEY]:
+        if name == sync_key:
+            syncs[seen] = i
+            seen += 1
+        for j in range(m):
+            if name & mask[j] != key[j]:
                 continue
             first, bits = fields[j, FIRST_BIT], fields[j, BITS]
             if first + bits > i64(length[i]) * 8 or first + bits > 8 * data.shape[1]:
@@ -256,5 +283,29 @@ def extract(frames: Columns, fields: NDArray[np.int64]) -> Any:
             values[at] = i64(value << lift) >> i64(lift) if fields[j, SIGNED] else i64(value << lift >> lift)
             row[at] = i
             index[at] = j
+            window[at] = seen
+            behind = fields[j, BEHIND]
+            if 0 <= behind < min(i64(length[i]), data.shape[1]):
+                before = last[j]
+                if before >= 0 and _carried(values[before], values[at], bits, i64(data[row[before], behind]), i64(data[i, behind])):
+                    wider[j] += 1
+                last[j] = at
+            else:
+                last[j] = -1
             at += 1
-    return row[:at], index[:at], values[:at], short
+    return row[:at], index[:at], values[:at], window[:at], short, wider, syncs[:seen]
+
+
+@kernel
+def tabulate(window: NDArray[np.int64], field: NDArray[np.int16], value: NDArray[np.int64], m: int, total: int) -> Any:
+    """Readings as a table: (m, total) the first value of each field and window, 0 where there is none, and (m, total) how many there are.
+
+    window, field and value (k,): the column and the row of each reading, and what it says.
+    """
+    first, many = np.zeros((m, total), np.int64), np.zeros((m, total), np.int64)
+    for k in range(len(window)):
+        c, w = field[k], window[k]
+        if many[c, w] == 0:
+            first[c, w] = value[k]
+        many[c, w] += 1
+    return first, many

@@ -23,6 +23,7 @@ from lmeasure.kernels.frames import (
     WIDE,
     Bytes,
     Columns,
+    byte,
     i64,
 )
 
@@ -33,6 +34,7 @@ NAMES = 64
 SHORTEST_LINE = 8
 
 POWERS = 10.0 ** np.arange(23)  # every one exact, so that significand / power is the nearest double
+POWERS_OF_TEN = 10 ** np.arange(19)
 TICKS = 10 ** np.arange(9, -1, -1)  # nanoseconds of the last digit
 
 NIBBLE = np.array([int(chr(c), 16) if chr(c) in "0123456789abcdefABCDEF" else -1 for c in range(256)], np.int8)
@@ -66,39 +68,41 @@ def _odd(c: int) -> bool:
 
 @inline
 def _skip_blanks(b: Bytes, i: int) -> int:
-    while _blank(b[i]):
+    while _blank(byte(b, i)):
         i += 1
     return i
 
 
 @inline
 def _skip_line(b: Bytes, i: int) -> int:
-    while not _line_end(b[i]):
+    while not _line_end(byte(b, i)):
         i += 1
     return i
+
+
+@inline
+def _digits(b: Bytes, i: int) -> tuple[int, int]:
+    """Decimal digits from i on: (end, value); the value means nothing where there are more than 18."""
+    value = i64(0)
+    while _digit(byte(b, i)):
+        value = value * 10 + (i64(byte(b, i)) - 48)
+        i += 1
+    return i, value
 
 
 @inline
 def _decimal(b: Bytes, i: int) -> tuple[int, int, int]:
     """Digits, a point and digits from i on: (end, significand, digits behind the point); the significand is -1 where it is not exact or
     not such a number. A point without digits behind it gives 0 of them."""
-    significand = i64(0)
-    start = i
-    while _digit(b[i]):
-        if significand < LARGEST_EXACT:
-            significand = significand * 10 + (i64(b[i]) - 48)
-        i += 1
-    if i == start or b[i] != 46:
-        return i, i64(-1), 0
-    i += 1
-    point = i
-    while _digit(b[i]):
-        if significand < LARGEST_EXACT:
-            significand = significand * 10 + (i64(b[i]) - 48)
-        i += 1
-    if significand >= LARGEST_EXACT or i - point > 22:
-        return i, i64(-1), i - point
-    return i, significand, i - point
+    point, whole = _digits(b, i)
+    if point == i or byte(b, point) != 46:
+        return point, i64(-1), 0
+    end, part = _digits(b, point + 1)
+    behind = end - point - 1
+    if behind > 18 or point - i + behind > 18:
+        return end, i64(-1), behind
+    significand = whole * POWERS_OF_TEN[behind] + part
+    return end, significand if significand < LARGEST_EXACT else i64(-1), behind
 
 
 @inline
@@ -107,7 +111,7 @@ def _integer(b: Bytes, i: int, base: int) -> tuple[int, int]:
     value = i64(0)
     start = i
     while True:
-        digit = i64(NIBBLE[b[i]])
+        digit = i64(NIBBLE[byte(b, i)])
         if digit < 0 or digit >= base:
             break
         if value < 1 << 32:
@@ -118,11 +122,17 @@ def _integer(b: Bytes, i: int, base: int) -> tuple[int, int]:
     return i, value
 
 
+@kernel
+def line_stop(b: Bytes, i: int) -> int:
+    """Where the line in which place i stands ends."""
+    return _skip_line(b, i)
+
+
 @inline
 def _is(b: Bytes, i: int, word: Bytes) -> bool:
     """Whether the word stands at i; it compares no further than the first difference, so never past a line end."""
     k = 0
-    while k < len(word) and b[i + k] == word[k]:
+    while k < len(word) and byte(b, i + k) == word[k]:
         k += 1
     return k == len(word)
 
@@ -130,9 +140,9 @@ def _is(b: Bytes, i: int, word: Bytes) -> bool:
 @inline
 def _direction(b: Bytes, i: int) -> int:
     """0 for Rx, SENT for Tx, -1 for anything else, at a token."""
-    if b[i] == 82 and b[i + 1] == 120 and _blank(b[i + 2]):
+    if byte(b, i) == 82 and byte(b, i + 1) == 120 and _blank(byte(b, i + 2)):
         return 0
-    if b[i] == 84 and b[i + 1] == 120 and _blank(b[i + 2]):
+    if byte(b, i) == 84 and byte(b, i + 1) == 120 and _blank(byte(b, i + 2)):
         return SENT
     return -1
 
@@ -142,10 +152,10 @@ def _asc_identifier(b: Bytes, i: int, base: int) -> tuple[int, int, int]:
     """(end, identifier, EXTENDED or 0); the identifier is -1 where the token is none."""
     i, value = _integer(b, i, base)
     mark = 0
-    if b[i] == 120 or b[i] == 88:
+    if byte(b, i) == 120 or byte(b, i) == 88:
         mark = EXTENDED
         i += 1
-    if not _blank(b[i]) or value > 0x1FFFFFFF:
+    if not _blank(byte(b, i)) or value > 0x1FFFFFFF:
         value = i64(-1)
     return i, value, mark
 
@@ -161,12 +171,12 @@ def _asc_bytes(b: Bytes, i: int, base: int, count: int, data: Bytes, row: int) -
     """count data bytes, each after a blank: the place behind them, or -1."""
     _clear(data, row)
     for k in range(count):
-        if not _blank(b[i]):
+        if not _blank(byte(b, i)):
             return -1
         i = _skip_blanks(b, i)
         start = i
         i, value = _integer(b, i, base)
-        if value < 0 or value > 255 or i - start > 3 or not _parted(b[i]):
+        if value < 0 or value > 255 or i - start > 3 or not _parted(byte(b, i)):
             return -1
         data[row, k] = value
     return i
@@ -179,7 +189,7 @@ CAN_FD = np.frombuffer(b"CANFD", np.uint8)
 @inline
 def _asc_classic(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[int, int, int, int]:
     """Identifier, direction and data from i on: (end or -1, identifier, flags, length)."""
-    if _is(b, i, ERROR_FRAME) and _parted(b[i + 10]):
+    if _is(b, i, ERROR_FRAME) and _parted(byte(b, i + 10)):
         _clear(data, row)
         return i, i64(0), ERROR | EXTENDED, 0
     i, value, mark = _asc_identifier(b, i, base)
@@ -191,14 +201,14 @@ def _asc_classic(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[in
         return -1, value, mark, 0
     mark |= sent
     i = _skip_blanks(b, i + 2)
-    if b[i] == 100 and _blank(b[i + 1]):
+    if byte(b, i) == 100 and _blank(byte(b, i + 1)):
         i, length = _integer(b, _skip_blanks(b, i + 1), base)
-        if length < 0 or length > 8 or not _parted(b[i]):
+        if length < 0 or length > 8 or not _parted(byte(b, i)):
             return -1, value, mark, 0
         return _asc_bytes(b, i, base, length, data, row), value, mark, length
-    if b[i] == 114 and _blank(b[i + 1]):
+    if byte(b, i) == 114 and _blank(byte(b, i + 1)):
         i, length = _integer(b, _skip_blanks(b, i + 1), 10)
-        if length < 0 or length > 8 or not _parted(b[i]):
+        if length < 0 or length > 8 or not _parted(byte(b, i)):
             return -1, value, mark, 0
         _clear(data, row)
         return i, value, mark | REMOTE, length
@@ -214,7 +224,7 @@ def _asc_fd(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[int, in
         return -1, i64(-1), mark, 0
     mark |= sent
     i = _skip_blanks(b, i + 2)
-    if _is(b, i, ERROR_FRAME) and _parted(b[i + 10]):
+    if _is(b, i, ERROR_FRAME) and _parted(byte(b, i + 10)):
         _clear(data, row)
         return i, i64(0), mark | ERROR | EXTENDED, 0
     i, value, extended = _asc_identifier(b, i, base)
@@ -222,25 +232,25 @@ def _asc_fd(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[int, in
         return -1, value, mark, 0
     mark |= extended
     i = _skip_blanks(b, i)
-    if not _digit(b[i]):  # the message's name
-        while 32 < b[i] < 127:
+    if not _digit(byte(b, i)):  # the message's name
+        while 32 < byte(b, i) < 127:
             i += 1
-        if not _blank(b[i]):
+        if not _blank(byte(b, i)):
             return -1, value, mark, 0
         i = _skip_blanks(b, i)
     for bit in (BITRATE_SWITCH, ERROR_STATE):
-        if not ((b[i] == 48 or b[i] == 49) and _blank(b[i + 1])):
+        if not ((byte(b, i) == 48 or byte(b, i) == 49) and _blank(byte(b, i + 1))):
             return -1, value, mark, 0
-        mark |= bit if b[i] == 49 else 0
+        mark |= bit if byte(b, i) == 49 else 0
         i = _skip_blanks(b, i + 1)
     i, code = _integer(b, i, base)
-    if code < 0 or code > 15 or not _blank(b[i]):
+    if code < 0 or code > 15 or not _blank(byte(b, i)):
         return -1, value, mark, 0
     i, length = _integer(b, _skip_blanks(b, i), 10)
-    if length < 0 or length > 64 or not _blank(b[i]):
+    if length < 0 or length > 64 or not _blank(byte(b, i)):
         return -1, value, mark, 0
     after = _skip_blanks(b, i)
-    if _line_end(b[after]) or _odd(b[after]):
+    if _line_end(byte(b, after)) or _odd(byte(b, after)):
         return -1, value, mark, 0
     if length == 0:
         _clear(data, row)
@@ -267,7 +277,7 @@ def scan_asc(
     while pos < end:
         line = pos
         i = _skip_blanks(b, pos)
-        c = b[i]
+        c = byte(b, i)
         if not _digit(c):
             # Begin and End TriggerBlock are the caller's
             if _odd(c) or c == 66 or c == 98 or c == 69 or c == 101:
@@ -275,8 +285,8 @@ def scan_asc(
             pos = _skip_line(b, i) + 1
             continue
         i, ticks, digits = _decimal(b, i)
-        if ticks < 0 or digits == 0 or not _blank(b[i]):
-            if _odd(b[i]) or digits > 0:
+        if ticks < 0 or digits == 0 or not _blank(byte(b, i)):
+            if _odd(byte(b, i)) or digits > 0:
                 return n, line, ODD, places_used, since
             pos = _skip_line(b, i) + 1
             continue
@@ -290,16 +300,16 @@ def scan_asc(
         if seconds > LATEST_S:
             return n, line, ODD, places_used, since
         i = _skip_blanks(b, i)
-        c = b[i]
+        c = byte(b, i)
         number = i64(-1)
         is_fd = False
         if _digit(c):
             i, number = _integer(b, i, 10)
-            if number < 0 or number > LARGEST_CHANNEL or not _blank(b[i]):
+            if number < 0 or number > LARGEST_CHANNEL or not _blank(byte(b, i)):
                 return n, line, ODD, places_used, since
-        elif _is(b, i, CAN_FD) and _blank(b[i + 5]):
+        elif _is(b, i, CAN_FD) and _blank(byte(b, i + 5)):
             i, number = _integer(b, _skip_blanks(b, i + 5), 10)
-            if number < 0 or number > LARGEST_CHANNEL or not _blank(b[i]):
+            if number < 0 or number > LARGEST_CHANNEL or not _blank(byte(b, i)):
                 return n, line, ODD, places_used, since
             is_fd = True
         else:
@@ -338,22 +348,23 @@ ERROR_FLAG, BUS_ERROR = 0x20000000, 0x80
 def _name(b: Bytes, i: int, names: Bytes, lengths: NDArray[np.int64], used: int) -> tuple[int, int, int]:
     """Place of the channel name that stands at i, entering a new one: (end, place or -1 where it is not plain or too long, used)."""
     start = i
-    while 32 < b[i] < 127:
+    while 32 < byte(b, i) < 127:
         i += 1
     size = i - start
-    if size == 0 or size > names.shape[1] or not _blank(b[i]):
+    # python-can takes digits for a number, in which leading zeros say nothing
+    if size == 0 or size > names.shape[1] or not _blank(byte(b, i)) or (byte(b, start) == 48 and size > 1):
         return i, -1, used
     for place in range(used):
         if lengths[place] == size:
             k = 0
-            while k < size and names[place, k] == b[start + k]:
+            while k < size and names[place, k] == byte(b, start + k):
                 k += 1
             if k == size:
                 return i, place, used
     if used == len(names):
         return i, -1, used
     for k in range(size):
-        names[used, k] = b[start + k]
+        names[used, k] = byte(b, start + k)
     lengths[used] = size
     return i, used, used + 1
 
@@ -365,10 +376,10 @@ def _candump_data(b: Bytes, i: int, data: Bytes, row: int) -> tuple[int, int]:
     _clear(data, row)
     count = i64(0)
     while True:
-        high = NIBBLE[b[i]]
+        high = NIBBLE[byte(b, i)]
         if high < 0:
             return i, count
-        low = NIBBLE[b[i + 1]]
+        low = NIBBLE[byte(b, i + 1)]
         if low < 0:
             return -1, count
         if count == width:
@@ -392,13 +403,13 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64
     while pos < end:
         line = pos
         i = _skip_blanks(b, pos)
-        if _line_end(b[i]):
+        if _line_end(byte(b, i)):
             pos = i + 1
             continue
-        if b[i] != 40:
+        if byte(b, i) != 40:
             return n, line, ODD, used
         i, ticks, digits = _decimal(b, i + 1)
-        if ticks < 0 or b[i] != 41 or not _blank(b[i + 1]):
+        if ticks < 0 or byte(b, i) != 41 or not _blank(byte(b, i + 1)):
             return n, line, ODD, used
         seconds = float(ticks) / POWERS[digits]
         if seconds > LATEST_S:
@@ -409,20 +420,20 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64
         i = _skip_blanks(b, i)
         start = i
         i, raw = _integer(b, i, 16)
-        if raw < 0 or b[i] != 35 or i - start > 8:
+        if raw < 0 or byte(b, i) != 35 or i - start > 8:
             return n, line, ODD, used
         mark = EXTENDED if i - start > 3 else 0
         i += 1
-        if b[i] == 35:
-            if not _digit(b[i + 1]):
+        if byte(b, i) == 35:
+            if not _digit(byte(b, i + 1)):
                 return n, line, ODD, used
-            switches = b[i + 1] - 48
+            switches = byte(b, i + 1) - 48
             mark |= FD | (BITRATE_SWITCH if switches & 1 else 0) | (ERROR_STATE if switches & 2 else 0)
             i += 2
-        if (b[i] == 82 or b[i] == 114) and not mark & FD:
+        if (byte(b, i) == 82 or byte(b, i) == 114) and not mark & FD:
             mark |= REMOTE
             count = i64(0)
-            if _digit(b[i + 1]):
+            if _digit(byte(b, i + 1)):
                 i, count = _integer(b, i + 1, 10)
                 if count < 0 or count > 8:
                     return n, line, ODD, used
@@ -435,19 +446,19 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64
                 return n, line, WIDE, used
             if i < 0 or (count > 8 and not mark & FD):
                 return n, line, ODD, used
-        if not _parted(b[i]):
+        if not _parted(byte(b, i)):
             return n, line, ODD, used
         i = _skip_blanks(b, i)
-        if not _line_end(b[i]):
-            c = b[i]
+        if not _line_end(byte(b, i)):
+            c = byte(b, i)
             if c == 84 or c == 116:
                 mark |= SENT
             elif c != 82 and c != 114:
                 return n, line, ODD, used
-            if b[i - 1] != 32:  # python-can takes a direction behind a tab for a fourth word
+            if byte(b, i - 1) != 32:  # python-can takes a direction behind a tab for a fourth word
                 return n, line, ODD, used
             i = _skip_blanks(b, i + 1)
-            if not _line_end(b[i]):
+            if not _line_end(byte(b, i)):
                 return n, line, ODD, used
         if raw & ERROR_FLAG:
             mark |= ERROR

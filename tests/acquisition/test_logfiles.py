@@ -321,6 +321,7 @@ CANDUMP = (
   (1436509053.1)  can1   1FFFFFFF#0011223344556677
 
 (12) can0 7FF#
+(13) 0000 7FF#01
 (0.000001) can0 20000088#0000000000000000
 (1436509053.250600) can1 181##5"""
     + "ab" * 64
@@ -335,7 +336,7 @@ def test_candump_of_can_utils(tmp_path: Path) -> None:
     found, report = read_rows(path)
     assert whole
     assert found == expected
-    assert len(found) == 10
+    assert len(found) == 11
     assert report.notes() == []
 
 
