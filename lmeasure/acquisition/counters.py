@@ -54,7 +54,7 @@ class CounterState:
             totals = self.total + (values - self.value)
             self.step = int(values[-1]) - int(values[-2] if len(values) > 1 else self.value)
             self.value, self.total, self.time_s = int(values[-1]), int(totals[-1]), float(times[-1])
-            return self.field.scale * totals
+            return np.asarray(self.field.scale * totals, np.float64)
         before = np.concatenate([[self.value], values[:-1]])
         pause = np.diff(times, prepend=self.time_s)
         with np.errstate(over="ignore"):
@@ -63,7 +63,7 @@ class CounterState:
         totals = self.total + np.cumsum(steps)
         limit = self.max_rate * pause + 1.0
         self._find(values, plain, steps, limit, times, samples, events)
-        out = self.field.scale * totals
+        out = np.asarray(self.field.scale * totals, np.float64)
         if self.lost:
             out[:] = np.nan
         elif (ends := self._origin_lost(values, steps, limit, times, samples, events)) is not None:

@@ -13,7 +13,7 @@ from lmeasure.kernels.frames import LATEST_S, NAMED_CHANNELS, Columns
 if TYPE_CHECKING:
     import can
 
-BLOCK_BYTES = 1 << 20
+BLOCK_BYTES = 1 << 21
 LARGEST_IDENTIFIER = 0x1FFFFFFF
 
 

@@ -13,12 +13,13 @@ from lmeasure.acquisition.frames import CLASSIC_BYTES, FD_BYTES, Frames, frames_
 from lmeasure.acquisition.log_common import BLOCK_BYTES, Channels, LogReport, checked, frames_of, new_columns, read_into
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.frames import ODD, WIDE, Bytes, Columns
-from lmeasure.kernels.log_text import NAME_BYTES, NAMES, SHORTEST_LINE, line_stop, scan_asc, scan_candump
+from lmeasure.kernels.log_text import NAME_BYTES, NAMES, line_stop, scan_asc, scan_candump
 
 if TYPE_CHECKING:
     import can
 
 LONGEST_LINE = 1 << 16
+USUAL_LINE = 30
 
 CANDUMP_LINE = re.compile(r"\([0-9]+\.?[0-9]*\)\s+\S+\s+[0-9a-f]{1,8}#(#[0-9])?(r[0-9]*|[0-9a-f]*)(\s+[rt])?", re.IGNORECASE)
 
@@ -68,7 +69,7 @@ def _batches(path: Path, blocks: Iterable[Bytes], dialect: _Dialect) -> Iterator
         parts: list[Frames] = []
         pos = 0
         while pos < len(block):
-            columns = new_columns((len(block) - pos) // SHORTEST_LINE + 1, width)
+            columns = new_columns((len(block) - pos) // USUAL_LINE + 1, width)  # where they are full, the next go on
             count, used, status = dialect.scan(block[pos:], columns)
             if count:
                 parts.append(frames_of(columns, count, dialect.names(), path))

@@ -261,7 +261,14 @@ def extract(frames: Columns, fields: NDArray[np.int64], sync_key: int) -> Any:
     short, wider = np.zeros(m, np.int64), np.zeros(m, np.int64)
     last = np.full(m, -1)
     key, mask = fields[:, KEY].copy(), fields[:, MASK].copy()
-    row, index, values, window = np.empty(n * m, np.int64), np.empty(n * m, np.int16), np.empty(n * m, np.int64), np.empty(n * m, np.int64)
+    together = 0  # fields that one frame can carry at most
+    for j in range(m):
+        count = 0
+        for k in range(m):
+            count += (key[j] ^ key[k]) & mask[j] & mask[k] == 0
+        together = max(together, count)
+    room = n * together
+    row, index, values, window = np.empty(room, np.int64), np.empty(room, np.int16), np.empty(room, np.int64), np.empty(room, np.int64)
     syncs = np.empty(n, np.int64)
     at = seen = 0
     for i in range(n):

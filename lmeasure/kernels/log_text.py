@@ -1,8 +1,8 @@
 """Scan of ASC and candump log lines into the columns of `lmeasure.kernels.frames`.
 
 A line that is plainly a frame is read, one that is plainly none is passed over; at anything else the scan stops with ODD and leaves the
-line to the caller. What it reads is bit for bit what python-can's readers make of the same line. The text must end with a line end, which
-no token contains: that is what keeps every loop inside the text.
+line to the caller. It also stops where the columns are full. What it reads is bit for bit what python-can's readers make of the same line.
+The text must end with a line end, which no token contains: that is what keeps every loop inside the text.
 """
 
 import numpy as np
@@ -31,7 +31,6 @@ LARGEST_EXACT = 1 << 53
 LARGEST_CHANNEL = 65535
 NAME_BYTES = 32
 NAMES = 64
-SHORTEST_LINE = 8
 
 POWERS = 10.0 ** np.arange(23)  # every one exact, so that significand / power is the nearest double
 POWERS_OF_TEN = 10 ** np.arange(19)
@@ -268,13 +267,13 @@ def scan_asc(
 
     b (k,) uint8; base 10 or 16; start_s is added to each time; since is -1 for times from the start of the measurement, or the
     nanoseconds reached where each time counts from the event before; out, places and places_used as for `scan_blf`. Returns (frames,
-    bytes used, status, places_used, since).
+    bytes used, status, places_used, since); where the columns are full it stops.
     """
     time, identifier, flags, length, data, channel = out
     end = len(b)
     n = 0
     pos = 0
-    while pos < end:
+    while pos < end and n < len(time):
         line = pos
         i = _skip_blanks(b, pos)
         c = byte(b, i)
@@ -400,7 +399,7 @@ def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64
     end = len(b)
     n = 0
     pos = 0
-    while pos < end:
+    while pos < end and n < len(time):
         line = pos
         i = _skip_blanks(b, pos)
         if _line_end(byte(b, i)):
