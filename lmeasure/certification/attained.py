@@ -1,27 +1,62 @@
 """From a trajectory to attained poses: the mean over each dwell, and what says that a dwell is none."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from lmeasure.certification.errors_of_poses import PoseErrors, at_tool_point
 from lmeasure.errors import CertificationError
 from lmeasure.kernels import screw
-from lmeasure.program import Program
+from lmeasure.program import Program, Windows
 from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 UNIT_TOLERANCE = 1e-6
+SAME = 1e-9  # mm: rounded alike
+ELSEWHERE = 3.0  # times as far from the commanded pose as from another one of the program
 TIME_TOLERANCE_S = 1e-9  # times such as 0.1 + 0.2 that are meant to be a window's end
 
 
 @dataclass(frozen=True)
+class Frame:
+    """What of the tool is certified, and in which frame: tool_mm (3,) in the tool frame; base_from_program (7,), None when they are the
+    same."""
+
+    tool_mm: FloatArray
+    base_from_program: FloatArray | None = None
+
+    def of(self, poses: FloatArray) -> FloatArray:
+        """(n, 7) poses of that point in that frame, from poses of the tool origin in the base frame."""
+        out = poses
+        if self.tool_mm.any():
+            out = np.concatenate([out[:, :3] + Rotation.from_quat(out[:, 3:]).apply(self.tool_mm), out[:, 3:]], axis=1)
+        if self.base_from_program is not None:
+            back = Rotation.from_quat(self.base_from_program[3:]).inv()
+            turned = (back * Rotation.from_quat(out[:, 3:])).as_quat()
+            out = np.concatenate([back.apply(out[:, :3] - self.base_from_program[:3]), turned], axis=1)
+        return out
+
+    def of_errors(self, poses: FloatArray, errors: PoseErrors) -> PoseErrors:
+        """Errors in that frame at (n, 7) poses of the tool origin in the base frame."""
+        matrices = at_tool_point(poses, self.tool_mm) if self.tool_mm.any() else np.tile(np.eye(6), (len(poses), 1, 1))
+        if self.base_from_program is not None:
+            back = Rotation.from_quat(self.base_from_program[3:]).inv().as_matrix()
+            both = np.zeros((6, 6))
+            both[:3, :3] = both[3:, 3:] = back
+            matrices = both @ matrices
+        return errors.moved(matrices)
+
+
+@dataclass(frozen=True)
 class AttainedPose:
-    """The cycles of a commanded pose (7,): attained poses (n, 7), mm and unit quaternions, middles of their windows time_s (n,) and
-    samples (n,). angle_deg: worst pressure angle in the windows; readings (n,): how often the reading changed within the window, plus one;
-    excluded: why no verdict is given.
+    """The cycles of a commanded pose (7,): attained poses (n, 7), mm and unit quaternions, middles of their windows time_s (n,) and samples
+    (n,). within (n, 6, 6): covariance of (rotation [rad]; position [mm]) of the samples in each window; readings (n,): how many different
+    readings it holds; angle_deg: worst pressure angle in the windows; excluded: why no verdict is given.
     """
 
     name: str
@@ -29,9 +64,15 @@ class AttainedPose:
     poses: FloatArray
     time_s: FloatArray
     samples: IntArray
+    within: FloatArray
     readings: IntArray
     angle_deg: float
     excluded: str | None = None
+
+    @property
+    def between(self) -> FloatArray:
+        """(6, 6) covariance of the attained poses about their mean, zero for one."""
+        return scatter(self.poses)
 
 
 def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> slice:
@@ -46,7 +87,7 @@ def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> s
         why = trajectory.cause[i] or screw.STATUS[trajectory.status[i]]
         raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s is not ok: {why}")
     length = np.linalg.norm(trajectory.poses[first:last, 3:], axis=1)
-    bad = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)
+    bad = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)  # never of what is not measured
     if len(bad):
         i = first + int(bad[0])
         raise CertificationError(
@@ -62,29 +103,77 @@ def mean_pose(poses: FloatArray) -> FloatArray:
     return np.concatenate([poses[:, :3].mean(axis=0), mean / np.linalg.norm(mean)])
 
 
-def attained_poses(trajectory: Trajectory, program: Program, still_mm: float) -> tuple[AttainedPose, ...]:
-    """Attained poses of the program's poses that have windows."""
-    out = []
-    for pose in program.pose:
-        if not pose.windows_s:
-            continue
-        rows, times, middles, readings, worst = [], [], [], [], 0.0
-        for cycle, (start, end) in enumerate(pose.windows_s, 1):
-            what = f"pose {pose.name}, cycle {cycle}"
-            part = window(trajectory, start, end, what)
-            poses = trajectory.poses[part]
-            away = np.linalg.norm(poses[:, :3] - np.median(poses[:, :3], axis=0), axis=1)
-            if away.max() > still_mm:
-                i = part.start + int(np.argmax(away))
-                raise CertificationError(
-                    f"{what}: the robot moves in the window [{start:g}, {end:g}] s: sample {i} at {trajectory.time_s[i]:.6g} s is "
-                    f"{away.max():.4g} mm from the rest; at most {still_mm:g} mm"
-                )
-            rows.append(mean_pose(poses))
-            middles.append((part.start + part.stop - 1) // 2)
-            times.append(0.5 * (start + end))
-            readings.append(1 + int((np.abs(np.diff(poses, axis=0)) > 1e-9).any(axis=1).sum()))
-            worst = max(worst, float(np.nanmax(trajectory.worst_pressure_angle_deg[part])))
-        commanded = np.array([*pose.position_mm, *pose.quaternion_xyzw])
-        out.append(AttainedPose(pose.name, commanded, np.array(rows), np.array(times), np.array(middles), np.array(readings), worst))
-    return tuple(out)
+def scatter(poses: FloatArray) -> FloatArray:
+    """(6, 6) covariance of (rotation [rad]; position [mm]) of poses (n, 7) that lie close together; zero where it is not measured."""
+    if len(poses) < 2:
+        return np.zeros((6, 6))
+    away = np.zeros((len(poses), 6))
+    if not np.isnan(poses[0, 3]):
+        away[:, :3] = (Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(mean_pose(poses)[3:]).inv()).as_rotvec()
+    away[:, 3:] = poses[:, :3]
+    return np.asarray(np.cov(away.T))
+
+
+def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, still_mm: float, what: str) -> tuple[slice, FloatArray]:
+    """The samples of a window in which the robot rests, and their poses (k, 7); CertificationError names the sample that moves."""
+    part = window(trajectory, start_s, end_s, what)
+    poses = frame.of(trajectory.poses[part])
+    away = np.linalg.norm(poses[:, :3] - np.median(poses[:, :3], axis=0), axis=1)
+    if away.max() > still_mm:
+        i = part.start + int(np.argmax(away))
+        raise CertificationError(
+            f"{what}: the robot moves in the window [{start_s:g}, {end_s:g}] s: sample {i} at {trajectory.time_s[i]:.6g} s is "
+            f"{away.max():.4g} mm from the middle of the others; at most {still_mm:g} mm"
+        )
+    return part, poses
+
+
+def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Trajectory, frame: Frame, still_mm: float) -> AttainedPose:
+    """The attained poses of one commanded pose (7,), one per window."""
+    rows, middles, within, readings, worst = [], [], [], [], np.nan
+    for cycle, (start, end) in enumerate(windows, 1):
+        part, poses = dwell(trajectory, frame, start, end, still_mm, f"pose {name}, cycle {cycle}")
+        rows.append(mean_pose(poses))
+        middles.append((part.start + part.stop - 1) // 2)
+        changed = (np.abs(np.diff(trajectory.poses[part], axis=0)) > SAME).any(axis=1)
+        readings.append(1 + int(changed.sum()))
+        within.append(scatter(poses) if changed.any() else np.zeros((6, 6)))
+        worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
+    times = np.array([0.5 * (start + end) for start, end in windows])
+    return AttainedPose(
+        name, commanded, np.array(rows), times, np.array(middles, dtype=np.int64), np.array(within), np.array(readings), worst
+    )
+
+
+def attained_poses(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[AttainedPose, ...]:
+    """Attained poses of the program's poses that have windows; CertificationError when a dwell is at another pose of the program."""
+    out = tuple(
+        attain(p.name, np.array([*p.position_mm, *p.quaternion_xyzw]), p.windows_s, trajectory, frame, still_mm)
+        for p in program.pose
+        if p.windows_s
+    )
+    commanded = np.array([p.position_mm for p in program.pose]).reshape(-1, 3)
+    for pose in out:
+        apart = np.linalg.norm(pose.poses[:, None, :3] - commanded[None], axis=2)
+        own = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
+        for j in np.flatnonzero(own > ELSEWHERE * np.maximum(apart.min(axis=1), still_mm)):
+            other = program.pose[int(np.argmin(apart[j]))].name
+            raise CertificationError(
+                f"pose {pose.name}, cycle {j + 1}: at {pose.time_s[j]:.6g} s the tool is {own[j]:.4g} mm from {pose.name} and "
+                f"{apart[j].min():.4g} mm from {other}: the program runs in another order than its windows say"
+            )
+    return out
+
+
+def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:
+    """(7,) base_from_program that brings the commanded positions to the means of the attained ones (least squares, every pose alike).
+
+    CertificationError for fewer than three poses, or on one line.
+    """
+    commanded = np.array([p.commanded[:3] for p in poses])
+    attained = np.array([p.poses[:, :3].mean(axis=0) for p in poses])
+    if len(poses) < 3 or np.linalg.svd(commanded - commanded.mean(axis=0), compute_uv=False)[1] < 1.0:
+        raise CertificationError(f"alignment: {len(poses)} poses with windows, or poses on one line, fix no frame; at least three apart")
+    middle, place = commanded.mean(axis=0), attained.mean(axis=0)
+    turn, _ = Rotation.align_vectors(attained - place, commanded - middle)
+    return np.concatenate([place - turn.apply(middle), turn.as_quat()])

@@ -32,10 +32,18 @@ class PoseErrors:
         return PoseErrors(matrices @ self.random @ matrices.transpose(0, 2, 1), matrices @ self.own, matrices @ self.shared)
 
 
+def roots(covariance: FloatArray) -> FloatArray:
+    """(n, k, k) symmetric square roots of covariances (n, k, k); NaN (what is not measured) counts as zero."""
+    values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
 class ErrorModel(Protocol):
     """Where errors of poses come from. covers: what they hold, in words."""
 
     covers: str
+    rounded: bool
+    """Whether the random part is the rounding of counts, which a robot standing still repeats."""
 
     def at(self, trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
         """Errors of n poses (n, 7), measured at these samples (n,)."""
@@ -45,6 +53,8 @@ class ErrorModel(Protocol):
 class ErrorsOfRun:
     """Errors by the rig of a run: every count anywhere within half a unit, the rig's parameters as its linked calibration knows them, the
     start pose as `run.toml` states it."""
+
+    rounded = True
 
     def __init__(self, run: Run | RunHead, constraint: str | None = None) -> None:
         self._solver = Reconstruction(run.rig, run.start, run.calibration, constraint, run.u_start)
@@ -68,6 +78,8 @@ class ErrorsOfFile:
     together: all poses of a part share them, else each has its own; neither is always the worse, so that a figure takes the larger of both.
     """
 
+    rounded = False
+
     def __init__(self, together: bool) -> None:
         self.together = together
         self.covers = (
@@ -80,13 +92,7 @@ class ErrorsOfFile:
         covariance = trajectory.random[samples] + trajectory.systematic[samples]
         if not self.together:
             return PoseErrors(covariance, np.zeros((n, 6, 0)), np.zeros((n, 6, 0)))
-        return PoseErrors(np.zeros((n, 6, 6)), _roots(covariance), np.zeros((n, 6, 0)))
-
-
-def _roots(covariance: FloatArray) -> FloatArray:
-    """(n, 6, 6) symmetric square roots."""
-    values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.transpose(0, 2, 1))
+        return PoseErrors(np.zeros((n, 6, 6)), roots(covariance), np.zeros((n, 6, 0)))
 
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:

@@ -1,0 +1,119 @@
+"""Windows that a program does not state: the rests of a trajectory, assigned to the commanded poses and paths they belong to."""
+
+import itertools
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.certification.attained import Frame
+from lmeasure.errors import CertificationError
+from lmeasure.program import CommandedPath, CommandedPose, Program
+from lmeasure.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+
+LAG_S = 0.05
+"""A robot that in this time moves by less than what a still one may is resting."""
+LEAST_S = 0.15
+"""Shortest rest that counts as a dwell: turning points of a motion are shorter."""
+SETTLED = 0.5
+"""Of a rest: its last part, when the robot no longer swings."""
+NEAR = 0.4
+"""Of the least distance between commanded poses: farther from one, a rest belongs to none."""
+FARTHEST_MM = 20.0
+
+
+def rests(trajectory: Trajectory, positions: FloatArray, still_mm: float) -> list[slice]:
+    """The samples of each rest, in order of time: positions (n, 3) that move by less than still_mm within `LAG_S` for `LEAST_S` at least.
+
+    Samples that are not ok end a rest.
+    """
+    time_s = trajectory.time_s
+    if len(time_s) < 2:
+        return []
+    ahead = np.minimum(np.searchsorted(time_s, time_s + LAG_S), len(time_s) - 1)
+    with np.errstate(invalid="ignore"):
+        still = (np.linalg.norm(positions[ahead] - positions, axis=1) <= still_mm) & ~np.isnan(positions[:, 0])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    out = []
+    for first, stop in edges.reshape(-1, 2):
+        # the last sample that was compared belongs to the rest as well
+        last = int(ahead[stop - 1])
+        while np.isnan(positions[last, 0]):
+            last -= 1
+        if time_s[last] - time_s[first] >= LEAST_S:
+            out.append(slice(int(first), last + 1))
+    return out
+
+
+def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[str, ...]]:
+    """The program with windows found in the trajectory, where it states none for any pose and path, and notes on how.
+
+    A dwell is the last half of a rest near a commanded pose; a run of a path is what lies between a rest near its start and the next near
+    its end. CertificationError when a pose or path is not found, or poses are taken different numbers of times.
+    """
+    if any(p.windows_s for p in (*program.pose, *program.path)) or not (program.pose or program.path):
+        return program, ()
+    positions = frame.of(trajectory.poses)[:, :3]
+    found = rests(trajectory, positions, still_mm)
+    places = np.array([np.nanmean(positions[r], axis=0) for r in found]).reshape(-1, 3)
+    poses = tuple(_with_dwells(p, program, trajectory, found, places) for p in program.pose)
+    cycles = Counter(len(p.windows_s) for p in poses)
+    if len(cycles) > 1:
+        most = cycles.most_common(1)[0][0]
+        odd = next(p for p in poses if len(p.windows_s) != most)
+        raise CertificationError(f"pose {odd.name}: is rested at {len(odd.windows_s)} times in the trajectory, other poses {most} times")
+    paths = tuple(_with_runs(p, program, trajectory, positions, found, places) for p in program.path)
+    note = f"no windows stated: {len(found)} rests of at least {LEAST_S:g} s within {still_mm:g} mm found, the last half of each taken"
+    data = program.model_dump(by_alias=True, exclude_none=True)
+    data["pose"] = [p.model_dump(by_alias=True, exclude_none=True) for p in poses]
+    data["path"] = [p.model_dump(by_alias=True, exclude_none=True) for p in paths]
+    return Program.model_validate(data), (note,)
+
+
+def _reach(program: Program) -> float:
+    """How far from a commanded pose a rest may lie and still belong to it [mm]."""
+    places = np.array([p.position_mm for p in program.pose]).reshape(-1, 3)
+    apart = [float(np.linalg.norm(a - b)) for a, b in itertools.combinations(places, 2)]
+    return min([FARTHEST_MM, *(NEAR * d for d in apart if d > 0)])
+
+
+def _with_dwells(pose: CommandedPose, program: Program, trajectory: Trajectory, found: list[slice], places: FloatArray) -> CommandedPose:
+    near = np.flatnonzero(np.linalg.norm(places - np.array(pose.position_mm), axis=1) <= _reach(program))
+    if len(near) == 0:
+        raise CertificationError(
+            f"pose {pose.name}: the trajectory has no rest within {_reach(program):.4g} mm of it ({len(found)} rests in all)"
+        )
+    windows = []
+    for i in near:
+        start, end = trajectory.time_s[found[i].start], trajectory.time_s[found[i].stop - 1]
+        windows.append((float(end - SETTLED * (end - start)), float(end)))
+    _expect(pose.name, "pose", len(windows), pose.cycles)
+    return pose.model_copy(update={"windows_s": tuple(windows)})
+
+
+def _with_runs(
+    path: CommandedPath, program: Program, trajectory: Trajectory, positions: FloatArray, found: list[slice], places: FloatArray
+) -> CommandedPath:
+    points = path.points(10.0)
+    windows = []
+    for i in range(len(found) - 1):
+        ends = np.linalg.norm(places[i] - points[0]), np.linalg.norm(places[i + 1] - points[-1])
+        if max(ends) > FARTHEST_MM:
+            continue
+        first, last = found[i].stop - 1, found[i + 1].start
+        # a way of other length between the same ends is another motion
+        way = np.nansum(np.linalg.norm(np.diff(positions[first : last + 1], axis=0), axis=1))
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        if 0.8 * length < way < 1.5 * length:
+            windows.append((float(trajectory.time_s[first]), float(trajectory.time_s[last])))
+    if not windows:
+        raise CertificationError(f"path {path.name}: the trajectory has no motion from its start to its end between rests; give windows_s")
+    _expect(path.name, "path", len(windows), path.cycles)
+    return path.model_copy(update={"windows_s": tuple(windows)})
+
+
+def _expect(name: str, kind: str, found: int, stated: int | None) -> None:
+    if stated is not None and found != stated:
+        raise CertificationError(f"{kind} {name}: found {found} cycles in the trajectory; the program states {stated}")

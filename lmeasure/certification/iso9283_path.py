@@ -1,0 +1,86 @@
+"""Path characteristics of ISO 9283:1998, clauses 8 and 11: one function per figure.
+
+Deviations are arrays (..., m, n, 3): n cycles crossing m planes normal to the commanded path, positions [mm] or angles [deg] less the
+commanded ones. Speeds are (..., n, k): k measurements in each cycle. Leading axes are draws of an uncertainty or nothing.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def path_accuracy(deviations: FloatArray) -> FloatArray:
+    """8.2 (8.4 while turning): AT_p = max over planes of |mean over cycles| (...) [mm]."""
+    return np.asarray(np.linalg.norm(deviations.mean(axis=-2), axis=-1).max(axis=-1))
+
+
+def path_orientation_accuracy(deviations_deg: FloatArray) -> FloatArray:
+    """8.2: AT_a = max over planes of |a-bar_i - a_ci|, AT_b, AT_c (..., 3) [deg]."""
+    return np.asarray(np.abs(deviations_deg.mean(axis=-2)).max(axis=-2))
+
+
+def path_repeatability(deviations: FloatArray) -> FloatArray:
+    """8.3: RT_p = max over planes of l-bar_i + 3 S_li (...) [mm], l_ij the distance of crossing j from the barycentre of its plane."""
+    distance = np.linalg.norm(deviations - deviations.mean(axis=-2, keepdims=True), axis=-1)
+    return np.asarray((distance.mean(axis=-1) + 3.0 * distance.std(axis=-1, ddof=1)).max(axis=-1))
+
+
+def path_orientation_repeatability(deviations_deg: FloatArray) -> FloatArray:
+    """8.3: RT_a = max over planes of 3 S_ai, RT_b, RT_c (..., 3) [deg]."""
+    return np.asarray(3.0 * deviations_deg.std(axis=-2, ddof=1).max(axis=-2))
+
+
+def cornering_round_off(vectors: FloatArray) -> FloatArray:
+    """8.5: CR (...) [mm], least distance of the attained path from the corner; mean over cycles of vectors (..., n, 3) from it."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1).mean(axis=-1))
+
+
+def cornering_overshoot(vectors: FloatArray, incoming: FloatArray) -> FloatArray:
+    """8.5: CO (...) [mm], the largest deviation beyond the second line, mean over cycles.
+
+    vectors (..., n, 3): from the commanded line to the attained path where it is farthest along incoming (3,), the unit direction of the
+    first line normal to the second; zero for a cycle that stays on the inner side.
+    """
+    return np.asarray(np.maximum(vectors @ incoming, 0.0).mean(axis=-1))
+
+
+def stabilisation_length(arc_mm: FloatArray, deviation_mm: FloatArray, limit_mm: float) -> float:
+    """8.5: SPL [mm], way behind the corner from which the deviation stays within the limit; arc (k,) from the corner, deviation (k,).
+
+    Zero when it never leaves the limit, NaN when it is not back at the end.
+    """
+    outside = np.flatnonzero(deviation_mm > limit_mm)
+    if len(outside) == 0:
+        return 0.0
+    last = int(outside[-1])
+    if last + 1 == len(arc_mm):
+        return float("nan")
+    # where the straight line between the two samples crosses the limit
+    part = (deviation_mm[last] - limit_mm) / (deviation_mm[last] - deviation_mm[last + 1])
+    return float(arc_mm[last] + part * (arc_mm[last + 1] - arc_mm[last]))
+
+
+def velocity_accuracy(speeds: FloatArray, commanded_mm_s: float) -> FloatArray:
+    """8.6.2: AV = 100 (v-bar - v_c) / v_c (...) [%], v-bar the mean over cycles of the mean v_j over measurements."""
+    return np.asarray(100.0 * (speeds.mean(axis=-1).mean(axis=-1) - commanded_mm_s) / commanded_mm_s)
+
+
+def velocity_repeatability(speeds: FloatArray, commanded_mm_s: float) -> FloatArray:
+    """8.6.3: RV = +-100 * 3 S_v / v_c (...) [%], S_v of the cycles' mean speeds; written as the positive half."""
+    return np.asarray(300.0 * speeds.mean(axis=-1).std(axis=-1, ddof=1) / commanded_mm_s)
+
+
+def velocity_fluctuation(speeds: FloatArray) -> FloatArray:
+    """8.6.4: FV = max over cycles of (max v - min v) (...) [mm/s]."""
+    return np.asarray((speeds.max(axis=-1) - speeds.min(axis=-1)).max(axis=-1))
+
+
+def weaving_stroke_error(strokes_mm: FloatArray, commanded_mm: float) -> FloatArray:
+    """11: WS = 100 (S_a - S_c) / S_c (...) [%], S_a the mean of the strokes (..., n)."""
+    return np.asarray(100.0 * (strokes_mm.mean(axis=-1) - commanded_mm) / commanded_mm)
+
+
+def weaving_frequency_error(frequencies_hz: FloatArray, commanded_hz: float) -> FloatArray:
+    """11: WF = 100 (F_a - F_c) / F_c (...) [%], F = speed along the path / way of one weave, F_a the mean of (..., n)."""
+    return np.asarray(100.0 * (frequencies_hz.mean(axis=-1) - commanded_hz) / commanded_hz)
