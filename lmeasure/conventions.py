@@ -39,7 +39,7 @@ CONVENTIONS = {
     )
 }
 DEFAULT = "puma-oat"
-RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "pose", "pass")
+RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "temperature_c", "pose", "pass")
 """Columns of counts files that are no counter."""
 MAX_LENGTH_MM = 1e6
 """A kilometre: beyond it a length is a slip of units."""
@@ -70,3 +70,15 @@ def angles_from_rotation(name: str, rotation: Rotation) -> FloatArray:
     angles = np.asarray(rotation.as_euler(c.axes, degrees=True, suppress_warnings=True), dtype=np.float64)
     angles = angles - np.asarray(c.offset_deg)
     return np.asarray(180.0 - np.mod(180.0 - angles, 360.0), dtype=np.float64)
+
+
+TEMPERATURE_RANGE_C = (-100.0, 200.0)
+
+
+def check_temperature(values: ArrayLike, what: str) -> None:
+    """FileFormatError, naming what, for temperatures [deg C] outside `TEMPERATURE_RANGE_C` or not finite."""
+    numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    low, high = TEMPERATURE_RANGE_C
+    bad = ~((numbers >= low) & (numbers <= high))
+    if bad.any():
+        raise FileFormatError(f"{what} = {numbers[bad][0]:g}; a temperature is between {low:g} and {high:g} deg C")

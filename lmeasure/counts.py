@@ -32,6 +32,8 @@ class Counts:
     sync: FloatArray | None = None
     source: str = "counts"
     u_time_s: FloatArray | None = None
+    temperature_c: FloatArray | None = None
+    """(n,) temperature of cables, drums and frame, None where it was not recorded."""
     first: int = 0
     """Number of the first sample in the file, for what is said of samples."""
 
@@ -68,11 +70,13 @@ class Counts:
             out["sync"] = self.sync.astype(np.int64)
         if self.u_time_s is not None:
             out["u_time_s"] = self.u_time_s
+        if self.temperature_c is not None:
+            out["temperature_c"] = self.temperature_c
         return out
 
 
 def read_counts(path: Path, *, torn: bool = False) -> Counts:
-    """Read `time_s, ch1, ch2, ..., optional sync, u_time_s` from .csv or .parquet; FileFormatError names the row and column.
+    """Read `time_s, ch1, ch2, ..., optional sync, u_time_s, temperature_c` from .csv or .parquet; FileFormatError names the row and column.
 
     torn: see `files.read_table`.
     """
@@ -112,7 +116,10 @@ def _counts(table: files.Table) -> Counts:
                 f"{path}: sample {table.first + int(np.argmax(skew < 0))}: "
                 f"u_time_s = {skew.min():g}; a standard uncertainty is not negative"
             )
-    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew, table.first)
+    warm = table.numbers("temperature_c") if "temperature_c" in table.columns else None
+    if warm is not None:
+        conventions.check_temperature(warm, f"{path}: column 'temperature_c'")
+    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew, warm, table.first)
 
 
 def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None = None) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lmeasure import files
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts, unwrap
+from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
@@ -21,6 +22,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
+
+MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
 Reasons = tuple[tuple[NDArray[np.bool_], int, str], ...]
 
@@ -43,6 +46,8 @@ class Lengths:
     notes: tuple[str, ...] = ()
     u_time_s: FloatArray | None = None
     """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
+    temperature_c: FloatArray | None = None
+    """(n, m) temperatures at which the cables were counted; None where they were not recorded."""
 
     @property
     def speed_mm_s(self) -> FloatArray:
@@ -94,11 +99,39 @@ def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Cable, ...] | None = 
     return np.asarray(out)
 
 
-def counts_from_poses(rig: Rig, rows: FloatArray, zero: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(n, m) true counts k, not rounded, at (n, 7) poses when the counters were zeroed at the pose zero (7,)."""
+def counts_from_poses(
+    rig: Rig,
+    rows: FloatArray,
+    zero: FloatArray,
+    cables: tuple[Cable, ...] | None = None,
+    temperature_c: FloatArray | None = None,
+    zero_temperature_c: float | None = None,
+) -> FloatArray:
+    """(n, m) true counts k, not rounded, at (n, 7) poses when the counters were zeroed at the pose zero (7,).
+
+    temperature_c (n,) at the poses and zero_temperature_c at the zero pose, the rig's reference where not given, matter only to rigs that
+    state effects (`lmeasure.effects`). GeometryError names a cable that cannot run, or carries no tension.
+    """
     chosen = rig.cable if cables is None else cables
     lengths = span_lengths(rig, np.vstack([zero[None, :], rows]), chosen)
-    return np.asarray(cable_kernels.counts_from_changes(rig.cable_rows(chosen), lengths[1:] - lengths[0]))
+    cable_rows = rig.cable_rows(chosen)
+    changes = lengths[1:] - lengths[0]
+    counts = np.asarray(cable_kernels.counts_from_changes(cable_rows, changes))
+    effects = effects_of(rig, chosen)
+    if effects is None:
+        return counts
+    start = zero_at(zero, len(chosen), effects.reference_c if zero_temperature_c is None else zero_temperature_c)
+    warm = np.full(len(rows), effects.reference_c) if temperature_c is None else np.asarray(temperature_c, dtype=np.float64)
+    warm = np.repeat(warm[:, None], len(chosen), axis=1)
+    # the excess hardly depends on the count: each round gains three digits or more
+    for _ in range(MAX_ROUNDS):
+        before = counts
+        counts = np.asarray(
+            cable_kernels.counts_from_changes(cable_rows, changes + effects.checked_excess(cable_rows, start, rows, counts, warm))
+        )
+        if not np.abs(counts - before).max(initial=0.0) > 1e-9:
+            break
+    return counts
 
 
 def recorded_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
@@ -149,6 +182,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     notes: list[str] = []
     skewed = any(p.u_time_s is not None for p in run.passes)
     u_time = np.zeros((n, m)) if skewed else None
+    warm = np.empty((n, m)) if any(p.temperature_c is not None for p in run.passes) else None
     for j, c in enumerate(run.rig.cable):
         counts = run.passes[c.passage - 1]
         drum = run.rig.point(c.from_point).drum
@@ -171,11 +205,21 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         k[:, j] = values
         if u_time is not None and counts.u_time_s is not None:
             u_time[:, j] = counts.u_time_s if c.passage == 1 else np.interp(time_s, counts.time_s, counts.u_time_s)
+        if warm is not None:
+            warm[:, j] = np.nan if counts.temperature_c is None else np.interp(time_s, counts.time_s, counts.temperature_c)
         for mask, flag, text in reasons:
             first = mask & (flags == OK)
             flags[first], cause[first], where[first] = flag, text, c.name
     change = changes_from_counts(run.rig, k)
-    return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes), u_time)
+    return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes), u_time, warm)
+
+
+def zero_temperature(lengths: Lengths, stated: float | None) -> float | None:
+    """Temperature [deg C] at which the counters were zeroed: the one stated for the run, else that of the first sample that has one."""
+    if stated is not None or lengths.temperature_c is None:
+        return stated
+    known = lengths.temperature_c[np.isfinite(lengths.temperature_c)]
+    return float(known[0]) if len(known) else None
 
 
 def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
@@ -185,7 +229,14 @@ def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
     """
     rows = run.rig.cable_rows()
     modelled = cable_kernels.span_lengths(rows, np.ascontiguousarray(poses)) - cable_kernels.span_lengths(rows, run.start[None, :])
-    return np.asarray(lengths_from_counts(run).change_mm - modelled)
+    lengths, effects = lengths_from_counts(run), effects_of(run.rig)
+    if effects is not None:
+        begun = zero_temperature(lengths, run.temperature_c)
+        start = zero_at(run.start, len(rows), effects.reference_c if begun is None else begun)
+        warm = np.tile(start.temperature_c, (len(poses), 1)) if lengths.temperature_c is None else lengths.temperature_c
+        warm = np.where(np.isfinite(warm), warm, start.temperature_c)
+        modelled = modelled + effects.excess(rows, start, poses, lengths.counts, warm)
+    return np.asarray(lengths.change_mm - modelled)
 
 
 def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) -> tuple[FloatArray, Reasons]:

@@ -39,7 +39,55 @@ Positive = Annotated[float, Field(gt=0), AfterValidator(_finite_length)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
 
 
-class Drum(Strict):
+Expansion = Annotated[float, Field(ge=-1e-3, le=1e-3)]
+Tension = Annotated[float, Field(gt=0, le=1e5)]
+
+
+class CableOnDrum(Strict):
+    """What temperature, tension and weight do to the cable of a drum; nothing where a key is not given. See `kernels.effects`."""
+
+    cable_expansion_per_k: Expansion | None = None
+    drum_expansion_per_k: Expansion | None = None
+    """Of the drum and the swivel pulley."""
+    guide_length_mm: NotNegative | None = None
+    """Cable from the fixed pulley's tangent point to B, which expands with the rest."""
+    cable_stiffness_n: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    """EA: tension over strain."""
+    cable_mass_kg_per_m: Annotated[float, Field(ge=0, le=10)] | None = None
+    cable_tension_n: Tension | None = None
+    """Tension that the drum keeps, at k = 0."""
+    cable_tension_n_per_m: Annotated[float, Field(ge=-1e4, le=1e4)] | None = None
+    """How it rises with the cable paid out."""
+    winding_tension_n: Tension | None = None
+    """Tension with which the cable was wound, when it was not the drum's own."""
+    u_cable_expansion_per_k: NotNegative | None = None
+    u_cable_stiffness_n: NotNegative | None = None
+    u_cable_mass_kg_per_m: NotNegative | None = None
+    u_cable_tension_n: NotNegative | None = None
+    u_cable_tension_change_n: NotNegative | None = None
+    """How far the tension may be from the drum's law at a moment: friction, which turns with the direction of travel."""
+
+    @model_validator(mode="after")
+    def _tension_is_given(self) -> Self:
+        for key in ("cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n_per_m"):
+            if getattr(self, key) is not None and self.cable_tension_n is None:
+                raise ValueError(f"{key}: has an effect only with cable_tension_n, which is missing")
+        for key in ("cable_tension_n_per_m", "winding_tension_n"):
+            if getattr(self, key) is not None and self.cable_stiffness_n is None:
+                raise ValueError(f"{key}: has an effect only with cable_stiffness_n, which is missing")
+        for key in ("cable_expansion_per_k", "cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n"):
+            if getattr(self, f"u_{key}") is not None and getattr(self, key) is None:
+                raise ValueError(f"u_{key}: is the uncertainty of {key}, which is missing")
+        for key in ("cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n"):
+            value, u = getattr(self, key), getattr(self, f"u_{key}")
+            if u is not None and u > 0.5 * value:
+                raise ValueError(f"u_{key}: {u:g} is more than half of {key}, {value:g}: then its effect is not known at all")
+        if self.u_cable_tension_change_n is not None and self.cable_stiffness_n is None:
+            raise ValueError("u_cable_tension_change_n: has an effect only with cable_stiffness_n, which is missing")
+        return self
+
+
+class Drum(CableOnDrum):
     """A grooved drum with its encoder. Lengths in mm; see the contract of rig.toml for each."""
 
     counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
@@ -103,6 +151,13 @@ class Rig(Strict):
     calibration: str | None = None
     constraint: Literal["planar", "vertical-axis"] | None = None
     """What holds the tool where fewer than six cables measure it; see `trajectory.scheme`."""
+    frame_expansion_per_k: Expansion | None = None
+    """Of what carries the observation points and drums, from the base frame's origin."""
+    reference_temperature_c: Annotated[float, Field(ge=-100, le=200)] | None = None
+    """Temperature at which the rig has the dimensions stated here; 20 where it is not given (ISO 1)."""
+    u_frame_expansion_per_k: NotNegative | None = None
+    u_temperature_k: NotNegative | None = None
+    """Standard uncertainty of a temperature: of the parts against the thermometer."""
     observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
     tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]

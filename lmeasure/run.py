@@ -34,6 +34,8 @@ class Run:
     passes: tuple[Counts, ...]
     calibration: CalibrationRecord | None = None
     u_start: tuple[float, float] = (0.0, 0.0)
+    temperature_c: float | None = None
+    """Temperature at the start pose, and of every pass whose counts do not state theirs."""
 
 
 def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
@@ -54,13 +56,14 @@ class RunHead:
     torn: tuple[bool, ...]
     calibration: CalibrationRecord | None = None
     u_start: tuple[float, float] = (0.0, 0.0)
+    temperature_c: float | None = None
 
 
 def read_run(folder: Path, rig_path: Path | None = None) -> Run:
     """Read a run folder; rig_path replaces the rig it names. FileFormatError names the file and key."""
     head = read_run_head(folder, rig_path)
     passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
-    return Run(head.rig, head.start, passes, head.calibration, head.u_start)
+    return Run(head.rig, head.start, passes, head.calibration, head.u_start, head.temperature_c)
 
 
 def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
@@ -70,7 +73,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: is not a run folder")
     data = files.read_toml(path)
-    unknown = sorted(set(data) - {"schema", "rig", "start", "pass", "note", "recording"})
+    unknown = sorted(set(data) - {"schema", "rig", "start", "pass", "note", "recording", "temperature_c"})
     if unknown:
         raise FileFormatError(f"{path}: unknown key {unknown[0]!r}")
     if data.get("schema") != SCHEMA:
@@ -93,7 +96,8 @@ def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
         counts.append(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"))
         torn.append(_ended_early(data, number))
     start = start_pose(data.get("start"), rig.angles, path)
-    return RunHead(rig, start, tuple(counts), tuple(torn), calibration, start_uncertainty(data["start"], path))
+    u_start, warm = start_uncertainty(data["start"], path), _temperature(data, path)
+    return RunHead(rig, start, tuple(counts), tuple(torn), calibration, u_start, warm)
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
@@ -111,8 +115,21 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
     start |= {key: value for key, value in zip(START_UNCERTAINTY, u, strict=True) if value}
     files.write_toml(
         folder / "run.toml",
-        {"schema": SCHEMA, "rig": "rig.toml", "start": start, "pass": [{"counts": n} for n in names]} | (extra or {}),
+        {"schema": SCHEMA, "rig": "rig.toml"}
+        | ({} if run.temperature_c is None else {"temperature_c": run.temperature_c})
+        | {"start": start, "pass": [{"counts": n} for n in names]}
+        | (extra or {}),
     )
+
+
+def _temperature(data: dict[str, Any], path: Path) -> float | None:
+    value = data.get("temperature_c")
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise FileFormatError(f"{path}: temperature_c must be a number")
+    conventions.check_temperature(value, f"{path}: temperature_c")
+    return float(value)
 
 
 def _ended_early(data: dict[str, Any], number: int) -> bool:

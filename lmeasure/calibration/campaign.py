@@ -1,12 +1,12 @@
 """A calibration campaign: a nominal rig, reference poses of the robot, and what the counters showed there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure import files
+from lmeasure import conventions, files
 from lmeasure.calibration_record import Input
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
 from lmeasure.lengths import counts_from_poses
@@ -34,6 +34,8 @@ class Campaign:
     zero: NDArray[np.int64]
     inputs: tuple[Input, ...] = ()
     notes: tuple[str, ...] = ()
+    temperature_c: FloatArray | None = None
+    """(n,) temperature at each pose; None where it was not recorded: then it is the rig's reference."""
 
     @property
     def used(self) -> BoolArray:
@@ -78,8 +80,18 @@ def read_campaign(folder: Path) -> Campaign:
         zero[j] = index[names[rows[0]]]
         if not np.isfinite(counts[zero[j], j]):
             raise FileFormatError(f"{path}: line {rows[0] + 2}: channel {c.channel} has no count at its zero pose {names[rows[0]]!r}")
-    campaign = Campaign(rig, poses, cables, counts, zero, inputs)
+    campaign = Campaign(rig, poses, cables, counts, zero, inputs, temperature_c=_temperatures(folder / "reference_poses.csv"))
     return _unwrapped(_checked(campaign, path))
+
+
+def _temperatures(path: Path) -> FloatArray | None:
+    """(n,) temperatures of the reference poses, or None without their column."""
+    table = files.read_table(path)
+    if "temperature_c" not in table.columns:
+        return None
+    values = table.numbers("temperature_c")
+    conventions.check_temperature(values, f"{path}: column 'temperature_c'")
+    return values
 
 
 def _checked(campaign: Campaign, path: Path) -> Campaign:
@@ -104,7 +116,10 @@ def _unwrapped(campaign: Campaign) -> Campaign:
         if not np.nanmax(np.abs(counts[:, j])) > full / 4:
             continue
         try:
-            predicted = counts_from_poses(campaign.rig, campaign.poses.rows, campaign.poses.rows[campaign.zero[j]], (c,))[:, 0]
+            warm = campaign.temperature_c
+            begun = None if warm is None else float(warm[campaign.zero[j]])
+            at_zero = campaign.poses.rows[campaign.zero[j]]
+            predicted = counts_from_poses(campaign.rig, campaign.poses.rows, at_zero, (c,), warm, begun)[:, 0]
         except GeometryError:
             continue
         turns = np.rint((predicted + counts[campaign.zero[j], j] - counts[:, j]) / full)
@@ -112,4 +127,4 @@ def _unwrapped(campaign: Campaign) -> Campaign:
         if np.nansum(np.abs(turns)) > 0:
             notes.append(f"channel {c.channel}: {drum.counter_bits}-bit counter unwrapped between poses by the nominal rig's prediction")
             counts[:, j] += turns * full
-    return Campaign(campaign.rig, campaign.poses, campaign.cables, counts, campaign.zero, campaign.inputs, tuple(notes))
+    return replace(campaign, counts=counts, notes=(*campaign.notes, *notes))

@@ -83,7 +83,7 @@ def _gains(s: FloatArray, known: BoolArray, prior_everywhere: bool) -> tuple[Flo
 
 
 def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
-    """(e, e) covariance of the residuals [mm^2]: whole counts, and reference-pose errors where they are stated."""
+    """(e, e) covariance of the residuals [mm^2]: whole counts, reference poses, and physical effects where their errors are stated."""
     variance = count_variance(model.campaign.rig, model.campaign.cables)
     V = np.diag(variance[model.cable_index])
     if noise.u_position_mm.any() or noise.u_rotation_rad.any():
@@ -91,7 +91,8 @@ def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatA
         J = np.concatenate([J[:, :, :3] * noise.u_rotation_rad[:, None], J[:, :, 3:] * noise.u_position_mm[:, None]], axis=2)
         flat = J.reshape(len(J), -1)
         V = V + flat @ flat.T
-    return np.asarray(V)
+    effects = model.effect_covariance(theta)
+    return np.asarray(V if effects is None else V + effects)
 
 
 class Whitened:

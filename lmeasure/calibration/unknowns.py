@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration.campaign import Campaign
+from lmeasure.effects import Zero, effects_of
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import parameter_names
@@ -158,6 +159,7 @@ class Model:
         self._zero = campaign.zero[self.cable_index]
         place = {name: i for i, name in enumerate(unknowns.names)}
         self._where = np.array([[place.get(n, -1) for n in row] for row in parameter_names(campaign.rig, campaign.cables)])
+        self._effects = effects_of(campaign.rig, campaign.cables)
         self._factor = np.array([math.radians(1.0) if n.endswith("_deg") else 1.0 for n in unknowns.names])
 
     @property
@@ -194,7 +196,43 @@ class Model:
         rows, _, counts = self.cables(theta)
         f = cable_kernels.span_lengths(rows, self._poses) - cable_kernels.changes_from_counts(rows, counts)
         r = f[self.pose_index, self.cable_index] - f[self._zero, self.cable_index]
+        if self._effects is not None:
+            r = r + self._effects.excess(rows, *self._situation(counts))[self.pose_index, self.cable_index]
         return np.where(np.isfinite(r), r, 1e6)
+
+    def _situation(self, counts: FloatArray) -> tuple[Zero, FloatArray, FloatArray, FloatArray]:
+        """Where each cable's equations start, the poses (n, 7), true counts and temperatures (n, m): what the effects depend on."""
+        assert self._effects is not None
+        n, m = counts.shape
+        warm = np.full(n, self._effects.reference_c) if self.campaign.temperature_c is None else self.campaign.temperature_c
+        zero = Zero(self._poses[self.campaign.zero], counts[self.campaign.zero, np.arange(m)], warm[self.campaign.zero])
+        return zero, self._poses, counts, np.repeat(warm[:, None], m, axis=1)
+
+    def effect_covariance(self, theta: FloatArray) -> FloatArray | None:
+        """(e, e) covariance of the residuals [mm^2] from what is uncertain in temperature, stretch and sag; None when nothing is.
+
+        Properties of cables and frame err alike everywhere; a pose's temperature errs for all its cables, a tension for one cable there.
+        """
+        if self._effects is None:
+            return None
+        rows, _, counts = self.cables(theta)
+        situation = self._situation(counts)
+        at = self.pose_index, self.cable_index
+        columns = [shift[at] for shift in self._effects.property_shifts(rows, *situation)]
+        temperature = self._effects.temperature_shifts(rows, *situation)
+        if temperature is not None:
+            first, later = (shift[at] for shift in temperature)
+            for i in range(len(self._poses)):
+                columns.append(np.where(self._zero == i, first, 0.0) + np.where(self.pose_index == i, later, 0.0))
+        friction = self._effects.tension_shift(rows, self._poses)
+        if friction is not None:
+            for j in range(counts.shape[1]):
+                columns.append(np.where(self.cable_index == j, friction[self._zero, self.cable_index], 0.0))
+        shifts = np.array(columns).reshape(-1, self.equations)
+        V = shifts.T @ shifts
+        if friction is not None:
+            V += np.diag(friction[at] ** 2)
+        return np.asarray(V) if V.any() else None
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, p) derivatives of the residuals by the unknowns, in the units of their names."""

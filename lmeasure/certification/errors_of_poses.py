@@ -57,7 +57,7 @@ class ErrorsOfRun:
     rounded = True
 
     def __init__(self, run: Run | RunHead, constraint: str | None = None) -> None:
-        self._solver = Reconstruction(run.rig, run.start, run.calibration, constraint, run.u_start)
+        self._solver = Reconstruction(run.rig, run.start, run.calibration, constraint, run.u_start, temperature_c=run.temperature_c)
         self.covers = self._solver.covers
 
     def at(self, trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:

@@ -35,23 +35,36 @@ class Campaign:
     poses: FloatArray
     channels: tuple[str, ...]
     recorded: FloatArray
+    temperature_c: FloatArray | None = None
+    """(n,) at the poses, None where it is not recorded."""
 
 
-def simulate_run(rig: Rig, time_s: FloatArray, poses: FloatArray, noise_mm: float, rng: np.random.Generator) -> SimulatedRun:
+def simulate_run(
+    rig: Rig,
+    time_s: FloatArray,
+    poses: FloatArray,
+    noise_mm: float,
+    rng: np.random.Generator,
+    temperature_c: FloatArray | None = None,
+) -> SimulatedRun:
     """Every pass of the rig along the same motion, zeroed at its first pose.
 
-    noise_mm: standard deviation of each length at each sample, independent. GeometryError when a cable cannot run at a pose.
+    noise_mm: standard deviation of each length at each sample, independent. temperature_c (n,), the first at the zero pose, has the effects
+    that the rig states. GeometryError when a cable cannot run at a pose.
     """
+    warm = None if temperature_c is None else float(temperature_c[0])
     start = poses[0]
     passes = []
     for number in range(1, rig.passes + 1):
         cables = rig.cables_of(number)
-        true = counts_from_poses(rig, poses, start, cables)
+        true = counts_from_poses(rig, poses, start, cables, temperature_c, warm)
         length = np.array([rig.point(c.from_point).drum.count_length_mm for c in cables])
         noisy = true + rng.normal(0.0, 1.0, true.shape) * noise_mm / length if noise_mm else true
         recorded = recorded_from_counts(rig, noisy, cables)
-        passes.append(Counts(time_s, tuple(c.channel for c in cables), recorded, source=f"simulated pass {number}"))
-    return SimulatedRun(Run(rig, start, tuple(passes)), poses)
+        passes.append(
+            Counts(time_s, tuple(c.channel for c in cables), recorded, source=f"simulated pass {number}", temperature_c=temperature_c)
+        )
+    return SimulatedRun(Run(rig, start, tuple(passes), temperature_c=warm), poses)
 
 
 def simulate_campaign(
@@ -66,14 +79,17 @@ def simulate_campaign(
     u_rotation_rad: float = 0.0,
     nominal_shift_mm: float = 0.0,
     nominal_shift_deg: float = 0.0,
+    temperature_c: FloatArray | None = None,
 ) -> Campaign:
     """Counts at scattered reference poses whose measurement has the given standard uncertainties.
 
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
+    temperature_c (count,) at the poses has the effects that the rig states.
     """
     poses = scattered_poses(count, half_mm, tilt_rad, centre, rng)
     cables = rig.cables_of(1)
-    recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0], cables), cables)
+    warm = None if temperature_c is None else float(temperature_c[0])
+    recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0], cables, temperature_c, warm), cables)
     rows = poses.copy()
     rows[:, :3] += u_position_mm * rng.normal(size=(count, 3))
     rows[:, 3:] = (Rotation.from_rotvec(u_rotation_rad * rng.normal(size=(count, 3))) * Rotation.from_quat(rows[:, 3:])).as_quat()
@@ -92,4 +108,4 @@ def simulate_campaign(
             )
         }
     )
-    return Campaign(nominal, rig, measured, poses, tuple(c.channel for c in cables), recorded)
+    return Campaign(nominal, rig, measured, poses, tuple(c.channel for c in cables), recorded, temperature_c)

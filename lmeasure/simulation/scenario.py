@@ -11,9 +11,9 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_va
 
 from lmeasure import files
 from lmeasure.checked import Strict, complaint
-from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.conventions import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C
 from lmeasure.errors import FileFormatError
-from lmeasure.poses import POSITION_COLUMNS, poses_from_rows, write_poses
+from lmeasure.poses import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_linked_rig, write_run
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
@@ -23,6 +23,7 @@ from lmeasure.simulation.motion import Leg, smooth_path
 FloatArray = NDArray[np.float64]
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Temperature = Annotated[float, Field(ge=TEMPERATURE_RANGE_C[0], le=TEMPERATURE_RANGE_C[1])]
 Position = tuple[Coordinate, Coordinate, Coordinate]
 
 
@@ -83,15 +84,27 @@ class Scenario(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     rate_hz: Annotated[float, Field(gt=0, le=1e6)] = 1000.0
     noise_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
+    temperature_c: Temperature | None = None
+    """At the start; recorded when it is given."""
+    end_temperature_c: Temperature | None = None
+    """At the end of the motion and at the last reference pose, reached evenly."""
     start: Start = Start()
     motion: Motion = Motion()
     waypoint: tuple[Waypoint, ...] = ()
     reference_poses: ReferencePoses | None = None
 
+    def temperatures(self, count: int) -> FloatArray | None:
+        """(count,) temperatures from the start to the end [deg C]; None where none is given."""
+        if self.temperature_c is None:
+            return None
+        return np.linspace(self.temperature_c, self.temperature_c if self.end_temperature_c is None else self.end_temperature_c, count)
+
     @model_validator(mode="after")
     def _does_something(self) -> Self:
         if not self.waypoint and self.reference_poses is None:
             raise ValueError("nothing to simulate: give [[waypoint]] or [reference_poses]")
+        if self.end_temperature_c is not None and self.temperature_c is None:
+            raise ValueError("end_temperature_c: needs temperature_c, which is missing")
         return self
 
     @property
@@ -168,7 +181,7 @@ def simulate(scenario: Scenario, rig: Rig) -> Simulated:
     run, campaign = None, None
     if scenario.waypoint:
         time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz)
-        run = simulate_run(rig, time_s, poses, scenario.noise_mm, rng)
+        run = simulate_run(rig, time_s, poses, scenario.noise_mm, rng, scenario.temperatures(len(time_s)))
     if scenario.reference_poses is not None:
         asked = scenario.reference_poses
         campaign = simulate_campaign(
@@ -182,6 +195,7 @@ def simulate(scenario: Scenario, rig: Rig) -> Simulated:
             u_rotation_rad=math.radians(asked.u_rotation_deg),
             nominal_shift_mm=asked.nominal_shift_mm,
             nominal_shift_deg=asked.nominal_shift_deg,
+            temperature_c=scenario.temperatures(asked.count),
         )
     return Simulated(run, campaign)
 
@@ -205,7 +219,10 @@ def write_campaign(folder: Path, campaign: Campaign) -> None:
     write_rig(folder / "true" / "rig.toml", campaign.true)
     write_poses(folder / "true" / "reference_poses.csv", poses_from_rows(campaign.poses))
     write_rig(folder / "rig.toml", campaign.nominal)
-    write_poses(folder / "reference_poses.csv", campaign.measured, campaign.nominal.angles)
+    poses = pose_columns(campaign.measured, campaign.nominal.angles)
+    if campaign.temperature_c is not None:
+        poses["temperature_c"] = campaign.temperature_c
+    files.write_table(folder / "reference_poses.csv", poses)
     columns: dict[str, Any] = {"pose": list(campaign.measured.names)}
     columns |= {name: campaign.recorded[:, i].astype(np.int64) for i, name in enumerate(campaign.channels)}
     files.write_table(folder / "counts.csv", columns)

@@ -16,9 +16,10 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_rows, span_rows_of
-from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts
+from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.trajectory.corrections import Correction, correction_of
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
@@ -26,6 +27,7 @@ from lmeasure.trajectory.scheme import Scheme, scheme_of
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+PHYSICAL = "temperature, stretch and sag"
 CHUNK = 2048  # poses whose factors are in memory at once
 
 
@@ -35,7 +37,8 @@ class PoseCovariances:
 
     random (n, 6, 6): covariance of what is independent from sample to sample. factors (n, 6, K): the systematic error is factors @ z with
     one z (K,) of independent standard normal variables for the whole run, so that factors[i] @ factors[j].T is its covariance between the
-    samples i and j. sources (K,): what each stands for: "calibration", "start pose", "clock of pass 2", "place of pass 2".
+    samples i and j. sources (K,): what each stands for: "calibration", "start pose", "clock of pass 2", "place of pass 2",
+    "temperature, stretch and sag".
     """
 
     random: FloatArray
@@ -64,7 +67,9 @@ class Budget:
         u_start: tuple[float, float] = (0.0, 0.0),
         u_clock_s: tuple[float, ...] = (),
         repeatability_mm: float = 0.0,
+        correction: Correction | None = None,
     ) -> None:
+        self.correction = correction
         self.scheme, self.scales, self.variance = scheme, rig.scales(), count_variance(rig)
         self.parameters = factor_of(_parameters(scheme, rig, calibration))
         self.start = start
@@ -80,7 +85,8 @@ class Budget:
             self.pass_sources += tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3))
         own = self.parameters.shape[1], self._start_lengths.shape[1]
         self.sources = ("calibration",) * own[0] + ("start pose",) * own[1] + self.pass_sources
-        self.covers = _covers(calibration is not None, bool(own[1]), bool(self.pass_sources))
+        self.sources += (PHYSICAL,) * (0 if correction is None else correction.sources)
+        self.covers = _covers(calibration is not None, bool(own[1]), bool(self.pass_sources), PHYSICAL in self.sources)
 
     def of(
         self,
@@ -89,9 +95,10 @@ class Budget:
         speed_mm_s: FloatArray,
         u_time_s: FloatArray | None = None,
         unused: IntArray | None = None,
+        temperature_c: FloatArray | None = None,
     ) -> PoseCovariances:
         """Covariances and factors of (n, 7) poses at true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the instants at which
-        the cables were counted; unused (n,): a cable that was left out, or -1."""
+        the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where it is None."""
         poses = np.ascontiguousarray(poses)
         G = self._twists(poses, counts, unused)
         u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
@@ -100,28 +107,25 @@ class Budget:
         if not self.sources:
             return PoseCovariances(random, np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0], ())
         parts = [self.parameter_lengths(poses, counts), np.broadcast_to(self._start_lengths, (len(poses), *self._start_lengths.shape))]
-        lengths = np.concatenate([*parts, self.pass_lengths(poses, speed_mm_s)], axis=2)
+        lengths = np.concatenate(
+            [*parts, self.pass_lengths(poses, speed_mm_s), self.physical_lengths(poses, counts, temperature_c)], axis=2
+        )
         # a cable without a count, or left out, has no part in the pose
         return PoseCovariances(random, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
 
-    def covariances(
-        self,
-        poses: FloatArray,
-        counts: FloatArray,
-        speed_mm_s: FloatArray,
-        u_time_s: FloatArray | None = None,
-        unused: IntArray | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """(n, 6, 6) random and systematic covariances, as `of`, in little memory for many poses."""
+    def covariances(self, poses: FloatArray, lengths: Lengths, unused: IntArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
+        speed_mm_s = lengths.speed_mm_s
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
             found = self.of(
                 poses[part],
-                counts[part],
+                lengths.counts[part],
                 speed_mm_s[part],
-                None if u_time_s is None else u_time_s[part],
+                None if lengths.u_time_s is None else lengths.u_time_s[part],
                 None if unused is None else unused[part],
+                None if lengths.temperature_c is None else lengths.temperature_c[part],
             )
             random[part] = found.random
             systematic[part] = found.systematic if self.sources else np.where(np.isnan(found.random), np.nan, 0.0)
@@ -152,6 +156,13 @@ class Budget:
             shifts = span_rows_of(self.scheme.rows, np.ascontiguousarray(poses))[:, :, 3:] * self._repeatability_mm
             columns += [np.where((self._passage == p)[:, None], shifts, 0.0) for p in range(1, self._passage.max() + 1)]
         return np.concatenate(columns, axis=2) if columns else np.empty((n, m, 0))
+
+    def physical_lengths(self, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray | None) -> FloatArray:
+        """(n, m, q) errors of the lengths per variable of temperature, stretch and sag."""
+        if self.correction is None or not self.correction.sources:
+            return np.empty((*counts.shape, 0))
+        # a modelled cable that is longer has a shorter measured length to agree with
+        return -self.correction.shifts(poses, counts, temperature_c)
 
     def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None) -> FloatArray:
         if self.scheme.six:
@@ -184,7 +195,8 @@ def covariances(
             "it is not of this run"
         )
     scheme = scheme_of(run.rig, run.start, constraint)
-    budget = Budget(run.rig, run.start, scheme, run.calibration, run.u_start, aligned.u_time_s, repeatability_mm)
+    correction = correction_of(run.rig, scheme, scheme.start_of(run.start), zero_temperature(lengths, run.temperature_c))
+    budget = Budget(run.rig, run.start, scheme, run.calibration, run.u_start, aligned.u_time_s, repeatability_mm, correction)
     chosen = slice(None) if samples is None else samples
     speed, skew = lengths.speed_mm_s[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
     poses = trajectory.poses[chosen].copy()
@@ -192,7 +204,8 @@ def covariances(
         # of the point alone: any orientation will do, for the rows have no arms
         known = ~np.isnan(poses[:, 0])
         poses[known, 3:] = (0.0, 0.0, 0.0, 1.0)
-    found = budget.of(poses, lengths.counts[chosen], speed, skew, _left_out(trajectory, lengths)[chosen])
+    warm = None if lengths.temperature_c is None else lengths.temperature_c[chosen]
+    found = budget.of(poses, lengths.counts[chosen], speed, skew, _left_out(trajectory, lengths)[chosen], warm)
     return found if scheme.point is None else without_orientation(found)
 
 
@@ -229,9 +242,9 @@ def _parameters(scheme: Scheme, rig: Rig, calibration: CalibrationRecord | None)
     return covariance
 
 
-def _covers(calibrated: bool, start: bool, passes: bool) -> str:
+def _covers(calibrated: bool, start: bool, passes: bool, physical: bool) -> str:
     """What the standard uncertainties hold, in words."""
-    more = [text for there, text in ((start, "the start pose"), (passes, "the passes")) if there]
+    more = [text for there, text in ((start, "the start pose"), (passes, "the passes"), (physical, PHYSICAL)) if there]
     if calibrated:
         parts = ["counts of half a unit", *more, "the linked calibration"]
         return f"{', '.join(parts[:-1])} and {parts[-1]}"

@@ -34,6 +34,8 @@ class LivePose:
 
     def __init__(self, rig: Rig, start: FloatArray) -> None:
         reconstruction = Reconstruction(rig, start)
+        if reconstruction.correction is not None:
+            raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out temperature, stretch and sag, which this rig states")
         if not reconstruction.scheme.six or rig.passes > 1:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose needs six cables counted in one pass")
         self.channels = tuple(c.channel for c in rig.cable)

@@ -56,11 +56,15 @@ def by_monte_carlo(
     rows, counts, factor = reconstruction.scheme.rows, lengths.counts, budget.parameters
     skew = None if lengths.u_time_s is None else lengths.u_time_s * lengths.speed_mm_s
     of = trials * (2 if budget.sources else 1)
-    passes = np.nan_to_num(budget.pass_lengths(trajectory.poses, lengths.speed_mm_s))
+    lengths = reconstruction.corrected(lengths)
+    # what temperature, stretch and sag have taken off the changes stays with the trials
+    offset = 0.0 if reconstruction.correction is None else lengths.change_mm - changes_from_counts(rows, counts)
+    physical = budget.physical_lengths(trajectory.poses, counts, lengths.temperature_c)
+    passes = np.nan_to_num(np.concatenate([budget.pass_lengths(trajectory.poses, lengths.speed_mm_s), physical], axis=2))
 
     def random_trial() -> FloatArray:
         drawn = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales
-        changes = changes_from_counts(rows, drawn)
+        changes = changes_from_counts(rows, drawn) + offset
         if skew is not None:
             changes += skew * generator.standard_normal(changes.shape)
         return reconstruction.solve(rows, start, changes, lengths.flags)
@@ -69,7 +73,7 @@ def by_monte_carlo(
         shift = (factor @ generator.standard_normal(factor.shape[1])).reshape(len(rows), len(PARAMETERS))
         moved, scales = moved_rows(rows, shift), budget.scales
         k = counts * scales / (scales + shift[:, PARAMETERS.index("scale")])
-        changes = changes_from_counts(moved, k) + passes @ generator.standard_normal(passes.shape[2])
+        changes = changes_from_counts(moved, k) + offset + passes @ generator.standard_normal(passes.shape[2])
         return reconstruction.solve(moved, budget.drawn_start(generator), changes, lengths.flags)
 
     done = [0]

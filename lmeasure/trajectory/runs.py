@@ -27,7 +27,8 @@ def reconstruct(
     """
     aligned = align(run)
     clocks = aligned.u_time_s
-    reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint, run.u_start, clocks, repeatability_mm)
+    given = run.u_start, clocks, repeatability_mm, run.temperature_c
+    reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint, *given)
     lengths = lengths_from_counts(aligned.run)
     trajectory = reconstruction.add(lengths)
     if trials:

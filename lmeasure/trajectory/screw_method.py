@@ -12,6 +12,7 @@ from lmeasure.kernels import lanes, least_squares, screw
 from lmeasure.lengths import Lengths, span_lengths
 from lmeasure.rig import Rig
 from lmeasure.trajectory.budget import Budget
+from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import scheme_of
 
@@ -46,6 +47,7 @@ class Reconstruction:
         u_start: tuple[float, float] = (0.0, 0.0),
         u_clock_s: tuple[float, ...] = (),
         repeatability_mm: float = 0.0,
+        temperature_c: float | None = None,
     ) -> None:
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
         try:
@@ -53,7 +55,8 @@ class Reconstruction:
         except GeometryError as error:
             raise GeometryError(f"start {error}") from None
         self.start = self.scheme.start_of(start)
-        self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm)
+        self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
+        self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm, self.correction)
         self.covers = self.budget.covers
         m = len(self.scheme.rows)
         self._state = self._new_state(self.start)
@@ -64,7 +67,7 @@ class Reconstruction:
 
     def add(self, lengths: Lengths) -> Trajectory:
         """The trajectory of the next piece of the run."""
-        scheme = self.scheme
+        scheme, lengths = self.scheme, self.corrected(lengths, self._state)
         found = self._follow(scheme.rows, self.start, self._state, lengths.change_mm, lengths.flags)
         poses, residual, iterations, status, angle, *more = found
         cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
@@ -73,7 +76,7 @@ class Reconstruction:
             left_out, chi = more
             chi_squared = chi if scheme.redundancy else None
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
-        random, systematic = self.budget.covariances(poses, lengths.counts, lengths.speed_mm_s, lengths.u_time_s, left_out)
+        random, systematic = self.budget.covariances(poses, lengths, left_out)
         trajectory = Trajectory(
             lengths.time_s,
             poses,
@@ -90,6 +93,18 @@ class Reconstruction:
             chi_squared,
         )
         return _without_orientation(trajectory) if scheme.point else trajectory
+
+    def corrected(self, lengths: Lengths, state: FloatArray | None = None) -> Lengths:
+        """The lengths without the effects of temperature, stretch and sag that the rig states; state is where the run has got to, by
+        default its start."""
+        if self.correction is None:
+            return lengths
+        begun = self._new_state(self.start) if state is None else state
+
+        def solve(changes: FloatArray) -> FloatArray:
+            return np.asarray(self._follow(self.scheme.rows, self.start, begun.copy(), changes, lengths.flags)[0])
+
+        return self.correction.corrected(lengths, solve)
 
     def solve(self, rows: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray) -> FloatArray:
         """(n, 7) poses of a whole run by other rows of cables, from another start, changes (n, m) [mm] and flags (n,); NaN where none is
@@ -134,6 +149,8 @@ class Reconstruction:
             notes.append(
                 f"start pose: worst pressure angle {degrees:.1f} deg; if it is off by millimetres the run may be in another assembly"
             )
+        if self.correction is not None:
+            notes += self.correction.notes()
         return tuple(notes)
 
 

@@ -34,7 +34,7 @@ def reconstruct_stream(
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
-    reconstruction = Reconstruction(rig, head.start, head.calibration, constraint, head.u_start)
+    reconstruction = Reconstruction(rig, head.start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
     counters = np.zeros((len(rig.cable), counter.STATE))
     summary = Summary()
     summary.notes += notes

@@ -1,0 +1,142 @@
+"""What temperature, tension and weight do to the length of a cable.
+
+A count is a piece of cable, and what it pays out has a temperature, a strain and a weight. S is the length of the free cable, drum to
+attachment point, as it would be unstrained at the reference temperature. With e, d, f = 1 + coefficient * (T - T_ref) of cable, drum and
+frame, tension tau(k) at the drum and tau_m in the middle of the free span,
+
+    S(P, k, T) = [(h(k) + G + R phi) / (1 + tau/EA) + arc(t, tau_m) / (1 + tau_m/EA)] / e
+
+where h, R phi and t are those of `kernels.cable` with B, the drum's distances and the cable G between the fixed pulley and B scaled by f,
+the pulley scaled by d. Friction holds what is wound: a turn keeps the material it was wound with, d and e at the temperature of the zero
+pose and the tension either of the drum at that turn or one stated for the winding, so that counts and lengths belong together by
+
+    S(P, k, T) - S(P0, k0, T0) = integral from k0 to k of c d(T0) / (e(T0) (1 + tau_w/EA)) dk.
+
+With one tension everywhere and one temperature this is the equation of `kernels.cable`: a constant strain is wound and unwound alike.
+
+The arc is that of a hanging cable without an approximation for small sag. Of a catenary of length s over the horizontal distance H and
+the height V, whose tensions at its ends are tau and tau + w V, it holds that (tau + w V/2) * 2 = w s coth x and s^2 = V^2 + (H
+sinh(x)/x)^2 with x = w H/2 over the horizontal tension (Irvine, Cable Structures, 1981, ch. 1; the first by adding the tensions at both
+ends). The parabola's (w cos)^2 L^3 / (24 tau_m^2) is the first term. What is left out: the strain is taken at the mean tension, and the
+pulley is left at the angle of the straight span, both of second order in the sag's angle (`docs/physical-effects.md` has the figures).
+
+Rows
+----
+`EFFECT_COLUMNS` floats a cable: cable, drum and frame expansion [1/K] (0:3), 1/EA [1/N] (3), weight w [N/mm] (4), tension at k = 0 [N]
+(5) and its rise per length paid out [N/mm] (6), tension of winding [N] or NaN for the drum's own (7), G [mm] (8).
+"""
+
+import math
+
+import numpy as np
+
+from lmeasure.kernels import inline, kernel
+from lmeasure.kernels.cable import FloatArray, drum_change, orientation, span, vec, wrap, wrap_plane
+from lmeasure.kernels.vector import Vec3, add, norm, rotate, scale, sub
+
+EFFECT_COLUMNS = 9
+_ARC_STEPS = 30
+
+
+@inline
+def arc_length(across: float, height: float, weight: float, tension: float) -> float:
+    """Length of a cable of that weight per length whose ends are so far apart, horizontally and in height, when its mean end tension is
+    tension; NaN where it cannot be held by that tension."""
+    chord = math.sqrt(across * across + height * height)
+    if weight == 0.0:
+        return chord
+    s = chord
+    for _ in range(_ARC_STEPS):
+        y = weight * s / (2.0 * tension)
+        if not 0.0 <= y < 0.9:
+            return math.nan
+        x = 0.5 * math.log((1.0 + y) / (1.0 - y))
+        stretched = across * (math.sinh(x) / x if x > 1e-4 else 1.0 + x * x / 6.0)
+        longer = math.sqrt(height * height + stretched * stretched)
+        done = abs(longer - s) <= 1e-15 * s
+        s = longer
+        if done:
+            break
+    return s
+
+
+@inline
+def material_length(cable: FloatArray, effect: FloatArray, point: Vec3, k: float, warm: float) -> float:
+    """S [mm] for an attachment point in the base frame, k counts paid out and a temperature warm [K] above the reference; NaN where the
+    cable cannot run or carries no tension."""
+    e, d, f = 1.0 + effect[0] * warm, 1.0 + effect[1] * warm, 1.0 + effect[2] * warm
+    base, u, radius = scale(f, vec(cable, 0)), vec(cable, 3), d * cable[6]
+    away = sub(point, base)
+    _, way = span(point, base, u, radius)
+    if radius == 0.0:
+        wrapped, straight = 0.0, norm(away)
+    else:
+        q, p, _ = wrap_plane(away, u)
+        phi, straight = wrap(q, p, radius)
+        wrapped = radius * phi
+    rise = straight * way[2]
+    tension = effect[5] + effect[6] * cable[13] * k
+    middle = tension + 0.5 * effect[4] * rise
+    arc = straight
+    if effect[4] > 0.0:
+        arc = arc_length(math.sqrt(max(straight * straight - rise * rise, 0.0)), rise, effect[4], middle)
+    if effect[3] > 0.0 and not min(tension, middle) > 0.0:
+        return math.nan
+    # the frame carries the drum's mounting with it
+    tangent, axial = f * cable[10], f * cable[11] + cable[12] * k
+    inner = math.sqrt(tangent * tangent + axial * axial) + f * effect[8] + wrapped
+    return (inner / (1.0 + tension * effect[3]) + arc / (1.0 + middle * effect[3])) / e
+
+
+@inline
+def wound_length(cable: FloatArray, effect: FloatArray, k: float, warm_zero: float) -> float:
+    """Material [mm] on the first k counts, wound at the zero pose's temperature."""
+    per_count = cable[13] * (1.0 + effect[1] * warm_zero) / (1.0 + effect[0] * warm_zero)
+    if not math.isnan(effect[7]):
+        return k * per_count / (1.0 + effect[7] * effect[3])
+    strain = 1.0 + effect[5] * effect[3]
+    # integral of 1 / (strain + rate k): k log(1 + z)/z / strain
+    z = effect[6] * cable[13] * effect[3] * k / strain
+    mean = math.log1p(z) / z if abs(z) > 1e-12 else 1.0 - 0.5 * z
+    return k * per_count * mean / strain
+
+
+@kernel
+def excesses(
+    cables: FloatArray,
+    effects: FloatArray,
+    zeros: FloatArray,
+    zero_counts: FloatArray,
+    poses: FloatArray,
+    counts: FloatArray,
+    warm_zero: FloatArray,
+    warm: FloatArray,
+) -> FloatArray:
+    """(n, m) what the effects add to modelled less measured change of each cable [mm]: E such that F(P) - F(P0) + E = D(k) - D(k0).
+
+    cables (m, columns), effects (m, EFFECT_COLUMNS); zeros (m, 7) pose, zero_counts (m,) count and warm_zero (m,) [K above the reference]
+    at which each cable's equation starts; poses (n, 7), true counts (n, m), warm (n, m).
+    NaN where a cable cannot run or carries no tension.
+    """
+    n, m = counts.shape
+    out = np.empty_like(counts)
+    for j in range(m):
+        cable, effect = cables[j], effects[j]
+        base, u, radius = vec(cable, 0), vec(cable, 3), cable[6]
+        point0 = add(vec(zeros[j], 0), rotate(orientation(zeros[j]), vec(cable, 7)))
+        F0 = span(point0, base, u, radius)[0]
+        k0 = zero_counts[j]
+        S0 = material_length(cable, effect, point0, k0, warm_zero[j])
+        W0 = wound_length(cable, effect, k0, warm_zero[j])
+        D0 = drum_change(k0, cable[10], cable[11], cable[12], cable[13])
+        for i in range(n):
+            k = counts[i, j]
+            point = add(vec(poses[i], 0), rotate(orientation(poses[i]), vec(cable, 7)))
+            F = span(point, base, u, radius)[0]
+            S = material_length(cable, effect, point, k, warm[i, j])
+            W = wound_length(cable, effect, k, warm_zero[j])
+            D = drum_change(k, cable[10], cable[11], cable[12], cable[13])
+            # unstrained material back to the length it has there, so that a millimetre is one of the modelled length
+            here = (1.0 + effect[0] * warm[i, j]) * (1.0 + (effect[5] + effect[6] * cable[13] * k) * effect[3])
+            out[i, j] = ((S - S0) - (W - W0)) * here - ((F - F0) - (D - D0))
+    return out
