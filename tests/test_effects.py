@@ -50,7 +50,7 @@ def exact_run(rig: Rig, rise: float = 5.0) -> tuple[Run, FloatArray]:
     time_s, poses = smooth_path(START, LEGS, 50.0)
     warm = 22.0 + rise * time_s / time_s[-1]
     counts = counts_from_poses(rig, poses, START, None, warm, 22.0)
-    return Run(rig, START, (Counts(time_s, rig.channels, counts, temperature_c=warm),), None, 22.0), poses
+    return Run(rig, START, (Counts(time_s, rig.channels, counts, temperature_c=warm),), temperature_c=22.0), poses
 
 
 def errors(run: Run, poses: FloatArray, **given: Any) -> float:
@@ -151,7 +151,7 @@ def test_uncertainty_of_effects_is_that_of_drawn_rigs() -> None:
                 point["drum"][key.removeprefix("u_")] += width * float(np.clip(rng.normal(), -2.5, 2.5))
         true, _ = exact_run(rig_from_dict(data))
         last = Counts(run.passes[0].time_s, stated.channels, true.passes[0].recorded, temperature_c=run.passes[0].temperature_c)
-        found.append(reconstruct(Run(stated, START, (last,), None, 22.0)).poses[-1, :3] - poses[-1, :3])
+        found.append(reconstruct(Run(stated, START, (last,), temperature_c=22.0)).poses[-1, :3] - poses[-1, :3])
     assert np.std(found, axis=0) / u[3:] == pytest.approx(1.0, abs=0.3)
     mc = reconstruct(run, trials=100)
     assert np.sqrt(np.einsum("nii->ni", mc.systematic))[-1] / u == pytest.approx(1.0, abs=0.25)

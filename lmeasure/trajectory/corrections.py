@@ -57,8 +57,8 @@ class Correction:
         return len(effects.moved) + thermal + int((effects.u_tension_change_n * effects.rows[:, 3] > 0.0).sum())
 
     def shifts(self, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray | None) -> FloatArray:
-        """(n, m, q) changes of the modelled lengths by one standard uncertainty of each property, of the temperature at the start and later,
-        and of each cable's tension, at (n, 7) poses, counts (n, m) and temperatures (n, m)."""
+        """(n, m, q) changes of the modelled lengths by one standard uncertainty of each property, of the temperature at the start and
+        later, and of each cable's tension, at (n, 7) poses, counts (n, m) and temperatures (n, m)."""
         zero, warm = self._situation(counts, temperature_c)
         given = self._scheme.rows, zero, poses, counts, warm
         out = [*self._effects.property_shifts(*given), *(self._effects.temperature_shifts(*given) or ())]
