@@ -59,6 +59,12 @@ class Counts:
             raise FileFormatError(f"{self.source}: column {channel!r} is missing; it has {', '.join(self.channels)}")
         return np.asarray(self.recorded[:, self.channels.index(channel)])
 
+    def rising(self) -> FloatArray:
+        """(k,) times [s] of the samples at which sync is 1 after being 0. That it is 1 in the first sample is no edge: nobody saw it rise."""
+        if self.sync is None:
+            return np.empty(0)
+        return np.asarray(self.time_s[1:][(self.sync[1:] == 1) & (self.sync[:-1] == 0)])
+
     def columns(self) -> dict[str, Any]:
         """Columns of the counts file."""
         out: dict[str, Any] = {"time_s": self.time_s}

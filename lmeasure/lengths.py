@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.counts import Counts, unwrap
+from lmeasure.counts import unwrap
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
@@ -243,9 +243,9 @@ def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) 
     """Counts of a later pass at pass 1's times; what lies outside it, in a hole of it, or next to a sample that is not good, is flagged."""
     first, later = run.passes[0], run.passes[passage - 1]
     shift = 0.0
-    edges = _first_edge(first), _first_edge(later)
-    if edges[0] is not None and edges[1] is not None:
-        shift = edges[0] - edges[1]
+    edges = first.rising(), later.rising()
+    if len(edges[0]) and len(edges[1]):
+        shift = float(edges[0][0] - edges[1][0])
     source = later.time_s + shift
     if len(source) == len(first.time_s) and np.allclose(source, first.time_s, rtol=0, atol=1e-9):
         return values, reasons
@@ -268,13 +268,6 @@ def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) 
         (outside, GAP, f"pass {passage} does not cover this time"),
         (hole, GAP, f"pass {passage} has no samples around this time"),
     )
-
-
-def _first_edge(counts: Counts) -> float | None:
-    """Time of the first sample at which sync is 1 after being 0 (or from the beginning) [s]; None without a sync column or edge."""
-    if counts.sync is None or not (counts.sync == 1).any():
-        return None
-    return float(counts.time_s[int(np.argmax(counts.sync == 1))])
 
 
 def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:

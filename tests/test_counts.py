@@ -208,3 +208,10 @@ def test_an_hour_takes_little_memory() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 4 * recorded.nbytes
+
+
+def test_a_sync_that_is_high_from_the_start_did_not_rise() -> None:
+    counts = Counts(times(6), ("ch1",), np.zeros((6, 1)), np.array([1.0, 1.0, 0.0, 1.0, 1.0, 0.0]))
+    assert counts.rising().tolist() == [times(6)[3]]
+    assert Counts(times(6), ("ch1",), np.zeros((6, 1)), np.ones(6)).rising().tolist() == []
+    assert Counts(times(6), ("ch1",), np.zeros((6, 1))).rising().tolist() == []

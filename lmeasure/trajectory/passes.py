@@ -37,7 +37,7 @@ def align(run: Run) -> Alignment:
     passes, u_time, notes = [first], [0.0], []
     for number in range(2, run.rig.passes + 1):
         later = run.passes[number - 1]
-        edges = _rising(first), _rising(later)
+        edges = first.rising(), later.rising()
         if len(edges[0]) != len(edges[1]):
             raise TrajectoryError(
                 f"{later.source}: pass {number} has {len(edges[1])} rising sync edges, pass 1 has {len(edges[0])}: not the same motion"
@@ -54,14 +54,6 @@ def align(run: Run) -> Alignment:
         passes.append(later)
         u_time.append(u)
     return Alignment(replace(run, passes=tuple(passes)), tuple(u_time), tuple(notes))
-
-
-def _rising(counts: Counts) -> FloatArray:
-    """Times of the samples at which sync becomes 1."""
-    if counts.sync is None:
-        return np.empty(0)
-    before = np.concatenate([[0.0], counts.sync[:-1]])
-    return counts.time_s[(counts.sync == 1) & (before == 0)]
 
 
 def _period(counts: Counts) -> float:
