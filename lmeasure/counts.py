@@ -60,7 +60,7 @@ class Counts:
         return np.asarray(self.recorded[:, self.channels.index(channel)])
 
     def rising(self) -> FloatArray:
-        """(k,) times [s] of the samples at which sync is 1 after being 0. That it is 1 in the first sample is no edge: nobody saw it rise."""
+        """(k,) times [s] of the samples at which sync is 1 after being 0. A 1 in the first sample is no edge: nobody saw it rise."""
         if self.sync is None:
             return np.empty(0)
         return np.asarray(self.time_s[1:][(self.sync[1:] == 1) & (self.sync[:-1] == 0)])

@@ -29,6 +29,8 @@ MARKED = {
     "emcy": "the encoder reported an emergency",
     "bus_error": "the interface reported an error frame",
     "bus_off": "the bus was lost and opened again",
+    "overflow": "frames were not taken in time and are lost: the samples they belong to are not there",
+    "log": "the log breaks off, or has lines that cannot be read",
     "heartbeat": "a node changed its state",
 }
 """Kinds of events: what is done about each."""

@@ -23,7 +23,7 @@ from lmeasure.acquisition.decoders import CounterField
 from lmeasure.acquisition.events import Event, event_columns
 from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, no_frames
 from lmeasure.acquisition.samples import Samples
-from lmeasure.acquisition.sources import Source
+from lmeasure.acquisition.sources import Notice, Source
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import AcquisitionError, LMeasureError
 from lmeasure.rig import Rig, write_rig
@@ -85,15 +85,17 @@ def record(
     seconds: float | None = None,
     devices: list[dict[str, Any]] | None = None,
     show: Callable[[Progress], None] | None = None,
+    each: Callable[[Samples], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Recording:
     """Record a pass from the source into the run folder until the time is over, the source ends, `stop` says so, or Ctrl-C.
 
     start (7,): the pose at which the counters were zeroed; that of pass 1 holds for later ones. devices: identities for the manifest.
+    show gets the state of things at every turn, each the samples as soon as they are known, their times from the first one, as in the file.
     A source that is lost, or a disk that is full, ends the recording early: what came before is kept and the text says why.
     AcquisitionError when not one sample came.
     """
-    writer = _Writer(folder, rig, fields, passage, start, source, devices or [])
+    writer = _Writer(folder, rig, fields, passage, start, source, devices or [], each)
     ended = "complete"
     begin = time.monotonic()
     try:
@@ -165,12 +167,16 @@ class _Writer:
         start: FloatArray | None,
         source: Source,
         devices: list[dict[str, Any]],
+        each: Callable[[Samples], None] | None,
     ) -> None:
+        self._each = each
         self.folder, self.rig, self.fields, self.passage, self.source = Path(folder), rig, fields, passage, source
         self.assembler = new_assembler(rig, fields, passage)
         self.frames = self.samples = 0
         self._origin: float | None = None
         self._latest: Samples | None = None
+        self._noticed: list[Notice] = []
+        self._lost = 0
         self._latency: float | None = None
         self._synced = time.monotonic()
         self._table = self._manifest(start, devices)
@@ -227,9 +233,7 @@ class _Writer:
     def take(self, seconds: float) -> bool:
         """Append what comes within the time and what it completes; False when the source has ended."""
         frames = self.source.receive(seconds)
-        at = float(self._latest.time_s[-1]) if self._latest is not None else 0.0
-        for kind, text in self.source.notices():
-            self.assembler.events.add(Event(self.assembler.given, at, "", kind, text))
+        self._noticed += self.source.notices()
         if frames is not None:
             self._write(frames)
         return frames is not None
@@ -251,8 +255,24 @@ class _Writer:
         if self._origin is None:
             self._origin = float(samples.time_s[0])
         self._csv.append(count_lines(samples, self._origin))
+        self._tell(samples.time_s)
         self.samples += len(samples.time_s)
         self._latest = samples
+        if self._each is not None:
+            self._each(replace(samples, time_s=samples.time_s - self._origin))
+
+    def _tell(self, time_s: FloatArray, last: bool = False) -> None:
+        """Tie what happened to the source to the first sample at its time or later, among the (n,) times of new ones."""
+        later = []
+        for notice in self._noticed:
+            row = 0 if notice.time_s is None else int(np.searchsorted(time_s, notice.time_s))
+            if row == len(time_s) and not last:
+                later.append(notice)
+                continue
+            self._lost += notice.lost
+            at = notice.time_s if notice.time_s is not None else float(time_s[0]) if len(time_s) else float("nan")
+            self.assembler.events.add(Event(self.samples + row, at, "", notice.kind, notice.text))
+        self._noticed = later
 
     def _to_disk(self) -> None:
         self._log.to_disk()
@@ -279,6 +299,7 @@ class _Writer:
         path = self.folder / f"pass{self.passage}.csv"
         try:
             self._append(self.assembler.feed(no_frames(), last=True))
+            self._tell(np.empty(0), last=True)
             self._to_disk()
         except OSError as error:
             ended = ended if ended != "complete" else f"{path}: cannot be written: {error.strerror or error}"
@@ -321,6 +342,8 @@ class _Writer:
                 "closure_counts": closure,
                 "sha256": {name: files.sha256(self.folder / name) for name in (path.name, entry["frames"], "rig.toml")},
             }
+            if self._lost:
+                entry["frames_lost"] = self._lost
             if self.assembler.stamps_moved_s:
                 entry["stamps_brought_back_s"] = self.assembler.stamps_moved_s
             if ended != "complete":

@@ -13,6 +13,7 @@ from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
 from lmeasure.acquisition.decoders import CounterField, counter_fields
 from lmeasure.acquisition.frames import no_frames
 from lmeasure.acquisition.recorder import Progress, Recording, record
+from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Source, open_source
 from lmeasure.can_table import CanOpenCan
 from lmeasure.errors import AcquisitionError
@@ -36,6 +37,7 @@ def record_session(
     options: Sequence[str] = (),
     paced: bool = True,
     show: Callable[[Progress], None] | None = None,
+    each: Callable[[Samples], None] | None = None,
 ) -> Recording:
     """Open what the rig's `[can]` table and the bus's name ask for and record a pass; see `recorder.record`.
 
@@ -48,7 +50,9 @@ def record_session(
     link = connect(rig, Path(rig_path).parent, bus, passage=passage, options=options_from_text(options), paced=paced)
     try:
         devices = [d.identity() for d in link.devices]
-        return record(rig, link.source, link.fields, folder, start=pose, passage=passage, seconds=seconds, devices=devices, show=show)
+        return record(
+            rig, link.source, link.fields, folder, start=pose, passage=passage, seconds=seconds, devices=devices, show=show, each=each
+        )
     finally:
         link.source.close()
 

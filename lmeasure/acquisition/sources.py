@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,15 +20,15 @@ import numpy as np
 
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.frames import ERROR, Frames, TimestampSource, frames_from_messages, no_frames
+from lmeasure.acquisition.logfiles import LogReport, log_batches
 from lmeasure.errors import AcquisitionError, LMeasureError
 
 if TYPE_CHECKING:
     import can
 
-Notice = tuple[str, str]
-"""Kind of event, and what to say about it."""
-
 MOST_AT_ONCE = 4096
+MOST_WAITING = 200_000
+"""Frames that wait to be taken: half a minute of six encoders at 1 kHz, a hundred megabytes."""
 RECEIVE_BUFFER = 1 << 23
 HARDWARE_CLOCKS = ("vector", "pcan", "kvaser", "ixxat", "canalystii", "systec", "etas", "nican", "nixnet", "neovi")
 """Interfaces of python-can whose devices stamp frames by their own clock."""
@@ -36,6 +37,16 @@ DEFAULT_GROUP = "239.74.163.2"
 SMALLEST_STEP_S = 0.05
 """Of a clock that is set: the latency of a busy host stays below."""
 REOPEN_EVERY_S = 0.2
+
+
+@dataclass(frozen=True)
+class Notice:
+    """What happened to a source: kind of event, what to say about it; when by the frames' clock [s], None for now; frames lost by it."""
+
+    kind: str
+    text: str
+    time_s: float | None = None
+    lost: int = 0
 
 
 class Source(Protocol):
@@ -58,6 +69,7 @@ class Source(Protocol):
 class BusSource:
     """A bus of python-can, emptied by a thread of its own, so that a busy disk or screen costs no frame.
 
+    Where frames are not taken for so long that MOST_WAITING wait, those that come are dropped until there is room, and counted.
     A bus that fails is opened again for up to patience_s. Where the clock that stamps the frames is set while frames come, their times are
     brought back to this program's steady clock: a stamp is never later than the arrival, so the step is how far the best stamps moved.
     """
@@ -70,7 +82,7 @@ class BusSource:
         )
         self._open, self._patience_s = open_bus, patience_s
         self.bus = self._opened()
-        self._arrived: deque[tuple[can.Message, float]] = deque()
+        self._arrived: deque[_Arrival] = deque()
         self._notices: deque[Notice] = deque()
         self._lost: AcquisitionError | None = None
         self._clock = SteadyClock()
@@ -91,11 +103,15 @@ class BusSource:
     def _read(self) -> None:
         import can
 
+        lost = 0
         while not self._done.is_set():
             try:
                 message = self.bus.recv(0.1)
-                if message is not None:
-                    self._arrived.append((message, time.monotonic()))
+                if len(self._arrived) >= MOST_WAITING:
+                    lost += message is not None
+                elif message is not None or lost:
+                    self._arrived.append((message, time.monotonic(), lost))
+                    lost = 0
             except (can.CanError, OSError, ValueError, TypeError) as error:
                 try:
                     self._reopen(error)
@@ -114,13 +130,21 @@ class BusSource:
                 raise self._lost
             return None if self._done.is_set() else no_frames(self.name, self.timestamp_source)
         arrived = [self._arrived.popleft() for _ in range(count)]
-        frames = frames_from_messages((m for m, _ in arrived), self.timestamp_source, self.name)
-        faults = int(np.count_nonzero(frames.flags & ERROR))
-        if faults:
-            self._notices.append(("bus_error", f"{faults} error frame(s)"))
-        step = self._clock.correct(frames.time_s, np.array([at for _, at in arrived]))
+        taken = [(message, at) for message, at, _ in arrived if message is not None]
+        frames = frames_from_messages((message for message, _ in taken), self.timestamp_source, self.name)
+        step = self._clock.correct(frames.time_s, np.array([at for _, at in taken]))
+        faults = frames.time_s[(frames.flags & ERROR) != 0]
+        if len(faults):
+            self._notices.append(Notice("bus_error", f"{len(faults)} error frame(s)", float(faults[0])))
         if step:
-            self._notices.append(("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))
+            self._notices.append(Notice("clock_step", f"the clock of {self.name} moved by {step:+.6g} s"))
+        row = 0
+        for message, _, lost in arrived:
+            if lost:
+                behind = float(frames.time_s[row]) if row < len(frames) else None
+                text = f"{lost} frames came while {MOST_WAITING} waited to be taken: they are lost"
+                self._notices.append(Notice("overflow", text, behind, lost))
+            row += message is not None
         return frames
 
     def _reopen(self, error: Exception) -> None:
@@ -136,7 +160,8 @@ class BusSource:
                     raise AcquisitionError(f"{self.name}: lost ({why}), and not back after {self._patience_s:g} s: {again}") from again
                 self._done.wait(REOPEN_EVERY_S)
             else:
-                self._notices.append(("bus_off", f"{self.name}: {why}; open again after {time.monotonic() - lost:.3f} s"))
+                text = f"{self.name}: {why}; open again after {time.monotonic() - lost:.3f} s"
+                self._notices.append(Notice("bus_off", text))
                 return
 
     def notices(self) -> list[Notice]:
@@ -152,6 +177,10 @@ class BusSource:
         self._done.set()
         self._reader.join()
         self._shut()
+
+
+_Arrival = tuple["can.Message | None", float, int]
+"""A message, when it was taken from the bus, and how many were dropped before it; no message where none came after those."""
 
 
 def _enlarge_buffer(bus: "can.BusABC") -> None:
@@ -220,8 +249,6 @@ class ReplaySource:
     timestamp_source: TimestampSource = "log"
 
     def __init__(self, path: Path, *, paced: bool) -> None:
-        from lmeasure.acquisition.logfiles import LogReport, log_batches
-
         self.name = f"replay:{path}"
         self._report = LogReport()
         self._batches: Iterator[Frames] | None = log_batches(path, self._report)
@@ -249,8 +276,11 @@ class ReplaySource:
         return out
 
     def notices(self) -> list[Notice]:
-        """Nothing happens to a file; what could not be read of it is said when it ends."""
-        return []
+        """What could not be read of the log, once it has ended."""
+        if self._batches is not None:
+            return []
+        notes, self._report = self._report.notes(), LogReport()
+        return [Notice("log", note) for note in notes]
 
     def close(self) -> None:
         """Stop reading."""

@@ -1,7 +1,7 @@
 """`lmeasure record`: from a CAN bus to a run folder."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +11,7 @@ from lmeasure.cli.options import Rerun
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.recorder import Progress
+    from lmeasure.acquisition.samples import Samples
 
 
 def record(
@@ -29,16 +30,18 @@ def record(
         list[str] | None, typer.Option("--bus-option", metavar="KEY=VALUE", help="Handed to the interface, such as host=... and port=...")
     ] = None,
     fast: Annotated[bool, typer.Option("--fast", help="replay: as fast as possible, not in the log's own time.")] = False,
-    live: Annotated[bool, typer.Option("--live", help="Show counts, rates, faults and latency while recording.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Show counts, rates, faults and latency while recording; --rerun grows then too.")
+    ] = False,
     rerun: Rerun = None,
 ) -> None:
     """Record a pass of the motion: every frame as it came, and the counts decoded from it."""
     from lmeasure.acquisition.session import record_session
     from lmeasure.errors import AcquisitionError
 
-    with _display(live) as show:
+    with _display(live) as show, _growing(rerun if live else None, rig, passage) as each:
         recording = record_session(
-            rig, bus, out, seconds=seconds, start=start, passage=passage, options=option or [], paced=not fast, show=show
+            rig, bus, out, seconds=seconds, start=start, passage=passage, options=option or [], paced=not fast, show=show, each=each
         )
     typer.echo(recording.summary())
     if start is None and passage == 1:
@@ -57,6 +60,13 @@ def _display(live: bool) -> "AbstractContextManager[Callable[[Progress], None] |
         from lmeasure.cli.live import live_table
 
         return live_table()
-    from contextlib import nullcontext
-
     return nullcontext(None)
+
+
+def _growing(rerun: Path | None, rig: Path, passage: int) -> "AbstractContextManager[Callable[[Samples], None] | None]":
+    if rerun is None:
+        return nullcontext(None)
+    from lmeasure.rig import read_rig
+    from lmeasure.view.live import growing_counts
+
+    return growing_counts(rerun, tuple(read_rig(rig).drums_of(passage)), passage)

@@ -55,13 +55,13 @@ def entity_path(*parts: str) -> str:
     return rr.new_entity_path(list(parts))
 
 
-def time_indexes(time_s: FloatArray) -> list[rr.TimeColumn]:
-    """Indexes of samples: their time to the nearest nanosecond and their number."""
+def time_indexes(time_s: FloatArray, first: int = 0) -> list[rr.TimeColumn]:
+    """Indexes of samples: their time to the nearest nanosecond and their number, from that of the first one on."""
     if np.abs(time_s).max() > LAST_TIME_S:
         raise LMeasureError(f"time_s = {time_s[np.argmax(np.abs(time_s))]:g}: a recording holds times up to {LAST_TIME_S:g} s")
     return [
         rr.TimeColumn("time", duration=np.rint(time_s * 1e9).astype("timedelta64[ns]")),
-        rr.TimeColumn("sample", sequence=np.arange(len(time_s))),
+        rr.TimeColumn("sample", sequence=first + np.arange(len(time_s))),
     ]
 
 

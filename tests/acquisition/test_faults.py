@@ -1,5 +1,6 @@
 """Every fault on the real path: frames over a bus into the recorder, and what the run folder then says."""
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of, record_frames
 
+from lmeasure import files
+from lmeasure.acquisition import sources
 from lmeasure.acquisition.frames import Frames, frames_from_messages, join
 from lmeasure.acquisition.sources import BusSource
 from lmeasure.errors import AcquisitionError
@@ -97,6 +100,34 @@ def test_the_bus_goes_off_and_comes_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(counts.recorded[present], COUNTS.recorded[sample][present])
     assert sample[-1] == N - 1
     assert present.all(axis=1).sum() > N // 2
+
+
+def test_frames_that_are_not_taken_in_time_are_counted_as_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources, "MOST_WAITING", 100 * PER_SAMPLE)
+    held: list[float] = []
+
+    def be_busy(source: BusSource, seconds: float) -> None:
+        if seconds > 0.05 and not held:
+            held.append(seconds)
+            time.sleep(0.25)
+
+    recording, run, events = record_frames(RIG, FRAMES, tmp_path / "run", be_busy)
+    said = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
+    assert said["frames_lost"] > 50 * PER_SAMPLE
+    assert said["frames_lost"] + recording.frames == len(FRAMES)
+    assert recording.faults["overflow"] == events["kind"].count("overflow")
+    # what is there is right, and the flag stands on the first sample behind the hole
+    counts = run.passes[0]
+    sample = np.rint(counts.time_s * 1000).astype(int)
+    present = np.isfinite(counts.recorded)
+    np.testing.assert_array_equal(counts.recorded[present], COUNTS.recorded[sample][present])
+    lost = [
+        (int(s), int(text.split()[0]))
+        for s, kind, text in zip(*(events[c] for c in ("sample", "kind", "text")), strict=True)
+        if kind == "overflow"
+    ]
+    assert sum(n for _, n in lost) == said["frames_lost"]
+    assert lost[0][0] == int(np.argmax(np.diff(sample) > 40)) + 1
 
 
 def test_an_encoder_that_starts_again_is_not_trusted_any_more(tmp_path: Path) -> None:

@@ -1,0 +1,40 @@
+"""Counts into a recording while they are made, for a viewer that follows the file."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun as rr
+
+from lmeasure.acquisition.samples import Samples
+from lmeasure.errors import LMeasureError
+from lmeasure.view.recording import cable_colour, entity_path, send_scalars, time_indexes
+
+
+@contextmanager
+def growing_counts(path: Path, channels: tuple[str, ...], passage: int = 1) -> Iterator[Callable[[Samples], None]]:
+    """A function that appends samples, their times from the first one [s], to the .rrd at path; what it holds can be read at any moment.
+
+    The counts stand where `write_recording` puts those of the pass. LMeasureError when the file cannot be written.
+    """
+    rec = rr.RecordingStream("lmeasure")
+    try:
+        rec.save(path)
+        for j, channel in enumerate(channels):
+            rec.log(entity_path("counts", f"pass{passage}", channel), rr.SeriesLines(colors=cable_colour(j), names=channel), static=True)
+    except RuntimeError as error:
+        raise LMeasureError(f"{path}: cannot be written: {error}") from error
+    given = 0
+
+    def append(samples: Samples) -> None:
+        nonlocal given
+        indexes = time_indexes(samples.time_s, given)
+        for j, channel in enumerate(channels):
+            send_scalars(rec, entity_path("counts", f"pass{passage}", channel), indexes, samples.recorded[:, j])
+        given += len(samples.time_s)
+        rec.flush()
+
+    try:
+        yield append
+    finally:
+        rec.disconnect()
