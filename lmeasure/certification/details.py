@@ -1,0 +1,154 @@
+"""What a report must say besides its figures (ISO/IEC 17025:2017, 7.8.2 to 7.8.4): the details file.
+
+Everything is optional: what is not stated is printed as not stated, never guessed.
+"""
+
+import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+
+from lmeasure import files
+from lmeasure.checked import Strict, complaint
+from lmeasure.errors import FileFormatError
+
+SCHEMA = "lmeasure.report/1"
+
+
+def _printable(value: str) -> str:
+    if not value.strip():
+        raise ValueError("must not be empty; leave the key out when there is nothing to state")
+    if not all(line.isprintable() for line in value.split("\n")):
+        raise ValueError("must be printable text")
+    return value
+
+
+def _day(value: Any) -> Any:
+    """A date of TOML, or text like 2026-03-31, as that text."""
+    if isinstance(value, datetime.datetime):
+        raise ValueError("must be a date such as 2026-03-31, without a time")  # noqa: TRY004: pydantic turns ValueErrors into complaints
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    if isinstance(value, str):
+        try:
+            return datetime.date.fromisoformat(value).isoformat()
+        except ValueError:
+            pass
+    raise ValueError("must be a date such as 2026-03-31")
+
+
+Text = Annotated[str, Field(max_length=4000), AfterValidator(_printable)]
+Day = Annotated[str, BeforeValidator(_day)]
+
+
+class Party(Strict):
+    """The laboratory or the customer."""
+
+    name: Text | None = None
+    address: Text | None = None
+    contact: Text | None = None
+
+
+class Item(Strict):
+    """The robot under test. condition: in which it came, and what of it matters to the result (load, tool, warm-up)."""
+
+    maker: Text | None = None
+    model: Text | None = None
+    serial: Text | None = None
+    controller: Text | None = None
+    description: Text | None = None
+    condition: Text | None = None
+
+
+class Dates(Strict):
+    """Days of receipt, of the measurement's begin and end, and of issue."""
+
+    received: Day | None = None
+    measured_from: Day | None = None
+    measured_to: Day | None = None
+    issued: Day | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        stated = [(key, day) for key, day in self if day is not None]
+        for (before, a), (after, b) in zip(stated, stated[1:], strict=False):
+            if b < a:
+                raise ValueError(f"{after} {b} lies before {before} {a}")
+        return self
+
+
+class Conditions(Strict):
+    """Environmental conditions during the measurement."""
+
+    text: Text | None = None
+    temperature_c: Annotated[float, Field(gt=-100, lt=200)] | None = None
+    temperature_range_c: Annotated[float, Field(ge=0, lt=200)] | None = None
+    humidity_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+
+
+class Authoriser(Strict):
+    """Who answers for the report."""
+
+    name: Text | None = None
+    role: Text | None = None
+
+
+class Accreditation(Strict):
+    """Stated by the user only: without it the report is a test report of no accredited laboratory."""
+
+    statement: Text
+    body: Text
+    number: Text
+
+
+class Details(Strict):
+    """A details file, `schema = "lmeasure.report/1"`."""
+
+    schema_: Annotated[Literal["lmeasure.report/1"], Field(alias="schema")] = "lmeasure.report/1"
+    number: Text | None = None
+    """The laboratory's own number of the report."""
+    location: Text | None = None
+    method: Text | None = None
+    deviations: Text | None = None
+    """Additions to, deviations or exclusions from the method."""
+    sampling: Text | None = None
+    traceability: Text | None = None
+    supplied: Text | None = None
+    """Information that the customer supplied."""
+    external: Text | None = None
+    """Results from external providers."""
+    remarks: Text | None = None
+    laboratory: Party = Party()
+    customer: Party = Party()
+    item: Item = Item()
+    dates: Dates = Dates()
+    conditions: Conditions = Conditions()
+    authoriser: Authoriser = Authoriser()
+    accreditation: Accreditation | None = None
+
+    def stated(self) -> dict[str, Any]:
+        """What is stated, as the tables of the file; nothing else."""
+        return {key: value for key, value in self.model_dump(by_alias=True, exclude_none=True).items() if value != {}}
+
+
+_TABLES = {
+    "laboratory": Party,
+    "customer": Party,
+    "item": Item,
+    "dates": Dates,
+    "conditions": Conditions,
+    "authoriser": Authoriser,
+    "accreditation": Accreditation,
+}
+
+
+def read_details(path: Path) -> Details:
+    """Read a details file; FileFormatError names the file and the key."""
+    data = files.read_toml(path)
+    if data.get("schema") != SCHEMA:
+        raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads {SCHEMA!r}")
+    try:
+        return Details.model_validate(data)
+    except ValidationError as error:
+        raise FileFormatError(f"{path}: {complaint(error, data, Details, _TABLES)}") from None

@@ -1,0 +1,104 @@
+"""Ed25519 signatures (RFC 8032) of a manifest, by a key of the user's, checked without a network."""
+
+import base64
+import binascii
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from lmeasure import files
+from lmeasure.errors import CertificationError
+
+SCHEMA = "lmeasure.signature/1"
+_RAW = serialization.Encoding.Raw, serialization.PublicFormat.Raw
+
+
+def new_key(path: Path) -> str:
+    """Write a new private key (PKCS 8, PEM, readable by its owner only) and `path` + .pub; the fingerprint of the public key.
+
+    CertificationError when either file is there already: a key that signed something must not be lost.
+    """
+    path = Path(path)
+    public_path = path.with_name(path.name + ".pub")
+    for taken in (path, public_path):
+        if taken.exists():
+            raise CertificationError(f"{taken}: exists already; a key is not written over")
+    key = Ed25519PrivateKey.generate()
+    private = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    with files.whole(path) as temporary:
+        temporary.touch(mode=0o600)
+        temporary.write_bytes(private)
+    files.write_text(public_path, public.decode("ascii"))
+    return fingerprint(key.public_key())
+
+
+def fingerprint(key: Ed25519PublicKey) -> str:
+    """SHA-256 of the raw public key, hexadecimal."""
+    return hashlib.sha256(key.public_bytes(*_RAW)).hexdigest()
+
+
+def read_private_key(path: Path) -> Ed25519PrivateKey:
+    """An unencrypted Ed25519 private key in PEM; CertificationError when it is something else."""
+    try:
+        key = serialization.load_pem_private_key(files.read_bytes(path), password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        why = "is protected by a password" if isinstance(error, TypeError) else "is not a private key in PEM"
+        raise CertificationError(f"{path}: {why}; a key of its own without one is needed (lmeasure key)") from None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise CertificationError(f"{path}: is not an Ed25519 key (lmeasure key makes one)")
+    return key
+
+
+def read_public_key(path: Path) -> Ed25519PublicKey:
+    """An Ed25519 public key in PEM; CertificationError when it is something else."""
+    try:
+        key = serialization.load_pem_public_key(files.read_bytes(path))
+    except (ValueError, UnsupportedAlgorithm):
+        raise CertificationError(f"{path}: is not a public key in PEM") from None
+    if not isinstance(key, Ed25519PublicKey):
+        raise CertificationError(f"{path}: is not an Ed25519 public key")
+    return key
+
+
+def sign(content: bytes, key: Ed25519PrivateKey) -> dict[str, Any]:
+    """The table of signature.json for the bytes of a manifest."""
+    return {
+        "schema": SCHEMA,
+        "algorithm": "Ed25519",
+        "signed": "manifest.json",
+        "public_key": base64.b64encode(key.public_key().public_bytes(*_RAW)).decode("ascii"),
+        "signature": base64.b64encode(key.sign(content)).decode("ascii"),
+    }
+
+
+def signer(content: bytes, table: bytes) -> Ed25519PublicKey:
+    """The public key whose signature of the content stands in the bytes of signature.json; CertificationError says why there is none.
+
+    Every byte counts: the file must be written as `sign` gives it.
+    """
+    from lmeasure.certification.canonical import canonical
+
+    try:
+        stated = json.loads(table)
+        key = Ed25519PublicKey.from_public_bytes(base64.b64decode(stated["public_key"], validate=True))
+        key.verify(base64.b64decode(stated["signature"], validate=True), content)
+    except InvalidSignature:
+        raise CertificationError("the signature is not that of manifest.json by the key it names") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, binascii.Error):
+        raise CertificationError("cannot be read as a signature") from None
+    written = {
+        "schema": SCHEMA,
+        "algorithm": "Ed25519",
+        "signed": "manifest.json",
+        "public_key": base64.b64encode(key.public_bytes(*_RAW)).decode("ascii"),
+        "signature": stated["signature"],
+    }
+    if canonical(written) != table or base64.b64encode(base64.b64decode(stated["signature"])).decode("ascii") != stated["signature"]:
+        raise CertificationError("is not written as lmeasure writes it: a byte was changed")
+    return key
