@@ -135,9 +135,7 @@ def entries(folder: Path, names: list[str]) -> list[dict[str, Any]]:
     """{file, bytes, sha256} of files of a folder, hashed side by side."""
     with ThreadPoolExecutor(max_workers=4) as pool:
         digests = list(pool.map(lambda name: file_sha256(folder / name), names))
-    return [
-        {"file": name, "bytes": (folder / name).stat().st_size, "sha256": value} for name, value in zip(names, digests, strict=True)
-    ]
+    return [{"file": name, "bytes": (folder / name).stat().st_size, "sha256": value} for name, value in zip(names, digests, strict=True)]
 
 
 def seal(folder: Path, certificate_id: str, known: list[dict[str, Any]], key: Any | None = None) -> None:

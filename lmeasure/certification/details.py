@@ -4,10 +4,11 @@ Everything is optional: what is not stated is printed as not stated, never guess
 """
 
 import datetime
+import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from lmeasure import files
 from lmeasure.checked import Strict, complaint
@@ -27,7 +28,7 @@ def _printable(value: str) -> str:
 def _day(value: Any) -> Any:
     """A date of TOML, or text like 2026-03-31, as that text."""
     if isinstance(value, datetime.datetime):
-        raise ValueError("must be a date such as 2026-03-31, without a time")  # noqa: TRY004: pydantic turns ValueErrors into complaints
+        raise ValueError("must be a date such as 2026-03-31, without a time")  # noqa: TRY004
     if isinstance(value, datetime.date):
         return value.isoformat()
     if isinstance(value, str):
@@ -72,7 +73,7 @@ class Dates(Strict):
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         stated = [(key, day) for key, day in self if day is not None]
-        for (before, a), (after, b) in zip(stated, stated[1:], strict=False):
+        for (before, a), (after, b) in itertools.pairwise(stated):
             if b < a:
                 raise ValueError(f"{after} {b} lies before {before} {a}")
         return self
@@ -132,7 +133,7 @@ class Details(Strict):
         return {key: value for key, value in self.model_dump(by_alias=True, exclude_none=True).items() if value != {}}
 
 
-_TABLES = {
+_TABLES: dict[str, type[BaseModel]] = {
     "laboratory": Party,
     "customer": Party,
     "item": Item,

@@ -11,10 +11,12 @@ import typer
 
 from lmeasure.cli import (
     calibrate,
+    certify,
     check,
     demo,
     drum,
     import_,
+    key,
     motion,
     place,
     plan_poses,
@@ -22,6 +24,32 @@ from lmeasure.cli import (
     reconstruct,
     record,
     simulate,
+    verify,
+    view,
+    zone,
+)
+    check,
+    demo,
+    drum,
+    import_,
+<<<<<<< HEAD
+    motion,
+    place,
+    plan_poses,
+    program,
+    reconstruct,
+    record,
+    simulate,
+=======
+    key,
+    motion,
+    place,
+    plan_poses,
+    reconstruct,
+    record,
+    simulate,
+    verify,
+>>>>>>> 6fd805b (lmeasure certify, verify and key: certificate.json, PDF/A, page and copies of all inputs, sealed, signed, recomputed)
     view,
     zone,
 )
@@ -59,6 +87,9 @@ app.command("motion")(motion.motion)
 app.command("zone")(zone.zone)
 app.command("place")(place.place)
 app.command("plan-poses")(plan_poses.plan_poses)
+app.command("certify")(certify.certify)
+app.command("verify")(verify.verify)
+app.command("key")(key.key)
 app.command("simulate")(simulate.simulate)
 app.command("record")(record.record)
 app.command("check")(check.check)

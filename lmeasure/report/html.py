@@ -7,7 +7,7 @@ from pathlib import Path
 from lmeasure import files
 
 _PAGE = """<!doctype html>
-<html lang="en">
+<html lang="{language}">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -15,12 +15,13 @@ _PAGE = """<!doctype html>
 <link rel="icon" href="data:,">
 <style>
 body {{ font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #1a1a1a; }}
-h1 {{ font-size: 1.6rem; }} h2 {{ font-size: 1.2rem; margin-top: 2rem; }}
+h1 {{ font-size: 1.6rem; }} h2 {{ font-size: 1.2rem; margin-top: 2rem; }} h3 {{ font-size: 1rem; }}
 table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
 th, td {{ padding: .2rem .8rem; text-align: right; border-bottom: 1px solid #ddd; }}
 th:first-child, td:first-child {{ text-align: left; }}
 .warning {{ background: #fff4d6; border-left: 4px solid #d99a00; padding: .4rem .8rem; margin: .4rem 0; }}
 .scroll {{ overflow-x: auto; }}
+.text td {{ text-align: left; overflow-wrap: anywhere; white-space: pre-line; }}
 </style>
 </head>
 <body>
@@ -46,13 +47,19 @@ def heading(value: object) -> str:
     return f"<h2>{text(value)}</h2>"
 
 
-def table(header: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
-    """A table of plain texts."""
+def table(header: Sequence[object], rows: Iterable[Sequence[object]], kind: str = "") -> str:
+    """A table of plain texts; kind is a CSS class besides."""
     head = "".join(f"<th>{text(c)}</th>" for c in header)
     body = "".join("<tr>" + "".join(f"<td>{text(c)}</td>" for c in row) + "</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    classes = f"scroll {kind}".strip()
+    return f'<div class="{classes}"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def page(title: str, body: Iterable[str], language: str = "en") -> str:
+    """The text of a page of ready HTML parts under an escaped title."""
+    return _PAGE.format(title=text(title), body="\n".join(body), language=language)
 
 
 def write_page(path: Path, title: str, body: Iterable[str]) -> None:
     """Write a page of ready HTML parts under an escaped title, whole or not at all."""
-    files.write_text(path, _PAGE.format(title=text(title), body="\n".join(body)))
+    files.write_text(path, page(title, body))

@@ -18,11 +18,14 @@ def reconstruct(
     trials: int = 0,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    covariances: bool = True,
 ) -> Trajectory:
     """The trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
 
     repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in repeated passes. trials: of Monte
-    Carlo instead of the linear law for the uncertainties, 0 for none; see `monte_carlo.by_monte_carlo`.
+    Carlo instead of the linear law for the uncertainties, 0 for none; see `monte_carlo.by_monte_carlo`. covariances: False leaves those
+    of a single pass at zero, for a reader who works them out only where he needs them.
     Raises what `Reconstruction` and `passes.align` raise.
     """
     aligned = align(run)
@@ -30,7 +33,7 @@ def reconstruct(
     given = run.u_start, clocks, repeatability_mm, run.temperature_c
     reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint, *given)
     lengths = lengths_from_counts(aligned.run)
-    trajectory = reconstruction.add(lengths)
+    trajectory = reconstruction.add(lengths, covariances=covariances or run.rig.passes > 1 or trials > 0)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed, progress)
     if run.rig.passes == 1:

@@ -65,8 +65,8 @@ class Reconstruction:
             raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}")
         self._start_angle = float(angle[0])
 
-    def add(self, lengths: Lengths) -> Trajectory:
-        """The trajectory of the next piece of the run."""
+    def add(self, lengths: Lengths, *, covariances: bool = True) -> Trajectory:
+        """The trajectory of the next piece of the run; without covariances theirs are zero, for a quarter of the time."""
         scheme, lengths = self.scheme, self.corrected(lengths, self._state)
         found = self._follow(scheme.rows, self.start, self._state, lengths.change_mm, lengths.flags)
         poses, residual, iterations, status, angle, *more = found
@@ -76,7 +76,9 @@ class Reconstruction:
             left_out, chi = more
             chi_squared = chi if scheme.redundancy else None
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
-        random, systematic = self.budget.covariances(poses, lengths, left_out)
+        random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
+        if covariances:
+            random, systematic = self.budget.covariances(poses, lengths, left_out)
         trajectory = Trajectory(
             lengths.time_s,
             poses,

@@ -1,0 +1,87 @@
+"""certificate.json: everything a certificate says, made of a measurement and nothing else, so that it can be made again and compared."""
+
+import datetime
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lmeasure.certification.canonical import digest
+from lmeasure.certification.evaluate import SCHEMA
+from lmeasure.certification.measure import Inputs, Measured, settings_stated
+from lmeasure.kernels import screw
+
+ID_DIGITS = 16
+LANGUAGES = ("en", "ru")
+
+
+def now() -> str:
+    """This moment, UTC, ISO 8601."""
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def certificate(
+    measured: Measured, inputs: Inputs, copies: Sequence[dict[str, Any]], *, created: str, language: str, environment: dict[str, str]
+) -> dict[str, Any]:
+    """The table of certificate.json.
+
+    copies: {file, bytes, sha256} of the inputs in the bundle. The id is made of the content, the moment of creation included: the same
+    inputs certified twice give the same figures_sha256 under two ids.
+    """
+    evaluation, trajectory = measured.evaluation, measured.trajectory
+    figures = {
+        "characteristics": [plain(c.as_dict()) for c in evaluation.characteristics],
+        "excluded": [plain(vars(e)) for e in evaluation.excluded],
+        "base_from_program": plain(evaluation.base_from_program),
+    }
+    details = measured.details.stated()
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "created": created,
+        "language": language,
+        "kind": "test certificate" if "accreditation" in details else "test report",
+        "details": details,
+        "measurement": inputs.stated(),
+        "inputs": list(copies),
+        "settings": settings_stated(evaluation.settings),
+        "environment": environment,
+        "instrument": _instrument(measured),
+        "trajectory": {
+            "samples": len(trajectory.time_s),
+            "ok": int((trajectory.status == screw.OK).sum()),
+            "start_s": float(trajectory.time_s[0]) if len(trajectory.time_s) else 0.0,
+            "end_s": float(trajectory.time_s[-1]) if len(trajectory.time_s) else 0.0,
+        },
+        "angles": evaluation.angles,
+        "uncertainty_covers": evaluation.covers,
+        "notes": list(dict.fromkeys([*measured.notes, *evaluation.notes])),
+        **figures,
+        "figures_sha256": digest(figures),
+    }
+    return {"schema": SCHEMA, "id": identification(content)} | content
+
+
+def identification(content: dict[str, Any]) -> str:
+    """The id of a certificate from all else in it."""
+    value = digest({key: v for key, v in content.items() if key != "id"})[:ID_DIGITS].upper()
+    return f"LM-{value[:8]}-{value[8:]}"
+
+
+def _instrument(measured: Measured) -> dict[str, Any] | None:
+    if measured.rig is None:
+        return None
+    rig = measured.rig
+    return {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
+
+
+def plain(value: Any) -> Any:
+    """Arrays, NumPy's numbers and tuples as what JSON knows."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value

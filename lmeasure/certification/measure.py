@@ -1,0 +1,190 @@
+"""From the files of a measurement to its evaluation: what `certify` does once, and `verify` again from the copies."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from lmeasure import files
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.certification.bundle import INPUTS, safe_name
+from lmeasure.certification.details import Details, read_details
+from lmeasure.certification.errors_of_poses import ErrorsOfRun
+from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
+from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.errors import CertificationError
+from lmeasure.poses import POSITION_COLUMNS
+from lmeasure.program import Program, read_program
+from lmeasure.rig import Rig
+from lmeasure.run import read_run, read_run_head
+from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+SAME_POSITION_MM = 1e-6
+SAME_QUATERNION = 1e-9
+SAME_TIME_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The files a certificate is made of; rig replaces the run's own, details may be missing.
+
+    constraint, repeatability_mm: what `reconstruct` was told, where a run is given.
+    """
+
+    trajectory: Path
+    program: Path
+    run: Path | None = None
+    rig: Path | None = None
+    details: Path | None = None
+    constraint: str | None = None
+    repeatability_mm: float = 0.0
+
+    def copies(self) -> dict[str, Path]:
+        """Every file that is read, by its name in the bundle. CertificationError when one lies where no copy of the folder can keep it."""
+        out = {
+            f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}": self.trajectory,
+            f"{INPUTS}/program.toml": self.program,
+        }
+        if self.details is not None:
+            out[f"{INPUTS}/details.toml"] = self.details
+        if self.run is not None:
+            head = read_run_head(self.run, self.rig)
+            out[f"{INPUTS}/run/run.toml"] = self.run / "run.toml"
+            for counts in head.counts:
+                out[f"{INPUTS}/run/{_inside(counts, self.run)}"] = counts
+            rig = self.run / files.read_toml(self.run / "run.toml")["rig"] if self.rig is None else self.rig
+            place = f"{INPUTS}/run/{_inside(rig, self.run)}" if self.rig is None else f"{INPUTS}/rig/rig.toml"
+            out[place] = rig
+            if head.rig.calibration is not None:
+                out[_beside(place, head.rig.calibration, rig)] = rig.parent / head.rig.calibration
+        taken: dict[str, str] = {}
+        for name in out:
+            first = taken.setdefault(safe_name(name).casefold(), name)
+            if first != name:
+                raise CertificationError(f"{out[name]}: its copy would have the name of that of {out[first]}")
+        return out
+
+    def stated(self) -> dict[str, Any]:
+        """What `inputs_in` needs besides the files, for certificate.json."""
+        return {
+            "trajectory": f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}",
+            "program": f"{INPUTS}/program.toml",
+            "run": None if self.run is None else f"{INPUTS}/run",
+            "rig": None if self.rig is None else f"{INPUTS}/rig/rig.toml",
+            "details": None if self.details is None else f"{INPUTS}/details.toml",
+            "constraint": self.constraint,
+            "repeatability_mm": self.repeatability_mm,
+        }
+
+
+def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
+    """The inputs of a bundle, from what `Inputs.stated` gave; CertificationError when that is not what it wrote."""
+    places: dict[str, Path] = {}
+    for key in ("trajectory", "program", "run", "rig", "details"):
+        name = stated.get(key)
+        if isinstance(name, str):
+            places[key] = folder / safe_name(name)
+        elif name is not None or key in ("trajectory", "program"):
+            raise CertificationError(f"certificate.json: measurement: {key} is not the name of a file")
+    constraint, repeatability = stated.get("constraint"), stated.get("repeatability_mm")
+    if not isinstance(constraint, str | None) or not isinstance(repeatability, float):
+        raise CertificationError("certificate.json: measurement: constraint or repeatability_mm is not what this program writes")
+    return Inputs(**places, constraint=constraint, repeatability_mm=repeatability)
+
+
+def settings_from(stated: Any) -> Settings:
+    """Settings from what `settings_stated` gave; CertificationError when it is something else."""
+    known = {f.name for f in fields(Settings)}
+    if not isinstance(stated, dict) or set(stated) != known:
+        raise CertificationError("certificate.json: settings: are not those this program writes")
+    try:
+        return TypeAdapter(Settings).validate_python(stated)
+    except ValidationError:
+        raise CertificationError("certificate.json: settings: hold a value of another kind") from None
+
+
+def settings_stated(settings: Settings) -> dict[str, Any]:
+    """All settings, for certificate.json; None where there is no limit."""
+    return {f.name: _listed(getattr(settings, f.name)) for f in fields(Settings)}
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(v) for v in value] if isinstance(value, tuple) else value
+
+
+def _inside(path: Path, folder: Path) -> str:
+    return PurePosixPath(*path.relative_to(folder).parts).as_posix()
+
+
+def _beside(rig_place: str, link: str, rig: Path) -> str:
+    """Name in the bundle of the calibration record that a copied rig links to by its relative name."""
+    parts = list(PurePosixPath(rig_place).parent.parts)
+    target = PurePosixPath(link.replace("\\", "/"))
+    for part in target.parts:
+        if part != "..":
+            parts.append(part)
+        elif len(parts) > 1:
+            parts.pop()
+        else:
+            parts = []
+            break
+    if target.is_absolute() or not parts:
+        raise CertificationError(f"{rig}: calibration = {link!r} lies too far from it to be copied with it; put the record beside the rig")
+    return "/".join(parts)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a measurement gave. trajectory: the poses that were evaluated, from the counts when there is a run."""
+
+    evaluation: Evaluation
+    trajectory: Trajectory
+    program: Program
+    details: Details
+    rig: Rig | None = None
+    calibration: CalibrationRecord | None = None
+    notes: tuple[str, ...] = ()
+
+
+def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None) -> Measured:
+    """Evaluate a measurement from its files.
+
+    With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row.
+    Raises what reading the files, `reconstruct` and `evaluate` raise.
+    """
+    program = read_program(inputs.program)
+    details = Details() if inputs.details is None else read_details(inputs.details)
+    if inputs.run is None:
+        trajectory = read_trajectory(inputs.trajectory)
+        evaluation = evaluate(trajectory, program, settings=settings, progress=progress)
+        return Measured(evaluation, trajectory, program, details)
+    run = read_run(inputs.run, inputs.rig)
+    trajectory = reconstruct(run, inputs.constraint, inputs.repeatability_mm, covariances=False)
+    _check_same(inputs.trajectory, trajectory)
+    model = ErrorsOfRun(run, inputs.constraint)
+    evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
+    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, trajectory.notes)
+
+
+def _check_same(path: Path, trajectory: Trajectory) -> None:
+    """CertificationError names the first row in which a trajectory file is not the trajectory of the run."""
+    table = files.read_table(path)
+    if len(table) != len(trajectory.time_s):
+        raise CertificationError(f"{path}: has {len(table)} rows, but the run's counts give {len(trajectory.time_s)} poses")
+    expected = np.column_stack([trajectory.time_s, trajectory.poses])
+    allowed = [SAME_TIME_S, *[SAME_POSITION_MM] * 3, *[SAME_QUATERNION] * 4]
+    for i, name in enumerate(("time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS)):
+        found = table.numbers(name, gaps=name != "time_s")
+        same = (np.abs(found - expected[:, i]) <= allowed[i]) | (np.isnan(found) & np.isnan(expected[:, i]))
+        if not same.all():
+            row = int(np.argmax(~same))
+            raise CertificationError(
+                f"{path}: row {row} is not what the run's counts give: {name} is {found[row]:.9g}, from the counts {expected[row, i]:.9g}"
+            )

@@ -1,0 +1,99 @@
+"""A certificate as a whole: measured, printed, copied together and sealed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lmeasure.certification.bundle import CERTIFICATE, copy_into, entries, new_folder, seal, write_zip
+from lmeasure.certification.canonical import canonical
+from lmeasure.certification.certificate import certificate, now
+from lmeasure.certification.dcc import dcc_xml
+from lmeasure.certification.environment import environment
+from lmeasure.certification.evaluate import Settings
+from lmeasure.certification.measure import Inputs, Measured, measure
+from lmeasure.certification.signature import read_private_key
+from lmeasure.errors import CertificationError
+from lmeasure.report import certificate_text as say
+from lmeasure.report.certificate_html import certificate_html
+from lmeasure.report.certificate_pdf import certificate_pdf
+
+PDF = "certificate.pdf"
+PAGE = "report.html"
+XML = "certificate.xml"
+
+
+def print_pdf(content: dict[str, Any], measured: Measured) -> bytes:
+    """certificate.pdf."""
+    return certificate_pdf(content, measured.evaluation)
+
+
+def print_page(content: dict[str, Any], measured: Measured) -> bytes:
+    """report.html."""
+    return certificate_html(content, measured).encode("utf-8", "backslashreplace")
+
+
+def print_xml(content: dict[str, Any], measured: Measured) -> bytes:
+    """certificate.xml."""
+    return dcc_xml(content)
+
+
+PRINTERS = {PDF: print_pdf, PAGE: print_page, XML: print_xml}
+
+
+@dataclass(frozen=True)
+class Choices:
+    """How a certificate is written: language; key to sign it with; dcc, and the XSD it must keep to; a zip of it beside the folder."""
+
+    language: str = "en"
+    key: Path | None = None
+    dcc: bool = False
+    xsd: Path | None = None
+    zipped: bool = False
+
+
+def write_certificate(
+    out: Path, inputs: Inputs, settings: Settings, choices: Choices, progress: Callable[[int, int], None] | None = None
+) -> dict[str, Any]:
+    """Write the folder of a certificate, whole or not at all; the certificate.
+
+    Raises what reading and evaluating the inputs raise, and CertificationError when the folder is another's or the DCC does not keep to
+    its XSD.
+    """
+    key = None if choices.key is None else read_private_key(choices.key)
+    copies = inputs.copies()
+    with new_folder(out) as folder:
+        measured = measure(inputs, settings, progress)
+        if not measured.evaluation.characteristics:
+            raise CertificationError(f"{inputs.program}: names no pose or path with windows_s: there is nothing to certify")
+        copy_into(folder, copies)
+        known = entries(folder, sorted(copies))
+        content = certificate(measured, inputs, known, created=now(), language=choices.language, environment=environment())
+        (folder / CERTIFICATE).write_bytes(canonical(content))
+        for name in (PDF, PAGE):
+            (folder / name).write_bytes(PRINTERS[name](content, measured))
+        if choices.dcc:
+            (folder / XML).write_bytes(dcc_xml(content, choices.xsd))
+        seal(folder, content["id"], known, key)
+    if choices.zipped:
+        write_zip(zip_of(out), Path(out))
+    return content
+
+
+def zip_of(out: Path) -> Path:
+    """Where the .zip of a folder goes."""
+    target = Path(out).resolve()
+    return target.with_name(target.name + ".zip")
+
+
+def lines(content: dict[str, Any]) -> list[str]:
+    """What a person is told on the screen."""
+    figures = content["characteristics"]
+    capable = sum(bool(f["capable"]) for f in figures)
+    excluded = sum(bool(f.get("excluded")) for f in figures)
+    out = [f"{say.title(content)} {content['id']}"]
+    for place, rows in say.results(content):
+        out.append(f"{place}:")
+        out += [f"  {row[0]:<52} {row[2]:>12} {row[3]:<12} {row[4]:<4} {row[6]}" for row in rows]
+    out.append(f"{len(figures)} characteristics: {capable} capable, {len(figures) - capable - excluded} not capable, {excluded} excluded")
+    return out

@@ -1,0 +1,221 @@
+"""What a certificate says, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
+
+import math
+import unicodedata
+from typing import Any
+
+from lmeasure.report.words import PHRASES, characteristic_name, unit, word
+
+Rows = list[tuple[str, ...]]
+
+
+def visible(value: object) -> str:
+    """A text from outside with nothing hidden in it: control, direction and private characters are written as their numbers."""
+    return "".join(c if c == "\n" or unicodedata.category(c)[0] != "C" else f"\\u{{{ord(c):X}}}" for c in str(value))
+
+
+def with_u95(value: float, u95: float) -> tuple[str, str]:
+    """A value and its U95, which has two significant digits; the value ends at the same decimal."""
+    if not u95 > 0:
+        return f"{value:.6g}", f"{u95:.2g}"
+    decimals = 1 - math.floor(math.log10(u95))
+    # 0.0996 rounds to 0.10, not to 0.100
+    if round(u95, decimals) >= 10.0 ** (2 - decimals):
+        decimals -= 1
+    if decimals < 0:
+        step = 10.0**-decimals
+        return f"{round(value / step) * step:.0f}", f"{round(u95 / step) * step:.0f}"
+    return f"{value:.{decimals}f}", f"{u95:.{decimals}f}"
+
+
+def title(certificate: dict[str, Any]) -> str:
+    """A certificate only where the user states accreditation, else a test report."""
+    return word(certificate["language"], "title.accredited" if "accreditation" in certificate["details"] else "title")
+
+
+def about(certificate: dict[str, Any]) -> Rows:
+    """What ISO/IEC 17025 asks besides results; what is not stated is said to be not stated."""
+    language, details = certificate["language"], certificate["details"]
+
+    def stated(*path: str) -> str | None:
+        here: Any = details
+        for key in path:
+            here = here.get(key) if isinstance(here, dict) else None
+        return None if here is None else visible(here)
+
+    def row(key: str, value: str | None) -> tuple[str, str]:
+        return word(language, key), value if value is not None else word(language, "not stated")
+
+    measured = [d for d in (stated("dates", "measured_from"), stated("dates", "measured_to")) if d is not None]
+    rows: Rows = [
+        row("id", certificate["id"]),
+        *([row("number", stated("number"))] if "number" in details else []),
+        row("created", certificate["created"]),
+        row("laboratory", stated("laboratory", "name")),
+        row("laboratory.address", stated("laboratory", "address")),
+        row("laboratory.contact", stated("laboratory", "contact")),
+        row("location", stated("location")),
+        row("customer", stated("customer", "name")),
+        row("customer.address", stated("customer", "address")),
+        row("customer.contact", stated("customer", "contact")),
+        *(row(f"item.{key}", stated("item", key)) for key in ("maker", "model", "serial", "controller")),
+        *([row("item.description", stated("item", "description"))] if stated("item", "description") else []),
+        row("item.condition", stated("item", "condition")),
+        row("dates.received", stated("dates", "received")),
+        row("dates.measured", " – ".join(dict.fromkeys(measured)) or None),
+        row("dates.issued", stated("dates", "issued")),
+        row("method", stated("method") or word(language, "method.default")),
+        row("deviations", stated("deviations")),
+        row("sampling", stated("sampling")),
+        row("conditions", _conditions(language, details.get("conditions", {}))),
+        row("traceability", stated("traceability")),
+        *([row(key, stated(key)) for key in ("supplied", "external", "remarks") if key in details]),
+        row("authoriser", ", ".join(t for t in (stated("authoriser", "name"), stated("authoriser", "role")) if t) or None),
+    ]
+    if "accreditation" in details:
+        told = [stated("accreditation", key) or "" for key in ("statement", "body", "number")]
+        rows.append(row("accreditation", "; ".join(told)))
+    return rows
+
+
+def _conditions(language: str, conditions: dict[str, Any]) -> str | None:
+    parts = []
+    if "temperature_c" in conditions:
+        spread = f" ± {conditions['temperature_range_c']:g}" if "temperature_range_c" in conditions else ""
+        parts.append(f"{word(language, 'conditions.temperature')} {conditions['temperature_c']:g}{spread} °C")
+    if "humidity_percent" in conditions:
+        parts.append(f"{word(language, 'conditions.humidity')} {conditions['humidity_percent']:g} %")
+    if "text" in conditions:
+        parts.append(visible(conditions["text"]))
+    return "; ".join(parts) or None
+
+
+def results_header(language: str, conformity: bool) -> tuple[str, ...]:
+    """Header of the table of characteristics."""
+    keys = ["characteristic", "clause", "value", "u95", "unit", "cycles", "verdict", *(["tolerance", "conformity"] if conformity else [])]
+    return tuple(word(language, f"column.{key}") for key in keys)
+
+
+def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
+    """(pose or path, rows) of the characteristics, a value never without its U95 and its verdict."""
+    language = certificate["language"]
+    conformity = any("conformity" in c for c in certificate["characteristics"])
+    out: dict[str, Rows] = {}
+    for figure in certificate["characteristics"]:
+        value, u95 = with_u95(float(figure["value"]), float(figure["u95"]))
+        name = characteristic_name(language, str(figure["name"]))
+        part = f" {visible(figure['part'])}" if figure.get("part") else ""
+        extension = f" ({word(language, 'extension')})" if figure.get("extension") else ""
+        cells = [
+            f"{visible(figure['name'])}{part}" + (f" – {name}" if name else "") + extension,
+            visible(figure.get("clause", "")),
+            value,
+            f"± {u95}",
+            unit(language, visible(figure["unit"])),
+            str(figure.get("cycles", "")),
+            verdict(language, figure),
+        ]
+        if conformity:
+            cells += tolerance(language, figure.get("conformity"))
+        out.setdefault(_place(language, figure), []).append(tuple(cells))
+    return list(out.items())
+
+
+def verdict(language: str, figure: dict[str, Any]) -> str:
+    """Whether the instrument was good enough to say the figure."""
+    return word(language, "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable")
+
+
+def tolerance(language: str, conformity: dict[str, Any] | None) -> list[str]:
+    """Limits and what was decided on them."""
+    if not conformity:
+        return ["", ""]
+    lower, upper = conformity.get("lower"), conformity.get("upper")
+    limits = f"{'' if lower is None else f'{lower:g}'} … {'' if upper is None else f'{upper:g}'}"
+    return [limits, f"{word(language, conformity['verdict'])} ({100 * conformity['probability']:.1f} %)"]
+
+
+def _place(language: str, figure: dict[str, Any]) -> str:
+    for kind in ("pose", "path"):
+        if figure.get(kind) is not None:
+            return f"{word(language, f'kind.{kind}')} {visible(figure[kind])}"
+    return word(language, "kind.program")
+
+
+def excluded(certificate: dict[str, Any]) -> Rows:
+    """Parts without a verdict, and why."""
+    language = certificate["language"]
+    out: Rows = []
+    for part in certificate["excluded"]:
+        kind = word(language, f"kind.{part['kind']}") if part["kind"] in ("pose", "path") else visible(part["kind"])
+        out.append((f"{kind} {visible(part['name'])}", phrase(language, part["reason"])))
+    return out
+
+
+def uncertainty(certificate: dict[str, Any]) -> list[str]:
+    """What U95 and the verdicts mean."""
+    language, settings = certificate["language"], certificate["settings"]
+    figures = certificate["characteristics"]
+    covers = phrase(language, certificate["uncertainty_covers"])
+    out = [
+        word(language, "uncertainty.u95", covers=covers),
+        word(language, "uncertainty.capable", percent=f"{100 * settings['capability']:g}"),
+        word(language, "uncertainty.signed"),
+    ]
+    if any("conformity" in c for c in figures):
+        out.append(word(language, f"uncertainty.{settings['rule']}"))
+    if settings.get("limit_angle_deg") is not None:
+        out.append(word(language, "zone.angle", limit=f"{settings['limit_angle_deg']:g}"))
+    if settings.get("limit_u95_mm") is not None:
+        out.append(word(language, "zone.u95", limit=f"{settings['limit_u95_mm']:g}"))
+    return out
+
+
+def notes(certificate: dict[str, Any]) -> list[str]:
+    """What the reader must know: frame, point, angles, data, and what the computation noted."""
+    language, settings = certificate["language"], certificate["settings"]
+    figures, instrument, span = certificate["characteristics"], certificate["instrument"], certificate["trajectory"]
+    frame = certificate["base_from_program"]
+    out = [
+        word(language, "samples", samples=span["samples"], start=f"{span['start_s']:g}", end=f"{span['end_s']:g}", ok=span["ok"]),
+        word(language, "no run" if instrument is None else "with run"),
+    ]
+    if instrument is not None and not instrument["calibrated"]:
+        out.append(word(language, "calibration.none"))
+    if instrument is not None and instrument["assumed"]:
+        out.append(word(language, "assumed", names=", ".join(map(visible, instrument["assumed"]))))
+    if frame is None:
+        out.append(word(language, "frame.none"))
+    else:
+        out.append(word(language, "frame.fitted", frame="[" + ", ".join(f"{x:.9g}" for x in frame) + "]"))
+    if any(settings["tool_offset_mm"]):
+        out.append(word(language, "tool offset", offset=", ".join(f"{x:g}" for x in settings["tool_offset_mm"])))
+    if any(c.get("angles") for c in figures):
+        out.append(word(language, "angles", angles=visible(certificate["angles"])))
+    if any(c.get("extension") for c in figures):
+        out.append(word(language, "extension.text"))
+    out += [phrase(language, note) for note in certificate["notes"]]
+    out += [phrase(language, f"{c['name']}: {c['note']}") for c in figures if c.get("note")]
+    return list(dict.fromkeys(out))
+
+
+def phrase(language: str, text: str) -> str:
+    """A sentence of the computation, in the language where the table has it, else as it is."""
+    return PHRASES.get(language, {}).get(text, visible(text))
+
+
+def statements(certificate: dict[str, Any]) -> list[str]:
+    """What must stand on every report."""
+    language = certificate["language"]
+    out = [word(language, "only item"), word(language, "in full")]
+    return out if "accreditation" in certificate["details"] else [*out, word(language, "not accredited")]
+
+
+def inputs(certificate: dict[str, Any]) -> Rows:
+    """Files with their digests."""
+    return [(visible(entry["file"]), visible(entry["sha256"])) for entry in certificate["inputs"]]
+
+
+def program(certificate: dict[str, Any]) -> str:
+    """Versions in one line."""
+    return "; ".join(f"{visible(key)} {visible(value)}" for key, value in certificate["environment"].items())
