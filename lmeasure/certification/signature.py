@@ -12,6 +12,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from lmeasure import files
+from lmeasure.certification.canonical import canonical
 from lmeasure.errors import CertificationError
 
 SCHEMA = "lmeasure.signature/1"
@@ -45,8 +46,9 @@ def fingerprint(key: Ed25519PublicKey) -> str:
 
 def read_private_key(path: Path) -> Ed25519PrivateKey:
     """An unencrypted Ed25519 private key in PEM; CertificationError when it is something else."""
+    text = files.read_bytes(path)
     try:
-        key = serialization.load_pem_private_key(files.read_bytes(path), password=None)
+        key = serialization.load_pem_private_key(text, password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
         why = "is protected by a password" if isinstance(error, TypeError) else "is not a private key in PEM"
         raise CertificationError(f"{path}: {why}; a key of its own without one is needed (lmeasure key)") from None
@@ -57,8 +59,9 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
 
 def read_public_key(path: Path) -> Ed25519PublicKey:
     """An Ed25519 public key in PEM; CertificationError when it is something else."""
+    text = files.read_bytes(path)
     try:
-        key = serialization.load_pem_public_key(files.read_bytes(path))
+        key = serialization.load_pem_public_key(text)
     except (ValueError, UnsupportedAlgorithm):
         raise CertificationError(f"{path}: is not a public key in PEM") from None
     if not isinstance(key, Ed25519PublicKey):
@@ -82,8 +85,6 @@ def signer(content: bytes, table: bytes) -> Ed25519PublicKey:
 
     Every byte counts: the file must be written as `sign` gives it.
     """
-    from lmeasure.certification.canonical import canonical
-
     try:
         stated = json.loads(table)
         key = Ed25519PublicKey.from_public_bytes(base64.b64decode(stated["public_key"], validate=True))
