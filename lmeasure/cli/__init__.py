@@ -28,31 +28,6 @@ from lmeasure.cli import (
     view,
     zone,
 )
-    check,
-    demo,
-    drum,
-    import_,
-<<<<<<< HEAD
-    motion,
-    place,
-    plan_poses,
-    program,
-    reconstruct,
-    record,
-    simulate,
-=======
-    key,
-    motion,
-    place,
-    plan_poses,
-    reconstruct,
-    record,
-    simulate,
-    verify,
->>>>>>> 6fd805b (lmeasure certify, verify and key: certificate.json, PDF/A, page and copies of all inputs, sealed, signed, recomputed)
-    view,
-    zone,
-)
 from lmeasure.errors import LMeasureError
 
 app = typer.Typer(

@@ -33,7 +33,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def inputs(campaign: Path, **changes: Any) -> Inputs:
-    given = {"trajectory": campaign / "trajectory.parquet", "program": campaign / "program.toml", "run": campaign / "run"}
+    given: dict[str, Any] = {"trajectory": campaign / "trajectory.parquet", "program": campaign / "program.toml", "run": campaign / "run"}
     return Inputs(**{**given, **changes})
 
 
@@ -399,8 +399,16 @@ def test_whatever_stands_in_a_certificate_verify_ends_in_a_list(copy: Path) -> N
 
 
 def test_compare_looks_into_every_entry() -> None:
-    figure = {"name": "AP_p", "pose": "P1", "value": 1.0, "u95": 0.1, "unit": "mm", "capable": True, "conformity": {"upper": 2.0}}
-    base = {"characteristics": [figure], "excluded": [], "notes": []}
+    figure: dict[str, Any] = {
+        "name": "AP_p",
+        "pose": "P1",
+        "value": 1.0,
+        "u95": 0.1,
+        "unit": "mm",
+        "capable": True,
+        "conformity": {"upper": 2.0},
+    }
+    base: dict[str, Any] = {"characteristics": [figure], "excluded": [], "notes": []}
     stated = base | {"figures_sha256": digest([]), "id": identification(base | {"figures_sha256": digest([])})}
     assert compare(stated, stated, exact=True) == ([], 0.0)
     other = stated | {"characteristics": [figure | {"conformity": {"upper": 2.0 + 1e-9}}]}
