@@ -327,11 +327,10 @@ def test_a_folder_of_somebody_else_is_not_touched(tmp_path: Path, campaign: Path
 
 
 def test_a_trajectory_that_is_not_the_runs_is_refused(campaign: Path, tmp_path: Path) -> None:
-    import numpy as np
     import pandas as pd
 
     data = pd.read_parquet(campaign / "trajectory.parquet")
-    data.loc[100, "y_mm"] += 1e-3
+    data["y_mm"] = data["y_mm"] + 1e-3 * (data.index == 100)
     data.to_csv(tmp_path / "other.csv", index=False)
     with pytest.raises(CertificationError, match=r"other\.csv: row 100 is not what the run's counts give: y_mm"):
         write_certificate(tmp_path / "c", inputs(campaign, trajectory=tmp_path / "other.csv"), Settings(), Choices())
@@ -339,7 +338,6 @@ def test_a_trajectory_that_is_not_the_runs_is_refused(campaign: Path, tmp_path: 
     with pytest.raises(CertificationError, match=r"short\.csv: has \d+ rows"):
         write_certificate(tmp_path / "c", inputs(campaign, trajectory=tmp_path / "short.csv"), Settings(), Choices())
     assert not (tmp_path / "c").exists()
-    assert np.isfinite(data["x_mm"]).all()
 
 
 def test_without_a_run_the_trajectory_itself_is_certified(campaign: Path, tmp_path: Path) -> None:
