@@ -16,7 +16,13 @@ from lmeasure.errors import FileFormatError
 FloatArray = NDArray[np.float64]
 
 POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
+AXES = ("rx", "ry", "rz", "x", "y", "z")
+AXIS_COLUMNS = ("u_rx_deg", "u_ry_deg", "u_rz_deg", "u_x_mm", "u_y_mm", "u_z_mm")
+"""Standard uncertainties of a small rotation about each base axis and of each coordinate, in the order of `AXES`."""
 UNIT_TOLERANCE = 1e-6
+_ORIENTATION_COLUMNS = {c for convention in conventions.CONVENTIONS.values() for c in convention.columns} | {
+    *conventions.QUATERNION_COLUMNS
+}
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,11 @@ class Poses:
     rows: FloatArray
     u_position_mm: FloatArray
     u_rotation_rad: FloatArray
+    covariance: FloatArray | None = None
+    """(n, 6, 6) of (rotation [rad]; position [mm]), R_true = Exp(delta) R, base axes, where more is stated than the two above, which are
+    then its root mean squares."""
+    oriented: bool = True
+    """False where only positions were measured: the rotations are the identity then, and mean nothing."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -63,8 +74,12 @@ def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Pos
     return Poses(tuple(names) if names is not None else tuple(str(i + 1) for i in range(len(rows))), rows, zero, zero)
 
 
-def read_poses(path: Path, angles: str) -> Poses:
-    """Read `pose, x_mm, y_mm, z_mm` with angle columns of the convention or qx, qy, qz, qw; optional u_position_mm, u_rotation_deg."""
+def read_poses(path: Path, angles: str, *, positions_alone: bool = False) -> Poses:
+    """Read `pose, x_mm, y_mm, z_mm` with angle columns of the convention or qx, qy, qz, qw.
+
+    Optional: u_position_mm, u_rotation_deg, or for each axis u_x_mm, u_y_mm, u_z_mm and u_rx_deg, u_ry_deg, u_rz_deg, with correlations
+    such as rho_x_y or rho_z_rx. positions_alone: a file without any column of an orientation is read, and is not `oriented`.
+    """
     table = files.read_table(path)
     names = table.text("pose")
     if len(names) == 0:
@@ -74,12 +89,14 @@ def read_poses(path: Path, angles: str) -> Poses:
     name, times = Counter(names).most_common(1)[0]
     if times > 1:
         raise FileFormatError(f"{path}: pose {name!r} is given {times} times")
-    position = table.matrix(POSITION_COLUMNS)
+    position, oriented = table.matrix(POSITION_COLUMNS), True
     columns = conventions.convention(angles).columns
     if all(c in table.columns for c in conventions.QUATERNION_COLUMNS):
         quaternion = table.matrix(conventions.QUATERNION_COLUMNS)
     elif all(c in table.columns for c in columns):
         quaternion = conventions.rotation_from_angles(angles, table.matrix(columns)).as_quat()
+    elif positions_alone and not any(c in table.columns for c in _ORIENTATION_COLUMNS):
+        quaternion, oriented = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1)), False
     else:
         raise FileFormatError(
             f"{path}: needs the columns {', '.join(columns)} (angles = {angles!r}) or qx, qy, qz, qw; it has {', '.join(table.columns)}"
@@ -92,18 +109,66 @@ def read_poses(path: Path, angles: str) -> Poses:
     for column, values in u.items():
         if (values < 0).any():
             raise FileFormatError(f"{path}: column {column!r}: a standard uncertainty is negative")
-    return Poses(poses.names, poses.rows, u["u_position_mm"], np.radians(u["u_rotation_deg"]))
+    covariance = _covariance(table, u["u_position_mm"], np.radians(u["u_rotation_deg"]))
+    if covariance is None:
+        return Poses(poses.names, poses.rows, u["u_position_mm"], np.radians(u["u_rotation_deg"]), oriented=oriented)
+    variance = np.einsum("nii->ni", covariance)
+    rotation, place = np.sqrt(variance[:, :3].mean(axis=1)), np.sqrt(variance[:, 3:].mean(axis=1))
+    return Poses(poses.names, poses.rows, place, rotation, covariance, oriented)
+
+
+def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: FloatArray) -> FloatArray | None:
+    """(n, 6, 6) covariance of a file that states it by axes, None of any other."""
+    path, sigma = table.path, np.column_stack([np.repeat(u[:, None], 3, axis=1) for u in (u_rotation_rad, u_position_mm)])
+    stated = [c for c in table.columns if c in AXIS_COLUMNS or c.startswith("rho_")]
+    if not stated:
+        return None
+    for group, common in ((AXIS_COLUMNS[:3], "u_rotation_deg"), (AXIS_COLUMNS[3:], "u_position_mm")):
+        given = [c for c in group if c in table.columns]
+        if given and common in table.columns:
+            raise FileFormatError(f"{path}: has {given[0]!r} and {common!r}; one of them says how uncertain a pose is")
+        if given and len(given) < len(group):
+            raise FileFormatError(f"{path}: column {next(c for c in group if c not in given)!r} is missing; {given[0]!r} is there")
+        for c in given:
+            values = table.numbers(c)
+            if (values < 0).any():
+                raise FileFormatError(f"{path}: column {c!r}: a standard uncertainty is negative")
+            sigma[:, AXIS_COLUMNS.index(c)] = np.radians(values) if c.endswith("_deg") else values
+    correlation = np.tile(np.eye(6), (len(sigma), 1, 1))
+    for c in stated:
+        if not c.startswith("rho_"):
+            continue
+        axes = [AXES.index(a) for a in c.split("_")[1:] if a in AXES]
+        if len(axes) != 2 or axes[0] == axes[1] or c.count("_") != 2:
+            raise FileFormatError(f"{path}: column {c!r}: a correlation is named by two of {', '.join(AXES)}, as 'rho_x_y'")
+        correlation[:, axes[0], axes[1]] = correlation[:, axes[1], axes[0]] = table.numbers(c)
+    least = np.linalg.eigvalsh(correlation)[:, 0]
+    if (least < -1e-9).any():
+        pose = int(np.argmin(least))
+        raise FileFormatError(f"{path}: line {pose + 2}: no six quantities can have these correlations (rho_...)")
+    return np.asarray(sigma[:, :, None] * correlation * sigma[:, None, :])
 
 
 def pose_columns(poses: Poses, angles: str | None = None) -> dict[str, Any]:
     """Columns of a pose file: angles of the convention, or quaternions when None."""
     out: dict[str, Any] = {"pose": list(poses.names)}
     out |= dict(zip(POSITION_COLUMNS, poses.rows[:, :3].T, strict=True))
-    if angles is None:
+    if not poses.oriented:
+        pass
+    elif angles is None:
         out |= dict(zip(conventions.QUATERNION_COLUMNS, poses.rows[:, 3:].T, strict=True))
     else:
         values = conventions.angles_from_rotation(angles, poses.rotation)
         out |= dict(zip(conventions.convention(angles).columns, values.T, strict=True))
+    if poses.covariance is not None:
+        sigma = np.sqrt(np.einsum("nii->ni", poses.covariance))
+        out |= {c: np.degrees(s) if c.endswith("_deg") else s for c, s in zip(AXIS_COLUMNS, sigma.T, strict=True)}
+        for i, j in zip(*np.triu_indices(6, 1), strict=True):
+            both = sigma[:, i] * sigma[:, j]
+            rho = np.where(both > 0, poses.covariance[:, i, j] / np.where(both > 0, both, 1.0), 0.0)
+            if rho.any():
+                out[f"rho_{AXES[i]}_{AXES[j]}"] = rho
+        return out
     if poses.u_position_mm.any():
         out["u_position_mm"] = poses.u_position_mm
     if poses.u_rotation_rad.any():

@@ -7,16 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import conventions, files
+from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.calibration_record import Input
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses, read_poses
-from lmeasure.rig import Cable, Rig, read_rig
+from lmeasure.rig import Cable, Drum, Rig, read_rig
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MIN_POSES = 2
+STILL_MM = 1.0  # beyond it the counts of a dwell are not of a robot that stands still
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,14 @@ class Campaign:
     notes: tuple[str, ...] = ()
     temperature_c: FloatArray | None = None
     """(n,) temperature at each pose; None where it was not recorded: then it is the rig's reference."""
+    dwell_variance: FloatArray | None = None
+    """(n, m) variances of the means of dwells [recorded counts^2]; None where each pose was read once."""
+    zero_variance: FloatArray | None = None
+    """(m,) variances of what the zero poses' readings are off, which all equations of a cable share; 0 for a counter zeroed there."""
+    reference: NDArray[np.int64] | None = None
+    """(n,) the reference pose that a pose is a visit of, whose error its visits share; None where each was visited once."""
+    u_visit: FloatArray | None = None
+    """(n, 6) standard deviations (rotation [rad]; position [mm], base axes) of a visit about its reference pose, of its own; or None."""
 
     @property
     def used(self) -> BoolArray:
@@ -46,7 +56,10 @@ class Campaign:
 
 
 def read_campaign(folder: Path) -> Campaign:
-    """Read rig.toml (nominal), reference_poses.csv and counts.csv; FileFormatError or CalibrationError names file, pose and channel."""
+    """Read rig.toml (nominal), reference_poses.csv and counts.csv; FileFormatError or CalibrationError names file, pose and channel.
+
+    Rows of one pose that follow one another are readings of one dwell and are averaged; a pose that comes again later is another visit.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: is not a calibration folder")
@@ -66,32 +79,124 @@ def read_campaign(folder: Path) -> Campaign:
     cables = tuple(c for c in rig.cable if c.passage in set(passage.tolist()))
     if not cables:
         raise FileFormatError(f"{path}: no cable of the rig belongs to pass {passage[0]:g}")
-    counts = np.full((len(poses), len(cables)), np.nan)
-    zero = np.zeros(len(cables), dtype=np.int64)
+    pose_of, visit_of = _visits(np.array([index[name] for name in names]), passage)
+    # each pose's first visit in the order of reference_poses.csv, later ones behind
+    again = sorted({(v, i) for v, i in zip(visit_of.tolist(), pose_of.tolist(), strict=True) if v})
+    place = {(0, i): i for i in range(len(poses))} | {key: len(poses) + n for n, key in enumerate(again)}
+    counts, zero = np.full((len(place), len(cables)), np.nan), np.zeros(len(cables), dtype=np.int64)
+    variance, at_zero, dwelt = np.full(counts.shape, 1.0 / 12.0), np.zeros(len(cables)), False
     for j, c in enumerate(cables):
         recorded = table.numbers(c.channel, gaps=True)
         rows = np.flatnonzero(passage == c.passage)
         drum = rig.point(c.from_point).drum
-        for row in rows.tolist():
-            i = index[names[row]]
-            if np.isfinite(counts[i, j]):
-                raise FileFormatError(f"{path}: line {row + 2}: pose {names[row]!r} is counted twice by channel {c.channel}")
-            counts[i, j] = recorded[row] * drum.count_sign / drum.scale
-        zero[j] = index[names[rows[0]]]
+        readings = {}
+        for i in dict.fromkeys(place[visit_of[row], pose_of[row]] for row in rows.tolist()):
+            own = [row for row in rows.tolist() if place[visit_of[row], pose_of[row]] == i and np.isfinite(recorded[row])]
+            if own:
+                readings[i] = _dwell(recorded[own], drum, f"{path}: line {own[0] + 2}: channel {c.channel}")
+        scatter = pooled_scatter(list(readings.values()))
+        for i, values in readings.items():
+            counts[i, j] = values.mean() * drum.count_sign / drum.scale
+            variance[i, j] = mean_variance(scatter, len(values))
+            dwelt = dwelt or len(values) > 1
+        zero[j] = place[visit_of[rows[0]], pose_of[rows[0]]]
+        if scatter > 0.0 and len(readings.get(int(zero[j]), ())) > 1:
+            at_zero[j] = variance[zero[j], j]
         if not np.isfinite(counts[zero[j], j]):
             raise FileFormatError(f"{path}: line {rows[0] + 2}: channel {c.channel} has no count at its zero pose {names[rows[0]]!r}")
-    campaign = Campaign(rig, poses, cables, counts, zero, inputs, temperature_c=_temperatures(folder / "reference_poses.csv"))
-    return _unwrapped(_checked(campaign, path))
+    campaign = Campaign(
+        rig,
+        poses,
+        cables,
+        counts,
+        zero,
+        inputs,
+        temperature_c=_column(folder / "reference_poses.csv", "temperature_c"),
+        dwell_variance=variance if dwelt else None,
+        zero_variance=at_zero if dwelt else None,
+        u_visit=_repeatability(folder / "reference_poses.csv"),
+    )
+    return _unwrapped(_checked(_with_visits(campaign, again), path))
 
 
-def _temperatures(path: Path) -> FloatArray | None:
-    """(n,) temperatures of the reference poses, or None without their column."""
+def _visits(poses: NDArray[np.int64], passage: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(r,) pose and number of the visit, from 0, that each row of counts belongs to; passes are visits of their own motion."""
+    visit = np.zeros(len(poses), dtype=np.int64)
+    for p in np.unique(passage):
+        rows = np.flatnonzero(passage == p)
+        seen: dict[int, int] = {}
+        for before, row in zip([-1, *rows[:-1].tolist()], rows.tolist(), strict=True):
+            i = int(poses[row])
+            if before < 0 or int(poses[before]) != i:
+                seen[i] = seen.get(i, -1) + 1
+            visit[row] = seen[i]
+    return poses, visit
+
+
+def _dwell(recorded: FloatArray, drum: Drum, what: str) -> FloatArray:
+    """The readings of one dwell, a wrap among them undone; FileFormatError where the robot cannot have stood still."""
+    change = recorded - recorded[0]
+    if drum.counter_bits is not None:
+        full = 2.0**drum.counter_bits
+        change = change - full * np.rint(change / full)
+    moved = float(change.max() - change.min()) * drum.count_length_mm / drum.scale
+    if moved > STILL_MM:
+        raise FileFormatError(
+            f"{what}: moves {moved:.3g} mm between readings of one dwell; a robot that stands still moves less than {STILL_MM:g}"
+        )
+    return np.asarray(recorded[0] + change)
+
+
+def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
+    """The campaign with a pose for every visit: later visits repeat the pose that they return to, and share its error."""
+    if not again:
+        return campaign
+    order = np.array([*range(len(campaign.poses)), *(i for _, i in again)], dtype=np.int64)
+    poses = campaign.poses
+    names = (*poses.names, *(f"{poses.names[i]} (visit {v + 1})" for v, i in again))
+    warm, own = campaign.temperature_c, campaign.u_visit
+    every = Poses(
+        names,
+        poses.rows[order],
+        poses.u_position_mm[order],
+        poses.u_rotation_rad[order],
+        None if poses.covariance is None else poses.covariance[order],
+        poses.oriented,
+    )
+    note = f"{len(again)} later visit(s) of a pose share its error"
+    if own is None:
+        note += "; no u_repeatability_mm is stated: the robot is taken to come back exactly"
+    return replace(
+        campaign,
+        poses=every,
+        reference=order,
+        temperature_c=None if warm is None else warm[order],
+        u_visit=None if own is None else own[order],
+        notes=(*campaign.notes, note),
+    )
+
+
+def _column(path: Path, name: str) -> FloatArray | None:
+    """(n,) a column of the reference poses, or None without it."""
     table = files.read_table(path)
-    if "temperature_c" not in table.columns:
+    if name not in table.columns:
         return None
-    values = table.numbers("temperature_c")
-    conventions.check_temperature(values, f"{path}: column 'temperature_c'")
+    values = table.numbers(name)
+    if name == "temperature_c":
+        conventions.check_temperature(values, f"{path}: column {name!r}")
+    elif (values < 0).any():
+        raise FileFormatError(f"{path}: column {name!r}: a standard uncertainty is negative")
     return values
+
+
+def _repeatability(path: Path) -> FloatArray | None:
+    """(n, 6) standard deviations (rotation [rad]; position [mm]) with which the robot comes to a pose, or None where none is stated."""
+    place, turn = _column(path, "u_repeatability_mm"), _column(path, "u_repeatability_deg")
+    if place is None and turn is None:
+        return None
+    n = len(place if place is not None else turn if turn is not None else ())
+    parts = [np.zeros(n) if turn is None else np.radians(turn), np.zeros(n) if place is None else place]
+    return np.repeat(np.column_stack(parts), 3, axis=1)
 
 
 def _checked(campaign: Campaign, path: Path) -> Campaign:

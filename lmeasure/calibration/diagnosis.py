@@ -16,7 +16,6 @@ from lmeasure import conventions
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.refine import Fit
 from lmeasure.calibration_record import Finding
-from lmeasure.poses import Poses
 
 Judge = Callable[[Campaign, str], Fit]
 """The best fit of one observation point to a campaign, with the prior on every direction."""
@@ -106,7 +105,7 @@ def _conventions(campaign: Campaign, suspects: list[str], points: list[str]) -> 
             continue
         rotation: Rotation = conventions.rotation_from_angles(name, angles)
         rows = np.column_stack([campaign.poses.rows[:, :3], rotation.as_quat()])
-        poses = Poses(campaign.poses.names, rows, campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
+        poses = replace(campaign.poses, rows=rows)
         text = f"the reference poses fit when their angles are read as {name}, not as the rig's {own}"
         yield Hypothesis("angles", text, tuple(points), replace(campaign, poses=poses))
 

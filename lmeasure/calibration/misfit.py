@@ -41,7 +41,7 @@ def explain_misfit(model: Model, found: Fit, noise: Noise, prior: bool, blamed: 
             u = _pose_error(model, found)
             if u == 0.0:
                 break
-            noise = Noise(np.hypot(noise.u_position_mm, u), noise.u_rotation_rad)
+            noise = noise.widened(u)
             found = fit(model, found.theta, noise, prior)
             if not _improbable(found):
                 break

@@ -8,13 +8,14 @@ the data leave undetermined: there, and only there, the prior decides (unless it
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
 from lmeasure.calibration.unknowns import Model
-from lmeasure.lengths import count_variance
+from lmeasure.poses import Poses
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -29,6 +30,30 @@ class Noise:
 
     u_position_mm: FloatArray
     u_rotation_rad: FloatArray
+    covariance: FloatArray | None = None
+    """(n, 6, 6) of (rotation; position), where more is stated than the two, which are then its root mean squares."""
+
+    @classmethod
+    def of(cls, poses: Poses) -> Self:
+        """As the file of the poses states it."""
+        return cls(poses.u_position_mm, poses.u_rotation_rad, poses.covariance)
+
+    def widened(self, u_mm: float) -> "Noise":
+        """With an independent error of that standard uncertainty in each coordinate."""
+        more = None if self.covariance is None else self.covariance + np.diag([0.0, 0.0, 0.0, u_mm**2, u_mm**2, u_mm**2])
+        return Noise(np.hypot(self.u_position_mm, u_mm), self.u_rotation_rad, more)
+
+    @property
+    def stated(self) -> bool:
+        """Whether any pose is uncertain."""
+        return bool(self.u_position_mm.any() or self.u_rotation_rad.any())
+
+    def scaled(self, J: FloatArray) -> FloatArray:
+        """(e, n, 6) derivatives by the errors of each pose in units of independent standard ones."""
+        if self.covariance is None:
+            return np.concatenate([J[:, :, :3] * self.u_rotation_rad[:, None], J[:, :, 3:] * self.u_position_mm[:, None]], axis=2)
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray(np.einsum("eni,nij->enj", J, vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]))
 
 
 @dataclass(frozen=True)
@@ -84,13 +109,19 @@ def _gains(s: FloatArray, known: BoolArray, prior_everywhere: bool) -> tuple[Flo
 
 def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
     """(e, e) covariance of the residuals [mm^2]: whole counts, reference poses, and physical effects where their errors are stated."""
-    variance = count_variance(model.campaign.rig, model.campaign.cables)
-    V = np.diag(variance[model.cable_index])
-    if noise.u_position_mm.any() or noise.u_rotation_rad.any():
+    V = model.reading_covariance()
+    campaign = model.campaign
+    if noise.stated or campaign.u_visit is not None:
         J = model.pose_jacobian(theta)
-        J = np.concatenate([J[:, :, :3] * noise.u_rotation_rad[:, None], J[:, :, 3:] * noise.u_position_mm[:, None]], axis=2)
-        flat = J.reshape(len(J), -1)
+        shared = noise.scaled(J)
+        if campaign.reference is not None:
+            # visits of one pose share its error
+            shared = np.einsum("eni,nr->eri", shared, campaign.reference[:, None] == np.arange(campaign.reference.max() + 1))
+        flat = shared.reshape(len(J), -1)
         V = V + flat @ flat.T
+        if campaign.u_visit is not None:
+            own = (J * campaign.u_visit).reshape(len(J), -1)
+            V = V + own @ own.T
     effects = model.effect_covariance(theta)
     return np.asarray(V if effects is None else V + effects)
 
@@ -129,7 +160,7 @@ def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool) -
     # the optimum needs many digits only where nothing follows it
     precision = 1e-13 if prior_everywhere else 1e-7
     # V depends on theta where the poses are in error, and hardly: the second round has it at the optimum
-    for _ in range(2 if (noise.u_position_mm.any() or noise.u_rotation_rad.any()) else 1):
+    for _ in range(2 if noise.stated else 1):
         w = Whitened(model, V)
         found = scipy.optimize.least_squares(
             lambda z, w=w: np.concatenate([w.residuals(z), z]),

@@ -68,7 +68,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     """
     settings = settings or Settings()
     unknowns = unknowns_of(campaign, settings.solve)
-    noise = Noise(campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
+    noise = Noise.of(campaign.poses)
     names = list(dict.fromkeys(c.from_point for c in campaign.cables))
     points: list[_Point] = []
     findings = [Finding(code="note", text=n) for n in campaign.notes]

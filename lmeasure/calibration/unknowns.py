@@ -10,7 +10,7 @@ from lmeasure.calibration.campaign import Campaign
 from lmeasure.effects import Zero, effects_of
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import parameter_names
+from lmeasure.lengths import count_variance, parameter_names
 from lmeasure.rig import ObservationPoint, Rig, rig_from_dict
 
 FloatArray = NDArray[np.float64]
@@ -207,6 +207,17 @@ class Model:
         warm = np.full(n, self._effects.reference_c) if self.campaign.temperature_c is None else self.campaign.temperature_c
         zero = Zero(self._poses[self.campaign.zero], counts[self.campaign.zero, np.arange(m)], warm[self.campaign.zero])
         return zero, self._poses, counts, np.repeat(warm[:, None], m, axis=1)
+
+    def reading_covariance(self) -> FloatArray:
+        """(e, e) covariance of the residuals [mm^2] from reading the counters: whole counts, or means of dwells as `Campaign` has them."""
+        variance = count_variance(self.campaign.rig, self.campaign.cables)
+        if self.campaign.dwell_variance is None or self.campaign.zero_variance is None:
+            return np.diag(variance[self.cable_index])
+        # uniform within half a count is a twelfth
+        zero = 12.0 * variance * self.campaign.zero_variance
+        variance = 12.0 * variance * self.campaign.dwell_variance
+        same = self.cable_index[:, None] == self.cable_index
+        return np.asarray(np.diag(variance[self.pose_index, self.cable_index]) + np.where(same, zero[self.cable_index], 0.0))
 
     def effect_covariance(self, theta: FloatArray) -> FloatArray | None:
         """(e, e) covariance of the residuals [mm^2] from what is uncertain in temperature, stretch and sag; None when nothing is.
