@@ -1,0 +1,365 @@
+"""Does the stated U95 of every characteristic hold the truth 95 times in 100?
+
+python benchmarks/certificate_coverage.py [--campaigns 2000] [--seed 1] [--first 0] [--keep FILE.npz] [--write FILE.npz ...]
+
+Each campaign is a robot with its own known errors - offsets per pose, scatter, lag, drift, overshoot, compliance - that runs a program of
+five poses of the cube, a line while turning, a rectangle, a weave, moves and loads, measured by an instrument of its own: the true rig is
+drawn from the covariance of a calibration, the counts are those of the true rig, whole; the certificate knows only the calibrated rig and
+the counts. Truth is what the same figures are of the true poses of the same cycles. Scatter of the robot runs from a sixth of a count to
+four. --keep saves errors and U95 of the campaigns [first, first + campaigns) for --write, which joins such pieces in
+results/certificate_coverage.md.
+"""
+
+import argparse
+import platform
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import binom
+
+from lmeasure.calibration import calibrate, read_campaign
+from lmeasure.certification import Evaluation, PoseErrors, Settings, evaluate
+from lmeasure.counts import Counts
+from lmeasure.kernels import cable
+from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.program import Program
+from lmeasure.run import Run
+from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
+from lmeasure.trajectory import Reconstruction, Trajectory, reconstruct
+from lmeasure.trajectory.monte_carlo import moved_rows
+
+FloatArray = NDArray[np.float64]
+
+RESULTS = Path(__file__).parent / "results" / "certificate_coverage.md"
+START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+HALF = 180.0  # mm, of the cube
+CUBE = {
+    "P1": (0.0, 0.0, 0.0),
+    "P2": (0.8 * HALF, 0.8 * HALF, 0.8 * HALF),
+    "P3": (-0.8 * HALF, 0.8 * HALF, 0.8 * HALF),
+    "P4": (-0.8 * HALF, -0.8 * HALF, -0.8 * HALF),
+    "P5": (0.8 * HALF, -0.8 * HALF, -0.8 * HALF),
+}
+CYCLES, DRIFT_CYCLES, PATH_CYCLES, FEW = 30, 10, 10, 3
+RATE_HZ = 250.0
+SPEED = 250.0
+TURN = Rotation.from_rotvec([0.0, 0.0, 0.15])
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What a robot does wrong: offsets and scatter [mm, rad], lag of paths [mm], rounding of corners, swing, drift, compliance [mm/N]."""
+
+    offset_mm: float
+    scatter_mm: float
+    offset_rad: float
+    scatter_rad: float
+    path_mm: float
+    swing_mm: float
+    drift_mm: float
+    compliance: float
+
+
+def draw_robot(rng: np.random.Generator) -> Robot:
+    """Errors from far below the instrument's to far above."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    return Robot(
+        between(0.005, 0.5),
+        between(0.002, 0.05),
+        between(1e-5, 1e-3),
+        between(5e-6, 3e-4),
+        between(0.02, 1.0),
+        between(0.2, 2.0),
+        between(0.01, 0.2),
+        between(1e-3, 1e-2),
+    )
+
+
+class Motion:
+    """Samples of a motion as it is put together: times and true poses, with windows as pieces are added."""
+
+    def __init__(self) -> None:
+        self.times: list[FloatArray] = [np.zeros(1)]
+        self.poses: list[FloatArray] = [START[None, :]]
+        self.now = 0.0
+
+    def add(self, poses: FloatArray) -> tuple[float, float]:
+        """A piece sampled at the rate, two seconds after the last; the window that holds it."""
+        times = self.now + 2.0 + np.arange(len(poses)) / RATE_HZ
+        self.times.append(times)
+        self.poses.append(poses)
+        self.now = float(times[-1])
+        return float(times[0]), float(times[-1])
+
+
+def posed(position: FloatArray, turn: FloatArray) -> FloatArray:
+    """(n, 7) poses from positions (n, 3) and rotation vectors (n, 3) [rad]."""
+    return np.column_stack([position, Rotation.from_rotvec(turn).as_quat()])
+
+
+def robot_motion(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, Program]:
+    """Times, true poses (n, 7) and the program with its windows, of one campaign of a robot."""
+    motion = Motion()
+    poses, dwell = [], np.ones((6, 1))
+    offsets = {name: (robot.offset_mm * rng.normal(size=3), robot.offset_rad * rng.normal(size=3)) for name in CUBE}
+
+    def attained(name: str, extra: FloatArray) -> tuple[FloatArray, FloatArray]:
+        off, turn = offsets[name]
+        place = np.array(CUBE[name]) + off + extra + robot.scatter_mm * rng.normal(size=3)
+        return place, turn + robot.scatter_rad * rng.normal(size=3)
+
+    approach = {a: robot.offset_mm * 0.3 * rng.normal(size=3) for a in "xyz"}
+    drift = robot.drift_mm * rng.normal(size=3)
+    windows: dict[str, list[tuple[float, float]]] = {name: [] for name in CUBE}
+    for j in range(CYCLES):
+        for name in CUBE:
+            extra = approach["xyz"[j % 3]] if name == "P1" else drift * (j // DRIFT_CYCLES) if name == "P5" else np.zeros(3)
+            place, turn = attained(name, extra)
+            windows[name].append(motion.add(posed(dwell * place, dwell * turn)))
+    settling, posings = [], []
+    for _ in range(FEW):
+        place, turn = attained("P2", np.zeros(3))
+        t = np.arange(int(0.6 * RATE_HZ)) / RATE_HZ
+        swing = robot.swing_mm * np.exp(-t / 0.06) * np.cos(2 * np.pi * 9.0 * t)
+        move = np.clip((t - 0.05) / 0.1, 0.0, 1.0)
+        settling.append(motion.add(posed(place + np.array([1.0, 0.4, 0.0]) * (5.0 * swing)[:, None], np.tile(turn, (len(t), 1)))))
+        far = move**3 * (10.0 + move * (6.0 * move - 15.0))
+        other, _ = attained("P3", np.zeros(3))
+        posings.append(motion.add(posed(place + far[:, None] * (other - place), np.tile(turn, (len(t), 1)))))
+    forces = np.array([[f if a == i else 0.0 for i in range(3)] for a in range(3) for f in (-50.0, 0.0, 50.0)])
+    stiff = robot.compliance * (np.eye(3) + 0.1 * rng.normal(size=(3, 3)))
+    loads = []
+    for force in forces:
+        place, turn = attained("P1", stiff @ force)
+        loads.append(motion.add(posed(dwell * place, dwell * turn)))
+    for name, place in CUBE.items():
+        entry = {"name": name, "position_mm": place, "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "windows_s": windows[name]}
+        if name == "P1":
+            entry |= {"approaches": ["xyz"[j % 3] for j in range(CYCLES)], "units": [f"robot {j % 2}" for j in range(CYCLES)]}
+        if name == "P2":
+            entry |= {"settling_s": settling, "limit_band_mm": 0.15}
+        poses.append(entry)
+    program = Program.model_validate(
+        {
+            "schema": "lmeasure.program/1",
+            "pose": poses,
+            "path": [line(motion, robot, rng), rectangle(motion, robot, rng), weave(motion, robot, rng)],
+            "drift": [{"pose": "P5", "group": DRIFT_CYCLES}],
+            "posing": [{"from": "P2", "to": "P3", "windows_s": posings, "limit_band_mm": 0.15}],
+            "compliance": [{"pose": "P1", "windows_s": loads, "force_n": [tuple(f) for f in forces.tolist()]}],
+        }
+    )
+    return np.concatenate(motion.times), np.concatenate(motion.poses), program
+
+
+def waves(robot: Robot, rng: np.random.Generator, ways: FloatArray) -> Callable[[], FloatArray]:
+    """Deviations (k, 3) of a path: the same waves in every cycle, with some that are new each time."""
+    phases, lengths = rng.uniform(0, 2 * np.pi, 3), rng.uniform(60.0, 200.0, 3)
+    same = robot.path_mm * (0.5 * rng.normal(size=3) + np.sin(ways[:, None] * 2 * np.pi / lengths + phases))
+
+    def cycle() -> FloatArray:
+        new = robot.scatter_mm * (rng.normal(size=3) + np.sin(ways[:, None] / 30.0 + rng.uniform(0, 6, 3)))
+        return np.asarray(same + new)
+
+    return cycle
+
+
+def line(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[str, object]:
+    """A line while the tool turns, at a speed that is a little off and fluctuates."""
+    start, end = np.array([-HALF, -0.5 * HALF, 0.0]), np.array([HALF, 0.5 * HALF, 0.3 * HALF])
+    length = float(np.linalg.norm(end - start))
+    windows = []
+    off = 1.0 + 0.02 * rng.normal()
+    n = int((length + 20.0) / SPEED * RATE_HZ / 0.9)
+    t = np.arange(n) / RATE_HZ
+    deviation, turn = None, robot.offset_rad * rng.normal(size=3)
+    for _ in range(PATH_CYCLES):
+        speed = SPEED * off * (1.0 + 0.002 * rng.normal())
+        way = -8.0 + speed * t + 0.02 * SPEED / 8.0 * np.sin(8.0 * t + 0.3 * rng.normal())
+        if deviation is None:
+            deviation = waves(robot, rng, way)
+        part = np.clip(way / length, 0.0, 1.0)[:, None]
+        ideal = start + (way / length)[:, None] * (end - start)
+        windows.append(motion.add(posed(ideal + deviation(), part * TURN.as_rotvec() + turn + robot.scatter_rad * rng.normal(size=3))))
+    quaternions = {"quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "end_quaternion_xyzw": tuple(TURN.as_quat().tolist())}
+    ends = {"start_mm": tuple(start.tolist()), "end_mm": tuple(end.tolist())}
+    return {"name": "line", "kind": "linear", "speed_mm_s": SPEED, "windows_s": windows} | quaternions | ends
+
+
+def rectangle(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[str, object]:
+    """A rectangle whose corners are overshot and swung out behind."""
+    corners = 0.6 * HALF * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    side = 1.2 * HALF
+    way = np.arange(-8.0, 4 * side + 8.0, 0.5 * SPEED / RATE_HZ)
+    windows = []
+    units = np.roll(corners, -1, axis=0) - corners
+    units = units / np.linalg.norm(units, axis=1)[:, None]
+    for _ in range(FEW):
+        k = np.clip((way // side).astype(int), 0, 3)
+        behind = way - k * side
+        ideal = corners[k] + behind[:, None] * units[k]
+        swing = robot.path_mm * (1.0 + 0.05 * rng.normal()) * np.exp(-behind / 15.0) * np.sin(behind / 5.0) * (k > 0)
+        # cut on the way in, beyond on the way out: the line goes through a point near the corner
+        cut = 0.5 * robot.path_mm * np.exp(-(side - behind) / 10.0) * (k < 3)
+        place = ideal + swing[:, None] * units[k - 1] + cut[:, None] * units[(k + 1) % 4]
+        windows.append(motion.add(posed(place + robot.scatter_mm * rng.normal(size=3), np.zeros_like(place))))
+    kind = {"name": "rectangle", "kind": "rectangular", "stabilisation_mm": 0.1, "windows_s": windows}
+    return kind | {"corners_mm": [tuple(c) for c in corners.tolist()]}
+
+
+def weave(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[str, object]:
+    """A weave along a line, with a stroke and a way that are a little off."""
+    start, end = np.array([-100.0, 0.0, 50.0]), np.array([100.0, 0.0, 50.0])
+    way = np.arange(-5.0, 205.0, 0.4 * SPEED / RATE_HZ)
+    stroke, distance = 8.0 + robot.path_mm * 0.3 * rng.normal(), 20.0 * (1 + 0.01 * rng.normal())
+    windows = []
+    for _ in range(FEW):
+        y = 0.5 * stroke * np.sin(2 * np.pi * way / distance)
+        place = np.column_stack([start[0] + way, y, np.full(len(way), start[2])]) + robot.scatter_mm * rng.normal(size=3)
+        windows.append(motion.add(posed(place, np.zeros_like(place))))
+    ends = {"start_mm": tuple(start.tolist()), "end_mm": tuple(end.tolist()), "weave_stroke_mm": 8.0, "weave_distance_mm": 20.0}
+    return {"name": "weave", "kind": "linear", "speed_mm_s": 0.4 * SPEED, "windows_s": windows} | ends
+
+
+class NoErrors:
+    """The law of errors of what is known exactly."""
+
+    covers = "nothing"
+    rounded = False
+
+    def at(self, trajectory: Trajectory, samples: NDArray[np.int64], poses: FloatArray) -> PoseErrors:
+        """Zeros."""
+        none = np.zeros((len(samples), 6, 0))
+        return PoseErrors(np.zeros((len(samples), 6, 6)), none, none)
+
+
+def calibrated_run(seed: int) -> Run:
+    """A run without counts: a calibrated rig with its record."""
+    rng = np.random.default_rng(seed)
+    true = cell_rig(seed)
+    c = simulate_campaign(
+        true,
+        30,
+        rng,
+        centre=START,
+        half_mm=(250.0, 250.0, 250.0),
+        tilt_rad=0.3,
+        u_position_mm=0.01,
+        u_rotation_rad=2e-5,
+        nominal_shift_mm=20.0,
+        nominal_shift_deg=3.0,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        write_campaign(Path(folder), c)
+        found = calibrate(read_campaign(Path(folder)))
+    return Run(found.rig, START, (), found.record)
+
+
+class Instrument:
+    """A calibrated rig of which the true one is drawn anew for every campaign."""
+
+    def __init__(self, seed: int) -> None:
+        self.run = calibrated_run(seed)
+        solver = Reconstruction(self.run.rig, START, self.run.calibration)
+        values, vectors = np.linalg.eigh(solver.parameters)
+        self.factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        self.rows, self.scales = solver.scheme.rows, solver.scales
+
+    def measure(self, time_s: FloatArray, poses: FloatArray, rng: np.random.Generator) -> Run:
+        """The run that a rig drawn from the calibration's covariance records of true poses."""
+        shift = (self.factor @ rng.standard_normal(len(self.factor))).reshape(len(self.rows), len(PARAMETERS))
+        true = moved_rows(self.rows, shift)
+        lengths = cable.span_lengths(true, np.ascontiguousarray(poses)) - cable.span_lengths(true, START[None, :])
+        k = cable.counts_from_changes(true, lengths) * (self.scales + shift[:, PARAMETERS.index("scale")]) / self.scales
+        sign = np.array([self.run.rig.point(c.from_point).drum.count_sign for c in self.run.rig.cable])
+        recorded = np.rint(sign * self.scales * k)
+        counts = Counts(time_s, tuple(c.channel for c in self.run.rig.cable), recorded, source="simulated")
+        return replace(self.run, passes=(counts,))
+
+
+def key(evaluation: Evaluation) -> list[tuple[str, str]]:
+    """Names of figures and where they belong."""
+    return [(c.name, c.where) for c in evaluation.characteristics]
+
+
+def campaign(instrument: Instrument, seed: int, trials: int) -> tuple[list[str], FloatArray, FloatArray, FloatArray]:
+    """Names of the characteristics, errors, U95 and true values (n,) each of one campaign."""
+    rng = np.random.default_rng(seed)
+    robot = draw_robot(rng)
+    time_s, poses, program = robot_motion(robot, rng)
+    run = instrument.measure(time_s, poses, rng)
+    trajectory = reconstruct(run)
+    settings = Settings(trials=trials, seed=seed, limit_angle_deg=None, planes=50)
+    found = evaluate(trajectory, program, run=run, settings=settings)
+    truth = evaluate(replace(trajectory, poses=poses), program, NoErrors(), settings=replace(settings, trials=1))
+    if key(found) != key(truth):
+        raise SystemExit(f"campaign {seed}: other figures of the truth than of the measurement")
+    true = np.array([c.value for c in truth.characteristics])
+    value = np.array([c.value for c in found.characteristics])
+    return [c.name for c in found.characteristics], value - true, np.array([c.u95 for c in found.characteristics]), true
+
+
+def results(pieces: list[Path]) -> str:
+    """The table of results."""
+    loaded = [np.load(p) for p in pieces]
+    names = loaded[0]["names"].tolist()
+    error, u95 = (np.concatenate([p[k] for p in loaded]) for k in ("error", "u95"))
+    inside = np.abs(error) <= u95 + 1e-12
+    n = len(error)
+    # a campaign counts once per name: poses of one campaign share the error of the calibration
+    seeds = sorted(int(s) for p in loaded for s in p["seeds"])
+    low, high = binom.ppf([0.005, 0.995], n, 0.95) / n
+    lines = [
+        "# Coverage of the certificate's U95",
+        "",
+        f"`python benchmarks/certificate_coverage.py`: {n} campaigns, seeds {seeds[0]} to {seeds[-1]}, {int(loaded[0]['trials'])} trials each; "
+        f"Python {platform.python_version()}, NumPy {np.__version__}. Of {n} independent campaigns a true 95 % gives between "
+        f"{low:.1%} and {high:.1%} (99 % of the time). Figures of several poses of one campaign are not independent of each other.",
+        "",
+        "| characteristic | figures | inside U95 | worst pose or path | median U95 | median of error / U95 |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in dict.fromkeys(names):
+        columns = [i for i, m in enumerate(names) if m == name]
+        share = inside[:, columns].mean(axis=0)
+        ratio = np.median(np.abs(error[:, columns]) / np.maximum(u95[:, columns], 1e-300))
+        lines.append(
+            f"| {name} | {n * len(columns)} | {share.mean():.1%} | {share.min():.1%} | {np.median(u95[:, columns]):.4g} | {ratio:.2f} |"
+        )
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    """Run campaigns, or join pieces of them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--campaigns", type=int, default=2000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--trials", type=int, default=1000)
+    parser.add_argument("--keep", type=Path)
+    parser.add_argument("--write", type=Path, nargs="+")
+    asked = parser.parse_args()
+    if asked.write:
+        RESULTS.write_text(results(asked.write), encoding="utf-8")
+        return
+    instrument = Instrument(asked.seed)
+    error, u95, true, seeds = [], [], [], range(asked.first, asked.first + asked.campaigns)
+    for seed in seeds:
+        names, *figures = campaign(instrument, 1_000_000 * asked.seed + seed, asked.trials)
+        for kept, values in zip((error, u95, true), figures, strict=True):
+            kept.append(values)
+    keep = asked.keep or Path("certificate_coverage.npz")
+    np.savez(keep, names=np.array(names), error=error, u95=u95, true=true, seeds=np.array(seeds), trials=asked.trials)
+    print(results([keep]))
+
+
+if __name__ == "__main__":
+    main()
