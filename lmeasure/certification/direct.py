@@ -14,29 +14,51 @@ from numpy.typing import NDArray
 from lmeasure.certification import iso9283_path, iso9283_time
 from lmeasure.certification.attained import Frame, window
 from lmeasure.certification.characteristic import Characteristic
-from lmeasure.certification.errors_of_poses import ErrorModel
+from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.path_figures import Corner, at_corner
 from lmeasure.certification.paths import Crossings
 from lmeasure.certification.uncertainty import NORMAL_95
 from lmeasure.errors import CertificationError
-from lmeasure.program import CommandedPath, CommandedPose, Posing
+from lmeasure.program import CommandedPath, CommandedPose, Posing, Program
 from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class NotReachedError(CertificationError):
+    """A limit that the robot does not reach: its figure is left out of the certificate, and the certificate says so."""
+
 
 AT_REST = 0.1
 """Of a window: its last part, in which the robot is taken to rest."""
 
 
-def u95_of_distance(models: Sequence[ErrorModel], trajectory: Trajectory, samples: Sequence[int], frame: Frame) -> float:
-    """U95 [mm] of a short distance between two positions near these samples: the worst direction of both roundings."""
-    index = np.asarray(samples, dtype=np.int64)
-    poses = trajectory.poses[index]
-    largest = 0.0
-    for model in models:
-        errors = frame.of_errors(poses, model.at(trajectory, index, poses))
-        largest = max(largest, float(np.linalg.eigvalsh(np.nan_to_num(errors.random[:, 3:, 3:]))[:, -1].max()))
-    return NORMAL_95 * float(np.sqrt(2.0 * largest))
+class Motion:
+    """A trajectory in the frame and at the point that are certified, with the errors at its samples by each law that may hold."""
+
+    def __init__(self, trajectory: Trajectory, frame: Frame, errors: Callable[[IntArray], Sequence[PoseErrors]]) -> None:
+        self.trajectory, self.frame, self._errors = trajectory, frame, errors
+
+    def u95_of_distance(self, samples: Sequence[int]) -> float:
+        """U95 [mm] of a short distance between two positions near these samples: the worst direction of both roundings."""
+        found = self._errors(np.asarray(samples, dtype=np.int64))
+        largest = max(float(np.linalg.eigvalsh(e.random[:, 3:, 3:])[:, -1].max()) for e in found)
+        return NORMAL_95 * float(np.sqrt(2.0 * largest))
+
+    def arrival(self, start: float, end: float, what: str) -> tuple[slice, FloatArray, FloatArray, FloatArray]:
+        """Samples of a window, their times (k,) [s] and positions (k, 3), and where the robot rests at its end."""
+        part = window(self.trajectory, start, end, what)
+        positions = self.frame.of(self.trajectory.poses[part])[:, :3]
+        return part, self.trajectory.time_s[part], positions, positions[-max(1, int(AT_REST * len(positions))) :].mean(axis=0)
+
+
+def samples_of(program: Program, trajectory: Trajectory) -> IntArray:
+    """(k,) samples at whose errors `settling` and `posing` look: first and last of their windows."""
+    asked = [(f"pose {p.name}, settling", w) for p in program.pose for w in p.settling_s]
+    asked += [(f"posing {p.name}", w) for p in program.posing for w in p.windows_s]
+    parts = [window(trajectory, *w, what) for what, w in asked]
+    return np.array([i for part in parts for i in (part.start, part.stop - 1)], dtype=np.int64)
 
 
 def _bounds(figure: Callable[[float], float], limit: float, u95: float, largest: float) -> tuple[float, float]:
@@ -47,16 +69,7 @@ def _bounds(figure: Callable[[float], float], limit: float, u95: float, largest:
     return value, u if np.isfinite(u) else largest
 
 
-def _arrival(trajectory: Trajectory, frame: Frame, start: float, end: float, what: str) -> tuple[slice, FloatArray, FloatArray]:
-    """Samples of a window, their positions (k, 3), and where the robot rests at its end."""
-    part = window(trajectory, start, end, what)
-    positions = frame.of(trajectory.poses[part])[:, :3]
-    return part, positions, positions[-max(1, int(AT_REST * len(positions))) :].mean(axis=0)
-
-
-def settling(
-    pose: CommandedPose, band_mm: float | None, models: Sequence[ErrorModel], trajectory: Trajectory, frame: Frame
-) -> list[Characteristic]:
+def settling(pose: CommandedPose, band_mm: float | None, motion: Motion) -> list[Characteristic]:
     """t_s and OV of a pose with settling_s: mean and largest of its cycles. band_mm: the pose's repeatability, for want of limit_band_mm.
 
     CertificationError when no band is known or the robot never comes to rest within it.
@@ -67,13 +80,13 @@ def settling(
     times, overshoots, u = [], [], 0.0
     for cycle, (start, end) in enumerate(pose.settling_s, 1):
         what = f"pose {pose.name}, settling {cycle}"
-        part, positions, rest = _arrival(trajectory, frame, start, end, what)
-        time_s, distance = trajectory.time_s[part], np.linalg.norm(positions - rest, axis=1)
-        u = u95_of_distance(models, trajectory, [part.stop - 1], frame)
+        part, time_s, positions, rest = motion.arrival(start, end, what)
+        distance = np.linalg.norm(positions - rest, axis=1)
+        u = motion.u95_of_distance([part.stop - 1])
         step = float(np.max(np.diff(time_s), initial=0.0))
         value, u_time = _bounds(lambda b, t=time_s, d=distance: iso9283_time.stabilisation_time(t, d, b), band, u, end - start)  # type: ignore[misc]
         if not np.isfinite(value):
-            raise CertificationError(f"{what}: the robot does not come to rest within {band:.4g} mm in the window [{start:g}, {end:g}] s")
+            raise NotReachedError(f"{what}: the robot does not come to rest within {band:.4g} mm in the window [{start:g}, {end:g}] s")
         times.append((value, u_time + step))
         overshoots.append(_bounds(lambda b, d=distance: iso9283_time.overshoot(d, b), band, u, float(distance.max())))  # type: ignore[misc]
     n = len(times)
@@ -86,9 +99,7 @@ def settling(
     ]
 
 
-def posing(
-    asked: Posing, band_mm: float | None, models: Sequence[ErrorModel], trajectory: Trajectory, frame: Frame
-) -> list[Characteristic]:
+def posing(asked: Posing, band_mm: float | None, motion: Motion) -> list[Characteristic]:
     """t_min of a move between two poses, mean of its cycles; band_mm: repeatability of the pose at its end, for want of limit_band_mm."""
     band = asked.limit_band_mm or band_mm
     if band is None:
@@ -96,33 +107,30 @@ def posing(
     times = []
     for cycle, (start, end) in enumerate(asked.windows_s, 1):
         what = f"posing {asked.name}, cycle {cycle}"
-        part, positions, rest = _arrival(trajectory, frame, start, end, what)
-        time_s = trajectory.time_s[part]
+        part, time_s, positions, rest = motion.arrival(start, end, what)
         from_start, to_end = np.linalg.norm(positions - positions[0], axis=1), np.linalg.norm(positions - rest, axis=1)
-        u = u95_of_distance(models, trajectory, [part.start, part.stop - 1], frame)
+        u = motion.u95_of_distance([part.start, part.stop - 1])
 
         def figure(b: float, t: FloatArray = time_s, a: FloatArray = from_start, z: FloatArray = to_end) -> float:
             return iso9283_time.posing_time(t, a, z, b)
 
         value, of_value = _bounds(figure, band, u, end - start)
         if not np.isfinite(value):
-            raise CertificationError(f"{what}: the window [{start:g}, {end:g}] s holds no move from rest to rest within {band:.4g} mm")
+            raise NotReachedError(f"{what}: the window [{start:g}, {end:g}] s holds no move from rest to rest within {band:.4g} mm")
         times.append((value, of_value + float(np.max(np.diff(time_s), initial=0.0))))
     mean, of_mean = np.array(times).mean(axis=0)
     note = f"limit band {band:.4g} mm; from the beginning of the motion, not from the command"
     return [Characteristic("t_min", "9", float(mean), "s", float(of_mean), False, len(times), pose=asked.name, note=note)]
 
 
-def stabilisation(
-    crossed: Crossings, corner: Corner, path: CommandedPath, models: Sequence[ErrorModel], trajectory: Trajectory, frame: Frame
-) -> list[Characteristic]:
+def stabilisation(crossed: Crossings, corner: Corner, path: CommandedPath, motion: Motion) -> list[Characteristic]:
     """SPL behind a corner, mean of the cycles, of a path with stabilisation_mm."""
     limit = path.stabilisation_mm
     assert limit is not None
     found = []
     for number, cycle in enumerate(crossed.cycles, 1):
         _, _, sample, along, away = at_corner(cycle, corner)
-        u = u95_of_distance(models, trajectory, [sample], frame)
+        u = motion.u95_of_distance([sample])
         behind = along >= 0.0
 
         def figure(b: float, s: FloatArray = along[behind], d: FloatArray = away[behind]) -> float:
@@ -130,7 +138,7 @@ def stabilisation(
 
         value, of_value = _bounds(figure, limit, u, 0.5 * corner.after_mm)
         if not np.isfinite(value):
-            raise CertificationError(
+            raise NotReachedError(
                 f"path {path.name}, cycle {number}: corner {corner.number}: the robot is not back within {limit:g} mm half way to the next"
             )
         found.append((value, of_value + u))
@@ -140,9 +148,7 @@ def stabilisation(
     return [Characteristic("SPL", "8.5", float(mean), "mm", float(of_mean), False, len(found), path=path.name, part=part, note=note)]
 
 
-def weaving(
-    crossed: Crossings, path: CommandedPath, models: Sequence[ErrorModel], trajectory: Trajectory, frame: Frame
-) -> list[Characteristic]:
+def weaving(crossed: Crossings, path: CommandedPath, motion: Motion) -> list[Characteristic]:
     """WS, and WF where a speed is commanded, of a linear path with weave_stroke_mm and weave_distance_mm.
 
     The weave is taken in the direction across the path in which the deviation is largest; strokes run from one side of the middle line to
@@ -159,7 +165,7 @@ def weaving(
         away = cycle.poses[inside, :3] - points
         away = away - (away * tangent).sum(axis=1)[:, None] * tangent
         y = away @ np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][0]
-        u = u95_of_distance(models, trajectory, [int(cycle.samples[len(cycle.samples) // 2])], frame)
+        u = motion.u95_of_distance([int(crossed.samples[len(crossed.samples) // 2, number - 1])])
         middle = y - 0.5 * (y.max() + y.min())
         turns = _crossings_of_zero(way, middle, max(u, 0.1 * (y.max() - y.min())))
         if len(turns) < 3:

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels import cable
-from lmeasure.run import Run, RunHead
-from lmeasure.trajectory import Reconstruction, Trajectory
+from lmeasure.run import Run
+from lmeasure.trajectory import Trajectory, covariances
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -19,7 +18,7 @@ IntArray = NDArray[np.int64]
 class PoseErrors:
     """Errors (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, of n poses of one part of the program.
 
-    random (n, 6, 6): covariance of what is independent of other poses. own (n, 6, L), shared (n, 6, K): factors of what the poses have in
+    random (n, 6, 6): covariance of what is independent of other poses. own (n, 6, L), shared (n, 6, K): factors of what poses have in
     common; error = own z + shared s with standard normal z (L,), drawn once for this part, and s (K,), drawn once for the run.
     """
 
@@ -31,6 +30,9 @@ class PoseErrors:
         """The errors of T delta, T (n, 6, 6)."""
         return PoseErrors(matrices @ self.random @ matrices.transpose(0, 2, 1), matrices @ self.own, matrices @ self.shared)
 
+    def __getitem__(self, index: IntArray) -> "PoseErrors":
+        return PoseErrors(self.random[index], self.own[index], self.shared[index])
+
 
 def roots(covariance: FloatArray) -> FloatArray:
     """(n, k, k) symmetric square roots of covariances (n, k, k); NaN (what is not measured) counts as zero."""
@@ -39,37 +41,34 @@ def roots(covariance: FloatArray) -> FloatArray:
 
 
 class ErrorModel(Protocol):
-    """Where errors of poses come from. covers: what they hold, in words."""
+    """Where errors of poses come from."""
 
-    covers: str
     rounded: bool
     """Whether the random part is the rounding of counts, which a robot standing still repeats."""
 
-    def at(self, trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
-        """Errors of n poses (n, 7), measured at these samples (n,)."""
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
+        """Errors of the tool origin at samples (n,) of the trajectory, and what they hold, in words."""
         ...
 
 
 class ErrorsOfRun:
-    """Errors by the rig of a run: every count anywhere within half a unit, the rig's parameters as its linked calibration knows them, the
-    start pose as `run.toml` states it."""
+    """Errors by the counts, the linked calibration and whatever else the run states: what `lmeasure.trajectory.covariances` gives.
+
+    constraint, repeatability_mm: as the trajectory was reconstructed with.
+    """
 
     rounded = True
 
-    def __init__(self, run: Run | RunHead, constraint: str | None = None) -> None:
-        self._solver = Reconstruction(run.rig, run.start, run.calibration, constraint, run.u_start, temperature_c=run.temperature_c)
-        self.covers = self._solver.covers
+    def __init__(self, run: Run, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
+        self._run, self._constraint, self._repeatability_mm = run, constraint, repeatability_mm
 
-    def at(self, trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
-        """See `ErrorModel`."""
-        solver, rows = self._solver, self._solver.scheme.rows
-        n, m = len(poses), len(rows)
-        here = np.array(poses)
-        if solver.scheme.point is not None:
-            here[:, 3:] = (0.0, 0.0, 0.0, 1.0)
-        counts = cable.counts_from_changes(rows, cable.span_lengths(rows, here) - cable.span_lengths(rows, solver.start[None, :]))
-        found = solver.budget.of(here, counts, np.zeros((n, m)))
-        return PoseErrors(found.random, np.zeros((n, 6, 0)), found.factors)
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
+        """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
+        found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
+        errors = PoseErrors(np.nan_to_num(found.random), np.zeros((len(samples), 6, 0)), np.nan_to_num(found.factors))
+        sources = ["the resolution of the counts", *dict.fromkeys(found.sources)]
+        missing = "" if "calibration" in sources else "; not the calibration: the rig links none"
+        return errors, ", ".join(sources) + missing
 
 
 class ErrorsOfFile:
@@ -82,17 +81,15 @@ class ErrorsOfFile:
 
     def __init__(self, together: bool) -> None:
         self.together = together
-        self.covers = (
-            "the standard uncertainties of the trajectory file, taken as shared by a pose's cycles or as independent, whichever is worse"
-        )
 
-    def at(self, trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `ErrorModel`."""
         n = len(samples)
-        covariance = trajectory.random[samples] + trajectory.systematic[samples]
+        covariance, none = np.nan_to_num(trajectory.random[samples] + trajectory.systematic[samples]), np.zeros((n, 6, 0))
+        covers = "the uncertainties of the trajectory, taken as common to the cycles of a pose or as independent, whichever is worse"
         if not self.together:
-            return PoseErrors(covariance, np.zeros((n, 6, 0)), np.zeros((n, 6, 0)))
-        return PoseErrors(np.zeros((n, 6, 6)), roots(covariance), np.zeros((n, 6, 0)))
+            return PoseErrors(covariance, none, none), covers
+        return PoseErrors(np.zeros((n, 6, 6)), roots(covariance), none), covers
 
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ from lmeasure.certification.rounding import of_dwells
 from lmeasure.certification.uncertainty import Moving, Part, Spread, propagate
 from lmeasure.errors import CertificationError
 from lmeasure.program import Distance, Program
-from lmeasure.run import Run, RunHead
+from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -119,10 +119,8 @@ PLAIN_ANGLES = "fanuc-wpr"
 class _Evaluation:
     """One evaluation: what is known of the parts, gathered step by step."""
 
-    def __init__(
-        self, trajectory: Trajectory, program: Program, models: Sequence[ErrorModel], settings: Settings, angles: str | None
-    ) -> None:
-        self.trajectory, self.program, self.models, self.settings = trajectory, program, models, settings
+    def __init__(self, trajectory: Trajectory, program: Program, settings: Settings, angles: str | None) -> None:
+        self.trajectory, self.program, self.settings = trajectory, program, settings
         self.stated = settings.angles or program.angles
         self.angles = self.stated or angles or conventions.DEFAULT
         conventions.convention(self.angles)
@@ -136,9 +134,12 @@ class _Evaluation:
         self.loaded = [
             attain(c.pose, self.commanded(c.pose), c.windows_s, trajectory, self.frame, settings.still_mm) for c in program.compliance
         ]
+        self.corners = {
+            name: [(corner, [at_corner(c, corner) for c in crossed.cycles]) for corner in corners_of(crossed)]
+            for name, crossed in self.paths.items()
+        }
         self.excluded: dict[tuple[str, str], str] = {}
-        self.figures: list[Figure] = []
-        self.values: dict[str, float] = {}
+        self.samples = self._samples()
 
     def commanded(self, name: str) -> FloatArray:
         """(7,) the commanded pose of that name."""
@@ -155,19 +156,29 @@ class _Evaluation:
         self.notes.append(f"{what}: angles {self.angles!r} are singular at the commanded orientation; {PLAIN_ANGLES!r} instead")
         return PLAIN_ANGLES
 
-    def errors(self, model: ErrorModel, samples: IntArray) -> PoseErrors:
-        """Errors at samples (n,) of what is certified."""
-        poses = self.trajectory.poses[samples]
-        return self.frame.of_errors(poses, model.at(self.trajectory, samples, poses))
+    def _samples(self) -> IntArray:
+        """All samples whose errors are asked for, in order."""
+        asked = [p.samples for p in (*self.poses, *self.loaded)] + [c.samples.ravel() for c in self.paths.values()]
+        asked += [np.array([f[2] for f in found], dtype=np.int64) for corners in self.corners.values() for _, found in corners]
+        return np.unique(np.concatenate([*asked, direct.samples_of(self.program, self.trajectory)]))
 
-    def pose_part(self, model: ErrorModel, pose: AttainedPose, convention: str | None) -> PosePart:
+    def errors_of(self, model: ErrorModel) -> tuple[PoseErrors, str]:
+        """Errors of what is certified at all `samples`, and what they hold."""
+        errors, covers = model.at(self.trajectory, self.samples)
+        return self.frame.of_errors(self.trajectory.poses[self.samples], errors), covers
+
+    def at(self, errors: PoseErrors, samples: IntArray) -> PoseErrors:
+        """Of all errors those at some samples."""
+        return errors[np.searchsorted(self.samples, samples)]
+
+    def pose_part(self, every: PoseErrors, rounded: bool, pose: AttainedPose, convention: str | None) -> PosePart:
         """A pose with the errors of its dwells."""
-        errors = self.errors(model, pose.samples)
-        if model.rounded:
+        errors = self.at(every, pose.samples)
+        if rounded:
             errors = of_dwells(errors, pose.within, pose.between, pose.readings)
         return PosePart(pose, errors, convention)
 
-    def parts(self, model: ErrorModel) -> tuple[dict[str, Part], list[Figure]]:
+    def parts(self, every: PoseErrors, rounded: bool) -> tuple[dict[str, Part], list[Figure]]:
         """All parts by one law of errors, and their figures."""
         parts: dict[str, Part] = {}
         poses: dict[str, PosePart] = {}
@@ -177,14 +188,14 @@ class _Evaluation:
             measured = not np.isnan(pose.poses[0, 3])
             turn = Rotation.from_quat(pose.commanded[None, 3:])
             convention = self.convention_at(f"pose {pose.name}", turn) if measured else None
-            poses[f"pose {pose.name}"] = part = self.pose_part(model, pose, convention)
+            poses[f"pose {pose.name}"] = part = self.pose_part(every, rounded, pose, convention)
             figures += pose_figures(f"pose {pose.name}", part)
             figures += group_figures(f"pose {pose.name}", part, self.program)
         parts |= poses
         figures += self.distances(poses)
         for i, (asked, loaded) in enumerate(zip(self.program.compliance, self.loaded, strict=True)):
             key = f"compliance {i + 1}"
-            parts[key] = part = self.pose_part(model, loaded, None)
+            parts[key] = part = self.pose_part(every, rounded, loaded, None)
             figures += compliance_figures(key, part, np.array(asked.force_n))
         for path in self.program.path:
             if path.name not in self.paths:
@@ -192,12 +203,11 @@ class _Evaluation:
             crossed = self.paths[path.name]
             key, commanded = f"path {path.name}", crossed.line.orientation(crossed.way_mm)
             convention = None if commanded is None else self.convention_at(key, commanded)
-            errors = self.errors(model, crossed.samples.ravel())
+            errors = self.at(every, crossed.samples.ravel())
             parts[key] = part_of_path = PathPart(crossed, errors, convention)
             figures += path_figures(key, part_of_path, path)
-            for corner in corners_of(crossed):
-                found = [at_corner(c, corner) for c in crossed.cycles]
-                of_corner = self.errors(model, np.array([f[2] for f in found], dtype=np.int64))
+            for corner, found in self.corners[path.name]:
+                of_corner = self.at(every, np.array([f[2] for f in found], dtype=np.int64))
                 name = f"{key} corner {corner.number}"
                 parts[name] = CornerPart(np.array([f[0] for f in found]), np.array([f[1] for f in found]), of_corner)
                 figures += corner_figures(name, corner, path, len(found))
@@ -232,7 +242,7 @@ class _Evaluation:
             places[f"compliance {i + 1}"] = loaded.poses[:, :3]
         for name, crossed in self.paths.items():
             places[f"path {name}"] = crossed.attained[:, :, :3].reshape(-1, 3)
-            for corner in corners_of(crossed):
+            for corner, _ in self.corners[name]:
                 places[f"path {name} corner {corner.number}"] = np.tile(corner.place, (len(crossed.cycles), 1))
         keys = [f"pose {p.name}" for p in self.poses]
         means = np.array([places[k].mean(axis=0) for k in keys])
@@ -272,26 +282,34 @@ class _Evaluation:
                 return f"{kind} {name}: {why}"
         return None
 
-    def from_motion(self, values: dict[tuple[str, str | None], float]) -> list[Characteristic]:
-        """Figures that are read from the motion itself."""
+    def reached(self, figures: Callable[..., list[Characteristic]], *given: Any) -> list[Characteristic]:
+        """Figures, or a note that the robot does not reach a limit."""
+        try:
+            return figures(*given)
+        except direct.NotReachedError as error:
+            self.notes.append(str(error))
+            return []
+
+    def from_motion(self, values: dict[tuple[str, str | None], float], laws: Sequence[PoseErrors]) -> list[Characteristic]:
+        """Figures that are read from the motion itself; values: the repeatabilities, for want of limit bands."""
         out: list[Characteristic] = []
-        given = self.models, self.trajectory, self.frame
+        motion = direct.Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws])
         for pose in self.program.pose:
             if pose.settling_s:
-                found = direct.settling(pose, values.get(("RP_l", pose.name)), *given)
+                found = self.reached(direct.settling, pose, values.get(("RP_l", pose.name)), motion)
                 out += [replace(c, excluded=self.reason(f"pose {pose.name}")) for c in found]
         for asked in self.program.posing:
-            found = direct.posing(asked, values.get(("RP_l", asked.to_pose)), *given)
+            found = self.reached(direct.posing, asked, values.get(("RP_l", asked.to_pose)), motion)
             out += [replace(c, excluded=self.reason(f"pose {asked.from_pose}", f"pose {asked.to_pose}")) for c in found]
         for path in self.program.path:
             if path.name not in self.paths:
                 continue
             crossed, found = self.paths[path.name], []
             if path.weave_stroke_mm is not None:
-                found += direct.weaving(crossed, path, *given)
+                found += direct.weaving(crossed, path, motion)
             if path.stabilisation_mm is not None:
-                for corner in corners_of(crossed):
-                    found += direct.stabilisation(crossed, corner, path, *given)
+                for corner, _ in self.corners[path.name]:
+                    found += self.reached(direct.stabilisation, crossed, corner, path, motion)
             out += [replace(c, excluded=self.reason(f"path {path.name}")) for c in found]
         return out
 
@@ -309,7 +327,7 @@ def evaluate(
     program: Program,
     covariances: ErrorModel | None = None,
     *,
-    run: Run | RunHead | None = None,
+    run: Run | None = None,
     settings: Settings | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:
@@ -328,11 +346,12 @@ def evaluate(
     else:
         models = (ErrorsOfFile(True), ErrorsOfFile(False))
     program, notes = with_windows(trajectory, program, Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64)), settings.still_mm)
-    work = _Evaluation(trajectory, program, models, settings, run.rig.angles if run is not None else None)
+    work = _Evaluation(trajectory, program, settings, run.rig.angles if run is not None else None)
     spreads: list[list[Spread]] = []
     values: list[float] = []
-    for i, model in enumerate(models):
-        parts, figures = work.parts(model)
+    laws = [work.errors_of(model) for model in models]
+    for i, (model, (errors, _)) in enumerate(zip(models, laws, strict=True)):
+        parts, figures = work.parts(errors, model.rounded)
         states = {key: part.state(np.zeros((len(part.errors.random), 6)), reduced=False) for key, part in parts.items()}
         values = [float(f.of(states)) for f in figures]
 
@@ -348,7 +367,7 @@ def evaluate(
     ]
     by_name = {(c.name, c.pose): c.value for c in found if c.part is None}
     signed = [f.signed for f in figures]
-    extra = work.from_motion(by_name)
+    extra = work.from_motion(by_name, [errors for errors, _ in laws])
     found += extra
     signed += [c.name in SIGNED for c in extra]
     own = [with_verdict(c, program.tolerance, settings.capability, settings.rule, s) for c, s in zip(found, signed, strict=True)]
@@ -364,7 +383,7 @@ def evaluate(
         tuple(_attained_path(n, c, work.excluded.get(("path", n))) for n, c in work.paths.items()),
         work.frame.base_from_program,
         work.angles,
-        models[0].covers,
+        laws[0][1],
         settings,
         (*notes, *work.notes),
     )

@@ -59,5 +59,5 @@ def test_errors_of_a_run_are_those_of_its_trajectory() -> None:
     run, _, _ = dwelling_run(2, 3)
     trajectory = reconstruct(run)
     samples = np.array([10, 200, 400])
-    errors = ErrorsOfRun(run).at(trajectory, samples, trajectory.poses[samples])
+    errors, _ = ErrorsOfRun(run).at(trajectory, samples)
     np.testing.assert_allclose(errors.random, trajectory.random[samples], rtol=1e-6, atol=1e-15)
