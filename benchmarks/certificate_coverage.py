@@ -45,7 +45,7 @@ CUBE = {
     "P4": (-0.8 * HALF, -0.8 * HALF, -0.8 * HALF),
     "P5": (0.8 * HALF, -0.8 * HALF, -0.8 * HALF),
 }
-CYCLES, DRIFT_CYCLES, PATH_CYCLES, FEW = 30, 10, 10, 3
+CYCLES, DRIFT_CYCLES, PATH_CYCLES, FEW = 30, 10, 5, 3
 RATE_HZ = 250.0
 SPEED = 250.0
 TURN = Rotation.from_rotvec([0.0, 0.0, 0.15])
@@ -108,7 +108,7 @@ def posed(position: FloatArray, turn: FloatArray) -> FloatArray:
 def robot_motion(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, Program]:
     """Times, true poses (n, 7) and the program with its windows, of one campaign of a robot."""
     motion = Motion()
-    poses, dwell = [], np.ones((6, 1))
+    poses, dwell = [], np.ones((3, 1))
     offsets = {name: (robot.offset_mm * rng.normal(size=3), robot.offset_rad * rng.normal(size=3)) for name in CUBE}
 
     def attained(name: str, extra: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -295,7 +295,7 @@ def campaign(instrument: Instrument, seed: int, trials: int) -> tuple[list[str],
     time_s, poses, program = robot_motion(robot, rng)
     run = instrument.measure(time_s, poses, rng)
     trajectory = reconstruct(run)
-    settings = Settings(trials=trials, seed=seed, limit_angle_deg=None, planes=50)
+    settings = Settings(trials=trials, seed=seed, limit_angle_deg=None, planes=30)
     found = evaluate(trajectory, program, run=run, settings=settings)
     truth = evaluate(replace(trajectory, poses=poses), program, NoErrors(), settings=replace(settings, trials=1))
     if key(found) != key(truth):
@@ -341,7 +341,7 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=2000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--trials", type=int, default=1000)
+    parser.add_argument("--trials", type=int, default=400)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--write", type=Path, nargs="+")
     asked = parser.parse_args()

@@ -7,33 +7,34 @@ commanded ones. Speeds are (..., n, k): k measurements in each cycle. Leading ax
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.certification.statistics import deviation_over_cycles, length, mean_over_cycles, spread
+
 FloatArray = NDArray[np.float64]
 
 
 def path_accuracy(deviations: FloatArray) -> FloatArray:
     """8.2 (8.4 while turning): AT_p = max over planes of |mean over cycles| (...) [mm]."""
-    return np.asarray(np.linalg.norm(deviations.mean(axis=-2), axis=-1).max(axis=-1))
+    return np.asarray(length(mean_over_cycles(deviations)).max(axis=-1))
 
 
 def path_orientation_accuracy(deviations_deg: FloatArray) -> FloatArray:
     """8.2: AT_a = max over planes of |a-bar_i - a_ci|, AT_b, AT_c (..., 3) [deg]."""
-    return np.asarray(np.abs(deviations_deg.mean(axis=-2)).max(axis=-2))
+    return np.asarray(np.abs(mean_over_cycles(deviations_deg)).max(axis=-2))
 
 
 def path_repeatability(deviations: FloatArray) -> FloatArray:
     """8.3: RT_p = max over planes of l-bar_i + 3 S_li (...) [mm], l_ij the distance of crossing j from the barycentre of its plane."""
-    distance = np.linalg.norm(deviations - deviations.mean(axis=-2, keepdims=True), axis=-1)
-    return np.asarray((distance.mean(axis=-1) + 3.0 * distance.std(axis=-1, ddof=1)).max(axis=-1))
+    return np.asarray(spread(length(deviations - mean_over_cycles(deviations)[..., None, :])).max(axis=-1))
 
 
 def path_orientation_repeatability(deviations_deg: FloatArray) -> FloatArray:
     """8.3: RT_a = max over planes of 3 S_ai, RT_b, RT_c (..., 3) [deg]."""
-    return np.asarray(3.0 * deviations_deg.std(axis=-2, ddof=1).max(axis=-2))
+    return np.asarray(3.0 * deviation_over_cycles(deviations_deg).max(axis=-2))
 
 
 def cornering_round_off(vectors: FloatArray) -> FloatArray:
     """8.5: CR (...) [mm], least distance of the attained path from the corner; mean over cycles of vectors (..., n, 3) from it."""
-    return np.asarray(np.linalg.norm(vectors, axis=-1).mean(axis=-1))
+    return np.asarray(length(vectors).mean(axis=-1))
 
 
 def cornering_overshoot(vectors: FloatArray, incoming: FloatArray) -> FloatArray:

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.certification.statistics import deviation_over_cycles, length, mean_over_cycles, spread
+
 FloatArray = NDArray[np.float64]
 
 FULL_TURN_DEG = 360.0
@@ -22,7 +24,7 @@ def wrapped(angles_deg: FloatArray) -> FloatArray:
 
 def barycentre(values: FloatArray) -> FloatArray:
     """(..., 3) mean over cycles of (..., n, 3): the standard's x-bar, y-bar, z-bar."""
-    return np.asarray(values.mean(axis=-2))
+    return mean_over_cycles(values)
 
 
 def pose_accuracy_components(positions: FloatArray, commanded: FloatArray) -> FloatArray:
@@ -32,7 +34,7 @@ def pose_accuracy_components(positions: FloatArray, commanded: FloatArray) -> Fl
 
 def pose_accuracy(positions: FloatArray, commanded: FloatArray) -> FloatArray:
     """7.2.1: AP_p = sqrt(AP_x^2 + AP_y^2 + AP_z^2) (...) [mm]."""
-    return np.asarray(np.linalg.norm(pose_accuracy_components(positions, commanded), axis=-1))
+    return length(pose_accuracy_components(positions, commanded))
 
 
 def orientation_accuracy(angles_deg: FloatArray, commanded_deg: FloatArray) -> FloatArray:
@@ -40,19 +42,14 @@ def orientation_accuracy(angles_deg: FloatArray, commanded_deg: FloatArray) -> F
     return barycentre(wrapped(angles_deg - commanded_deg))
 
 
-def spread(distances: FloatArray) -> FloatArray:
-    """Mean and three standard deviations, l-bar + 3 S_l, of distances (..., n) with S_l^2 = sum (l_j - l-bar)^2 / (n - 1)."""
-    return np.asarray(distances.mean(axis=-1) + 3.0 * distances.std(axis=-1, ddof=1))
-
-
 def pose_repeatability(positions: FloatArray) -> FloatArray:
     """7.2.2: RP_l = l-bar + 3 S_l (...) [mm], l_j the distance of position j from the barycentre."""
-    return spread(np.linalg.norm(positions - barycentre(positions)[..., None, :], axis=-1))
+    return spread(length(positions - barycentre(positions)[..., None, :]))
 
 
 def three_deviations(values: FloatArray) -> FloatArray:
     """3 S over cycles of (..., n, k): (..., k)."""
-    return np.asarray(3.0 * values.std(axis=-2, ddof=1))
+    return np.asarray(3.0 * deviation_over_cycles(values))
 
 
 def orientation_repeatability(angles_deg: FloatArray, commanded_deg: FloatArray) -> FloatArray:
@@ -62,7 +59,7 @@ def orientation_repeatability(angles_deg: FloatArray, commanded_deg: FloatArray)
 
 def rotation_accuracy(turns_deg: FloatArray) -> FloatArray:
     """Extension of 7.2.1: AP_rot, length of the mean rotation vector (...) [deg] of turns (..., n, 3) from the commanded orientation."""
-    return np.asarray(np.linalg.norm(barycentre(turns_deg), axis=-1))
+    return length(barycentre(turns_deg))
 
 
 def rotation_repeatability(turns_deg: FloatArray) -> FloatArray:
@@ -73,7 +70,7 @@ def rotation_repeatability(turns_deg: FloatArray) -> FloatArray:
 
 def largest_distance(barycentres: Sequence[FloatArray]) -> FloatArray:
     """Largest of the distances between any two of several points (..., 3): (...)."""
-    pairs = [np.linalg.norm(a - b, axis=-1) for a, b in itertools.combinations(barycentres, 2)]
+    pairs = [length(a - b) for a, b in itertools.combinations(barycentres, 2)]
     return np.asarray(np.max(pairs, axis=0))
 
 
@@ -90,7 +87,7 @@ def multidirectional_variation_of_angles(groups: Sequence[FloatArray]) -> FloatA
 
 def distances(one: FloatArray, other: FloatArray) -> FloatArray:
     """D_j = |P_1j - P_2j| (..., n) [mm] of positions (..., n, 3) of the same cycles."""
-    return np.asarray(np.linalg.norm(one - other, axis=-1))
+    return length(one - other)
 
 
 def distance_accuracy(one: FloatArray, other: FloatArray, commanded_mm: float) -> FloatArray:
@@ -100,12 +97,12 @@ def distance_accuracy(one: FloatArray, other: FloatArray, commanded_mm: float) -
 
 def distance_accuracy_components(one: FloatArray, other: FloatArray, commanded: FloatArray) -> FloatArray:
     """7.3.2: AD_x = D_x-bar - D_xc with D_xj = |x_1j - x_2j|, AD_y, AD_z (..., 3); commanded (3,): commanded difference."""
-    return np.asarray(np.abs(one - other).mean(axis=-2) - np.abs(commanded))
+    return barycentre(np.abs(one - other)) - np.abs(commanded)
 
 
 def distance_repeatability(one: FloatArray, other: FloatArray) -> FloatArray:
     """7.3.3: RD = +-3 S (...) [mm] of the distances; written as the positive half."""
-    return np.asarray(3.0 * distances(one, other).std(axis=-1, ddof=1))
+    return np.asarray(three_deviations(distances(one, other)[..., None])[..., 0])
 
 
 def distance_repeatability_components(one: FloatArray, other: FloatArray) -> FloatArray:
