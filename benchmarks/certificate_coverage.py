@@ -140,8 +140,9 @@ def robot_motion(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, Fl
     for force in forces:
         place, turn = attained("P1", stiff @ force)
         loads.append(motion.add(posed(dwell * place, dwell * turn)))
-    for name, place in CUBE.items():
-        entry = {"name": name, "position_mm": place, "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "windows_s": windows[name]}
+    for name, position in CUBE.items():
+        entry: dict[str, object] = {"name": name, "position_mm": position, "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0)}
+        entry |= {"windows_s": windows[name]}
         if name == "P1":
             entry |= {"approaches": ["xyz"[j % 3] for j in range(CYCLES)], "units": [f"robot {j % 2}" for j in range(CYCLES)]}
         if name == "P2":
@@ -349,13 +350,14 @@ def main() -> None:
         RESULTS.write_text(results(asked.write), encoding="utf-8")
         return
     instrument = Instrument(asked.seed)
-    error, u95, true, seeds = [], [], [], range(asked.first, asked.first + asked.campaigns)
+    kept: tuple[list[FloatArray], ...] = ([], [], [])
+    seeds = range(asked.first, asked.first + asked.campaigns)
     for seed in seeds:
         names, *figures = campaign(instrument, 1_000_000 * asked.seed + seed, asked.trials)
-        for kept, values in zip((error, u95, true), figures, strict=True):
-            kept.append(values)
+        for column, values in zip(kept, figures, strict=True):
+            column.append(values)
     keep = asked.keep or Path("certificate_coverage.npz")
-    np.savez(keep, names=np.array(names), error=error, u95=u95, true=true, seeds=np.array(seeds), trials=asked.trials)
+    np.savez(keep, names=np.array(names), error=kept[0], u95=kept[1], true=kept[2], seeds=np.array(seeds), trials=asked.trials)
     print(results([keep]))
 
 
