@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, screw
-from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_rows, span_rows_of
+from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_rows_of
 from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.trajectory import at_once
 from lmeasure.trajectory.corrections import Correction, correction_of
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.record import Trajectory
@@ -77,7 +78,7 @@ class Budget:
         # what a constraint holds is exact, and a point's place has a part in all
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
-        self._start_lengths = (span_rows(rig.cable_rows(), start) * self._u_start)[:, self._u_start > 0.0]
+        self._start_lengths = (at_once.span_rows(rig.cable_rows(), start[None])[1][0] * self._u_start)[:, self._u_start > 0.0]
         self._passage = np.array([c.passage for c in rig.cable], dtype=np.int64)
         self._u_clock_s, self._repeatability_mm = u_clock_s, repeatability_mm if rig.passes > 1 else 0.0
         self.pass_sources = tuple(f"clock of pass {p}" for p, u in enumerate(u_clock_s, 1) if u)
@@ -96,11 +97,13 @@ class Budget:
         u_time_s: FloatArray | None = None,
         unused: IntArray | None = None,
         temperature_c: FloatArray | None = None,
+        compiled: bool = True,
     ) -> PoseCovariances:
         """Covariances and factors of (n, 7) poses at true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the instants at which
-        the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where it is None."""
+        the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where it is None;
+        compiled: by the kernels, for many poses."""
         poses = np.ascontiguousarray(poses)
-        G = self._twists(poses, counts, unused)
+        G = self._twists(poses, counts, unused, compiled)
         u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
         scattered = G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
         random = scattered @ np.swapaxes(scattered, 1, 2)
@@ -113,7 +116,9 @@ class Budget:
         # a cable without a count, or left out, has no part in the pose
         return PoseCovariances(random, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
 
-    def covariances(self, poses: FloatArray, lengths: Lengths, unused: IntArray | None = None) -> tuple[FloatArray, FloatArray]:
+    def covariances(
+        self, poses: FloatArray, lengths: Lengths, unused: IntArray | None = None, compiled: bool = True
+    ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
         speed_mm_s = lengths.speed_mm_s
@@ -126,6 +131,7 @@ class Budget:
                 None if lengths.u_time_s is None else lengths.u_time_s[part],
                 None if unused is None else unused[part],
                 None if lengths.temperature_c is None else lengths.temperature_c[part],
+                compiled,
             )
             random[part] = found.random
             systematic[part] = found.systematic if self.sources else np.where(np.isnan(found.random), np.nan, 0.0)
@@ -164,9 +170,9 @@ class Budget:
         # a modelled cable that is longer has a shorter measured length to agree with
         return -self.correction.shifts(poses, counts, temperature_c)
 
-    def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None) -> FloatArray:
+    def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
         if self.scheme.six:
-            return np.asarray(screw.twists(self.scheme.rows, poses))
+            return np.asarray((screw if compiled else at_once).twists(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.variance.min() / self.variance))
         if unused is not None:
             left = np.flatnonzero(unused >= 0)

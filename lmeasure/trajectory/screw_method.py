@@ -11,6 +11,7 @@ from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
 from lmeasure.lengths import Lengths, span_lengths
 from lmeasure.rig import Rig
+from lmeasure.trajectory import at_once
 from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.record import Trajectory
@@ -19,7 +20,7 @@ from lmeasure.trajectory.scheme import scheme_of
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-LANES_PAY = 20_000  # samples from which the lane kernel saves more than it takes to compile
+COMPILING_PAYS = 2**14  # samples from which the kernels save more than they take to compile
 SLACK_MM = 0.5  # an error of one length that no rig is calibrated so badly to have
 
 _CAUSES = {
@@ -50,17 +51,19 @@ class Reconstruction:
         temperature_c: float | None = None,
     ) -> None:
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
-        try:
-            span_lengths(rig, start[None, :])
-        except GeometryError as error:
-            raise GeometryError(f"start {error}") from None
+        if not np.isfinite(at_once.span_rows(rig.cable_rows(), start[None])[0]).all():
+            try:
+                span_lengths(rig, start[None, :])
+            except GeometryError as error:
+                raise GeometryError(f"start {error}") from None
         self.start = self.scheme.start_of(start)
         self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
         self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm, self.correction)
         self.covers = self.budget.covers
         m = len(self.scheme.rows)
         self._state = self._new_state(self.start)
-        _, _, _, status, angle, *_ = self._follow(self.scheme.rows, self.start, self._state, np.zeros((1, m)), np.zeros(1, np.int64))
+        self._many = False
+        (_, _, _, status, angle, *_), _ = self._next(np.zeros((1, m)), np.zeros(1, np.int64))
         if status[0] != screw.OK:
             raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}")
         self._start_angle = float(angle[0])
@@ -68,7 +71,7 @@ class Reconstruction:
     def add(self, lengths: Lengths, *, covariances: bool = True) -> Trajectory:
         """The trajectory of the next piece of the run; without covariances theirs are zero, for a quarter of the time."""
         scheme, lengths = self.scheme, self.corrected(lengths, self._state)
-        found = self._follow(scheme.rows, self.start, self._state, lengths.change_mm, lengths.flags)
+        found, compiled = self._next(lengths.change_mm, lengths.flags)
         poses, residual, iterations, status, angle, *more = found
         cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
         cable, left_out, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None, None
@@ -78,7 +81,7 @@ class Reconstruction:
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
         random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
         if covariances:
-            random, systematic = self.budget.covariances(poses, lengths, left_out)
+            random, systematic = self.budget.covariances(poses, lengths, left_out, compiled)
         trajectory = Trajectory(
             lengths.time_s,
             poses,
@@ -114,13 +117,23 @@ class Reconstruction:
         return np.asarray(self._follow(rows, start, self._new_state(start), changes, flags)[0])
 
     def _new_state(self, start: FloatArray) -> FloatArray:
-        six, m = self.scheme.six, len(self.scheme.rows)
-        return np.asarray(screw.new_state(start) if six else least_squares.new_state(start, m))
+        """Where a run has got to at its start, without compiling: the start pose, no change of the cables, not lost."""
+        return np.concatenate([start, np.zeros(len(self.scheme.rows) + 1)])
+
+    def _next(self, changes: FloatArray, flags: IntArray) -> tuple[tuple[Any, ...], bool]:
+        """The next samples, and whether by the compiled kernels: not as long as they are few and plain."""
+        found = None
+        if self.scheme.six and not self._many and len(changes) < COMPILING_PAYS:
+            found = at_once.follow(self.scheme.rows, self.start, self._state, changes, flags)
+        self._many = self._many or found is None or len(changes) > 1
+        if found is not None:
+            return found, False
+        return self._follow(self.scheme.rows, self.start, self._state, changes, flags), True
 
     def _follow(self, rows: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
         u = np.sqrt(self.budget.variance)
         if self.scheme.six:
-            follow = lanes.follow if len(changes) >= LANES_PAY else screw.resume
+            follow = lanes.follow if len(changes) >= COMPILING_PAYS else screw.resume
             return tuple(follow(rows, start, state, changes, flags, u))
         return tuple(least_squares.follow(rows, start, state, changes, flags, u, self.scheme.free_index, SLACK_MM))
 

@@ -1,0 +1,115 @@
+"""The NumPy twin gives what the kernels give, or nothing; and a short log compiles none of them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import START, FloatArray, cell, motion, record
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from lmeasure.kernels import cable, screw
+from lmeasure.lengths import span_lengths
+from lmeasure.rig import Rig
+from lmeasure.run import write_run
+from lmeasure.trajectory import at_once
+
+U = np.full(6, 0.0035)
+
+
+def changes(rig: Rig, poses: FloatArray, noise_mm: float = 0.0) -> FloatArray:
+    lengths = span_lengths(rig, poses) - span_lengths(rig, START[None])
+    return np.asarray(lengths + np.random.default_rng(0).normal(0.0, 1.0, lengths.shape) * noise_mm)
+
+
+def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[at_once.Followed | None, FloatArray]:
+    flags = np.zeros(len(change), np.int64) if flags is None else flags
+    state = screw.new_state(START)
+    return at_once.follow(rig.cable_rows(), START, state, change, flags), state
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 0.02, 0.5])
+def test_a_log_is_the_same_at_once(noise_mm: float) -> None:
+    rig = cell()
+    change = changes(rig, motion(3000)[1], noise_mm)
+    flags = np.zeros(len(change), np.int64)
+    flags[700:705] = screw.GAP
+    change[700:705] = np.nan
+    found, state = follow(rig, change, flags)
+    there = screw.new_state(START)
+    expected = screw.resume(rig.cable_rows(), START, there, change, flags, U)
+    assert found is not None
+    for a, b in ((0, 1e-9), (1, 1e-10), (4, 1e-10)):
+        np.testing.assert_allclose(found[a], expected[a], rtol=0, atol=b)
+    np.testing.assert_array_equal(found[3], expected[3])
+    np.testing.assert_allclose(state, there, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(at_once.twists(rig.cable_rows(), found[0]), screw.twists(rig.cable_rows(), found[0]), rtol=1e-9, atol=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(-250, 250), min_size=3, max_size=3), st.lists(st.floats(-0.6, 0.6), min_size=3, max_size=3), st.booleans())
+def test_lengths_and_rows_are_the_kernels(place: list[float], turn: list[float], straight: bool) -> None:
+    rows = cell().cable_rows()
+    if straight:
+        rows[::2, 6] = 0.0
+    pose = np.concatenate([place, Rotation.from_rotvec(turn).as_quat()])[None]
+    lengths, found = at_once.span_rows(rows, pose)
+    np.testing.assert_allclose(lengths, cable.span_lengths(rows, pose), rtol=1e-14)
+    np.testing.assert_allclose(found[0], cable.span_rows(rows, pose[0]), rtol=0, atol=1e-12)
+
+
+def test_what_is_not_plain_is_left_to_the_kernels() -> None:
+    rig = cell()
+    change = changes(rig, motion(300)[1])
+    nothing = np.full(300, screw.GAP)
+    assert follow(rig, change, nothing)[0] is None
+    jumped = change.copy()
+    jumped[150:, 2] += 25.0  # farther from one sample to the next than one may start
+    found, state = follow(rig, jumped)
+    assert found is None
+    np.testing.assert_array_equal(state, screw.new_state(START))
+    lost = screw.new_state(START)
+    lost[screw.LOST] = 1.0
+    assert at_once.follow(rig.cable_rows(), START, lost, change, np.zeros(300, np.int64)) is None
+    contradicting = change.copy()
+    contradicting[200, 0] = np.nan
+    assert follow(rig, contradicting)[0] is None
+
+
+def test_beyond_75_degrees_the_kernels_decide() -> None:
+    """A turn about the vertical towards the singular pose: as far as 75 degrees and no farther."""
+    rig = cell()
+    turned = np.column_stack([np.zeros((2000, 3)), Rotation.from_rotvec(np.linspace(0, 1.6, 2000)[:, None] * [0, 0, 1]).as_quat()])
+    angles = np.degrees(screw.pose_pressure_angles(rig.cable_rows(), turned).max(axis=1))
+    beyond = int(np.argmax(angles > 75.0))
+    assert beyond > 100
+    change = changes(rig, turned)
+    assert follow(rig, change[:beyond])[0] is not None
+    assert follow(rig, change[: beyond + 1])[0] is None
+
+
+SHORT = """
+import sys
+from numba.core import event
+compiled = event.RecordingListener()
+event.register("numba:compile", compiled)
+from lmeasure.cli import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code
+names = {e.data["dispatcher"].py_func.__module__ for _, e in compiled.buffer if e.is_start}
+print(sorted(n for n in names if n.startswith("lmeasure")), "pandas" in sys.modules)
+"""
+
+
+def test_a_short_log_compiles_no_solver_and_loads_no_pandas(tmp_path: Path) -> None:
+    write_run(tmp_path / "run", record(cell(), *motion(500)))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    arguments = ["reconstruct", str(tmp_path / "run"), "--out", str(tmp_path / "out.parquet")]
+    done = subprocess.run([sys.executable, "-c", SHORT, *arguments], capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout.splitlines()[-1] == "['lmeasure.kernels.cable', 'lmeasure.kernels.counter'] False"
