@@ -200,7 +200,12 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
     for k, pose in enumerate(measured.evaluation.poses):
         _pose_in_space(figure, pose, factor, language, first=k == 0)
     axes = {f"{axis}axis_title": f"{axis.upper()}, {_mm(language)}" for axis in "xyz"}
-    figure.update_layout(height=640, margin={"t": 10, "l": 0, "r": 0}, scene={**axes, "aspectmode": "data"}, legend={"orientation": "h"})
+    figure.update_layout(
+        height=640,
+        margin={"t": 10, "l": 0, "r": 0},
+        scene={**axes, "aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}}},
+        legend={"orientation": "h"},
+    )
     return figure
 
 

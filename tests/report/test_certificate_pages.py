@@ -1,0 +1,283 @@
+"""A certificate as people read it: PDF read back page by page, page opened in a browser, texts in every language, hostile names."""
+
+import string
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pypdfium2
+import pytest
+import scipy.stats
+from browser import opened
+
+sys.path.append(str(Path(__file__).parents[1] / "certification"))
+from campaigns import write_campaign
+
+from lmeasure.certification import Settings
+from lmeasure.certification.details import read_details
+from lmeasure.certification.measure import Inputs
+from lmeasure.certification.pictures import prediction_ellipse, round_up
+from lmeasure.errors import CertificationError, FileFormatError
+from lmeasure.report import certificate_text as say
+from lmeasure.report.certificate import Choices, write_certificate
+from lmeasure.report.words import UNITS, WORDS, characteristic_name, word
+
+HOSTILE = {
+    "P1": "<script>window.hacked=1</script>",
+    "P2": '"><img src=x onerror="window.hacked=2">',
+    "P3": "#panic(1) $x^2$ *b* =cmd|' /C calc'!A0 \u6f22 " + "long" * 30,
+    "line": "</script><svg onload=window.hacked=3> `a` <b>line</b> javascript:alert(1)",
+}
+DETAILS = """
+schema = "lmeasure.report/1"
+number = "2026-017"
+location = "Hall 3"
+traceability = "Reference poses by tracker, certificate 123"
+remarks = "#let x = 1 <script>window.hacked=4</script> =HYPERLINK(1)"
+[laboratory]
+name = "<img src=x onerror=window.hacked=5> \u041b\u0430\u0431\u043e\u0440\u0430\u0442\u043e\u0440\u0438\u044f"
+[customer]
+name = "Customer & Co"
+[item]
+serial = "R-0001"
+[dates]
+measured_from = 2026-03-02
+measured_to = "2026-03-03"
+[conditions]
+temperature_c = 21.5
+[authoriser]
+name = "A. Head"
+"""
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hostile")
+    write_campaign(folder, HOSTILE)
+    (folder / "details.toml").write_text(DETAILS, encoding="utf-8")
+    return folder
+
+
+def certified(campaign: Path, out: Path, language: str, details: bool = True) -> dict[str, Any]:
+    given = Inputs(
+        campaign / "trajectory.parquet",
+        campaign / "program.toml",
+        campaign / "run",
+        details=campaign / "details.toml" if details else None,
+    )
+    return write_certificate(out, given, Settings(), Choices(language))
+
+
+@pytest.fixture(scope="module")
+def english(campaign: Path) -> tuple[Path, dict[str, Any]]:
+    return campaign / "en", certified(campaign, campaign / "en", "en")
+
+
+def pages_of(path: Path) -> list[str]:
+    document = pypdfium2.PdfDocument(path)
+    texts = [page.get_textpage().get_text_bounded() for page in document]
+    document.close()
+    return texts
+
+
+def flat(text: str) -> str:
+    """Without the places where a long word may break, and where lines do."""
+    return "".join(text.replace("\u200b", "").replace("\ufffe", "").split())
+
+
+def test_every_page_is_identified_and_the_last_ends(english: tuple[Path, dict[str, Any]]) -> None:
+    folder, content = english
+    pages = pages_of(folder / "certificate.pdf")
+    assert len(pages) > 1
+    for number, text in enumerate(pages, 1):
+        assert content["id"] in text
+        assert f"page {number} of {len(pages)}" in text
+        assert "The results relate only to the item tested." in text
+    assert f"End of report {content['id']}" in pages[-1]
+    assert not any("End of report" in text for text in pages[:-1])
+    raw = (folder / "certificate.pdf").read_bytes()
+    assert raw.startswith(b"%PDF-1.7")
+    assert b"pdfaid" in raw
+
+
+def test_no_bare_number_and_nothing_unstated_passed_over(english: tuple[Path, dict[str, Any]]) -> None:
+    folder, content = english
+    text = " ".join(pages_of(folder / "certificate.pdf"))
+    assert text.startswith("Test report")
+    assert "No accreditation is stated" in text
+    rows = [row for _, rows in say.results(content) for row in rows]
+    assert len(rows) == len(content["characteristics"])
+    for row in rows:
+        assert row[3].startswith("± ")
+        assert row[6] in ("capable", "not capable", "excluded")
+        assert flat(f"{row[2]}{row[3]}") in flat(text)
+    for key in ("customer.address", "sampling", "dates.issued", "item.model"):
+        assert flat(f"{word('en', key)}not stated") in flat(text)
+    for stated in ("2026-017", "Hall 3", "2026-03-02 – 2026-03-03", "R-0001", "Customer & Co", "21.5 °C", "A. Head"):
+        assert flat(stated) in flat(text)
+
+
+def test_hostile_texts_are_printed_as_they_are(english: tuple[Path, dict[str, Any]]) -> None:
+    text = flat(" ".join(pages_of(english[0] / "certificate.pdf")))
+    for name in HOSTILE.values():
+        shown = name.replace("\u6f22", "[U+6F22]")
+        assert flat(shown) in text
+    assert flat("#let x = 1 <script>window.hacked=4</script> =HYPERLINK(1)") in text
+
+
+def test_page_opens_without_an_error_and_runs_nobody_elses_script(english: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    folder, content = english
+    with opened(folder / "report.html", tmp_path) as page:
+        page.wait("document.querySelector('#space canvas') !== null")
+        page.wait("document.querySelectorAll('.js-plotly-plot').length >= 3")
+        assert page.evaluate("typeof window.hacked") == "undefined"
+        assert page.evaluate("document.querySelectorAll('img').length") == 0
+        # the list above the targets shows one pose at a time
+        shown = "document.getElementById('bullseye').data.map(t => t.visible === true)"
+        before = page.evaluate(shown)
+        assert sum(before) == 9
+        page.click("#bullseye .updatemenu-header")
+        page.wait("document.querySelectorAll('#bullseye .updatemenu-dropdown-button').length === 3")
+        page.evaluate(
+            "(() => { const b = document.querySelectorAll('#bullseye .updatemenu-dropdown-button')[2];"
+            "b.dispatchEvent(new MouseEvent('click', {bubbles: true})); })()"
+        )
+        page.wait(f"{shown}.indexOf(true) === 18")
+        text = page.evaluate("document.body.innerText")
+        assert page.evaluate("typeof window.hacked") == "undefined"
+        assert page.errors == []
+    for name in (HOSTILE["P1"], HOSTILE["line"], "=HYPERLINK(1)", content["id"]):
+        assert name in text
+    html = (folder / "report.html").read_text(encoding="utf-8")
+    assert 'src="http' not in html
+    assert "<script>window.hacked" not in html
+
+
+def test_russian_has_no_english_left_of_ours(campaign: Path) -> None:
+    certified(campaign, campaign / "ru", "ru", details=False)
+    pages = pages_of(campaign / "ru" / "certificate.pdf")
+    assert pages[0].startswith("Протокол испытаний")
+    assert f"страница 1 из {len(pages)}" in pages[0]
+    text = flat(" ".join(pages))
+    for key in ("only item", "not accredited", "section.results", "uncertainty.signed", "not stated", "capable", "end"):
+        assert flat(word("ru", key)) in text
+        assert flat(word("en", key)) not in text
+    assert '<html lang="ru">' in (campaign / "ru" / "report.html").read_text(encoding="utf-8")
+
+
+def test_accreditation_is_the_users_word_only(campaign: Path, tmp_path: Path) -> None:
+    path = tmp_path / "details.toml"
+    path.write_text(DETAILS + '[accreditation]\nstatement = "Accredited to ISO/IEC 17025"\nbody = "Body"\nnumber = "123"\n')
+    given = Inputs(campaign / "trajectory.parquet", campaign / "program.toml", details=path)
+    content = write_certificate(tmp_path / "c", given, Settings(), Choices())
+    assert content["kind"] == "test certificate"
+    text = " ".join(pages_of(tmp_path / "c" / "certificate.pdf"))
+    assert text.startswith("Test certificate")
+    assert "Accredited to ISO/IEC 17025; Body; 123" in text
+    assert "No accreditation" not in text
+
+
+def test_both_languages_have_every_text_with_the_same_values() -> None:
+    first, *others = WORDS.values()
+    for other in others:
+        assert set(other) == set(first)
+        for key, text in other.items():
+            assert text.strip(), key
+            assert places(text) == places(first[key]), key
+    assert set(UNITS) == set(WORDS)
+
+
+def places(text: str) -> set[str]:
+    return {name for _, name, _, _ in string.Formatter().parse(text) if name is not None}
+
+
+def test_characteristics_have_names() -> None:
+    names = (
+        "AP_p",
+        "AP_x",
+        "RP_l",
+        "vAP_p",
+        "AD_p",
+        "RD",
+        "t_s",
+        "OV",
+        "dAP_p",
+        "dRP_l",
+        "E",
+        "AT_p",
+        "RT_p",
+        "CR",
+        "CO",
+        "AV",
+        "t_min",
+        "C_x",
+    )
+    for language in WORDS:
+        assert all(characteristic_name(language, name) for name in names)
+        assert characteristic_name(language, "XYZ") == ""
+
+
+def test_values_end_where_their_uncertainty_does() -> None:
+    assert say.with_u95(0.123456, 0.0123) == ("0.123", "0.012")
+    assert say.with_u95(0.123456, 0.0996) == ("0.12", "0.10")
+    assert say.with_u95(1234.56, 12.3) == ("1235", "12")
+    assert say.with_u95(1234.56, 99.6) == ("1230", "100")
+    assert say.with_u95(1234.56, 1230.0) == ("1200", "1200")
+    assert say.with_u95(-1e-9, 2.5e-10) == ("-0.00000000100", "0.00000000025")
+    assert say.with_u95(0.5, 0.0) == ("0.5", "0")
+
+
+def test_the_ellipse_holds_what_it_says() -> None:
+    """Of further draws from the law its points came from 95 % lie inside, however few the points are."""
+    rng = np.random.default_rng(1)
+    inside = []
+    for _ in range(3000):
+        factor = rng.normal(size=(2, 2))
+        points, more = rng.normal(size=(6, 2)) @ factor, rng.normal(size=(1, 2)) @ factor
+        line = prediction_ellipse(points)
+        assert line is not None
+        centre = points.mean(axis=0)
+        # in coordinates in which the line is a circle
+        root = np.linalg.inv(np.linalg.cholesky(np.cov(points.T)))
+        radius = np.linalg.norm(root @ (line[0] - centre))
+        inside.append(np.linalg.norm(root @ (more[0] - centre)) <= radius)
+    assert abs(np.mean(inside) - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 3000)
+    assert prediction_ellipse(np.zeros((3, 2))) is None
+    assert scipy.stats.f.ppf(0.95, 2, 4) > 0
+    assert [round_up(x) for x in (0.11, 0.2, 0.21, 0.6, 0.0)] == pytest.approx([0.2, 0.2, 0.5, 1.0, 1e-3])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('schema = "lmeasure.report/2"', "schema"),
+        ('schema = "lmeasure.report/1"\nlab = "x"', "unknown key 'lab'"),
+        ('schema = "lmeasure.report/1"\n[laboratory]\nnam = "x"', "did you mean 'name'"),
+        ('schema = "lmeasure.report/1"\nlocation = "a\\u0000b"', "printable"),
+        ('schema = "lmeasure.report/1"\nlocation = " "', "must not be empty"),
+        ('schema = "lmeasure.report/1"\n[dates]\nissued = "tomorrow"', "must be a date"),
+        ('schema = "lmeasure.report/1"\n[dates]\nissued = 2026-01-01T10:00:00', "without a time"),
+        ('schema = "lmeasure.report/1"\n[dates]\nreceived = 2026-02-02\nissued = 2026-02-01', "lies before"),
+        ('schema = "lmeasure.report/1"\n[accreditation]\nstatement = "x"', "is missing"),
+        ('schema = "lmeasure.report/1"\n[conditions]\ntemperature_c = "warm"', "must be a number"),
+        ('schema = "lmeasure.report/1"\nlaboratory = "x"', "must be a table"),
+    ],
+)
+def test_details_that_cannot_be_meant(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "details.toml"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=r"details\.toml") as caught:
+        read_details(path)
+    assert told in str(caught.value)
+
+
+def test_nothing_hidden_stays_hidden() -> None:
+    assert say.visible("a\u202eb\x00\n\ud800") == "a\\u{202E}b\\u{0}\n\\u{D800}"
+
+
+def test_a_program_without_poses_gives_no_certificate(campaign: Path, tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text('schema = "lmeasure.program/1"\n')
+    with pytest.raises(CertificationError):
+        write_certificate(tmp_path / "c", Inputs(campaign / "trajectory.parquet", tmp_path / "p.toml"), Settings(), Choices())
+    assert not (tmp_path / "c").exists()
