@@ -56,10 +56,22 @@ class DbcChannel(CounterChannel):
 
 
 class NodeChannel(CounterChannel):
-    """A counter that is the position value of a CiA 406 encoder; serial, when given, must be what the device says (1018h)."""
+    """A counter that is the position value of a CiA 406 encoder; serial, when given, must be what the device says (1018h).
+
+    cob_id, byte_offset and bits say which frame holds it where nobody can be asked, in a log; a recording states them in its own rig.
+    """
 
     node: Annotated[int, Field(ge=1, le=127)]
     serial: Annotated[int, Field(ge=0, lt=2**32)] | None = None
+    cob_id: Identifier | None = None
+    byte_offset: Annotated[int, Field(ge=0, le=7)] = 0
+    bits: Literal[16, 24, 32, 64] = 32
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.byte_offset + self.bits // 8 > 8:
+            raise ValueError(f"byte_offset: {self.bits} bits from byte {self.byte_offset} do not fit a frame")
+        return self
 
 
 class J1939Channel(CounterChannel):
@@ -116,10 +128,12 @@ class DbcCan(_Bus):
 class CanOpenCan(_Bus):
     """CiA 406 encoders, asked over SDO where they put their position.
 
-    sync_period_ms: this program produces the SYNC itself with that period; absent, somebody else does.
+    sync_period_ms: this program produces the SYNC itself with that period; absent, somebody else does. eds: the devices' electronic data
+    sheet, a path beside the rig file; they must be what it describes, and in a log their frames are mapped as it says.
     """
 
     decoder: Literal["cia406"]
+    eds: Annotated[str, Field(min_length=1)] | None = None
     sync_period_ms: Annotated[float, Field(ge=0.5, le=10_000)] | None = None
     channel: Annotated[tuple[NodeChannel, ...], Field(min_length=1)]
 

@@ -6,8 +6,10 @@ what follows for the transmit PDOs, 6001h units per revolution, 6002h total rang
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lmeasure.acquisition.canopen_objects import Objects, check_identity, position_place
 from lmeasure.acquisition.decoders import ALL_BITS, CounterField, field_at
 from lmeasure.can_table import CanOpenCan, NodeChannel
 from lmeasure.errors import AcquisitionError
@@ -17,11 +19,6 @@ if TYPE_CHECKING:
     import can
 
 ENCODER_PROFILE = 406
-POSITIONS = {0x6004: "position value", 0x6008: "64-bit position value"}
-LAST_SYNC_TYPE = 240
-"""Transmission types from 1 (0: acyclic) up to here are sent after a SYNC."""
-PDO_INVALID, EXTENDED_COB = 1 << 31, 1 << 29
-TRANSMIT_PDOS = 8
 BOOT_S = 0.3
 """How long nodes have to answer a scan."""
 
@@ -52,8 +49,8 @@ class Device:
         return known | {"cob_id": self.field.identifier, "bits": self.field.bits}
 
 
-class _Node:
-    """One node's objects as numbers."""
+class _Node(Objects):
+    """The objects of a node on the bus."""
 
     def __init__(self, network: Any, number: int, channel: str) -> None:
         import canopen
@@ -62,7 +59,7 @@ class _Node:
         self._sdo = network.add_node(canopen.RemoteNode(number, canopen.ObjectDictionary())).sdo  # type: ignore[no-untyped-call]
 
     def read(self, index: int, subindex: int = 0) -> int | None:
-        """The object's value, unsigned; None when the device has none. AcquisitionError when it does not answer."""
+        """The object's value; AcquisitionError when the node does not answer."""
         from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
         try:
@@ -72,18 +69,11 @@ class _Node:
         except SdoCommunicationError as error:
             raise AcquisitionError(f"{self.name}: no answer to {index:04X}h:{subindex}: {error}") from error
 
-    def need(self, index: int, subindex: int = 0) -> int:
-        """A value that the device must have."""
-        value = self.read(index, subindex)
-        if value is None:
-            raise AcquisitionError(f"{self.name}: has no object {index:04X}h:{subindex}")
-        return value
 
-
-def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1) -> tuple[Device, ...]:
+def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[Device, ...]:
     """Find, check and start the encoders of the rig's CiA 406 table over an open bus; the devices in the cables' order.
 
-    AcquisitionError names the node, its channel and what does not agree with the rig.
+    folder: where the table's EDS file stands. AcquisitionError names the node, its channel and what does not agree with the rig.
     """
     import can
     import canopen
@@ -103,6 +93,9 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1) -> tuple[Device, 
             raise AcquisitionError(f"node {missing[0].node} (channel {missing[0].channel}) does not answer; {found}")
         devices = tuple(_device(network, channels[name], drum, table) for name, drum in drums.items())
         _check_serials(devices, channels)
+        if table.eds is not None:
+            for d in devices:
+                check_identity(folder / table.eds, f"node {d.node} (channel {d.channel})", d.node, d.vendor, d.product)
         for device in devices:
             network.send_message(0, bytes([1, device.node]))  # NMT: start
         return devices
@@ -133,7 +126,10 @@ def _device(network: Any, wanted: NodeChannel, drum: Drum, table: CanOpenCan) ->
     sync_id = node.read(0x1005)
     if table.timing == "sync" and sync_id is not None and sync_id & ALL_BITS != table.sync_id:
         raise AcquisitionError(f"{node.name}: listens to SYNC {sync_id & ALL_BITS:#x} (1005h), the rig says sync_id = {table.sync_id:#x}")
-    place = _mapping(node, table.timing, node.read(0x6200))
+    place = position_place(node, table.timing, node.read(0x6200))
+    if wanted.cob_id is not None and (wanted.cob_id, 8 * wanted.byte_offset, wanted.bits) != (place[0], *place[3:5]):
+        stated = f"cob_id = {wanted.cob_id:#x}, byte {wanted.byte_offset}, {wanted.bits} bits"
+        raise AcquisitionError(f"{node.name}: sends its position in {place[0]:#x}, bit {place[3]}, {place[4]} bits, the rig says {stated}")
     ranged = wanted if not total else wanted.model_copy(update={"range": total})
     return Device(
         channel=wanted.channel,
@@ -150,33 +146,6 @@ def _device(network: Any, wanted: NodeChannel, drum: Drum, table: CanOpenCan) ->
         error_register=node.read(0x1001),
         alarms=node.read(0x6503),
         field=field_at(ranged, place, drum.counter_bits),
-    )
-
-
-def _mapping(node: _Node, timing: str, cyclic_ms: int | None) -> Any:
-    """The place of the position in the PDO that is sent as the table's timing asks: identifier, mask, extended, first bit, bits, ..."""
-    seen = []
-    for number in range(TRANSMIT_PDOS):
-        cob = node.read(0x1800 + number, 1)
-        if cob is None or cob & PDO_INVALID:
-            continue
-        kind = node.need(0x1800 + number, 2)
-        first_bit = 0
-        for entry in range(1, node.need(0x1A00 + number) + 1):
-            value = node.need(0x1A00 + number, entry)
-            index, bits = value >> 16, value & 0xFF
-            if index in POSITIONS and bits <= 64:
-                seen.append(f"TPDO{number + 1} of type {kind}")
-                if (1 <= kind <= LAST_SYNC_TYPE) == (timing == "sync"):
-                    timer = node.read(0x1800 + number, 5)
-                    if timing == "free" and not timer and not cyclic_ms:
-                        raise AcquisitionError(f"{node.name}: its timer is off (6200h and 1800h:5): it would send only changes")
-                    return cob & ALL_BITS, ALL_BITS, bool(cob & EXTENDED_COB), first_bit, bits, "little", False
-            first_bit += bits
-    wish = "after each SYNC" if timing == "sync" else "by its own timer"
-    raise AcquisitionError(
-        f"{node.name}: no transmit PDO sends its position {wish}; "
-        + (f"it is in {', '.join(seen)}" if seen else "no valid one has 6004h or 6008h mapped")
     )
 
 

@@ -102,7 +102,7 @@ def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[C
     elif isinstance(table, DbcCan):
         places = _dbc_places(table, folder)
     else:
-        raise AcquisitionError("can: decoder 'cia406' asks the encoders where they put their counts: it needs the bus, not a log file")
+        raise AcquisitionError("can: decoder 'cia406' asks the encoders where they put their counts")
     return tuple(field_at(known[channel], places[channel], drum.counter_bits) for channel, drum in drums.items())
 
 

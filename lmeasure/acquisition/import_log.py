@@ -12,12 +12,13 @@ import numpy as np
 
 from lmeasure import files
 from lmeasure.acquisition.assembly import counts_from_frames
+from lmeasure.acquisition.canopen_objects import as_mapped, fields_in_log
 from lmeasure.acquisition.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, decode
 from lmeasure.acquisition.events import EventLog, event_columns
 from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames
-from lmeasure.acquisition.logfiles import LogReport, log_batches
+from lmeasure.acquisition.logfiles import LogReport, identifiers_in, log_batches
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.can_table import DbcCan, DbcChannel
+from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError, FileFormatError
 from lmeasure.rig import Rig
@@ -73,6 +74,7 @@ class ImportedLog:
     report: LogReport
     survey: Survey
     events: EventLog
+    fields: tuple[CounterField, ...]
 
     def lines(self) -> list[str]:
         """For people: what was found in it."""
@@ -116,6 +118,8 @@ def import_logs(
     if len(logs) != rig.passes:
         raise AcquisitionError(f"rig {rig.name!r}: its cables need {rig.passes} passes, one log each; {len(logs)} given")
     found = tuple(_import_log(log, rig, passage, folder, bus, progress) for passage, log in enumerate(logs, 1))
+    for log in found:
+        rig = as_mapped(rig, log.fields)
     dbc = None
     if isinstance(rig.can, DbcCan):
         path = folder / rig.can.dbc
@@ -127,7 +131,7 @@ def import_logs(
 def _import_log(
     log: Path, rig: Rig, passage: int, folder: Path, bus: str | None, progress: Callable[[int, int], None] | None
 ) -> ImportedLog:
-    fields = counter_fields(rig, passage, folder)
+    fields = fields_of_log(rig, passage, folder, log)
     report, survey = LogReport(), Survey()
     batches = _of_one_bus(log_batches(log, report, progress), fields, rig.can_table.sync_id, bus, survey, log)
     try:
@@ -146,7 +150,14 @@ def _import_log(
     counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
     with log.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events)
+    return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events, fields)
+
+
+def fields_of_log(rig: Rig, passage: int, folder: Path, log: Path) -> tuple[CounterField, ...]:
+    """The fields of the pass' channels as the rig's `[can]` table names them, without a device to ask; see `counter_fields`."""
+    if isinstance(rig.can_table, CanOpenCan):
+        return fields_in_log(rig, passage, folder, identifiers_in(log))
+    return counter_fields(rig, passage, folder)
 
 
 def _of_one_bus(

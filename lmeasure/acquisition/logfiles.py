@@ -11,13 +11,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from lmeasure.acquisition.frames import Frames, frames_from_messages, join, no_frames
+import numpy as np
+
+from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames, frames_from_messages, join, no_frames
 from lmeasure.acquisition.log_blf import blf_batches
 from lmeasure.acquisition.log_common import LogReport, checked
 from lmeasure.acquisition.log_text import asc_batches, candump_batches
 from lmeasure.errors import FileFormatError
 
-__all__ = ["LogReport", "log_batches", "read_log"]
+__all__ = ["LogReport", "identifiers_in", "log_batches", "read_log"]
 
 Progress = Callable[[int, int], None]
 
@@ -64,6 +66,14 @@ def read_log(path: Path) -> tuple[Frames, LogReport]:
     report = LogReport()
     parts = list(log_batches(path, report))
     return (join(parts) if parts else no_frames(str(path), "log")), report
+
+
+def identifiers_in(path: Path) -> set[int]:
+    """The 11-bit identifiers of the frames in the first of the log's batches that has any."""
+    for batch in log_batches(path, LogReport()):
+        plain = (batch.flags & (EXTENDED | ERROR)) == 0
+        return set(np.unique(batch.identifier[plain]).tolist())
+    return set()
 
 
 def _library_batches(path: Path, report: LogReport) -> Iterator[Frames]:

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
+from lmeasure.acquisition.canopen_objects import as_mapped
 from lmeasure.acquisition.decoders import CounterField, counter_fields
 from lmeasure.acquisition.frames import no_frames
+from lmeasure.acquisition.import_log import fields_of_log
 from lmeasure.acquisition.recorder import Progress, Recording, record
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Source, open_source
@@ -51,7 +53,16 @@ def record_session(
     try:
         devices = [d.identity() for d in link.devices]
         return record(
-            rig, link.source, link.fields, folder, start=pose, passage=passage, seconds=seconds, devices=devices, show=show, each=each
+            as_mapped(rig, link.fields),
+            link.source,
+            link.fields,
+            folder,
+            start=pose,
+            passage=passage,
+            seconds=seconds,
+            devices=devices,
+            show=show,
+            each=each,
         )
     finally:
         link.source.close()
@@ -74,19 +85,22 @@ def connect(
     folder: where the table's DBC file stands. AcquisitionError in one line.
     """
     table = rig.can_table
-    if not isinstance(table, CanOpenCan):
-        fields = counter_fields(rig, passage, folder)
+    interface, _, channel = bus.partition(":")
+    if not isinstance(table, CanOpenCan) or interface == "replay":
+        fields = fields_of_log(rig, passage, folder, Path(channel)) if interface == "replay" else counter_fields(rig, passage, folder)
         _warm_up(rig, fields, passage)
         return Link(open_source(bus, table.bit_rate, options, paced=paced), fields)
-    if bus.split(":", 1)[0] in {"replay", "simulated"}:
-        counter_fields(rig, passage, folder)  # says that the encoders must be asked
+    if interface == "simulated":
+        raise AcquisitionError(
+            f"--bus {bus!r}: the rig's encoders are asked over CANopen (decoder 'cia406'), and the simulated cell has none"
+        )
     given = dict(options or {})
-    if table.sync_period_ms is not None and bus.split(":", 1)[0] != "udp_multicast":  # which gives them back anyway
+    if table.sync_period_ms is not None and interface != "udp_multicast":  # which gives them back anyway
         given.setdefault("receive_own_messages", 1)
     devices: list[tuple[Device, ...]] = []
 
     def prepare(opened: "can.BusABC") -> None:
-        devices.append(start_nodes(opened, rig, passage))
+        devices.append(start_nodes(opened, rig, passage, folder))
         if table.sync_period_ms is not None:
             produce_sync(opened, table.sync_id, table.sync_period_ms / 1e3)
 

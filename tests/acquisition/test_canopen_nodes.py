@@ -14,13 +14,16 @@ from can_devices import Encoders
 
 from lmeasure import files
 from lmeasure.acquisition.feed import virtual_place
+from lmeasure.acquisition.import_log import import_logs, write_import
 from lmeasure.acquisition.recorder import Recording, record
-from lmeasure.acquisition.session import Link, connect
+from lmeasure.acquisition.session import Link, connect, record_session
+from lmeasure.can_table import CanOpenCan
 from lmeasure.counts import Counts, read_counts
-from lmeasure.errors import AcquisitionError
-from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
+from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.simulation import cell_rig
 
+START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 BOTH: list[dict[str, Any]] = [{"channel": "ch1", "node": 5}, {"channel": "ch2", "node": 9}]
 
 
@@ -143,11 +146,201 @@ def test_devices_that_are_not_what_the_rig_says_are_refused(settings: dict[str, 
     assert "\n" not in str(refused.value)
 
 
-def test_an_empty_bus_and_a_log_have_nobody_to_ask(tmp_path: Path) -> None:
+def test_an_empty_bus_and_a_simulated_cell_have_nobody_to_ask(tmp_path: Path) -> None:
     with pytest.raises(AcquisitionError, match=r"node 5 .channel ch1. does not answer; no node answers at all"):
         connect(rig_of(), tmp_path, f"virtual:{virtual_place()}")
-    with pytest.raises(AcquisitionError, match="'cia406' asks the encoders where they put their counts"):
-        connect(rig_of(), tmp_path, "replay:drive.blf")
+    with pytest.raises(AcquisitionError, match=r"asked over CANopen .decoder 'cia406'., and the simulated cell has none"):
+        connect(rig_of(), tmp_path, "simulated:scenario.toml")
+
+
+def answers_log(path: Path, first_id: int, lead: bytes = b"") -> Path:
+    """A log of SYNC and the answers of nodes 5 and 9."""
+    with can.Logger(str(path)) as log:
+        for k in range(100):
+            t = 1_700_000_000 + 0.01 * k
+            log(can.Message(timestamp=t, arbitration_id=0x80, is_extended_id=False, channel=0))
+            for node in (5, 9):
+                data = lead + (row(k, node) % 2**32).to_bytes(4, "little")
+                log(can.Message(timestamp=t + 1e-3, arbitration_id=first_id + node, is_extended_id=False, channel=0, data=data))
+    return path
+
+
+@pytest.mark.parametrize("first_id", [0x180, 0x280])
+def test_a_log_has_nobody_to_ask_and_holds_the_pdo_of_the_profile(first_id: int, tmp_path: Path) -> None:
+    log = answers_log(tmp_path / "drive.blf", first_id)
+    imported = import_logs([log], rig_of(), START)
+    np.testing.assert_array_equal(imported.run.passes[0].recorded, [[row(k, 5), row(k, 9)] for k in range(100)])
+    # what was found stands in the run's rig
+    write_import(tmp_path / "run", imported)
+    kept = read_rig(tmp_path / "run" / "rig.toml").can
+    assert isinstance(kept, CanOpenCan)
+    assert [(c.cob_id, c.byte_offset, c.bits) for c in kept.channel] == [(first_id + 5, 0, 32), (first_id + 9, 0, 32)]
+
+
+def test_a_log_without_the_encoders_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(
+        AcquisitionError, match=r"drive\.blf: channel ch1: not one count in frames 285; identifiers in the log: 080, 385, 389"
+    ):
+        import_logs([answers_log(tmp_path / "drive.blf", 0x380)], rig_of(), START)
+
+
+def test_a_recording_of_encoders_is_read_again_from_its_log(tmp_path: Path) -> None:
+    write_rig(tmp_path / "rig.toml", rig_of(channels=[BOTH[0] | {"start": 5000}, BOTH[1]]))
+    with encoders(lead=1, range=36000) as (place, devices):
+        thread = threading.Thread(target=_answer, args=(devices,))
+        thread.start()
+        record_session(tmp_path / "rig.toml", f"virtual:{place}", tmp_path / "run", seconds=1.5)
+        thread.join()
+    recorded = read_counts(tmp_path / "run" / "pass1.csv").recorded
+    assert len(recorded) > 50
+    again = import_logs([tmp_path / "run" / "pass1.log"], read_rig(tmp_path / "run" / "rig.toml"), START)
+    np.testing.assert_array_equal(again.run.passes[0].recorded, recorded)
+    record_session(tmp_path / "run" / "rig.toml", f"replay:{tmp_path / 'run' / 'pass1.log'}", tmp_path / "replayed", paced=False)
+    np.testing.assert_array_equal(read_counts(tmp_path / "replayed" / "pass1.csv").recorded, recorded)
+
+
+def _answer(devices: Encoders) -> None:
+    while not devices.started():
+        time.sleep(0.01)
+    devices.produce_sync(100, 0.005)
+
+
+EDS = """[DeviceInfo]
+VendorNumber=0x1234
+
+[MandatoryObjects]
+SupportedObjects=1
+1=0x1018
+
+[OptionalObjects]
+SupportedObjects=2
+1=0x1801
+2=0x1A01
+
+[1018]
+ParameterName=Identity
+ObjectType=0x9
+SubNumber=3
+
+[1018sub0]
+ParameterName=Entries
+ObjectType=0x7
+DataType=0x0005
+AccessType=ro
+DefaultValue=2
+
+[1018sub1]
+ParameterName=Vendor
+ObjectType=0x7
+DataType=0x0007
+AccessType=ro
+DefaultValue=0x1234
+
+[1018sub2]
+ParameterName=Product
+ObjectType=0x7
+DataType=0x0007
+AccessType=ro
+DefaultValue=77
+
+[1801]
+ParameterName=TPDO2
+ObjectType=0x9
+SubNumber=3
+
+[1801sub0]
+ParameterName=Entries
+ObjectType=0x7
+DataType=0x0005
+AccessType=ro
+DefaultValue=2
+
+[1801sub1]
+ParameterName=COB-ID
+ObjectType=0x7
+DataType=0x0007
+AccessType=rw
+DefaultValue=$NODEID+0x380
+
+[1801sub2]
+ParameterName=Type
+ObjectType=0x7
+DataType=0x0005
+AccessType=rw
+DefaultValue=1
+
+[1A01]
+ParameterName=Mapping
+ObjectType=0x8
+SubNumber=3
+
+[1A01sub0]
+ParameterName=Entries
+ObjectType=0x7
+DataType=0x0005
+AccessType=rw
+DefaultValue=2
+
+[1A01sub1]
+ParameterName=Entry 1
+ObjectType=0x7
+DataType=0x0007
+AccessType=rw
+DefaultValue=0x65000010
+
+[1A01sub2]
+ParameterName=Entry 2
+ObjectType=0x7
+DataType=0x0007
+AccessType=rw
+DefaultValue=0x60040020
+"""
+
+
+def test_a_data_sheet_says_where_the_counts_are(tmp_path: Path) -> None:
+    (tmp_path / "encoder.eds").write_text(EDS)
+    log = answers_log(tmp_path / "drive.blf", 0x380, b"\xab\xcd")
+    imported = import_logs([log], rig_of(eds="encoder.eds"), START, folder=tmp_path)
+    np.testing.assert_array_equal(imported.run.passes[0].recorded, [[row(k, 5), row(k, 9)] for k in range(100)])
+    with encoders() as (place, _):
+        link = connect(rig_of(eds="encoder.eds"), tmp_path, f"virtual:{place}")
+        link.source.close()
+    (tmp_path / "other.eds").write_text(EDS.replace("DefaultValue=77", "DefaultValue=78"))
+    with (
+        encoders() as (place, _),
+        pytest.raises(AcquisitionError, match=r"node 5 .channel ch1.: its product is 0x4d .1018h:2., .*describes 0x4e"),
+    ):
+        connect(rig_of(eds="other.eds"), tmp_path, f"virtual:{place}")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("no data sheet", r"is no EDS file"),
+        (
+            EDS.replace("0x60040020", "0x60300010"),
+            "no transmit PDO sends its position after each SYNC; no valid one has 6004h or 6008h mapped",
+        ),
+        (EDS.replace("0x60040020", "nonsense"), "has no object 1A01h:2|is no EDS file"),
+    ],
+)
+def test_a_data_sheet_that_does_not_tell_is_refused(text: str, complaint: str, tmp_path: Path) -> None:
+    (tmp_path / "encoder.eds").write_text(text)
+    log = answers_log(tmp_path / "drive.blf", 0x380)
+    with pytest.raises(LMeasureError, match=complaint) as refused:
+        import_logs([log], rig_of(eds="encoder.eds"), START, folder=tmp_path)
+    assert "\n" not in str(refused.value)
+    with pytest.raises(FileFormatError, match=r"absent\.eds: cannot be read"):
+        import_logs([log], rig_of(eds="absent.eds"), START, folder=tmp_path)
+
+
+def test_a_frame_stated_in_the_rig_must_be_the_devices(tmp_path: Path) -> None:
+    rig = rig_of(channels=[BOTH[0] | {"cob_id": 0x185}, BOTH[1]])
+    with (
+        encoders() as (place, _),
+        pytest.raises(AcquisitionError, match="sends its position in 0x285, bit 0, 32 bits, the rig says cob_id = 0x185"),
+    ):
+        connect(rig, tmp_path, f"virtual:{place}")
 
 
 def test_a_timer_of_its_own_is_enough_when_the_rig_says_free(tmp_path: Path) -> None:

@@ -1,0 +1,136 @@
+"""What an encoder's objects say of its frames: read from the device, from its electronic data sheet (EDS), or from the rig, for a log."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+from lmeasure.acquisition.decoders import ALL_BITS, CounterField, Place, field_at
+from lmeasure.can_table import CanOpenCan, NodeChannel
+from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.rig import Rig
+
+POSITIONS = {0x6004: "position value", 0x6008: "64-bit position value"}
+LAST_SYNC_TYPE = 240
+"""Transmission types from 1 (0: acyclic) up to here are sent after a SYNC."""
+PDO_INVALID, EXTENDED_COB = 1 << 31, 1 << 29
+TRANSMIT_PDOS = 8
+OWN_TIMER_PDO, SYNC_PDO = 0x180, 0x280
+"""CiA 406: TPDO1 is sent by the device's own timer, TPDO2 after SYNC; the node's number is added."""
+
+
+class Objects(ABC):
+    """An encoder's objects as numbers, wherever they come from."""
+
+    name: str
+
+    @abstractmethod
+    def read(self, index: int, subindex: int = 0) -> int | None:
+        """The object's value, unsigned; None when there is none."""
+
+    def need(self, index: int, subindex: int = 0) -> int:
+        """A value that must be there."""
+        value = self.read(index, subindex)
+        if value is None:
+            raise AcquisitionError(f"{self.name}: has no object {index:04X}h:{subindex}")
+        return value
+
+
+class DataSheet(Objects):
+    """The defaults of an EDS file, `$NODEID` being the node's number. FileFormatError when it cannot be read."""
+
+    def __init__(self, path: Path, node: int) -> None:
+        from canopen.objectdictionary import import_od
+
+        self.name = f"{path}: node {node}"
+        try:
+            self._dictionary: Any = import_od(str(path), node)
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except Exception as error:  # its parser raises whatever a broken file leads it into
+            raise FileFormatError(f"{path}: is no EDS file: {' '.join(str(error).split())[:200]}") from error
+
+    def read(self, index: int, subindex: int = 0) -> int | None:
+        """The object's default; None where the sheet has none."""
+        entry = self._dictionary.get(index)
+        if entry is not None and hasattr(entry, "subindices"):
+            entry = entry.subindices.get(subindex)
+        elif subindex:
+            entry = None
+        value = getattr(entry, "default", None)
+        return value if isinstance(value, int) else None
+
+
+def position_place(node: Objects, timing: str, cyclic_ms: int | None) -> Place:
+    """The place of the position in the PDO that is sent as the table's timing asks: identifier, mask, extended, first bit, bits, ..."""
+    seen = []
+    for number in range(TRANSMIT_PDOS):
+        cob = node.read(0x1800 + number, 1)
+        if cob is None or cob & PDO_INVALID:
+            continue
+        kind = node.need(0x1800 + number, 2)
+        first_bit = 0
+        for entry in range(1, node.need(0x1A00 + number) + 1):
+            value = node.need(0x1A00 + number, entry)
+            index, bits = value >> 16, value & 0xFF
+            if index in POSITIONS and bits <= 64:
+                seen.append(f"TPDO{number + 1} of type {kind}")
+                if (1 <= kind <= LAST_SYNC_TYPE) == (timing == "sync"):
+                    timer = node.read(0x1800 + number, 5)
+                    if timing == "free" and not timer and not cyclic_ms:
+                        raise AcquisitionError(f"{node.name}: its timer is off (6200h and 1800h:5): it would send only changes")
+                    return cob & ALL_BITS, ALL_BITS, bool(cob & EXTENDED_COB), first_bit, bits, "little", False
+            first_bit += bits
+    wish = "after each SYNC" if timing == "sync" else "by its own timer"
+    raise AcquisitionError(
+        f"{node.name}: no transmit PDO sends its position {wish}; "
+        + (f"it is in {', '.join(seen)}" if seen else "no valid one has 6004h or 6008h mapped")
+    )
+
+
+def check_identity(sheet: Path, name: str, node: int, vendor: int | None, product: int | None) -> None:
+    """AcquisitionError where a device is not of the vendor or product that its EDS file describes (1018h)."""
+    described = DataSheet(sheet, node)
+    for subindex, what, value in ((1, "vendor", vendor), (2, "product", product)):
+        want = described.read(0x1018, subindex)
+        if want and value is not None and value != want:
+            raise AcquisitionError(f"{name}: its {what} is {value:#x} (1018h:{subindex}), {sheet} describes {want:#x}")
+
+
+def fields_in_log(rig: Rig, passage: int, folder: Path, seen: Collection[int]) -> tuple[CounterField, ...]:
+    """The fields of a CiA 406 rig's channels in a log, where nobody can be asked; seen: 11-bit identifiers of its frames.
+
+    Each stands where the rig says (cob_id), else where the EDS file says, else in the PDO that CiA 406 names for the table's timing, or in
+    TPDO1 where the log has that one only. FileFormatError when the EDS file does not tell.
+    """
+    table = rig.can_table
+    if not isinstance(table, CanOpenCan):
+        raise AcquisitionError(f"rig {rig.name!r}: its decoder is {table.decoder!r}, not 'cia406'")
+    channels = {c.channel: c for c in table.channel}
+    drums = rig.drums_of(passage)
+    return tuple(field_at(channels[n], _place_in_log(channels[n], table, folder, seen), drum.counter_bits) for n, drum in drums.items())
+
+
+def _place_in_log(channel: NodeChannel, table: CanOpenCan, folder: Path, seen: Collection[int]) -> Place:
+    if channel.cob_id is None and table.eds is not None:
+        # the timer is set in the device, whatever the sheet's default
+        return position_place(DataSheet(folder / table.eds, channel.node), table.timing, 1)
+    own_timer, at_sync = OWN_TIMER_PDO + channel.node, SYNC_PDO + channel.node
+    named = at_sync if table.timing == "sync" and (at_sync in seen or own_timer not in seen) else own_timer
+    cob_id = named if channel.cob_id is None else channel.cob_id
+    return cob_id, ALL_BITS, cob_id > 0x7FF, 8 * channel.byte_offset, channel.bits, "little", False
+
+
+def as_mapped(rig: Rig, fields: tuple[CounterField, ...]) -> Rig:
+    """The rig with what was found out of its encoders' frames and ranges, so that recorded frames can be read by it alone."""
+    table = rig.can
+    if not isinstance(table, CanOpenCan):
+        return rig
+    found = {
+        f.channel: {"cob_id": f.identifier, "byte_offset": f.first_bit // 8, "bits": f.bits, "range": f.modulus}
+        for f in fields
+        if f.first_bit % 8 == 0 and f.bits in (16, 24, 32, 64) and f.bytes_needed <= 8
+    }
+    channels = tuple(c.model_copy(update=found.get(c.channel, {})) for c in table.channel)
+    eds = None if len(found) == len(fields) else table.eds
+    return rig.model_copy(update={"can": table.model_copy(update={"channel": channels, "eds": eds})})
