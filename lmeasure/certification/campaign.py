@@ -42,7 +42,8 @@ class Tests:
     tests: names of `TESTS`; quaternion (4,): the tool's orientation, base frame; speed_mm_s: rated speed between poses, path_speed_mm_s: on
     paths; speeds_percent of them and loads_kg: conditions of the pose and path tests, the first for all others; dwell_s: rest at a pose
     that is measured, of which the first settle_s are left out; cycles: other numbers than the standard's `CYCLES`; drift_s: how long the
-    drift test lasts, drift_every_s: from group to group; weave_mm: stroke and way of one weave.
+    drift test lasts, drift_every_s: from group to group; weave_mm: stroke and way of one weave; limit_band_mm:
+    about a pose at rest, within which the robot has arrived (settling and posing); angles: convention of component-wise angles.
     """
 
     __test__ = False  # no test of pytest's
@@ -59,6 +60,8 @@ class Tests:
     drift_s: float = 8.0 * 3600.0
     drift_every_s: float = 600.0
     weave_mm: tuple[float, float] = (10.0, 10.0)
+    limit_band_mm: float = 0.1
+    angles: str | None = None
 
     def __post_init__(self) -> None:
         for name in (*self.tests, *self.cycles):
@@ -66,7 +69,15 @@ class Tests:
                 raise CertificationError(f"there is no test {name!r}; known: {', '.join(TESTS)}")
         if not self.tests or not self.speeds_percent or not self.loads_kg:
             raise CertificationError("there must be a test, a speed and a load at least")
-        positive = (self.speed_mm_s, self.path_speed_mm_s, *self.speeds_percent, self.drift_s, self.drift_every_s, *self.weave_mm)
+        positive = (
+            self.speed_mm_s,
+            self.path_speed_mm_s,
+            *self.speeds_percent,
+            self.drift_s,
+            self.drift_every_s,
+            *self.weave_mm,
+            self.limit_band_mm,
+        )
         if not all(0.0 < v < math.inf for v in positive) or not all(0.0 <= v < math.inf for v in self.loads_kg):
             raise CertificationError("speeds, times and lengths must be finite and more than 0, loads 0 or more")
         if not 0.0 <= self.settle_s < self.dwell_s < math.inf:
@@ -98,7 +109,7 @@ def campaign(cube: Cube, tests: Tests) -> Campaign:
     for part in parts:
         for key, rows in part.tables.items():
             tables[key] = (*tables.get(key, ()), *rows)
-    program = Program.model_validate({"schema_": "lmeasure.program/1", "name": "ISO 9283 test cube", **tables})
+    program = Program.model_validate({"schema_": "lmeasure.program/1", "name": "ISO 9283 test cube", "angles": tests.angles, **tables})
     home = Command(points["P1"][None], tests.speed_mm_s, 0.0)
     return Campaign(program, (*(c for part in parts for c in part.commands), home), points["P1"])
 
@@ -165,7 +176,7 @@ def _stabilisation(cube: Cube, tests: Tests, points: _Points) -> _Part:
     """7.4, 7.5: P1 from P2."""
     n, title = tests.count("stabilisation"), "P1 settling"
     commands = [c for i in range(1, n + 1) for c in (_to(points["P2"], tests), _to(points["P1"], tests, title, role="settling", cycle=i))]
-    return _Part({"pose": (_pose(title, points["P1"], cycles=n),)}, tuple(commands))
+    return _Part({"pose": (_pose(title, points["P1"], cycles=n, limit_band_mm=tests.limit_band_mm),)}, tuple(commands))
 
 
 def _drift(cube: Cube, tests: Tests, points: _Points) -> _Part:
@@ -249,7 +260,7 @@ def _posing(cube: Cube, tests: Tests, points: _Points) -> _Part:
         row[:3] += at * direction
         rows[f"posing {at:+g}"] = row
     names = list(rows)
-    posings = [Posing(from_pose=a, to_pose=b) for a, b in itertools.pairwise(names)]
+    posings = [Posing(from_pose=a, to_pose=b, limit_band_mm=tests.limit_band_mm) for a, b in itertools.pairwise(names)]
     commands: list[Command] = []
     for cycle in range(1, n + 1):
         commands.append(_to(rows[names[0]], tests, dwell_s=tests.dwell_s))

@@ -37,6 +37,12 @@ def program(
         typer.Option("--cycles", metavar="TEST=N,...", help="Other numbers of cycles than the standard's (pose=30, path=10, ...)."),
     ] = None,
     dwell: Annotated[float, typer.Option("--dwell", help="Rest at a pose that is measured, s.")] = 1.5,
+    angles: Annotated[
+        str | None, typer.Option("--angles", help="Convention in which angles are certified one by one; the rig's by default.")
+    ] = None,
+    limit_band: Annotated[
+        float, typer.Option("--limit-band", help="Within which of a pose the robot has arrived, for stabilisation and posing time, mm.")
+    ] = 0.1,
     drift_hours: Annotated[float, typer.Option("--drift-hours", help="How long the drift test lasts.")] = 8.0,
 ) -> None:
     """Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads."""
@@ -64,6 +70,8 @@ def program(
         dwell_s=dwell,
         cycles=_cycles(cycles),
         drift_s=3600.0 * drift_hours,
+        limit_band_mm=limit_band,
+        angles=angles,
     )
     plan = campaign(cube, chosen)
     write_program(out / "program.toml", plan.program)

@@ -17,7 +17,7 @@ JOINT_NOISE_RAD = 1.5e-5
 BACKLASH_RAD = 3e-5
 RATED_SPEED_MM_S = 1000.0
 RATED_LOAD_KG = 20.0
-RAMP_S = (0.15, 0.05)
+RAMP_S = (0.08, 0.03)
 GROWTH = 1.5e-4
 """A steel arm that gets 13 K warmer."""
 GROWTH_S = 1800.0
@@ -36,8 +36,8 @@ def cell_robot(seed: int = 0) -> SimulatedRobot:
         nominal.with_errors(errors),
         rest=np.array([0.0, 0.0, 0.0, 0.0, 1.4, 0.0]),
         ramp_s=RAMP_S,
-        natural_rad_s=rng.uniform(40.0, 70.0, AXES),
-        damping=rng.uniform(0.6, 0.9, AXES),
+        natural_rad_s=rng.uniform(80.0, 110.0, AXES),
+        damping=rng.uniform(0.4, 0.55, AXES),
         joint_noise_rad=JOINT_NOISE_RAD * rng.uniform(0.5, 1.5, AXES),
         backlash_rad=BACKLASH_RAD * rng.uniform(0.5, 1.5, AXES),
         stiffness_n_mm_rad=np.array([2e9, 2e9, 1.5e9, 4e8, 4e8, 3e8]),

@@ -1,0 +1,172 @@
+"""A robot with known errors is tested in the simulated cell, measured through the bus and certified, beside the truth."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure import files
+from lmeasure.certification import Characteristic, Evaluation, Settings, evaluate
+from lmeasure.certification.campaign import Tests, campaign, timed
+from lmeasure.certification.command_files import write_commands
+from lmeasure.certification.cube import largest_cube
+from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, U_REFERENCE_MM, U_REFERENCE_RAD, Progress, calibrated_cell, stages
+from lmeasure.chains.folder import claim, mark
+from lmeasure.chains.over_the_bus import record_motion
+from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.kernels.screw import OK
+from lmeasure.poses import POSITION_COLUMNS
+from lmeasure.program import Program, write_program
+from lmeasure.robots.cell_robot import RATED_LOAD_KG, RATED_SPEED_MM_S, cell_robot
+from lmeasure.run import read_run, write_run
+from lmeasure.simulation import cell_rig, simulate_run
+from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
+
+FloatArray = NDArray[np.float64]
+
+ROBOT_STAGES = COUNT, CALIBRATE, PERFORM, RECORD, RECONSTRUCT, CERTIFY, DRAW = (
+    COUNT,
+    CALIBRATE,
+    "let the robot run its test program",
+    "record it over the bus",
+    "reconstruct",
+    "certify",
+    "draw",
+)
+
+HALF_CUBE_MM = 250.0
+RATE_HZ = 200.0
+TESTS = Tests(
+    tests=("pose", "approach", "stabilisation", "path", "reorientation", "posing", "compliance", "weaving"),
+    speed_mm_s=RATED_SPEED_MM_S,
+    speeds_percent=(100.0,),
+    loads_kg=(RATED_LOAD_KG,),
+    dwell_s=0.45,
+    settle_s=0.3,
+    cycles={"approach": 10, "reorientation": 5, "compliance": 2, "weaving": 2},
+    weave_mm=(10.0, 40.0),
+    limit_band_mm=0.05,
+    angles="fanuc-wpr",
+)
+"""At one speed and load, with short rests and fewer cycles of some tests, so that it does not take an hour."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A characteristic held against the truth: value and U95 as certified, true_value from the true poses of the same cycles."""
+
+    name: str
+    where: str
+    unit: str
+    value: float
+    u95: float
+    true_value: float
+    inside: bool
+    capable: bool
+
+
+@dataclass(frozen=True)
+class RobotDemo:
+    """What the demo gave: every characteristic beside its truth, and the files to look at, the most telling first."""
+
+    held: tuple[Held, ...]
+    remarks: tuple[str, ...]
+    look: tuple[Path, ...]
+
+    def shown(self) -> tuple[Held, ...]:
+        """One of each name: at P1 or on the line where it is known there, else the first."""
+        best: dict[str, Held] = {}
+        for h in self.held:
+            plain = h.where in {"P1", "line"}
+            if h.name not in best or (plain and best[h.name].where not in {"P1", "line"}):
+                best[h.name] = h
+        return tuple(best.values())
+
+
+def robot_demo(out: Path, progress: Progress | None = None, seed: int = 0, tests: Tests = TESTS) -> RobotDemo:
+    """Calibrate the cell, let the simulated robot run the test cube, measure and certify it; all files into the folder `out`.
+
+    A folder that holds something else is refused with an LMeasureError; an earlier demo's is written over.
+    """
+    # slow to import, and needed only for the picture
+    from lmeasure.view.stages import write_recording
+
+    out = Path(out)
+    claim(out)
+    step = stages(progress)
+    rng = np.random.default_rng(seed)
+    true = cell_rig(seed)
+    cell = calibrated_cell(out, true, rng, step)
+
+    report = step(PERFORM)
+    plan = campaign(largest_cube((-HALF_CUBE_MM,) * 3, (HALF_CUBE_MM,) * 3), tests)
+    write_commands(out / "commands.csv", plan)
+    done = cell_robot(seed).perform(plan.commands, plan.start, RATE_HZ, rng, report)
+    program = timed(plan.program, done, tests.settle_s)
+    write_program(out / "program.toml", program)
+
+    report = step(RECORD)
+    moved = simulate_run(true, done.time_s, done.poses, 0.0, rng)
+    recorded = record_motion(moved, report)
+    # the counters are zeroed where the robot stands, which a reference instrument measures
+    start = done.poses[0].copy()
+    start[:3] += U_REFERENCE_MM * rng.normal(size=3)
+    start[3:] = (Rotation.from_rotvec(U_REFERENCE_RAD * rng.normal(size=3)) * Rotation.from_quat(start[3:])).as_quat()
+    u_start = (U_REFERENCE_MM, U_REFERENCE_RAD)
+    found = replace(recorded, rig=cell.calibration.rig, calibration=cell.calibration.record, start=start, u_start=u_start)
+    write_run(out / "run", found)
+    columns = {"time_s": done.time_s} | dict(zip((*POSITION_COLUMNS, *QUATERNION_COLUMNS), done.poses.T, strict=True))
+    files.write_table(out / "truth.parquet", columns)
+
+    step(RECONSTRUCT)
+    run = read_run(out / "run")
+    trajectory = reconstruct(run)
+    write_trajectory(out / "trajectory.parquet", trajectory)
+
+    report = step(CERTIFY)
+    settings = Settings()
+    evaluation = evaluate(trajectory, program, run=run, settings=settings, progress=report)
+    held = hold(evaluation, _without_errors(trajectory, done.poses), program)
+    files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
+
+    step(DRAW)
+    write_recording(out / "demo.rrd", run.rig, run=run, trajectory=trajectory, truth=done.poses, record=cell.calibration.record)
+    mark(out, held)
+    look = ("demo.rrd", "characteristics.csv", "program.toml", "commands.csv", "run")
+    return RobotDemo(held, _remarks(held, evaluation), tuple(out / name for name in look))
+
+
+def hold(evaluation: Evaluation, truth: Trajectory, program: Program) -> tuple[Held, ...]:
+    """Each characteristic beside that of the true trajectory, evaluated alike."""
+    of_truth = evaluate(truth, program, settings=replace(evaluation.settings, trials=100))
+    true_values = {_key(c): c.value for c in of_truth.characteristics}
+    return tuple(
+        Held(c.name, c.where, c.unit, c.value, c.u95, t, abs(c.value - t) <= c.u95, c.capable)
+        for c in evaluation.characteristics
+        if (t := true_values.get(_key(c))) is not None
+    )
+
+
+def _key(c: Characteristic) -> tuple[str, str | None, str | None, str | None]:
+    return c.name, c.pose, c.path, c.part
+
+
+def _without_errors(trajectory: Trajectory, poses: FloatArray) -> Trajectory:
+    """The true poses as a trajectory that is certain of them."""
+    nothing = np.zeros_like(trajectory.random)
+    return replace(
+        trajectory, poses=poses, status=np.full(len(poses), OK), random=nothing, systematic=nothing, covers="nothing: the truth", notes=()
+    )
+
+
+def _remarks(held: tuple[Held, ...], evaluation: Evaluation) -> tuple[str, ...]:
+    inside = Counter(h.inside for h in held)[True]
+    capable = Counter(h.capable for h in held)[True]
+    return (
+        f"{inside} of {len(held)} characteristics lie within U95 of the truth; the calibration's error is one draw that all of them share",
+        f"the instrument is capable of {capable} of them: U95 is at most {evaluation.settings.capability:.0%} of the characteristic",
+        *evaluation.notes,
+    )
