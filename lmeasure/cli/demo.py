@@ -50,7 +50,7 @@ def _robot(out: Path, seed: int) -> tuple[list[tuple[str, ...]], tuple[str, ...]
         result = robot_demo(out, progress, seed)
     head = ("characteristic", "value", "U95", "truth", "unit", "")
     rows = [
-        (f"{h.name} {h.where}", *(f"{v:.4f}" for v in (h.value, h.u95, h.true_value)), h.unit, "inside" if h.inside else "OUTSIDE")
+        (f"{h.name} {h.where}", *(f"{v:.4g}" for v in (h.value, h.u95, h.true_value)), h.unit, "inside" if h.inside else "OUTSIDE")
         for h in result.shown()
     ]
     return [head, *rows], result.remarks, result.look

@@ -1,0 +1,94 @@
+"""The robot's closed loop: known errors of an arm, measured through the bus, come back as characteristics beside their truth."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import lmeasure.chains.robot_demo as chain
+from lmeasure import files
+from lmeasure.certification.campaign import Tests
+from lmeasure.chains.robot_demo import ROBOT_STAGES, RobotDemo, robot_demo
+from lmeasure.cli import app
+from lmeasure.errors import LMeasureError
+from lmeasure.program import read_program
+
+SHORT = Tests(
+    tests=("pose", "approach", "stabilisation", "path", "reorientation", "posing", "compliance"),
+    speeds_percent=(100.0,), loads_kg=(20.0,), dwell_s=0.45, settle_s=0.3, limit_band_mm=0.05, angles="fanuc-wpr",
+    cycles={"pose": 8, "approach": 2, "stabilisation": 2, "path": 3, "reorientation": 2, "posing": 2, "compliance": 2},
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("robot") / "demo"
+
+
+@pytest.fixture(scope="module")
+def told() -> list[str]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def done(out: Path, told: list[str]) -> RobotDemo:
+    return robot_demo(out, lambda stage, done, of: told.append(stage), seed=1, tests=SHORT)
+
+
+def test_characteristics_lie_within_their_uncertainty_of_the_truth(done: RobotDemo) -> None:
+    # all share one calibration: fewer than 95 % may lie inside, but not many fewer
+    assert Counter(h.inside for h in done.held)[True] >= 0.85 * len(done.held)
+    by_name = {(h.name, h.where): h for h in done.held}
+    for pose in ("P1", "P2", "P3", "P4", "P5"):
+        accuracy = by_name["AP_p", pose]
+        # the arm's links are off by tenths of a millimetre, the calibrated cell by hundredths
+        assert 0.05 < accuracy.true_value < 3.0
+        assert abs(accuracy.value - accuracy.true_value) < 0.15
+        assert 0.01 < accuracy.u95 < 0.15
+    expected = {"AP_p", "RP_l", "vAP_p", "AD_p", "RD", "AT_p", "RT_p", "AV", "RV", "FV", "CR", "CO", "C_x", "t_min"}
+    assert expected <= {h.name for h in done.held}
+
+
+def test_one_of_each_name_is_shown(done: RobotDemo) -> None:
+    shown = done.shown()
+    assert len({h.name for h in shown}) == len(shown) == len({h.name for h in done.held})
+    assert next(h.where for h in shown if h.name == "AP_p") == "P1"
+    assert next(h.where for h in shown if h.name == "AT_p") == "line"
+
+
+def test_every_stage_leaves_its_files(done: RobotDemo, out: Path, told: list[str]) -> None:
+    assert tuple(dict.fromkeys(told)) == ROBOT_STAGES
+    for path in done.look:
+        assert path.exists(), path
+    program = read_program(out / "program.toml")
+    assert [len(p.windows_s) for p in program.pose if p.name == "P3"] == [8]
+    table = files.read_table(out / "characteristics.csv")
+    assert len(table) == len(done.held)
+    mark = json.loads((out / "demo.json").read_text())
+    assert mark["finished"] is True
+    assert mark["table"][0]["name"] == "AP_p"
+    truth = files.read_table(out / "truth.parquet").matrix(("x_mm", "y_mm", "z_mm"))
+    found = files.read_table(out / "trajectory.parquet").matrix(("x_mm", "y_mm", "z_mm"))
+    assert np.abs(found - truth).max() < 0.2
+
+
+def test_a_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(LMeasureError, match="holds other files"):
+        robot_demo(tmp_path)
+
+
+def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chain, "robot_demo", lambda out, progress, seed: done)
+    ran = CliRunner().invoke(app, ["demo", "--robot"])
+    assert ran.exit_code == 0, ran.output
+    lines = ran.output.splitlines()
+    assert lines[1].split() == ["characteristic", "value", "U95", "truth", "unit"]
+    first = lines[2].split()
+    assert first[:2] == ["AP_p", "P1"]
+    assert float(first[2]) == pytest.approx(done.held[0].value, rel=1e-3)
+    assert first[-1] in {"inside", "OUTSIDE"}
+    assert f"of {len(done.held)} characteristics lie within U95 of the truth" in ran.output
