@@ -75,6 +75,11 @@ def test_every_stage_leaves_its_files(done: RobotDemo, out: Path, told: list[str
     assert np.abs(found - truth).max() < 0.2
 
 
+def test_the_certificate_is_recomputed_from_its_own_copies(done: RobotDemo, out: Path) -> None:
+    ran = CliRunner().invoke(app, ["verify", str(out / "certificate")])
+    assert ran.exit_code == 0, ran.output
+
+
 def test_a_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(LMeasureError, match="holds other files"):

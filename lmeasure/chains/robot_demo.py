@@ -1,18 +1,21 @@
 """A robot with known errors is tested in the simulated cell, measured through the bus and certified, beside the truth."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import files
-from lmeasure.certification import Characteristic, Evaluation, Settings, evaluate
+from lmeasure.certification import Settings, evaluate
 from lmeasure.certification.campaign import Tests, campaign, timed
 from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.cube import largest_cube
+from lmeasure.certification.measure import Inputs
 from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, U_REFERENCE_MM, U_REFERENCE_RAD, Progress, calibrated_cell, stages
 from lmeasure.chains.folder import claim, mark
 from lmeasure.chains.over_the_bus import record_motion
@@ -91,7 +94,8 @@ def robot_demo(out: Path, progress: Progress | None = None, seed: int = 0, tests
 
     A folder that holds something else is refused with an LMeasureError; an earlier demo's is written over.
     """
-    # slow to import, and needed only for the picture
+    # slow to import, and needed only for pages and pictures
+    from lmeasure.report.certificate import Choices, write_certificate
     from lmeasure.view.stages import write_recording
 
     out = Path(out)
@@ -128,30 +132,39 @@ def robot_demo(out: Path, progress: Progress | None = None, seed: int = 0, tests
 
     report = step(CERTIFY)
     settings = Settings()
-    evaluation = evaluate(trajectory, program, run=run, settings=settings, progress=report)
-    held = hold(evaluation, _without_errors(trajectory, done.poses), program)
+    inputs = Inputs(out / "trajectory.parquet", out / "program.toml", out / "run")
+    certificate = write_certificate(out / "certificate", inputs, settings, Choices(), report)
+    held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
     files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
 
     step(DRAW)
     write_recording(out / "demo.rrd", run.rig, run=run, trajectory=trajectory, truth=done.poses, record=cell.calibration.record)
     mark(out, held)
-    look = ("demo.rrd", "characteristics.csv", "program.toml", "commands.csv", "run")
-    return RobotDemo(held, _remarks(held, evaluation), tuple(out / name for name in look))
+    look = (
+        "demo.rrd",
+        "certificate/report.html",
+        "certificate/certificate.pdf",
+        "characteristics.csv",
+        "program.toml",
+        "commands.csv",
+        "run",
+    )
+    return RobotDemo(held, _remarks(held, settings), tuple(out / name for name in look))
 
 
-def hold(evaluation: Evaluation, truth: Trajectory, program: Program) -> tuple[Held, ...]:
-    """Each characteristic beside that of the true trajectory, evaluated alike."""
-    of_truth = evaluate(truth, program, settings=replace(evaluation.settings, trials=100))
-    true_values = {_key(c): c.value for c in of_truth.characteristics}
+def hold(characteristics: Sequence[Mapping[str, Any]], truth: Trajectory, program: Program, settings: Settings) -> tuple[Held, ...]:
+    """Each characteristic of a certificate beside that of the true trajectory, evaluated alike."""
+    of_truth = evaluate(truth, program, settings=replace(settings, trials=100))
+    true_values = {_key(c.as_dict()): c for c in of_truth.characteristics}
     return tuple(
-        Held(c.name, c.where, c.unit, c.value, c.u95, t, abs(c.value - t) <= c.u95, c.capable)
-        for c in evaluation.characteristics
+        Held(c["name"], t.where, c["unit"], c["value"], c["u95"], t.value, abs(c["value"] - t.value) <= c["u95"], c["capable"])
+        for c in characteristics
         if (t := true_values.get(_key(c))) is not None
     )
 
 
-def _key(c: Characteristic) -> tuple[str, str | None, str | None, str | None]:
-    return c.name, c.pose, c.path, c.part
+def _key(c: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(c.get(key) for key in ("name", "pose", "path", "part"))
 
 
 def _without_errors(trajectory: Trajectory, poses: FloatArray) -> Trajectory:
@@ -162,11 +175,10 @@ def _without_errors(trajectory: Trajectory, poses: FloatArray) -> Trajectory:
     )
 
 
-def _remarks(held: tuple[Held, ...], evaluation: Evaluation) -> tuple[str, ...]:
+def _remarks(held: tuple[Held, ...], settings: Settings) -> tuple[str, ...]:
     inside = Counter(h.inside for h in held)[True]
     capable = Counter(h.capable for h in held)[True]
     return (
         f"{inside} of {len(held)} characteristics lie within U95 of the truth; the calibration's error is one draw that all of them share",
-        f"the instrument is capable of {capable} of them: U95 is at most {evaluation.settings.capability:.0%} of the characteristic",
-        *evaluation.notes,
+        f"the instrument is capable of {capable} of them: U95 is at most {settings.capability:.0%} of the characteristic",
     )
