@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.decoders import CounterField
+from lmeasure.acquisition.decoders import NO_RANGE, CounterField
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.kernels.counter import runs_on
 
@@ -13,8 +13,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-NO_WRAP = 2**62
-"""Ranges from here on are never passed: no unwrapping, and integers stay within 64 bits."""
 RESET_WITHIN = 2
 """Units from zero within which a device that starts again is found."""
 RESET_FACTOR = 20
@@ -43,7 +41,7 @@ class CounterState:
         if len(values) == 0:
             return np.empty(0)
         modulus, half = self.field.modulus, self.field.modulus // 2
-        wraps = modulus < NO_WRAP
+        wraps = modulus < NO_RANGE
         if not self.seen:
             first = int(values[0]) - self.field.start
             self.total = (first + half) % modulus - half if wraps else first
@@ -94,7 +92,7 @@ class CounterState:
     ) -> int | None:
         """Row from which the origin is lost: after a pause in which the counter could have wrapped unseen, or a start again at zero."""
         found: list[tuple[int, str, str]] = []
-        if self.field.modulus < NO_WRAP and not self.wraps_later:
+        if self.field.modulus < NO_RANGE and not self.wraps_later:
             pauses = np.flatnonzero(limit > self.field.modulus / 2)
             if len(pauses):
                 text = f"{limit[pauses[0]]:.0f} units are possible since its last count, half its range is {self.field.modulus // 2}"

@@ -4,23 +4,27 @@ Whatever names a counter (a place in a frame, a signal of a DBC file, a J1939 pa
 it comes down to one `CounterField`; decoding and encoding know nothing else.
 """
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.acquisition.frames import Frames
-from lmeasure.can_table import CounterChannel, DbcCan, J1939Can, RawCan
+from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.can_table import CounterChannel, DbcCan, DbcChannel, J1939Can, RawCan
 from lmeasure.errors import AcquisitionError, FileFormatError
-from lmeasure.kernels.frames import extract
-from lmeasure.rig import Rig
+from lmeasure.kernels.frames import FIELD_COLUMNS, extract
+from lmeasure.rig import Drum, Rig
 
 IntArray = NDArray[np.int64]
 
 ALL_BITS = 0x1FFFFFFF
 STANDARD_IDENTIFIERS = 0x800
+NO_RANGE = 2**62
+"""Units of a counter that never starts again; integers stay within 64 bits."""
 PDU1_LIMIT = 240
 """J1939: below this PDU format the lower byte of the group's number is the receiver's address (SAE J1939-21)."""
 
@@ -45,6 +49,8 @@ class CounterField:
     modulus: int
     start: int = 0
     scale: float = 1.0
+    reader: Callable[[bytes], int | None] | None = None
+    """Reads the value out of a frame's data where it is no plain integer; None where the frame holds none."""
 
     @property
     def bytes_needed(self) -> int:
@@ -100,7 +106,7 @@ def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[C
             for c in table.channel
         }
     elif isinstance(table, DbcCan):
-        places = _dbc_places(table, folder)
+        return _dbc_fields(table, folder, drums)
     else:
         raise AcquisitionError("can: decoder 'cia406' asks the encoders where they put their counts")
     return tuple(field_at(known[channel], places[channel], drum.counter_bits) for channel, drum in drums.items())
@@ -138,7 +144,7 @@ def _parameter_group(pgn: int, source_address: int | None) -> tuple[int, int]:
     return ((pgn << 8) | (source_address or 0)) & mask, mask
 
 
-def _dbc_places(table: DbcCan, folder: Path) -> dict[str, Place]:
+def _dbc_fields(table: DbcCan, folder: Path, drums: Mapping[str, Drum]) -> tuple[CounterField, ...]:
     import cantools
 
     path = folder / table.dbc
@@ -148,31 +154,87 @@ def _dbc_places(table: DbcCan, folder: Path) -> dict[str, Place]:
         raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # its parser raises whatever a broken file leads it into
         raise FileFormatError(f"{path}: is no DBC file: {' '.join(str(error).split())[:200]}") from error
-    out: dict[str, Place] = {}
-    for c in table.channel:
-        where = f"{path}: channel {c.channel}: message {c.message!r}"
-        message = next((m for m in database.messages if m.name == c.message), None)
-        if message is None:
-            raise FileFormatError(f"{where} is not in it")
-        signal = next((s for s in message.signals if s.name == c.signal), None)
-        if signal is None:
-            raise FileFormatError(f"{where} has no signal {c.signal!r}; it has {', '.join(s.name for s in message.signals)}")
-        if signal.is_multiplexer or signal.multiplexer_ids or signal.conversion.is_float or not 8 <= signal.length <= 64:
-            raise FileFormatError(f"{where}: signal {c.signal!r} is not a plain integer of 8 to 64 bits")
-        first = signal.start if signal.byte_order == "little_endian" else 8 * (signal.start // 8) + 7 - signal.start % 8
-        order: Literal["little", "big"] = "little" if signal.byte_order == "little_endian" else "big"
-        out[c.channel] = (message.frame_id, ALL_BITS, message.is_extended_frame, first, signal.length, order, signal.is_signed)
-    return out
+    known = {c.channel: c for c in table.channel}
+    return tuple(_dbc_field(known[channel], database, path, drum) for channel, drum in drums.items())
+
+
+def _dbc_field(c: DbcChannel, database: Any, path: Path, drum: Drum) -> CounterField:
+    """The field of a signal: compiled where it is a plain integer, by cantools where it is multiplexed or a floating-point number."""
+    where = f"{path}: channel {c.channel}: message {c.message!r}"
+    message = next((m for m in database.messages if m.name == c.message), None)
+    if message is None:
+        raise FileFormatError(f"{where} is not in it")
+    signal = next((s for s in message.signals if s.name == c.signal), None)
+    if signal is None:
+        raise FileFormatError(f"{where} has no signal {c.signal!r}; it has {', '.join(s.name for s in message.signals)}")
+    if not 8 <= signal.length <= 64:
+        raise FileFormatError(f"{where}: signal {c.signal!r} has {signal.length} bits, a counter has 8 to 64")
+    first = signal.start if signal.byte_order == "little_endian" else 8 * (signal.start // 8) + 7 - signal.start % 8
+    order: Literal["little", "big"] = "little" if signal.byte_order == "little_endian" else "big"
+    place: Place = (message.frame_id, ALL_BITS, message.is_extended_frame, first, signal.length, order, signal.is_signed)
+    if not signal.conversion.is_float:
+        field = field_at(c, place, drum.counter_bits)
+        return replace(field, reader=_reader(message, signal.name, 1.0)) if signal.multiplexer_ids else field
+    if drum.counter_bits is not None:
+        raise AcquisitionError(
+            f"{where}: signal {c.signal!r} is a floating-point number, which never wraps: its drum needs no counter_bits"
+        )
+    # as whole counts, so that everything behind the decoder is as for any counter
+    start = round(c.scale * c.start)
+    return CounterField(c.channel, *place, c.range or NO_RANGE, start, 1.0, _reader(message, signal.name, c.scale))
+
+
+def _reader(message: Any, signal: str, scale: float) -> Callable[[bytes], int | None]:
+    from cantools.database.errors import Error
+
+    def read(data: bytes) -> int | None:
+        try:
+            value = message.decode(data, decode_choices=False, scaling=False).get(signal)
+        except (Error, ValueError):  # a multiplexer value that the file does not know
+            return None
+        if value is None or not math.isfinite(value) or abs(scale * value) >= NO_RANGE:
+            return None
+        return round(scale * value)
+
+    return read
 
 
 def decode(frames: Frames, fields: tuple[CounterField, ...], sync_id: int | None = None) -> Readings:
     """All values of the fields in the frames, and the SYNCs among them. Error and remote frames carry none; a frame too short for its field
     is counted, not read."""
     columns = (frames.time_s, frames.identifier, frames.flags, frames.length, frames.data, frames.channel)
-    rows = [(*f.row(), _byte_behind(f, fields)) for f in fields]
+    compiled = [j for j, f in enumerate(fields) if f.reader is None]
+    rows = [(*fields[j].row(), _byte_behind(fields[j], fields)) for j in compiled]
     sync_key = -1 if sync_id is None else sync_id if sync_id < STANDARD_IDENTIFIERS else sync_id | ALL_BITS + 1
-    frame, field, value, window, short, wider, syncs = extract(columns, np.array(rows, np.int64), sync_key)
-    return Readings(frame, field, value, tuple(short.tolist()), tuple(wider.tolist()), window, syncs)
+    frame, field, value, window, short, wider, syncs = extract(columns, np.array(rows, np.int64).reshape(-1, FIELD_COLUMNS), sync_key)
+    if len(compiled) == len(fields):
+        return Readings(frame, field, value, tuple(short.tolist()), tuple(wider.tolist()), window, syncs)
+    all_short, all_wider = np.zeros(len(fields), np.int64), np.zeros(len(fields), np.int64)
+    all_short[compiled], all_wider[compiled] = short, wider
+    read = _by_readers(frames, fields, all_short)
+    frame = np.concatenate([frame, read[0]])
+    field = np.concatenate([np.array(compiled, np.int16)[field], read[1].astype(np.int16)])
+    value = np.concatenate([value, read[2]])
+    order = np.argsort(frame, kind="stable")
+    window = np.searchsorted(syncs, frame[order])
+    return Readings(frame[order], field[order], value[order], tuple(all_short.tolist()), tuple(all_wider.tolist()), window, syncs)
+
+
+def _by_readers(frames: Frames, fields: tuple[CounterField, ...], short: IntArray) -> IntArray:
+    """(3, k) frame, field and value of what the readers read, in the order of the frames; short gets the frames too short."""
+    found: list[tuple[int, int, int]] = []
+    plain = (frames.flags & (ERROR | REMOTE)) == 0
+    extended = (frames.flags & EXTENDED) != 0
+    for j, f in enumerate(fields):
+        if f.reader is None:
+            continue
+        for i in np.flatnonzero(plain & (frames.identifier & f.mask == f.identifier) & (extended == f.extended)).tolist():
+            length = int(frames.length[i])
+            if length < f.bytes_needed:
+                short[j] += 1
+            elif (value := f.reader(frames.data[i, :length].tobytes())) is not None:
+                found.append((i, j, value))
+    return np.array(sorted(found), np.int64).reshape(-1, 3).T
 
 
 def _byte_behind(field: CounterField, fields: tuple[CounterField, ...]) -> int:

@@ -30,10 +30,14 @@ _places = itertools.count()
 def frames_from_counts(time_s: FloatArray, recorded: FloatArray, fields: tuple[CounterField, ...], sync_id: int) -> Frames:
     """For each of the (n,) times a SYNC and then one frame per field with its count of (n, m), all stamped with that time.
 
-    Counts are whole; channels that share an identifier share the frame. AcquisitionError where a count is missing.
+    Counts are whole; channels that share an identifier share the frame. AcquisitionError where a count is missing,
+    or a field is no plain integer.
     """
     if not np.isfinite(recorded).all():
         raise AcquisitionError(f"sample {int(np.argmax(~np.isfinite(recorded).all(axis=1)))}: has no count to send")
+    for f in fields:
+        if f.reader is not None:
+            raise AcquisitionError(f"channel {f.channel}: multiplexed and floating-point signals can be read, not sent")
     n = len(time_s)
     frames: dict[tuple[int, bool], list[int]] = {}
     for i, f in enumerate(fields):

@@ -201,6 +201,7 @@ def scan_blf(b: Bytes, start_s: float, out: Columns, places: NDArray[np.int32], 
 
 
 KEY, MASK, FIRST_BIT, BITS, BIG_ENDIAN, SIGNED, BEHIND = range(7)
+FIELD_COLUMNS = 7
 """Columns of a field: see `extract`."""
 
 

@@ -312,7 +312,9 @@ def scan_asc(
                 return n, line, ODD, places_used, since
             is_fd = True
         else:
-            if _odd(c):
+            while 32 < byte(b, i) < 127:
+                i += 1
+            if _odd(byte(b, i)):
                 return n, line, ODD, places_used, since
             since = event
             pos = _skip_line(b, i) + 1

@@ -1,5 +1,6 @@
 """Mutated logs, DBC files and rig files: each is read, or refused in one line; and what is read of a log is what python-can reads."""
 
+import contextlib
 import io
 import re
 from collections.abc import Callable, Iterator
@@ -198,7 +199,9 @@ def _line_rows(path: Path) -> Iterator[tuple[Row, bool]]:
     raw = path.read_bytes()
     lines = re.split(rb"\r\n|\r|\n", raw)[:-1]
     base = can.ASCReader(io.StringIO(raw.decode("latin-1")))
-    base._extract_header()
+    with contextlib.suppress(ValueError):  # a base that is neither hex nor dec
+        base._extract_header()
+    base_name = base.base if base.base in ("hex", "dec") else "hex"
     for line in lines:
         try:
             text = line.decode("utf-8").strip()
@@ -210,7 +213,7 @@ def _line_rows(path: Path) -> Iterator[tuple[Row, bool]]:
             if path.suffix == ".asc":
                 if re.match(r"(begin|end)\s+triggerblock", text, re.IGNORECASE):
                     continue
-                found = list(can.ASCReader(io.StringIO(f"base {base.base}\ninternal events logged\n{text}\n")))
+                found = list(can.ASCReader(io.StringIO(f"base {base_name}\ninternal events logged\n{text}\n")))
             else:
                 found = list(can.CanutilsLogReader(io.StringIO(text)))
         except (ValueError, IndexError, TypeError, OverflowError):

@@ -1,3 +1,4 @@
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.decoders import ALL_BITS, CounterField, counter_fields, decode, encode
+from lmeasure.acquisition.feed import frames_from_counts
 from lmeasure.acquisition.frames import Frames, frames_from_messages
 from lmeasure.errors import AcquisitionError, FileFormatError
 from lmeasure.rig import Rig, rig_from_dict
@@ -104,8 +106,7 @@ def test_signals_of_a_dbc_file_are_what_cantools_decodes(message: str, signal: s
     [
         ({"message": "Drum", "signal": "Left"}, "message 'Drum' is not in it"),
         ({"message": "Drums", "signal": "Middle"}, "has no signal 'Middle'; it has Left, Right"),
-        ({"message": "Odd", "signal": "Sometimes"}, "is not a plain integer"),
-        ({"message": "Odd", "signal": "Tiny"}, "is not a plain integer"),
+        ({"message": "Odd", "signal": "Tiny"}, "signal 'Tiny' has 4 bits, a counter has 8 to 64"),
     ],
 )
 def test_a_dbc_file_that_does_not_tell_is_refused(channel: dict[str, str], complaint: str, tmp_path: Path) -> None:
@@ -118,6 +119,63 @@ def test_a_dbc_file_that_does_not_tell_is_refused(channel: dict[str, str], compl
         counter_fields(rig, folder=tmp_path)
     with pytest.raises(FileFormatError, match="cannot be read"):
         counter_fields(rig, folder=tmp_path / "elsewhere")
+
+
+def test_multiplexed_and_floating_point_signals_are_read_by_cantools(tmp_path: Path) -> None:
+    (tmp_path / "drums.dbc").write_text(DBC + FLOATS)
+    data = cell_rig(0).to_dict()
+    data["cable"] = data["cable"][:4]
+    channels = [
+        {"channel": "ch1", "message": "Odd", "signal": "Sometimes"},
+        {"channel": "ch2", "message": "Drums", "signal": "Left"},
+        {"channel": "ch3", "message": "Real", "signal": "Single", "scale": 100.0, "start": 1},
+        {"channel": "ch4", "message": "Real", "signal": "Mode"},
+    ]
+    fields = counter_fields(rig_from_dict(data | {"can": {"decoder": "dbc", "dbc": "drums.dbc", "channel": channels}}), folder=tmp_path)
+    assert [f.reader is None for f in fields] == [False, True, False, True]
+    assert (fields[2].start, fields[2].scale) == (100, 1.0)
+
+    def real(value: float) -> bytes:
+        return b"\7" + struct.pack(">f", value) + bytes(3)
+
+    payloads = [
+        (501, b"\1\x34\x12" + bytes(5)),  # the page that has the counter
+        (501, b"\2\x34\x12" + bytes(5)),  # another page
+        (0x80, b""),
+        (500, bytes(8)),
+        (502, real(12.34)),
+        (502, real(float("nan"))),
+        (502, real(float("inf"))),
+        (501, b"\1"),
+        (501, b"\1\x35\x12" + bytes(5)),
+    ]
+    frames = frames_from_messages(can.Message(arbitration_id=i, is_extended_id=False, data=p) for i, p in payloads)
+    readings = decode(frames, fields, 0x80)
+    assert readings.frame.tolist() == [0, 3, 4, 4, 5, 6, 8]
+    assert readings.field.tolist() == [0, 1, 3, 2, 3, 3, 0]
+    assert readings.value.tolist() == [0x1234, 0, 7, 1234, 7, 7, 0x1235]
+    assert readings.window.tolist() == [0, 1, 1, 1, 1, 1, 1]
+    assert readings.short == (1, 0, 0, 0)
+    with pytest.raises(AcquisitionError, match="channel ch1: multiplexed and floating-point signals can be read, not sent"):
+        frames_from_counts(np.zeros(1), np.zeros((1, 4)), fields, 0x80)
+
+
+FLOATS = """BO_ 502 Real: 8 ECU
+ SG_ Mode : 0|8@1+ (1,0) [0|0] "" ECU
+ SG_ Single : 15|32@0- (1,0) [0|0] "mm" ECU
+
+SIG_VALTYPE_ 502 Single : 1;
+"""
+
+
+def test_a_floating_point_counter_does_not_wrap(tmp_path: Path) -> None:
+    (tmp_path / "drums.dbc").write_text(DBC + FLOATS)
+    data = cell_rig(0).to_dict()
+    data["cable"] = data["cable"][:1]
+    data["observation_point"][0]["drum"]["counter_bits"] = 32
+    channel = {"channel": "ch1", "message": "Real", "signal": "Single"}
+    with pytest.raises(AcquisitionError, match="is a floating-point number, which never wraps: its drum needs no counter_bits"):
+        counter_fields(rig_from_dict(data | {"can": {"decoder": "dbc", "dbc": "drums.dbc", "channel": [channel]}}), folder=tmp_path)
 
 
 def test_j1939_groups_are_found_whatever_their_priority_and_sender() -> None:

@@ -290,6 +290,12 @@ def test_asc_of_canoe(tmp_path: Path, base: str) -> None:
     assert report.notes() == []
 
 
+def test_a_blank_that_is_not_ascii_parts_words_too(tmp_path: Path) -> None:
+    path = tmp_path / "log.asc"
+    path.write_bytes(b"base hex  timestamps absolute\n 0.5 CANFD\xa0  1 Rx 184 1 0 2 2 01 02\n")
+    assert [(r[0], r[1], r[10]) for r in read_rows(path)[0]] == [(0.5, 0x184, b"\1\2")]
+
+
 def test_asc_times_that_count_from_the_event_before(tmp_path: Path) -> None:
     """`timestamps relative`: python-can gives the differences as they stand; events that are no frames count too."""
     path = tmp_path / "log.asc"
