@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.canonical import digest
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Inputs, Measured, settings_stated
@@ -54,6 +55,7 @@ def certificate(
         },
         "angles": evaluation.angles,
         "uncertainty_covers": evaluation.covers,
+        "attained": [attained(pose) for pose in evaluation.poses],
         "notes": list(dict.fromkeys([*measured.notes, *evaluation.notes])),
         **figures,
         "figures_sha256": digest(figures),
@@ -71,7 +73,21 @@ def _instrument(measured: Measured) -> dict[str, Any] | None:
     if measured.rig is None:
         return None
     rig = measured.rig
-    return {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
+    told = {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
+    return told | {"systematic_sha256": measured.systematic_sha256}
+
+
+def attained(pose: AttainedPose) -> dict[str, Any]:
+    """What of a pose's cycles a later certificate can be compared with: their mean and covariance (0 for one cycle) of position [mm]."""
+    positions = pose.poses[:, :3]
+    covariance = np.cov(positions.T) if len(positions) > 1 else np.zeros((3, 3))
+    return {
+        "pose": pose.name,
+        "cycles": len(positions),
+        "commanded_mm": plain(pose.commanded[:3]),
+        "mean_mm": plain(positions.mean(axis=0)),
+        "covariance_mm2": plain(covariance),
+    }
 
 
 def plain(value: Any) -> Any:

@@ -125,6 +125,8 @@ def _administrative(root: Any, certificate: dict[str, Any]) -> None:
     _party(_add(part, "customer"), details.get("customer", {}))
     statements = _add(part, "statements")
     _named(_add(statements, "statement"), "The results relate only to the item tested.")
+    if not {"measured_from", "measured_to"} & set(dates):
+        _named(_add(statements, "statement"), "The dates of the measurement are not stated; those given are of this document.")
     told = details["accreditation"]["statement"] if "accreditation" in details else "Test report; no accreditation is stated."
     _named(_add(statements, "statement"), told)
     _named(_add(statements, "statement"), f"Traceability: {details.get('traceability', NOT_STATED)}")

@@ -109,6 +109,8 @@ class Details(Strict):
     schema_: Annotated[Literal["lmeasure.report/1"], Field(alias="schema")] = "lmeasure.report/1"
     number: Text | None = None
     """The laboratory's own number of the report."""
+    country: Annotated[str, Field(pattern="^[A-Z]{2}$")] | None = None
+    """ISO 3166-1 code of the laboratory's country, for the DCC."""
     location: Text | None = None
     method: Text | None = None
     deviations: Text | None = None

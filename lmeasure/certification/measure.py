@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from lmeasure import files
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.certification.bundle import INPUTS, safe_name
+from lmeasure.certification.canonical import digest
 from lmeasure.certification.details import Details, read_details
 from lmeasure.certification.errors_of_poses import ErrorsOfRun
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
@@ -20,7 +21,7 @@ from lmeasure.errors import CertificationError
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import Program, read_program
 from lmeasure.rig import Rig
-from lmeasure.run import read_run, read_run_head
+from lmeasure.run import Run, read_run, read_run_head
 from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
 
 FloatArray = NDArray[np.float64]
@@ -142,7 +143,11 @@ def _beside(rig_place: str, link: str, rig: Path) -> str:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a measurement gave. trajectory: the poses that were evaluated, from the counts when there is a run."""
+    """What a measurement gave. trajectory: the poses that were evaluated, from the counts when there is a run.
+
+    systematic_sha256: digest of the rig and its calibration, where nothing else is systematic in the run: measurements that have it in
+    common share their systematic errors. None where that is not so, or not known.
+    """
 
     evaluation: Evaluation
     trajectory: Trajectory
@@ -150,6 +155,7 @@ class Measured:
     details: Details
     rig: Rig | None = None
     calibration: CalibrationRecord | None = None
+    systematic_sha256: str | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -170,7 +176,14 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
     _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(run, inputs.constraint)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, trajectory.notes)
+    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), trajectory.notes)
+
+
+def _systematic(run: Run) -> str | None:
+    # the start pose, clocks of passes and the temperature err anew in every run
+    if run.calibration is None or any(run.u_start) or run.rig.passes > 1 or run.temperature_c is not None:
+        return None
+    return digest([run.rig.model_dump(mode="json"), run.calibration.model_dump(mode="json")])
 
 
 def _check_same(path: Path, trajectory: Trajectory) -> None:

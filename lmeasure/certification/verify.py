@@ -105,7 +105,8 @@ def read_certificate(path: Path) -> dict[str, Any]:
         raise CertificationError(f"{path}: is not a certificate (schema {SCHEMA!r})")
     kinds: dict[str, Any] = {
         "id": str, "created": str, "language": str, "details": dict, "measurement": dict, "inputs": list, "settings": dict,
-        "environment": dict, "trajectory": dict, "characteristics": list, "excluded": list, "notes": list, "figures_sha256": str,
+        "environment": dict, "trajectory": dict, "characteristics": list, "excluded": list, "attained": list, "notes": list,
+        "figures_sha256": str,
     }  # fmt: skip
     for key, kind in kinds.items():
         if not isinstance(content.get(key), kind):
@@ -171,6 +172,8 @@ def _told(content: dict[str, Any], key: str, exact: bool) -> Any:
         return [[e.get("kind"), e.get("name")] for e in value if isinstance(e, dict)]
     if key == "base_from_program":
         return [round(x, 5) if isinstance(x, float) else x for x in value]
+    if key == "attained":
+        return [[e.get("pose"), e.get("cycles")] for e in value if isinstance(e, dict)]
     return len(value) if key == "notes" else value
 
 

@@ -13,6 +13,7 @@ from lmeasure.cli import (
     calibrate,
     certify,
     check,
+    compare,
     demo,
     drum,
     import_,
@@ -64,6 +65,7 @@ app.command("place")(place.place)
 app.command("plan-poses")(plan_poses.plan_poses)
 app.command("certify")(certify.certify)
 app.command("verify")(verify.verify)
+app.command("compare")(compare.compare)
 app.command("key")(key.key)
 app.command("simulate")(simulate.simulate)
 app.command("record")(record.record)

@@ -32,6 +32,9 @@ def certify(
     tool_offset_mm: Annotated[
         str, typer.Option("--tool-offset-mm", metavar="X,Y,Z", help="Point of the tool to certify.", rich_help_panel=CHOICES)
     ] = "0,0,0",
+    angles: Annotated[
+        str | None, typer.Option("--angles", help="Convention of component-wise angles; default the program's.", rich_help_panel=CHOICES)
+    ] = None,
     capability: Annotated[
         float, typer.Option("--capability", min=0.0, max=1.0, help="Largest U95 as a part of a figure.", rich_help_panel=CHOICES)
     ] = 0.25,
@@ -63,6 +66,7 @@ def certify(
         raise typer.BadParameter("goes with --run", param_hint="--rig" if rig is not None else "--constraint")
     settings = Settings(
         align=align,
+        angles=angles,
         tool_offset_mm=_point(tool_offset_mm),
         capability=capability,
         limit_angle_deg=limit_deg,

@@ -4,6 +4,7 @@ import math
 import unicodedata
 from typing import Any
 
+from lmeasure.certification.verify import label
 from lmeasure.report.words import PHRASES, characteristic_name, unit, word
 
 Rows = list[tuple[str, ...]]
@@ -195,7 +196,9 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     if any(c.get("extension") for c in figures):
         out.append(word(language, "extension.text"))
     out += [phrase(language, note) for note in certificate["notes"]]
-    out += [phrase(language, f"{c['name']}: {c['note']}") for c in figures if c.get("note")]
+    # of whom a component takes its verdict is said once for all
+    own = [c for c in figures if c.get("note") and not c["note"].startswith("verdict of ")]
+    out += [phrase(language, f"{label(c)}: {c['note']}") for c in own]
     return list(dict.fromkeys(out))
 
 

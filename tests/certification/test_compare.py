@@ -1,0 +1,173 @@
+"""Certificates compared: chance is called chance, a moved robot is found, one calibration cancels, and nonsense is one line."""
+
+import contextlib
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import write_campaign
+from numpy.typing import NDArray
+
+from lmeasure.certification import Settings
+from lmeasure.certification.canonical import canonical
+from lmeasure.certification.compare import SIGNIFICANT, Pair, as_dict, compare_certificates, lines
+from lmeasure.certification.measure import Inputs
+from lmeasure.certification.verify import read_certificate
+from lmeasure.errors import LMeasureError
+from lmeasure.report.certificate import Choices, write_certificate
+
+FloatArray = NDArray[np.float64]
+POSES = ("P1", "P2", "P3", "P4", "P5")
+
+
+def certificate(
+    means: FloatArray, scatter_mm: float, rng: np.random.Generator, number: int = 0, *, cycles: int = 10, systematic_mm: float = 0.0,
+    random_mm: float = 0.0, digest: str | None = None, details: dict[str, Any] | None = None, day: str = "2026-03-01",
+) -> dict[str, Any]:  # fmt: skip
+    """As `certify` writes it, of a robot that scatters about these means (5, 3)."""
+    figures, attained = [], []
+    for pose, mean in zip(POSES, means, strict=True):
+        positions = mean + rng.normal(0.0, scatter_mm, (cycles, 3)) + rng.normal(0.0, random_mm, (cycles, 3))
+        entry = {"pose": pose, "cycles": cycles, "commanded_mm": [0.0, 0.0, 0.0], "mean_mm": positions.mean(axis=0).tolist()}
+        attained.append(entry | {"covariance_mm2": np.cov(positions.T).tolist()})
+        u = {"u_random": random_mm / np.sqrt(cycles) + 1e-9, "u_systematic": systematic_mm}
+        for axis, value in zip("xyz", positions.mean(axis=0), strict=True):
+            u95 = 2.0 * float(np.hypot(*u.values()))
+            figures.append({"name": f"AP_{axis}", "pose": pose, "value": float(value), "unit": "mm", "u95": u95, "capable": True, **u})
+    return {
+        "schema": "lmeasure.certificate/1", "id": f"LM-{number}", "created": f"{day}T00:00:00Z", "language": "en", "details": details or {},
+        "measurement": {}, "inputs": [], "settings": {"align": False}, "environment": {}, "trajectory": {}, "characteristics": figures,
+        "excluded": [], "attained": attained, "notes": [], "figures_sha256": "", "base_from_program": None,
+        "instrument": {"systematic_sha256": digest},
+    }  # fmt: skip
+
+
+def pair(a: dict[str, Any], b: dict[str, Any]) -> Pair:
+    return compare_certificates([("a", a), ("b", b)]).pairs[0]
+
+
+def test_a_robot_that_did_not_move_is_seldom_said_to_have() -> None:
+    """Per campaign of five poses, Holm over them: at most SIGNIFICANT; single probabilities are uniform where scatter dominates."""
+    rng = np.random.default_rng(1)
+    still, probabilities, trials = np.zeros((5, 3)), [], 800
+    alarms = 0
+    for _ in range(trials):
+        found = pair(certificate(still, 0.05, rng), certificate(still, 0.05, rng, 1))
+        alarms += any(s.moved for s in found.shifts)
+        probabilities += [s.probability for s in found.shifts if s.probability is not None]
+    assert alarms / trials < SIGNIFICANT + 3 * np.sqrt(SIGNIFICANT / trials)
+    assert alarms > 0
+    for level in (0.05, 0.5, 0.95):
+        assert abs(np.mean(np.array(probabilities) < level) - level) < 4 * np.sqrt(level * (1 - level) / len(probabilities)) + 0.01
+
+
+def test_the_u95_of_a_figures_difference_holds_what_it_says() -> None:
+    """Scatter of the robot aside, 95 % of differences of one robot lie within it, with calibrations of their own or the same."""
+    rng = np.random.default_rng(2)
+    inside: dict[bool, list[bool]] = {True: [], False: []}
+    for shared in (True, False):
+        for _ in range(250):
+            first = rng.normal(0.0, 0.03, 3)
+            errors = first, (first if shared else rng.normal(0.0, 0.03, 3))
+            both = [
+                certificate(np.tile(e, (5, 1)), 0.0, rng, i, random_mm=0.02, systematic_mm=0.03, digest="same" if shared else str(i))
+                for i, e in enumerate(errors)
+            ]
+            found = pair(both[0], both[1])
+            assert found.shared == shared
+            inside[shared] += [not c.beyond for c in found.changes[:3]]
+    for shared, told in inside.items():
+        # the coverage factor of the two is 2
+        assert abs(np.mean(told) - 0.9545) < 4 * np.sqrt(0.95 * 0.05 / len(told)), shared
+
+
+def test_a_moved_pose_is_named_and_the_others_are_not() -> None:
+    rng = np.random.default_rng(3)
+    still = np.zeros((5, 3))
+    moved = still + [[0, 0, 0], [0.4, 0.0, 0.3], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
+    found = compare_certificates([("a", certificate(still, 0.05, rng)), ("b", certificate(moved, 0.05, rng, 1, day="2026-04-01"))])
+    shifts = found.pairs[0].shifts
+    assert [s.pose for s in shifts if s.moved] == ["P2"]
+    assert shifts[1].distance_mm == pytest.approx(0.5, abs=0.1)
+    assert abs(shifts[1].distance_mm - 0.5) < shifts[1].u95_mm
+    assert found.exchangeability[1].between == ("a", "b")
+    assert found.exchangeability[1].value_mm == shifts[1].distance_mm
+    json.loads(canonical(as_dict(found)))
+    assert any("moved" in line for line in lines(found))
+
+
+def test_a_systematic_error_of_its_own_calibration_is_not_a_move() -> None:
+    rng = np.random.default_rng(4)
+    off = np.full((5, 3), 0.1)
+    a = certificate(np.zeros((5, 3)), 0.01, rng, systematic_mm=0.1, digest="a")
+    assert not any(s.moved for s in pair(a, certificate(off, 0.01, rng, 1, systematic_mm=0.1, digest="b")).shifts)
+    assert all(s.moved for s in pair(a, certificate(off, 0.01, rng, 1, systematic_mm=0.1, digest="a")).shifts)
+
+
+def test_exchangeability_is_the_largest_distance_of_any_two() -> None:
+    rng = np.random.default_rng(5)
+    places = [np.tile([x, 0.0, 0.0], (5, 1)) for x in (0.0, 0.3, -0.5)]
+    robots = [(f"r{i}", certificate(p, 0.001, rng, i, details={"item": {"model": "R", "serial": str(i)}})) for i, p in enumerate(places)]
+    found = compare_certificates(robots)
+    assert found.kind == "3 robots of one type, R"
+    assert {e.between for e in found.exchangeability} == {("r1", "r2")}
+    assert found.exchangeability[0].value_mm == pytest.approx(0.8, abs=0.01)
+
+
+def test_kinds_order_and_notes() -> None:
+    rng = np.random.default_rng(6)
+    item = {"item": {"serial": "7"}}
+    early = certificate(np.zeros((5, 3)), 0.01, rng, 1, details=item | {"dates": {"measured_from": "2025-01-01"}}, day="2026-05-01")
+    late = certificate(np.zeros((5, 3)), 0.01, rng, 2, details=item)
+    late["settings"] = {"align": True}
+    late["base_from_program"] = [0.0] * 7
+    found = compare_certificates([("late", late), ("early", early)])
+    assert found.names == ("early", "late")
+    assert found.kind == "one robot over time, serial number 7"
+    assert len(found.notes) == 2
+    few = certificate(np.zeros((5, 3)), 0.01, rng, 3, cycles=2)
+    assert all(s.probability is None and not s.moved for s in pair(few, few | {"id": "other"}).shifts)
+
+
+def test_what_cannot_be_compared_is_one_line(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    a, b = (certificate(np.zeros((5, 3)), 0.01, rng, i) for i in range(2))
+    for given in ([("a", a)], [("a", a), ("b", a)], [("a", a), ("b", b | {"characteristics": [], "attained": []})]):
+        with pytest.raises(LMeasureError):
+            compare_certificates(given)
+    r = random.Random(1)
+    values: list[Any] = [None, True, "x", [], {}, [1], 3, [{"pose": "P1"}], [[1]]]
+    for key in sorted(b):
+        for value in values:
+            path = tmp_path / "certificate.json"
+            path.write_text(json.dumps(b | {key: value}))
+            compared_or_refused(a, path)
+    for _ in range(200):
+        changed = json.loads(json.dumps(b))
+        entry = r.choice(changed["attained"] + changed["characteristics"])
+        entry[r.choice(list(entry))] = r.choice(values)
+        path.write_text(json.dumps(changed))
+        compared_or_refused(a, path)
+
+
+def compared_or_refused(a: dict[str, Any], path: Path) -> None:
+    """Anything else than an LMeasureError is the failure this looks for."""
+    with contextlib.suppress(LMeasureError):
+        compare_certificates([("a", a), ("b", read_certificate(path))])
+
+
+def test_two_real_certificates(tmp_path: Path) -> None:
+    """The same robot twice by the same instrument, and 0.4 mm further off: found at every pose."""
+    read = []
+    for number, offset in enumerate((0.3, 0.3, 0.7)):
+        folder = tmp_path / str(number)
+        write_campaign(folder, seed=0, offset_mm=offset)
+        given = Inputs(folder / "trajectory.parquet", folder / "program.toml", folder / "run")
+        write_certificate(folder / "c", given, Settings(), Choices())
+        read.append((str(number), read_certificate(folder / "c" / "certificate.json")))
+    found = compare_certificates(read)
+    assert [any(s.moved for s in p.shifts) for p in found.pairs] == [False, True]
+    assert found.exchangeability[0].value_mm == pytest.approx(0.4, abs=0.01)
