@@ -97,6 +97,7 @@ class CalibrationRecord(_Record):
     validation: dict[str, Any] = Field(default_factory=dict)
     tangent_covariance: tuple[tuple[Number, ...], ...] | None = None
     region: dict[str, Any] = Field(default_factory=dict)
+    robust: dict[str, Any] = Field(default_factory=dict)
     noise: dict[str, float] = Field(default_factory=dict)
     settings: dict[str, Any] = Field(default_factory=dict)
 

@@ -85,7 +85,7 @@ def _finding(h: Hypothesis, gain: float) -> Finding:
 
 def _noise(fits: list[Fit]) -> float:
     """Variance of the residuals in units of the stated one, at least 1."""
-    freedom = sum(len(f.residuals) - f.rank for f in fits)
+    freedom = sum(f.freedom for f in fits)
     return max(1.0, sum(f.chi2 for f in fits) / max(freedom, 1))
 
 

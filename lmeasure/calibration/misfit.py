@@ -52,13 +52,13 @@ def explain_misfit(model: Model, found: Fit, noise: Noise, prior: bool, blamed: 
         )
         findings.append(Finding(code="misfit", text=text, value=u))
     if _improbable(found):
-        excess = found.chi2 / (len(found.residuals) - found.rank)
+        excess = found.chi2 / found.freedom
         found = replace(found, covariance=np.asarray(found.covariance * excess), excess=excess)
     return found, noise, findings
 
 
 def _improbable(found: Fit) -> bool:
-    freedom = len(found.residuals) - found.rank
+    freedom = found.freedom
     return freedom >= 1 and bool(scipy.stats.chi2.sf(found.chi2, freedom) < CHANCE)
 
 
@@ -84,7 +84,7 @@ def _pose_error(model: Model, found: Fit) -> float:
     J = model.jacobian(found.theta) * model.unknowns.width @ found.directions[found.known].T
     by_pose = model.pose_jacobian(found.theta)[:, :, 3:].reshape(len(found.residuals), -1)
     extra = by_pose @ by_pose.T
-    freedom = len(found.residuals) - found.rank
+    freedom = found.freedom
 
     def excess(log_u: float) -> float:
         L = np.linalg.cholesky(found.V + math.exp(2 * log_u) * extra)

@@ -28,7 +28,6 @@ def make_record(
     """The record of a fit; coarse solutions, ranges, predictions and settings are added by the caller that has them."""
     unknowns = model.unknowns
     u = np.sqrt(np.diag(where.covariance))
-    freedom = len(found.residuals) - found.rank
     return CalibrationRecord(
         rig=campaign.rig.name,
         parameters=tuple(
@@ -57,7 +56,7 @@ def make_record(
         validation=_validation(model, found),
         noise={
             "chi_squared": found.chi2,
-            "degrees_of_freedom": float(freedom),
+            "degrees_of_freedom": float(found.freedom),
             "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
             "reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2))),
             "reference_u_rotation_deg": float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2)))),

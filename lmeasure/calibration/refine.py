@@ -7,10 +7,11 @@ Jacobian in z then say how much better than the prior the data know each directi
 the data leave undetermined: there, and only there, the prior decides (unless it is asked to act everywhere).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
@@ -21,7 +22,9 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MAX_STEPS = 100
+UNDECIDED = 25  # steps after which a direction that was undetermined once stays so
 SETTLED = 0.01  # of a standard uncertainty
+WALL = 30.0  # standard uncertainties of the data, from where Gauss-Newton comes back to the floor of a valley
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class Noise:
     u_rotation_rad: FloatArray
     covariance: FloatArray | None = None
     """(n, 6, 6) of (rotation; position), where more is stated than the two, which are then its root mean squares."""
+    robust_variance_mm2: FloatArray | None = None
+    """(n,) the variance with which a robust loss takes every length of a pose back; None without one."""
 
     @classmethod
     def of(cls, poses: Poses) -> Self:
@@ -41,7 +46,7 @@ class Noise:
     def widened(self, u_mm: float) -> "Noise":
         """With an independent error of that standard uncertainty in each coordinate."""
         more = None if self.covariance is None else self.covariance + np.diag([0.0, 0.0, 0.0, u_mm**2, u_mm**2, u_mm**2])
-        return Noise(np.hypot(self.u_position_mm, u_mm), self.u_rotation_rad, more)
+        return replace(self, u_position_mm=np.hypot(self.u_position_mm, u_mm), covariance=more)
 
     @property
     def stated(self) -> bool:
@@ -65,7 +70,7 @@ class Fit:
     where the data decide; prior_everywhere: whether the prior acts on those too; covariance (p, p) of theta with the model linearised; chi2
     of the residuals under V; prior_misfit: squared distance from the nominal values in prior widths where the prior acts;
     nominal_misfit: the same in all directions; excess: how many times V the residuals ask for when nothing explains them (in the
-    covariance already).
+    covariance already); lost: how many of the equations a robust loss has taken back.
     """
 
     theta: FloatArray
@@ -80,7 +85,13 @@ class Fit:
     prior_misfit: float
     nominal_misfit: float
     converged: bool
+    lost: float
     excess: float = 1.0
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of chi2: equations that count, less directions determined."""
+        return round(len(self.residuals) - self.lost) - self.rank
 
     @property
     def gains(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -123,7 +134,14 @@ def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatA
             own = (J * campaign.u_visit).reshape(len(J), -1)
             V = V + own @ own.T
     effects = model.effect_covariance(theta)
-    return np.asarray(V if effects is None else V + effects)
+    if effects is not None:
+        V = V + effects
+    if noise.robust_variance_mm2 is not None:
+        same = model.cable_index[:, None] == model.cable_index
+        zero = model.campaign.zero[model.cable_index]
+        # a length at the zero pose is in every residual of its cable
+        V = V + np.diag(noise.robust_variance_mm2[model.pose_index]) + same * noise.robust_variance_mm2[zero]
+    return np.asarray(V)
 
 
 class Whitened:
@@ -151,77 +169,88 @@ class Whitened:
         return np.asarray(self._W * columns if self._W.shape[1] == 1 else self._W @ columns)
 
 
-def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool) -> Fit:
+def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool, near: bool = False) -> Fit:
     """The optimum nearest to start (p,): first with the prior on every direction, which is always well posed; then, unless the prior is
-    to act everywhere, the prior is taken off the directions that the data determine."""
+    to act everywhere, the prior is taken off the directions that the data determine. near: start is an optimum under hardly different
+    weights, from where only the second part is needed."""
     z = (start - model.unknowns.nominal) / model.unknowns.width
-    converged = True
+    converged, most = True, len(z)
     V = residual_covariance(model, start, noise)
     # the optimum needs many digits only where nothing follows it
     precision = 1e-13 if prior_everywhere else 1e-7
     # V depends on theta where the poses are in error, and hardly: the second round has it at the optimum
     for _ in range(2 if noise.stated else 1):
         w = Whitened(model, V)
-        found = scipy.optimize.least_squares(
-            lambda z, w=w: np.concatenate([w.residuals(z), z]),
-            z,
-            jac=lambda z, w=w: np.vstack([w.jacobian(z), np.eye(len(z))]),
-            method="lm",
-            x_scale=1.0,
-            ftol=precision,
-            xtol=precision,
-            gtol=precision,
-            max_nfev=400,
-        )
-        z = found.x
+        if prior_everywhere or not near:
+            found = scipy.optimize.least_squares(
+                lambda z, w=w: np.concatenate([w.residuals(z), z]),
+                z,
+                jac=lambda z, w=w: np.vstack([w.jacobian(z), np.eye(len(z))]),
+                method="lm",
+                x_scale=1.0,
+                ftol=precision,
+                xtol=precision,
+                gtol=precision,
+                max_nfev=400,
+            )
+            z, converged = found.x, found.status > 0
         if not prior_everywhere:
-            z, converged = _release(w, z)
-        else:
-            converged = found.status > 0
+            z, converged, most = _release(w, z)
         V = residual_covariance(model, w.theta(z), noise)
-    return _describe(model, z, V, prior_everywhere, converged)
+    lost = 0.0 if noise.robust_variance_mm2 is None else float(np.sum(noise.robust_variance_mm2[model.pose_index] / np.diag(V)))
+    return _describe(model, z, V, prior_everywhere, converged, lost, most)
 
 
-def _split(w: Whitened, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    U, s, Vt = np.linalg.svd(w.jacobian(z), full_matrices=True)
-    s = np.concatenate([s, np.zeros(len(z) - len(s))])
-    return U, s, Vt, s > 1.0
+def _split(w: Whitened, z: FloatArray, most: int) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Singular value decomposition of the whitened Jacobian, and which directions the data determine: at most so many."""
+    U, s, Vt = np.linalg.svd(w.jacobian(z), full_matrices=False)
+    if len(s) < len(z):
+        # the directions that no equation touches
+        Vt = np.vstack([Vt, scipy.linalg.null_space(Vt).T])
+        s = np.concatenate([s, np.zeros(len(z) - len(s))])
+    return U, s, Vt, (s > 1.0) & (np.arange(len(z)) < most)
 
 
-def _release(w: Whitened, z: FloatArray) -> tuple[FloatArray, bool]:
+def _release(w: Whitened, z: FloatArray) -> tuple[FloatArray, bool, int]:
     """Gauss-Newton that fits the data in the directions they determine and goes back to the nominal value in the others.
 
-    Curved silent directions are approached slowly; what remains is settled when it is a hundredth of the standard uncertainty there.
+    It walks along a curved valley: a step towards the nominal value may leave the floor by WALL standard uncertainties of the data, which
+    the next one mends. What remains is settled when it is a hundredth of the standard uncertainty there. A direction may be determined
+    at its own optimum and not at the nominal value, or the other way round; one that keeps changing sides is left to its prior.
+
+    The result, whether it settled, and how many directions the data were allowed to determine.
     """
     r = w.residuals(z)
-    settled = False
-    for _ in range(MAX_STEPS):
-        U, s, Vt, known = _split(w, z)
+    settled, most = False, len(z)
+    for step_number in range(MAX_STEPS):
+        U, s, Vt, known = _split(w, z, most)
+        if step_number >= UNDECIDED:
+            most = min(most, int(known.sum()))
         k = np.flatnonzero(known)
         misfit, silent = U[:, k].T @ r, Vt[~known]
         away = silent @ z
-        settled = bool(np.linalg.norm(misfit) < SETTLED and np.linalg.norm(away) < SETTLED)
+        off = float(np.linalg.norm(misfit))
+        settled = off < SETTLED and float(np.linalg.norm(away)) < SETTLED
         step = -Vt[k].T @ (misfit / s[k]) - silent.T @ away
         size = float(np.linalg.norm(step))
         if size < 1e-9 * (1.0 + float(np.linalg.norm(z))):
-            return z + step, True
-        merit = float(r @ r) + float(away @ away)
+            return z + step, True, most
         fraction = min(1.0, 2.0 / size)
         for _ in range(12):
             trial = z + fraction * step
             r_trial = w.residuals(trial)
-            if float(r_trial @ r_trial) + float(np.sum((silent @ trial) ** 2)) <= merit * (1 + 1e-12):
+            if float(np.linalg.norm(r_trial)) <= max(float(np.linalg.norm(r)), WALL):
                 break
             fraction *= 0.5
         else:
-            return z, settled
+            return z, settled, most
         z, r = trial, r_trial
-    return z, settled
+    return z, settled, most
 
 
-def _describe(model: Model, z: FloatArray, V: FloatArray, prior_everywhere: bool, converged: bool) -> Fit:
+def _describe(model: Model, z: FloatArray, V: FloatArray, prior_everywhere: bool, converged: bool, lost: float, most: int) -> Fit:
     w = Whitened(model, V)
-    _, s, Vt, known = _split(w, z)
+    _, s, Vt, known = _split(w, z, most)
     sigma = _gains(s, known, prior_everywhere)[2]
     width = model.unknowns.width
     covariance = (Vt.T * sigma**2) @ Vt * np.outer(width, width)
@@ -241,4 +270,5 @@ def _describe(model: Model, z: FloatArray, V: FloatArray, prior_everywhere: bool
         float(penalty @ penalty),
         float(z @ z),
         converged,
+        lost,
     )

@@ -18,6 +18,7 @@ from lmeasure.calibration.ranges import position_range
 from lmeasure.calibration.recording import make_record, predicted_entry
 from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.regions import BENT, regions
+from lmeasure.calibration.robust import robust_fit
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
 from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.rig import Rig
@@ -38,6 +39,7 @@ class Settings:
     neighbourhood_deg: float = 15.0
     prior: bool = False
     seed: int = 0
+    robust: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,12 +90,20 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
         for value, name in zip(point.fit.theta, point.model.unknowns.names, strict=True):
             start[unknowns.names.index(name)] = value
     model = Model(campaign, unknowns)
-    joint, noise, misfits = explain_misfit(
-        model, fit(model, start, noise, settings.prior), noise, settings.prior, [w.channel or w.code for w in gross]
-    )
+    blamed = [w.channel or w.code for w in gross]
+    first = fit(model, start, noise, settings.prior)
+    joint, final_noise, misfits = explain_misfit(model, first, noise, settings.prior, blamed)
+    weights = None
+    if settings.robust:
+        # who contradicts the others is told as without a robust loss; how large the noise is, by the poses that it leaves
+        joint, robust_noise, weights = robust_fit(model, first, noise)
+        joint, final_noise, left = explain_misfit(model, joint, robust_noise, settings.prior, blamed)
+        misfits = [w for w in misfits if w.code != "misfit"] + [w for w in left if w.code == "misfit"]
+        misfits += weights.findings(campaign.poses.names)
+    noise = final_noise
     findings += [*gross, *misfits, *_shape_findings(campaign, unknowns, joint, points)]
     estimated = any(w.code == "misfit" for w in misfits)
-    where = regions(model, joint, settings.seed, model.equations - joint.rank if estimated else None)
+    where = regions(model, joint, settings.seed, joint.freedom if estimated else None)
     if where.bend > BENT and joint.rank == len(unknowns.names):
         text = (
             f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
@@ -123,6 +133,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
                 if r is not None
             ),
             "predicted": predicted_entry(campaign, predicted),
+            "robust": {} if weights is None else weights.entry(campaign.poses.names),
             "settings": asdict(settings) | {"solve": list(settings.solve)},
         }
     )

@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
+UNTOLD = 1e10  # condition from which the rest cannot do without these equations
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,15 @@ class Suspect:
     shift_mm: float | None = None
 
 
+@dataclass(frozen=True)
+class Shift:
+    """What all other poses say about the lengths of one pose: square of their joint misfit in units of its covariance, chi-squared with
+    freedom degrees."""
+
+    square: float
+    freedom: int
+
+
 class Validation:
     """Deletion diagnostics of a fit (Baarda's data snooping; Cook and Weisberg, Residuals and Influence in Regression, 1982)."""
 
@@ -45,7 +55,7 @@ class Validation:
 
     def _statistic(self, fall: float, freedom: int) -> tuple[float, float] | None:
         """F statistic and log probability of a fall of chi-squared bought with some degrees of freedom; a common noise level cancels."""
-        left = len(self._fit.residuals) - self._fit.rank - freedom
+        left = self._fit.freedom - freedom
         if left < MIN_FREEDOM:
             return None
         rest = max(self._fit.chi2 - fall, 1e-300)
@@ -55,13 +65,38 @@ class Validation:
     def _rows(self, pose: int) -> IntArray:
         return np.flatnonzero(self._model.pose_index == pose)
 
+    def _lengths_of(self, pose: int) -> FloatArray:
+        """(e, c) how the residuals follow a shift of each length at the pose: the zero pose shifts all residuals of its cables."""
+        campaign, model = self._model.campaign, self._model
+        columns = [
+            (model.cable_index == j) if campaign.zero[j] == pose else (model.cable_index == j) & (model.pose_index == pose)
+            for j in range(len(campaign.cables))
+        ]
+        return np.array([c for c in columns if c.any()], dtype=np.float64).reshape(-1, len(model.cable_index)).T
+
+    def shift(self, pose: int, extra: float) -> Shift | None:
+        """How the others contradict a pose whose lengths were given the extra variance [mm^2]; that variance takes no part in the verdict.
+
+        None where the others cannot tell.
+        """
+        E = self._lengths_of(pose)
+        if not E.shape[1]:
+            return None
+        information = E.T @ self._P @ E
+        if np.linalg.cond(information) > UNTOLD:
+            return None
+        covariance = np.linalg.inv(information)
+        value = covariance @ (E.T @ self._seen)
+        covariance = covariance - extra * np.eye(len(covariance))
+        return Shift(float(value @ np.linalg.solve(covariance, value)), len(value))
+
     def deletion_residuals(self) -> list[tuple[str, float]]:
         """For each pose the rms [mm] of its residuals from a fit without it; poses that the rest cannot do without are left out."""
         out = []
         for pose in np.unique(self._model.pose_index):
             rows = self._rows(pose)
             block = self._P[np.ix_(rows, rows)]
-            if np.linalg.cond(block) > 1e10:
+            if np.linalg.cond(block) > UNTOLD:
                 continue
             deleted = np.linalg.solve(block, self._seen[rows])
             out.append((self._model.campaign.poses.names[pose], float(np.sqrt(np.mean(deleted**2)))))
@@ -70,17 +105,12 @@ class Validation:
     def outlier_poses(self) -> list[Suspect]:
         """Reference poses that the others contradict, least likely by chance first."""
         out = []
-        poses = np.unique(self._model.pose_index)
-        for pose in poses:
-            rows = self._rows(pose)
-            block = self._P[np.ix_(rows, rows)]
-            if np.linalg.cond(block) > 1e10:
-                continue
-            fall = float(self._seen[rows] @ np.linalg.solve(block, self._seen[rows]))
-            tested = self._statistic(fall, len(rows))
+        names = self._model.campaign.poses.names
+        for pose, name in enumerate(names):
+            judged = self.shift(pose, 0.0)
+            tested = self._statistic(judged.square, judged.freedom) if judged else None
             if tested:
-                name = self._model.campaign.poses.names[pose]
-                out.append(Suspect("outlier", name, None, tested[0], min(0.0, tested[1] + math.log(len(poses)))))
+                out.append(Suspect("outlier", name, None, tested[0], min(0.0, tested[1] + math.log(len(names)))))
         return sorted(out, key=lambda s: s.log_probability)
 
     def slipped_counters(self) -> list[Suspect]:

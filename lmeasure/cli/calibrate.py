@@ -26,6 +26,9 @@ def calibrate(
     prior: Annotated[
         bool, typer.Option("--prior", help="Use the nominal rig's priors in every direction, not only where data are silent.")
     ] = False,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Robust loss (Tukey's biweight) against reference poses that the others contradict.")
+    ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the LP-search.")] = 0,
     compare: Annotated[
         Path | None,
@@ -47,7 +50,7 @@ def calibrate(
     # read before anything is written: OLD may be the very folder of --out
     earlier = None if compare is None else comparing.read_earlier(compare)
     with bar("calibrating") as progress:
-        result = stage(campaign, Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed), progress)
+        result = stage(campaign, Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed, robust), progress)
     comparison = None if earlier is None else comparing.compare(earlier, result, seed)
     write_calibration_page(out / "report.html", result, comparison)
     write_calibration_record(out / "calibration.json", result.record)

@@ -32,6 +32,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
             *_ranges(record),
             *_predicted(calibration),
             *_validation(record),
+            *_robust(record),
             html.heading("Residuals"),
             html.paragraph("Measured less modelled change of each cable since its zero pose."),
             _residuals(record).to_html(full_html=False, include_plotlyjs=False),
@@ -163,6 +164,18 @@ def _validation(record: CalibrationRecord) -> list[str]:
             html.table(("value", "with", "correlation"), ((c["a"], c["b"], f"{c['value']:+.4f}") for c in record.correlations)),
         ]
     return parts
+
+
+def _robust(record: CalibrationRecord) -> list[str]:
+    if not record.robust:
+        return []
+    rows = [(w["pose"], f"{w['weight']:.3f}") for w in sorted(record.robust["weights"], key=lambda w: float(w["weight"]))]
+    told = f"{record.robust['loss']} (constant {record.robust['constant']:g}) at {record.robust['scale']:.3g} times the stated noise"
+    return [
+        html.heading("Robust loss"),
+        html.paragraph(f"{told}: a pose that the others contradict counts less, one with weight 0 not at all."),
+        html.table(("pose", "weight"), rows),
+    ]
 
 
 def _ranges(record: CalibrationRecord) -> list[str]:
