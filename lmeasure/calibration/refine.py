@@ -179,9 +179,9 @@ def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool, n
     # the optimum needs many digits only where nothing follows it
     precision = 1e-13 if prior_everywhere else 1e-7
     # V depends on theta where the poses are in error, and hardly: the second round has it at the optimum
-    for _ in range(2 if noise.stated else 1):
+    for again in range(2 if noise.stated else 1):
         w = Whitened(model, V)
-        if prior_everywhere or not near:
+        if prior_everywhere or not (near or again):
             found = scipy.optimize.least_squares(
                 lambda z, w=w: np.concatenate([w.residuals(z), z]),
                 z,

@@ -3,8 +3,8 @@
 The unit is the pose: its lengths are wrong together when the robot did not stand where it says. d is a pose's studentised deletion
 residual: the shift of its lengths that all other poses ask for, in units of that shift's own covariance, so that a pose of great leverage
 cannot hide; the zero pose shifts all lengths of its cables and is judged like any other. d^2 is chi-squared with as many degrees of
-freedom as the pose has lengths; z is the normal deviate as improbable as it, and t = z/scale with the scale from the median of all z, at least 1: the
-noise as stated. The biweight w = (1 - (t/c)^2)^2, zero beyond c, is 95 % efficient where nothing is wrong.
+freedom as the pose has lengths; z is the normal deviate as improbable as it, and t = z/scale with the scale from the median of all z, at
+least 1: the noise as stated. The biweight w = (1 - (t/c)^2)^2, zero beyond c, is 95 % efficient where nothing is wrong.
 
 A weight is carried as a variance: the pose's lengths get the independent variance s^2 (1/w - 1) with s^2 their stated one, on top of it.
 The covariance of the result is then that of a least squares with these variances, a little wider than without a robust loss, as it must be.
