@@ -71,7 +71,10 @@ def search_point(data: PointData, boxes: list[Box], seed: int, log2: int = CANDI
     known = (data.radius, data.points, data.changes, data.zeroed)
     for number, box in enumerate(boxes):
         unit = qmc.Sobol(5, scramble=True, rng=np.random.default_rng([seed, number])).random_base2(log2)
-        candidates = np.ascontiguousarray(box.centre + (2 * unit - 1) * box.half)
+        # in place: the pages of a fresh array cost as much as the numbers in it
+        unit *= 2 * box.half
+        unit += box.centre - box.half
+        candidates = np.ascontiguousarray(unit)
         found = []
         for i, value in zip(*search.best_of(candidates, keep, *known), strict=True):
             if np.isfinite(value):

@@ -97,8 +97,8 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     if settings.robust:
         # who contradicts the others is told as without a robust loss; how large the noise is, by the poses that it leaves
         joint, robust_noise, weights = robust_fit(model, first, noise)
-        joint, final_noise, left = explain_misfit(model, joint, robust_noise, settings.prior, blamed)
-        misfits = [w for w in misfits if w.code != "misfit"] + [w for w in left if w.code == "misfit"]
+        joint, final_noise, remaining = explain_misfit(model, joint, robust_noise, settings.prior, blamed)
+        misfits = [w for w in misfits if w.code != "misfit"] + [w for w in remaining if w.code == "misfit"]
         misfits += weights.findings(campaign.poses.names)
     noise = final_noise
     findings += [*gross, *misfits, *_shape_findings(campaign, unknowns, joint, points)]

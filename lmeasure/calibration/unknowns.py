@@ -160,6 +160,10 @@ class Model:
         place = {name: i for i, name in enumerate(unknowns.names)}
         self._where = np.array([[place.get(n, -1) for n in row] for row in parameter_names(campaign.rig, campaign.cables)])
         self._effects = effects_of(campaign.rig, campaign.cables)
+        own = self._where[self.cable_index]
+        equation, parameter = np.nonzero(own >= 0)
+        self._derivatives = equation, parameter, own[equation, parameter]
+        self._radius = np.array([n.endswith("radius_mm") for n in unknowns.names])
         self._factor = np.array([math.radians(1.0) if n.endswith("_deg") else 1.0 for n in unknowns.names])
 
     @property
@@ -251,12 +255,9 @@ class Model:
         g = cable_kernels.length_gradients(rows, self._poses, counts, scales)
         g = g[self.pose_index, self.cable_index] - g[self._zero, self.cable_index]
         J = np.zeros((self.equations, len(self.unknowns.names)))
-        for parameter in range(g.shape[1]):
-            i = self._where[self.cable_index, parameter]
-            hit = i >= 0
-            J[np.flatnonzero(hit), i[hit]] += g[hit, parameter]
-        J *= self._factor
-        J[:, [i for i, n in enumerate(self.unknowns.names) if n.endswith("radius_mm") and theta[i] < 0]] *= -1.0
+        equation, parameter, unknown = self._derivatives
+        J[equation, unknown] = g[equation, parameter]
+        J *= np.where(self._radius & (theta < 0), -self._factor, self._factor)
         return np.where(np.isfinite(J), J, 0.0)
 
     def pose_jacobian(self, theta: FloatArray) -> FloatArray:

@@ -6,9 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import FloatArray, guide_direction, span
+from lmeasure.kernels.cable import FloatArray, guide_direction, span, wrapped_span
+from lmeasure.kernels.vector import Vec3, norm, sine_cosine, sub
 
 BoolArray = NDArray[np.bool_]
+
+WIDTH = 32  # candidates tried at a time
 
 
 @inline
@@ -41,19 +44,73 @@ def best_of(
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Indices (keep,) and misfits (keep,) [mm^2] of the best of (q, 5) candidates, best first; -1 and infinity where there are fewer.
 
-    A candidate is given up as soon as it is worse than the last one kept, usually after a few poses.
+    A tile of candidates is given up as soon as all of it is worse than the last one kept, usually after a few poses.
     """
     index, value = np.full(keep, -1, np.int64), np.full(keep, math.inf)
-    for c in range(candidates.shape[0]):
-        found = misfit(candidates[c], radius, points, changes, zeroed, value[keep - 1])
-        if not found < value[keep - 1]:
-            continue
-        k = keep - 1
-        while k > 0 and value[k - 1] > found:
-            value[k], index[k] = value[k - 1], index[k - 1]
-            k -= 1
-        value[k], index[k] = found, c
+    place, way = np.empty((3, WIDTH)), np.empty((3, WIDTH))
+    start, total = np.empty(WIDTH), np.empty(WIDTH)
+    number = candidates.shape[0]
+    for first in range(0, number, WIDTH):
+        for lane in range(WIDTH):
+            c = min(first + lane, number - 1)
+            for axis in range(3):
+                place[axis, lane] = candidates[c, axis]
+            way[0, lane], way[1, lane] = candidates[c, 3], candidates[c, 4]
+        for lane in range(WIDTH):
+            sa, ca = sine_cosine(way[0, lane])
+            sb, cb = sine_cosine(way[1, lane])
+            way[0, lane], way[1, lane], way[2, lane] = -ca * sb, -ca * cb, sa
+            total[lane] = 0.0
+        bound = value[keep - 1]
+        for i in range(points.shape[0]):
+            smallest = _add_pose(place, way, radius, (points[i, 0], points[i, 1], points[i, 2]), changes[i], zeroed[i], start, total)
+            # written so that NaN gives up too
+            if not smallest <= bound:
+                break
+        else:
+            for lane in range(min(WIDTH, number - first)):
+                found = total[lane]
+                if not found < value[keep - 1]:
+                    continue
+                k = keep - 1
+                while k > 0 and value[k - 1] > found:
+                    value[k], index[k] = value[k - 1], index[k - 1]
+                    k -= 1
+                value[k], index[k] = found, first + lane
     return index, value
+
+
+@inline
+def _add_pose(
+    place: FloatArray, way: FloatArray, radius: float, point: Vec3, change: float, zeroed: bool, start: FloatArray, total: FloatArray
+) -> float:
+    """Add one pose's squared residuals to the totals (WIDTH,) of a tile, or begin a cable at its zero pose: the smallest of the totals.
+
+    place, way (3, WIDTH): positions and guide directions of the candidates.
+    """
+    smallest = math.inf
+    if zeroed:
+        for lane in range(WIDTH):
+            start[lane] = _length(place, way, radius, point, lane) - change
+            smallest = min(smallest, total[lane])
+        return smallest
+    for lane in range(WIDTH):
+        r = _length(place, way, radius, point, lane) - start[lane] - change
+        t = total[lane] + r * r
+        # a candidate where a cable cannot run is out, and its NaN must not hide the others
+        t = t if t < math.inf else math.inf
+        total[lane] = t
+    for lane in range(WIDTH):
+        smallest = min(smallest, total[lane])
+    return smallest
+
+
+@inline
+def _length(place: FloatArray, way: FloatArray, radius: float, point: Vec3, lane: int) -> float:
+    d = sub(point, (place[0, lane], place[1, lane], place[2, lane]))
+    if radius == 0.0:
+        return norm(d)
+    return wrapped_span(d, (way[0, lane], way[1, lane], way[2, lane]), radius)[0]
 
 
 @kernel

@@ -65,6 +65,28 @@ def angle(y: float, x: float) -> float:
 
 
 @inline
+def sine_cosine(x: float) -> tuple[float, float]:
+    """(sin x, cos x) without a branch, so that a loop over candidates vectorises, for |x| of a few turns.
+
+    Reduced to [-pi/4, pi/4] by quarter turns in three parts, then Cephes' polynomials (Moshier, Methods and Programs for Mathematical
+    Functions, 1989; sin.c): within two units in the last place of 1.
+    """
+    k = math.floor(x * (2.0 / math.pi) + 0.5)
+    r = ((x - k * 1.57079625129699707031) - k * 7.54978941586159635335e-8) - k * 5.39030285815811905290e-15
+    z = r * r
+    s = (1.58962301576546568060e-10 * z - 2.50507477628578072866e-8) * z + 2.75573136213857245213e-6
+    s = ((s * z - 1.98412698295895385996e-4) * z + 8.33333333332211858878e-3) * z - 1.66666666666666307295e-1
+    s = r + r * z * s
+    c = (-1.13585365213876817300e-11 * z + 2.08757008419747316778e-9) * z - 2.75573141792967388112e-7
+    c = ((c * z + 2.48015872888517045348e-5) * z - 1.38888888888730564116e-3) * z + 4.16666666666665929218e-2
+    c = 1.0 - 0.5 * z + z * z * c
+    quarter = k - 4.0 * math.floor(0.25 * k)
+    odd = quarter == 1.0 or quarter == 3.0
+    sine, cosine = (c if odd else s), (s if odd else c)
+    return (-sine if quarter >= 2.0 else sine), (-cosine if quarter == 1.0 or quarter == 2.0 else cosine)
+
+
+@inline
 def rotate(q: Quat, a: Vec3) -> Vec3:
     """Rotate a by the unit quaternion q (x, y, z, w): a + 2 w (n x a) + 2 n x (n x a), n the vector part."""
     n = (q[0], q[1], q[2])
