@@ -106,6 +106,8 @@ def record(
                 if show is not None:
                     show(writer.progress(time.monotonic() - begin))
         writer.take(0.0)  # what has come by now
+        if show is not None:
+            show(writer.progress(time.monotonic() - begin))
     except OSError as error:  # AcquisitionError is one too
         ended = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
     return writer.close(ended)

@@ -16,15 +16,16 @@ REFRESH_S = 0.1
 
 @contextmanager
 def live_table() -> Iterator[Callable[[Progress], None]]:
-    """A table on stderr that the returned function renews, at most ten times a second."""
+    """A table on stderr that the returned function renews, at most ten times a second; the last state stays."""
     with Live(console=Console(stderr=True), auto_refresh=False) as live:
         shown = 0.0
 
         def show(progress: Progress) -> None:
             nonlocal shown
-            if time.monotonic() - shown >= REFRESH_S:
+            refresh = time.monotonic() - shown >= REFRESH_S
+            if refresh:
                 shown = time.monotonic()
-                live.update(render(progress), refresh=True)
+            live.update(render(progress), refresh=refresh)
 
         yield show
 

@@ -1,13 +1,18 @@
 """The self-test against drums that a thread turns, over a real (virtual) bus: the rig as it is, and wired wrongly in every way."""
 
+import os
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import can
 import numpy as np
 import pytest
 from rigged_feed import cell
+from test_buses import a_group
 
 from lmeasure.acquisition.check import Check, check
 from lmeasure.acquisition.decoders import counter_fields
@@ -15,6 +20,7 @@ from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.session import Link
 from lmeasure.acquisition.sources import BusSource
 from lmeasure.errors import AcquisitionError
+from lmeasure.rig import Rig, rig_from_dict, write_rig
 
 RIG = cell(max_cable_speed_mm_s=1e6)  # this person moves in no time
 
@@ -22,17 +28,18 @@ RIG = cell(max_cable_speed_mm_s=1e6)  # this person moves in no time
 class Bench:
     """Six drums sending at SYNC, and a person who does what is asked; wiring: which channel each cable's drum really counts on."""
 
-    def __init__(self, **faults: Any) -> None:
-        self.place = virtual_place()
-        self.fields = counter_fields(RIG)
-        self.counts = np.linspace(5000.0, 10000.0, 6)
+    def __init__(self, rig: Rig = RIG, bus: dict[str, Any] | None = None, **faults: Any) -> None:
+        self.rig = rig
+        self.bus = bus or {"interface": "virtual", "channel": virtual_place()}
+        self.fields = counter_fields(rig)
+        self.counts = np.linspace(5000.0, 10000.0, len(self.fields))
         self.faults = faults
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def _run(self) -> None:
-        with can.Bus(interface="virtual", channel=self.place) as bus:
+        with can.Bus(**self.bus) as bus:
             k = 0
             while not self._done.is_set():
                 k += 1
@@ -47,8 +54,8 @@ class Bench:
 
     def ask(self, text: str) -> None:
         words = text.split()
-        names = [c.name for c in RIG.cable]
-        points = [c.from_point for c in RIG.cable]
+        names = [c.name for c in self.rig.cable]
+        points = [c.from_point for c in self.rig.cable]
         if words[0] == "Pull":
             self._move(names.index(words[2]), 100.0 / 0.012)
         elif words[0] == "Let":
@@ -61,9 +68,9 @@ class Bench:
         self.counts[wiring[cable]] += round(counts) * self.faults.get("sign", 1)
 
     def check(self) -> Check:
-        source = BusSource(lambda: can.Bus(interface="virtual", channel=self.place), "virtual:bench")
+        source = BusSource(lambda: can.Bus(**self.bus), "virtual:bench")
         try:
-            return check(RIG, Link(source, self.fields), self.ask, turns=self.faults.get("turns", True), settle_s=0.05)
+            return check(self.rig, Link(source, self.fields), self.ask, turns=self.faults.get("turns", True), settle_s=0.05)
         finally:
             source.close()
 
@@ -112,3 +119,61 @@ def test_each_wrong_wiring_is_told(faults: dict[str, Any], told: list[str]) -> N
 def test_a_channel_that_does_not_show_stops_the_test() -> None:
     with pytest.raises(AcquisitionError, match="no counts of ch6 within 1 s"):
         run(silent=True)
+
+
+def two_cables() -> Rig:
+    data = RIG.to_dict()
+    data["cable"] = data["cable"][:2]
+    return rig_from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("faults", "code", "verdicts", "error"),
+    [
+        ({}, 0, ["c1 ch1 ch1 +1 100.0 +0.000 6000 of 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 of 6000 ok"], ""),
+        (
+            {"wiring": [1, 0], "turns": False},
+            1,
+            ["channel ch2 moved, the rig says ch1", "channel ch1 moved, the rig says ch2"],
+            "rig.toml: 2 fault(s), the first: cable c1: channel ch2 moved, the rig says ch1",
+        ),
+    ],
+)
+def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdicts: list[str], error: str, tmp_path: Path) -> None:
+    """The command in a process of its own; the person reads what it asks, does it, and presses Enter."""
+    write_rig(tmp_path / "rig.toml", two_cables())
+    group = a_group()
+    bench = Bench(two_cables(), {"interface": "udp_multicast", **group}, **faults)
+    command = [sys.executable, "-m", "lmeasure", "check", "--rig", str(tmp_path / "rig.toml")]
+    command += ["--bus", f"udp_multicast:{group['channel']}", "--bus-option", f"port={group['port']}"]
+    turns = faults.get("turns", True)
+    command += [] if turns else ["--no-turns"]
+    asked = []
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "200"}
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            said = ""
+            while char := process.stdout.read(1):
+                said += char
+                if said.endswith("then press Enter "):
+                    asked.append(said)
+                    bench.ask(said)
+                    said = ""
+                    process.stdin.write("\n")
+                    process.stdin.flush()
+            complaint = process.stderr.read()
+        finally:
+            process.kill()
+            bench.close()
+    assert process.wait() == code
+    assert asked[0].startswith("Leave all cables at rest")
+    assert len(asked) == 1 + 2 * (5 if turns else 3)
+    shown = " ".join(said.split())
+    for verdict in verdicts:
+        assert verdict in shown
+    assert complaint.endswith(f"{error}\n" if error else "")
+    assert len(complaint.splitlines()) == bool(error)

@@ -1,0 +1,98 @@
+"""What a person sees while it records: the table in the terminal, and a recording that grows."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from rich.console import Console
+from typer.testing import CliRunner
+
+from lmeasure.acquisition.recorder import Progress
+from lmeasure.acquisition.samples import Samples
+from lmeasure.cli import app
+from lmeasure.cli.live import render
+from lmeasure.counts import read_counts
+from lmeasure.errors import LMeasureError
+from lmeasure.rig import write_rig
+from lmeasure.simulation import cell_rig
+from lmeasure.view.live import growing_counts
+
+SCENARIO = """
+schema = "lmeasure.scenario/1"
+rig = "rig.toml"
+rate_hz = 200.0
+[motion]
+speed_mm_s = 1500.0
+dwell_s = 0.3
+[[waypoint]]
+position_mm = [0.0, 0.0, 0.0]
+[[waypoint]]
+position_mm = [60.0, -40.0, 30.0]
+"""
+
+
+def shown(path: Path, channel: str) -> list[float]:
+    """The counts of a channel that the recording holds."""
+    stream = RrdReader(path).stream().filter(content=f"/counts/pass1/{channel}", components="Scalars:scalars")
+    return [cell[0] for chunk in stream for cell in chunk.to_record_batch().column("Scalars:scalars").to_pylist()]
+
+
+def text_of(progress: Progress) -> list[str]:
+    console = Console(width=100, file=io.StringIO())
+    with console.capture() as said:
+        console.print(render(progress))
+    return [line.strip() for line in said.get().splitlines()]
+
+
+def test_the_table_says_counts_rates_speeds_faults_and_latency() -> None:
+    some = Progress(
+        seconds=2.0,
+        frames=1400,
+        samples=200,
+        faults={"gap": 3, "wrap": 1},
+        channels=("ch1", "ch2"),
+        counts=np.array([1234.0, np.nan]),
+        rates=np.array([-500.0, np.nan]),
+        speeds_mm_s=np.array([-6.0, np.nan]),
+        latency_s=0.0123,
+    )
+    lines = text_of(some)
+    assert lines[0] == "2.0 s  200 samples (100/s)  1400 frames  latency 12.3 ms"
+    assert lines[1].split() == ["channel", "count", "counts/s", "mm/s"]
+    assert lines[2].split() == ["ch1", "+1234", "-500", "-6"]
+    assert lines[3].split() == ["ch2", "-", "-", "-"]
+    assert lines[4] == "3 gap, 1 wrap"
+
+
+def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_path: Path) -> None:
+    write_rig(tmp_path / "rig.toml", cell_rig(6))
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    words = ["record", "--rig", tmp_path / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run"]
+    done = CliRunner().invoke(app, [str(w) for w in [*words, "--live", "--rerun", tmp_path / "run.rrd"]])
+    assert done.exit_code == 0, done.output
+    counts = read_counts(tmp_path / "run" / "pass1.csv")
+    assert f"{7 * len(counts.time_s)} frames" in done.stderr
+    assert "latency" in done.stderr
+    assert "no faults" in done.stderr
+    np.testing.assert_array_equal(shown(tmp_path / "run.rrd", "ch4"), counts.of("ch4"))
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # it has none before its end
+def test_what_is_recorded_can_be_read_while_it_grows(tmp_path: Path) -> None:
+    path = tmp_path / "growing.rrd"
+    with growing_counts(path, ("ch1", "ch2")) as append:
+        for k in range(3):
+            time_s = np.asarray(0.1 * np.arange(10 * k, 10 * k + 10), np.float64)
+            append(Samples(time_s, np.asarray(np.column_stack([time_s * 100, -time_s]), np.float64)))
+            np.testing.assert_allclose(shown(path, "ch1"), 10.0 * np.arange(10 * k + 10), atol=1e-9)
+    np.testing.assert_allclose(shown(path, "ch2"), -0.1 * np.arange(30), atol=1e-9)
+
+
+def test_a_place_where_nothing_can_be_written_is_said_at_once(tmp_path: Path) -> None:
+    with (
+        pytest.raises(LMeasureError, match=r"absent.run\.rrd: cannot be written"),
+        growing_counts(tmp_path / "absent" / "run.rrd", ("ch1",)),
+    ):
+        pass
