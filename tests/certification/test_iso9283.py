@@ -1,0 +1,118 @@
+"""Every clause of ISO 9283 against examples worked by hand, and laws that hold for any cycles."""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.certification import iso9283_path, iso9283_pose, iso9283_time
+
+FloatArray = NDArray[np.float64]
+
+EXAMPLES = tomllib.loads((Path(__file__).parent.parent / "authorities" / "iso9283" / "examples.toml").read_text())
+
+
+def function(name: str) -> Any:
+    """The function of that name, in whichever module of clauses it is."""
+    return next(getattr(m, name) for m in (iso9283_pose, iso9283_path, iso9283_time) if hasattr(m, name))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_worked_by_hand(name: str) -> None:
+    given_ = [np.array(a) if isinstance(a, list) else a for a in EXAMPLES[name]["given"]]
+    np.testing.assert_allclose(function(name)(*given_), EXAMPLES[name]["expected"], rtol=0, atol=2e-10)
+
+
+def test_every_figure_has_an_example() -> None:
+    helpers = {"wrapped", "barycentre", "three_deviations", "largest_distance", "distances", "largest_change", "rotation_accuracy"}
+    helpers |= {"rotation_repeatability", "first_arrival", "arrivals", "departure", "mean_over_cycles", "deviation_over_cycles"}
+    helpers |= {"length", "spread"}
+    public = {
+        name
+        for module in (iso9283_pose, iso9283_path, iso9283_time)
+        for name, value in vars(module).items()
+        if callable(value) and not name.startswith("_") and getattr(value, "__module__", "").startswith("lmeasure")
+    }
+    assert public - helpers == set(EXAMPLES)
+
+
+Values = arrays(np.float64, (5, 3), elements=st.floats(-10, 10, width=32))
+Turns = arrays(np.float64, (3,), elements=st.floats(-3, 3))
+
+
+@settings(max_examples=50, deadline=None)
+@given(Values, Values, Turns)
+def test_a_rigid_motion_of_everything_changes_nothing(cycles: FloatArray, others: FloatArray, turn: FloatArray) -> None:
+    rotation, shift, commanded = Rotation.from_rotvec(turn), np.array([100.0, -20.0, 7.0]), np.array([1.0, 2.0, 3.0])
+
+    def moved(points: FloatArray) -> FloatArray:
+        return np.asarray(rotation.apply(points) + shift)
+
+    near: dict[str, Any] = {"rel": 1e-9, "abs": 1e-9}
+    assert float(iso9283_pose.pose_accuracy(moved(cycles), moved(commanded))) == pytest.approx(
+        float(iso9283_pose.pose_accuracy(cycles, commanded)), **near
+    )
+    for f in (iso9283_pose.pose_repeatability, iso9283_pose.rotation_repeatability):
+        assert float(f(moved(cycles))) == pytest.approx(float(f(cycles)), **near)
+    for g in (iso9283_pose.distance_repeatability, lambda a, b: iso9283_pose.distance_accuracy(a, b, 5.0)):
+        assert float(g(moved(cycles), moved(others))) == pytest.approx(float(g(cycles, others)), **near)
+    groups = [cycles, others]
+    assert float(iso9283_pose.exchangeability([moved(g) for g in groups])) == pytest.approx(
+        float(iso9283_pose.exchangeability(groups)), **near
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(Values, st.permutations(range(5)))
+def test_the_order_of_cycles_changes_nothing(cycles: FloatArray, order: list[int]) -> None:
+    commanded = np.array([1.0, 2.0, 3.0])
+    for f in (
+        lambda x: iso9283_pose.pose_accuracy(x, commanded),
+        iso9283_pose.pose_repeatability,
+        lambda x: iso9283_pose.orientation_repeatability(x, commanded),
+        lambda x: iso9283_path.path_repeatability(x[None]),
+        iso9283_path.cornering_round_off,
+    ):
+        np.testing.assert_allclose(f(cycles[order]), f(cycles), rtol=1e-12, atol=1e-12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(Values, Turns)
+def test_a_constant_offset_changes_accuracy_and_not_repeatability(cycles: FloatArray, offset: FloatArray) -> None:
+    mean = cycles.mean(axis=0)
+    assert float(iso9283_pose.pose_accuracy(cycles + offset, mean)) == pytest.approx(float(np.linalg.norm(offset)), abs=1e-9)
+    assert float(iso9283_pose.pose_repeatability(cycles + offset)) == pytest.approx(
+        float(iso9283_pose.pose_repeatability(cycles)), abs=1e-9
+    )
+    planes = np.stack([cycles, 2.0 * cycles])
+    assert float(iso9283_path.path_repeatability(planes + offset)) == pytest.approx(
+        float(iso9283_path.path_repeatability(planes)), abs=1e-9
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(Values, st.integers(1, 4))
+def test_draws_in_front_are_only_more_of_the_same(cycles: FloatArray, draws: int) -> None:
+    many = np.stack([cycles + i for i in range(draws)])
+    one = [float(iso9283_pose.pose_repeatability(c)) for c in many]
+    np.testing.assert_allclose(iso9283_pose.pose_repeatability(many), one)
+
+
+def test_what_the_robot_does_not_reach_is_nan() -> None:
+    time_s = np.array([0.0, 0.1, 0.2])
+    assert math.isnan(iso9283_time.stabilisation_time(time_s, np.array([5.0, 4.0, 3.0]), 1.0))
+    assert math.isnan(iso9283_time.overshoot(np.array([5.0, 4.0, 3.0]), 1.0))
+    assert math.isnan(iso9283_time.departure(time_s, np.array([2.0, 3.0, 4.0]), 1.0))
+    assert math.isnan(iso9283_path.stabilisation_length(time_s, np.array([2.0, 0.5, 2.0]), 1.0))
+    # and what it never leaves is zero
+    assert iso9283_time.stabilisation_time(time_s, np.zeros(3), 1.0) == 0.0
+    assert iso9283_time.overshoot(np.array([5.0, 0.5, 0.6]), 1.0) == 0.0
+    assert iso9283_path.stabilisation_length(time_s, np.zeros(3), 1.0) == 0.0
