@@ -48,12 +48,13 @@ def rests(trajectory: Trajectory, positions: FloatArray, still_mm: float) -> lis
 
 
 def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[str, ...]]:
-    """The program with windows found in the trajectory, where it states none for any pose and path, and notes on how.
+    """The program with windows found in the trajectory, where it states no time of anything, and notes on how.
 
     A dwell is the last half of a rest near a commanded pose; a run of a path is what lies between a rest near its start and the next near
     its end. CertificationError when a pose or path is not found, or poses are taken different numbers of times.
     """
-    if any(p.windows_s for p in (*program.pose, *program.path)) or not (program.pose or program.path):
+    timed = [p.windows_s for p in (*program.pose, *program.path, *program.posing, *program.compliance)]
+    if any(timed) or any(p.settling_s for p in program.pose) or not (program.pose or program.path):
         return program, ()
     positions = frame.of(trajectory.poses)[:, :3]
     found = rests(trajectory, positions, still_mm)

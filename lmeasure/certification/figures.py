@@ -12,7 +12,7 @@ from lmeasure import conventions
 from lmeasure.certification import iso9283_pose as iso
 from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.errors_of_poses import PoseErrors
-from lmeasure.certification.uncertainty import reduction
+from lmeasure.certification.uncertainty import reduction, reduction_of_mean
 from lmeasure.program import Program
 
 FloatArray = NDArray[np.float64]
@@ -133,8 +133,9 @@ def _reduced(values: FloatArray, random: FloatArray, of_mean: FloatArray) -> Flo
     errors of one and of the mean."""
     mean = values.mean(axis=0)
     away = values - mean
-    scatter = reduction((away**2).sum() / max(len(values) - 1, 1), np.trace(random))
-    return np.asarray(reduction((mean**2).sum(), np.trace(of_mean)) * mean + scatter * away)
+    freedom = max(len(values) - 1, 1)
+    scatter = reduction((away**2).sum() / freedom, np.trace(random), freedom)
+    return np.asarray(reduction_of_mean((mean**2).sum(), np.trace(of_mean)) * mean + scatter * away)
 
 
 def component(of: Function, i: int | tuple[int, int]) -> Function:

@@ -40,10 +40,10 @@ def cornering_round_off(vectors: FloatArray) -> FloatArray:
 def cornering_overshoot(vectors: FloatArray, incoming: FloatArray) -> FloatArray:
     """8.5: CO (...) [mm], the largest deviation beyond the second line, mean over cycles.
 
-    vectors (..., n, 3): from the commanded line to the attained path where it is farthest along incoming (3,), the unit direction of the
-    first line normal to the second; zero for a cycle that stays on the inner side.
+    vectors (..., n, k, 3): from the commanded line to k points of the attained path about the farthest; incoming (3,): unit direction of
+    the first line normal to the second. Zero for a cycle that stays on the inner side.
     """
-    return np.asarray(np.maximum(vectors @ incoming, 0.0).mean(axis=-1))
+    return np.asarray(np.maximum((vectors @ incoming).max(axis=-1), 0.0).mean(axis=-1))
 
 
 def stabilisation_length(arc_mm: FloatArray, deviation_mm: FloatArray, limit_mm: float) -> float:

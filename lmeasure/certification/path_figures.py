@@ -13,13 +13,15 @@ from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
 from lmeasure.certification.paths import Crossings, Cycle
-from lmeasure.certification.uncertainty import reduction
+from lmeasure.certification.uncertainty import reduction, reduction_of_mean
 from lmeasure.program import CommandedPath
 
 FloatArray = NDArray[np.float64]
 
 SHARP_DEG = 20.0
 """A path of points turns a corner where its direction changes by more."""
+NEIGHBOURS = 2
+"""Planes on either side over which the likely deviations are averaged."""
 CENTRAL = 0.5
 """Of the path's length: velocities are taken in its middle (8.6.1)."""
 
@@ -118,12 +120,19 @@ class PathPart:
 
 
 def _reduced(values: FloatArray, added: FloatArray, added_to_mean: FloatArray) -> FloatArray:
-    """Deviations (m, n, 3) with their scatter and their means reduced by what errors have added (m,)."""
-    n = values.shape[1]
+    """Deviations (m, n, 3) with their scatter and their means reduced by what errors have added (m,).
+
+    First they are averaged over neighbouring planes, which takes what rounding has added to each of them and leaves what the robot does
+    over several: of scaled deviations the largest would still be those that rounding made the largest.
+    """
+    m, n, _ = values.shape
+    at = np.clip(np.arange(m)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, m - 1)
+    values, left = values[at].mean(axis=1), 1.0 / at.shape[1]
     mean = values.mean(axis=1, keepdims=True)
     away = values - mean
-    scatter = reduction((away**2).sum() / max(n - 1, 1), added.sum())
-    return np.asarray(reduction((mean[:, 0] ** 2).sum(axis=1), added_to_mean)[:, None, None] * mean + scatter * away)
+    freedom = max(n - 1, 1)
+    scatter = reduction((away**2).sum() / freedom, left * added.sum(), freedom)
+    return np.asarray(reduction_of_mean((mean[:, 0] ** 2).sum(axis=1), added_to_mean)[:, None, None] * mean + scatter * away)
 
 
 def path_figures(key: str, part: PathPart, path: CommandedPath) -> list[Figure]:
@@ -188,21 +197,36 @@ def corners_of(crossings: Crossings) -> list[Corner]:
 
 @dataclass(frozen=True)
 class CornerPart:
-    """What each cycle does at a corner, as vectors (n, 3) [mm] with the law of their errors (n poses): `nearest` from the corner to the
-    nearest point of the path, `beyond` from the second line to its farthest point in the direction of the first."""
+    """What each cycle does at a corner, as vectors [mm] with the law of their errors (n poses): nearest (n, 3) from the corner to the
+    nearest point of the path, beyond (n, k, 3) from the second line to points about the farthest in the direction of the first."""
 
     nearest: FloatArray
     beyond: FloatArray
-    errors: PoseErrors
+    of_cycles: PoseErrors
+
+    @property
+    def errors(self) -> PoseErrors:
+        """Of the n nearest points and the n k others: the largest of many readings is larger than what they are of."""
+        n, k, _ = self.beyond.shape
+        return self.of_cycles[np.concatenate([np.arange(n), np.repeat(np.arange(n), k)])]
 
     def state(self, errors: FloatArray, reduced: bool) -> tuple[FloatArray, FloatArray]:
-        """See `uncertainty.Part`; the vectors are many times their errors, or zero, and are not reduced."""
-        return self.nearest + errors[..., 3:], self.beyond + errors[..., 3:]
+        """See `uncertainty.Part`; likely are the parabolas through the points about the farthest."""
+        n, k, _ = self.beyond.shape
+        beyond = self.beyond
+        if reduced:
+            powers = np.linspace(-1.0, 1.0, k)[:, None] ** np.arange(3)
+            beyond = powers @ np.linalg.pinv(powers) @ beyond
+        moved = errors[..., 3:]
+        return self.nearest + moved[..., :n, :], beyond + moved[..., n:, :].reshape(*moved.shape[:-2], n, k, 3)
+
+
+ABOUT = 7  # samples on either side of the farthest
 
 
 def at_corner(cycle: Cycle, corner: Corner) -> tuple[FloatArray, FloatArray, int, FloatArray, FloatArray]:
-    """Of one cycle: the vectors `nearest` and `beyond` (3,) of `CornerPart`, the sample nearest to the corner, and behind the corner the
-    way (k,) along the second line and the deviation (k,) from it [mm]."""
+    """Of one cycle: `nearest` (3,) and `beyond` (k, 3) of `CornerPart`, the sample nearest to the corner, and behind the corner the way
+    (j,) along the second line and the deviation (j,) from it [mm]."""
     near = np.flatnonzero((cycle.way_mm > corner.way_mm - 0.5 * corner.before_mm) & (cycle.way_mm < corner.way_mm + 0.5 * corner.after_mm))
     positions = cycle.poses[near[0] : near[-1] + 1, :3] - corner.place
     steps = np.diff(positions, axis=0)
@@ -215,7 +239,8 @@ def at_corner(cycle: Cycle, corner: Corner) -> tuple[FloatArray, FloatArray, int
     away = after - along[:, None] * corner.outgoing
     side = corner.incoming - (corner.incoming @ corner.outgoing) * corner.outgoing
     k = int(np.argmax(away @ side))
-    return feet[i], away[k], int(cycle.samples[near[0] + i]), along, np.linalg.norm(away, axis=1)
+    about = np.clip(np.arange(k - ABOUT, k + ABOUT + 1), 0, len(away) - 1)
+    return feet[i], away[about], int(cycle.samples[near[0] + i]), along, np.linalg.norm(away, axis=1)
 
 
 def corner_figures(key: str, corner: Corner, path: CommandedPath, cycles: int) -> list[Figure]:

@@ -1,0 +1,214 @@
+"""Attained paths against commanded ones: planes, deviations, speeds, corners, weaves; figures known from how the motion was made."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from made_trajectories import StatedErrors, trajectory_of
+from numpy.typing import NDArray
+
+from lmeasure.certification import Evaluation, Settings, evaluate
+from lmeasure.certification.paths import Line
+from lmeasure.errors import CertificationError
+from lmeasure.program import CommandedPath, Program
+from lmeasure.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+
+EXACT = StatedErrors()
+LINE = {"name": "line", "kind": "linear", "start_mm": (0.0, 0.0, 0.0), "end_mm": (300.0, 400.0, 0.0), "speed_mm_s": 250.0}
+CIRCLE = {
+    "name": "circle",
+    "kind": "circular",
+    "centre_mm": (10.0, 20.0, 30.0),
+    "normal": (0.0, 0.0, 2.0),
+    "radius_mm": 100.0,
+    "start_mm": (110.0, 20.0, 35.0),
+}
+SQUARE = {
+    "name": "square",
+    "kind": "rectangular",
+    "corners_mm": ((0.0, 0.0, 0.0), (200.0, 0.0, 0.0), (200.0, 200.0, 0.0), (0.0, 200.0, 0.0)),
+}
+
+
+def program_of(path: dict[str, Any], windows: list[tuple[float, float]], **more: Any) -> Program:
+    """A program of one path."""
+    return Program.model_validate({"schema": "lmeasure.program/1", "path": [path | {"windows_s": windows}]} | more)
+
+
+def figures(trajectory: Trajectory, program: Program, **settings: Any) -> dict[tuple[str, str | None], float]:
+    """Values by name and part of an exactly known trajectory."""
+    found = evaluate(trajectory, program, EXACT, settings=Settings(trials=10, **settings))
+    return {(c.name, c.part): c.value for c in found.characteristics}
+
+
+def runs(way: FloatArray, cycles: list[FloatArray], rate_hz: float = 500.0) -> tuple[Trajectory, list[tuple[float, float]]]:
+    """Cycles of positions (n, 3) each, one behind the other, and their windows."""
+    n = len(way)
+    time_s = np.arange(n * len(cycles)) / rate_hz
+    return trajectory_of(time_s, np.concatenate(cycles)), [(time_s[i * n], time_s[(i + 1) * n - 1]) for i in range(len(cycles))]
+
+
+def test_a_line_with_known_deviations() -> None:
+    way = np.arange(-5.0, 505.0, 0.5)
+    along, across = np.array([0.6, 0.8, 0.0]), np.array([0.8, -0.6, 0.0])
+    ideal = way[:, None] * along
+    # two cycles 0.3 and 0.5 mm aside, and 0.2 mm high in the middle
+    high = 0.2 * np.exp(-(((way - 250.0) / 50.0) ** 2))[:, None] * np.array([0.0, 0.0, 1.0])
+    trajectory, windows = runs(way, [ideal + 0.3 * across + high, ideal + 0.5 * across + high])
+    found = figures(trajectory, program_of(LINE, windows), planes=101)
+    assert found["AT_p", None] == pytest.approx(np.hypot(0.4, 0.2), abs=1e-4)
+    assert found["RT_p", None] == pytest.approx(0.1, abs=1e-9)  # both 0.1 from their middle
+    # 0.5 mm in 2 ms, where a hump adds nothing along the line
+    assert found["AV", None] == pytest.approx(0.0, abs=1e-9)
+    assert found["RV", None] == pytest.approx(0.0, abs=1e-9)
+    assert found["FV", None] == pytest.approx(0.0, abs=1e-8)
+
+
+def test_speeds_of_a_line() -> None:
+    # cycle 1 at 245 and 255 mm/s by turns, cycle 2 at 260 throughout
+    rate, length = 500.0, 520.0
+    one = np.cumsum(np.concatenate([[0.0], np.where((np.arange(1100) // 100) % 2 == 0, 245.0, 255.0) / rate])) - 10.0
+    two = np.arange(1101) * 260.0 / rate - 10.0
+    along = np.array([0.6, 0.8, 0.0])
+    trajectory, windows = runs(one, [np.minimum(w, length)[:, None] * along for w in (one, two)], rate)
+    found = evaluate(trajectory, program_of(LINE, windows), EXACT, settings=Settings(trials=10, planes=50))
+    value = {c.name: c.value for c in found.characteristics}
+    speed = found.paths[0].speed_mm_s
+    assert speed.shape == (2, 49)
+    assert value["FV"] == pytest.approx(10.0, abs=0.2)
+    means = speed[:, 12:37].mean(axis=1)
+    assert value["AV"] == pytest.approx(100.0 * (means.mean() / 250.0 - 1.0))
+    assert value["RV"] == pytest.approx(300.0 * means.std(ddof=1) / 250.0)
+    assert means[1] == pytest.approx(260.0, abs=1e-6)
+
+
+def test_a_circle_with_another_radius_and_centre() -> None:
+    turn = np.linspace(-0.05, 2 * np.pi + 0.05, 3000)
+    circle = np.column_stack([10.0 + 100.4 * np.cos(turn), 20.0 + 100.4 * np.sin(turn), np.full(len(turn), 30.3)])
+    trajectory, windows = runs(turn, [circle])
+    found = figures(trajectory, program_of(CIRCLE, windows))
+    assert found["AT_p", None] == pytest.approx(0.5, abs=1e-4)
+    assert ("RT_p", None) not in found
+
+
+def test_corners_cut_and_overshot() -> None:
+    # corner 1 is cut by a chord 3 mm before to 3 mm behind it; corner 2 is overshot by 2 mm and regained 10 mm behind; corner 3 is met
+    points = np.array(
+        [[-10.0, 0, 0], [197, 0, 0], [200, 3, 0], [200, 202, 0], [190, 200, 0], [0, 200, 0], [0, -10, 0]],
+    )
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    way = np.arange(0.0, arc[-1], 0.1)
+    place = np.column_stack([np.interp(way, arc, points[:, i]) for i in range(3)])
+    trajectory, windows = runs(way, [place, place])
+    found = figures(trajectory, program_of(SQUARE | {"stabilisation_mm": 0.5}, windows))
+    assert found["CR", "corner 1"] == pytest.approx(3.0 / np.sqrt(2.0), abs=0.02)
+    assert found["CO", "corner 1"] == 0.0
+    assert found["CR", "corner 2"] == pytest.approx(0.0, abs=0.06)
+    assert found["CO", "corner 2"] == pytest.approx(2.0, abs=0.06)
+    # deviation falls from 2 to 0 over 10 mm: 0.5 is left 7.5 mm behind
+    assert found["SPL", "corner 2"] == pytest.approx(7.5, abs=0.1)
+    assert found["CO", "corner 3"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_weave() -> None:
+    way = np.arange(-5.0, 205.0, 0.05)
+    place = np.column_stack([way, 4.1 * np.sin(2 * np.pi * way / 9.8), np.zeros(len(way))])
+    trajectory, windows = runs(way, [place, place], 1000.0)  # 50 mm/s
+    path = {"name": "w", "kind": "linear", "start_mm": (0.0, 0.0, 0.0), "end_mm": (200.0, 0.0, 0.0), "speed_mm_s": 50.0}
+    found = figures(trajectory, program_of(path | {"weave_stroke_mm": 8.0, "weave_distance_mm": 10.0}, windows))
+    assert found["WS", None] == pytest.approx(2.5, abs=0.01)
+    assert found["WF", None] == pytest.approx(100.0 * (10.0 / 9.8 - 1.0), abs=0.01)
+    with pytest.raises(CertificationError, match="0 strokes across the path; at least 2"):
+        figures(
+            trajectory_of(trajectory.time_s, np.column_stack([np.tile(way, 2), np.zeros((2 * len(way), 2))])),
+            program_of(path | {"weave_stroke_mm": 8.0, "weave_distance_mm": 10.0}, windows),
+        )
+
+
+def test_orientation_along_a_path_that_turns() -> None:
+    way = np.arange(-5.0, 505.0, 0.5)
+    ideal = way[:, None] * np.array([0.6, 0.8, 0.0])
+    turn = np.array([0.0, 0.0, 1.0]) * (0.4 * np.clip(way / 500.0, 0, 1) + np.radians(0.25))[:, None]
+    time_s = np.arange(len(way)) / 500.0
+    trajectory = trajectory_of(time_s, ideal, turn)
+    half = 0.2
+    turning = {"quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "end_quaternion_xyzw": (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))}
+    program = program_of(LINE | turning, [(time_s[0], time_s[-1])])
+    found = evaluate(trajectory, program, EXACT, settings=Settings(trials=10, angles="kuka-abc"))
+    value = {c.name: c for c in found.characteristics}
+    assert value["AT_p"].clause == "8.4"
+    assert value["AT_a"].value == pytest.approx(0.25, abs=1e-6)
+    assert value["AT_a"].angles == "kuka-abc"
+    assert value["AT_rot"].extension
+    assert value["AT_rot"].value == pytest.approx(0.25, abs=1e-6)
+
+
+def test_a_line_that_comes_near_itself_is_followed() -> None:
+    path = CommandedPath.model_validate(
+        {"name": "hairpin", "kind": "points", "points_mm": ((0.0, 0, 0), (100.0, 0, 0), (100.0, 2, 0), (0.0, 2, 0))}
+    )
+    line = Line(path)
+    points = path.points(0.5)
+    way = line.way(points + np.array([0.0, 0.0, 0.3]))
+    np.testing.assert_allclose(way, np.linspace(0.0, 202.0, len(points)), atol=0.6)
+    np.testing.assert_allclose(line.at(np.array([50.0, 101.0]))[0], [[50.0, 0, 0], [100.0, 1.0, 0]])
+    np.testing.assert_allclose(line.at(np.array([50.0, 101.0]))[1], [[1.0, 0, 0], [0.0, 1.0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("window", "said"),
+    [
+        ((0.2, 2.036), "begins 45 mm along the path; the window must hold its start"),
+        ((0.0, 1.9), "ends 470 mm along the path, before its end"),
+        ((0.0, 0.02), "has 11 samples; at least 20"),
+        ((5.0, 6.0), "no sample within"),
+    ],
+)
+def test_windows_that_do_not_hold_the_path(window: tuple[float, float], said: str) -> None:
+    way = np.arange(-5.0, 505.0, 0.5)
+    trajectory, _ = runs(way, [way[:, None] * np.array([0.6, 0.8, 0.0])])
+    with pytest.raises(CertificationError, match=said) as caught:
+        figures(trajectory, program_of(LINE, [window]))
+    assert str(caught.value).startswith("path line, cycle 1: ")
+
+
+def test_a_path_run_backwards_is_refused() -> None:
+    way = np.arange(-5.0, 505.0, 0.5)[::-1]
+    trajectory, windows = runs(way, [way[:, None] * np.array([0.6, 0.8, 0.0])])
+    with pytest.raises(CertificationError, match="runs backwards"):
+        figures(trajectory, program_of(LINE, windows))
+
+
+def uncertain(errors: StatedErrors) -> Evaluation:
+    """Ten cycles of a line with 0.05 mm of scatter and 1 mm aside, under a law of errors."""
+    rng = np.random.default_rng(4)
+    way = np.arange(-5.0, 505.0, 0.5)
+    ideal = way[:, None] * np.array([0.6, 0.8, 0.0]) + np.array([0.8, -0.6, 0.0])
+    trajectory, windows = runs(way, [ideal + 0.05 * rng.normal(size=3) for _ in range(10)])
+    return evaluate(trajectory, program_of(LINE, windows), errors, settings=Settings(trials=2000))
+
+
+def test_an_error_shared_by_the_run_moves_accuracy_alone() -> None:
+    shared = np.zeros((6, 3))
+    shared[3:] = 0.01 * np.eye(3)
+    found = {c.name: c for c in uncertain(StatedErrors(shared=shared)).characteristics}
+    # across the path, in the direction of the deviation: 0.01 mm
+    assert found["AT_p"].u95 == pytest.approx(1.96 * 0.01, rel=0.06)
+    assert found["AT_p"].u_systematic == pytest.approx(0.01, rel=0.06)
+    assert found["AT_p"].u_random == 0.0
+    for name in ("RT_p", "AV", "RV", "FV"):
+        assert found[name].u95 < 1e-9
+
+
+def test_an_error_of_each_sample_moves_all() -> None:
+    random = np.zeros((6, 6))
+    random[3:, 3:] = 0.01**2 * np.eye(3)
+    found = {c.name: c for c in uncertain(StatedErrors(random)).characteristics}
+    # mean over ten cycles, the largest of a hundred planes
+    assert 0.01 / np.sqrt(10) < found["AT_p"].u95 < 6 * 0.01 / np.sqrt(10)
+    # v = (s_b - s_a) / t over the middle 250 mm: errors of two ends, mean of ten cycles
+    assert found["AV"].u95 == pytest.approx(100.0 * 1.96 * np.sqrt(2.0) * 0.01 / 245.0 / np.sqrt(10), rel=0.1)
+    assert found["FV"].u95 > 0.1

@@ -1,0 +1,48 @@
+"""Trajectories made sample by sample for tests of certification, with errors of a stated law or of none."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.certification import PoseErrors
+from lmeasure.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class StatedErrors:
+    """Errors of the same law at every sample: covariance (6, 6) of what is independent, factors (6, K) of what the run shares."""
+
+    rounded = False
+
+    def __init__(self, random: FloatArray | None = None, shared: FloatArray | None = None) -> None:
+        self.random = np.zeros((6, 6)) if random is None else random
+        self.shared = np.zeros((6, 0)) if shared is None else shared
+
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
+        """See `lmeasure.certification.ErrorModel`."""
+        n = len(samples)
+        return PoseErrors(np.tile(self.random, (n, 1, 1)), np.zeros((n, 6, 0)), np.tile(self.shared, (n, 1, 1))), "as stated"
+
+
+def trajectory_of(time_s: FloatArray, position: FloatArray, turn: FloatArray | None = None, angle_deg: float = 30.0) -> Trajectory:
+    """A trajectory through positions (n, 3) [mm] with rotation vectors (n, 3) [rad], all ok, no uncertainty of its own."""
+    n = len(time_s)
+    turn = np.zeros((n, 3)) if turn is None else turn
+    poses = np.column_stack([position, Rotation.from_rotvec(turn).as_quat()])
+    zero, none, text = np.zeros(n), np.zeros((n, 6, 6)), np.full(n, "", dtype=np.object_)
+    return Trajectory(
+        time_s, poses, zero, zero.astype(np.int64), zero.astype(np.int64), text, text, np.full(n, angle_deg), none, none, "as stated"
+    )
+
+
+def dwells(places: FloatArray, rate_hz: float = 100.0) -> tuple[FloatArray, FloatArray, list[tuple[float, float]]]:
+    """Times (n,) [s] and positions (n, 3) of a robot that jumps to each place (k, 3) and rests there for 0.5 s after 0.5 s of way, and the
+    windows of the rests."""
+    k = len(places)
+    time_s = np.arange(int(k * rate_hz)) / rate_hz
+    number = np.minimum(time_s.astype(int), k - 1)
+    part = np.clip(2.0 * (time_s - number), 0.0, 1.0)[:, None]
+    before = np.concatenate([places[:1], places[:-1]])
+    return time_s, before[number] + part * (places[number] - before[number]), [(i + 0.5, i + 0.99) for i in range(k)]
