@@ -53,8 +53,9 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
     A dwell is the last half of a rest near a commanded pose; a run of a path is what lies between a rest near its start and the next near
     its end. CertificationError when a pose or path is not found, or poses are taken different numbers of times.
     """
-    timed = [p.windows_s for p in (*program.pose, *program.path, *program.posing, *program.compliance)]
-    if any(timed) or any(p.settling_s for p in program.pose) or not (program.pose or program.path):
+    timed = [w for p in program.pose for w in (p.windows_s, p.settling_s)] + [p.windows_s for p in program.path]
+    timed += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
+    if any(timed) or not (program.pose or program.path):
         return program, ()
     positions = frame.of(trajectory.poses)[:, :3]
     found = rests(trajectory, positions, still_mm)

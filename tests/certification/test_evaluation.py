@@ -48,7 +48,7 @@ def law(seed: int) -> FloatArray:
 
 def test_linear_law_and_monte_carlo_are_the_law_written_out() -> None:
     trajectory, program = campaign(np.array([0.3, -0.4, 1.2]), 0.1)
-    random, shared = law(1), np.linalg.cholesky(law(2))
+    random, shared = law(1), np.asarray(np.linalg.cholesky(law(2)))
     found = by_name(
         evaluate(trajectory, Program.model_validate(program), StatedErrors(random, shared), settings=Settings(trials=20000, seed=3))
     )
