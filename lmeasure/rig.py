@@ -151,6 +151,8 @@ class Rig(Strict):
     calibration: str | None = None
     constraint: Literal["planar", "vertical-axis"] | None = None
     """What holds the tool where fewer than six cables measure it; see `trajectory.scheme`."""
+    side: tuple[float, float, float] | None = None
+    """Direction in which the tool lies from the middle of the observation points: tells assemblies apart where a run gives lengths."""
     frame_expansion_per_k: Expansion | None = None
     """Of what carries the observation points and drums, from the base frame's origin."""
     reference_temperature_c: Annotated[float, Field(ge=-100, le=200)] | None = None

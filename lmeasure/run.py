@@ -1,7 +1,5 @@
 """The run folder: run.toml, the rig (with its calibration record when linked) and the counts of each pass."""
 
-import math
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,27 +11,27 @@ from lmeasure import conventions, files
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import FileFormatError
-from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig, read_rig, write_rig
+from lmeasure.start import start_of_rig, start_uncertainty, uncertainty_entries
 
 FloatArray = NDArray[np.float64]
 
 SCHEMA = "lmeasure.run/1"
-START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg")
 
 
 @dataclass(frozen=True)
 class Run:
     """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes.
 
-    u_start: standard uncertainties of the start pose, per coordinate [mm] and per axis of rotation [rad], base axes, tool origin.
+    u_start: standard uncertainties of the start pose, per coordinate [mm] and per axis of rotation [rad], base axes, tool origin, and of
+    the length of each cable there [mm] where the pose came from lengths.
     """
 
     rig: Rig
     start: FloatArray
     passes: tuple[Counts, ...]
     calibration: CalibrationRecord | None = None
-    u_start: tuple[float, float] = (0.0, 0.0)
+    u_start: tuple[float, ...] = (0.0, 0.0)
     temperature_c: float | None = None
     """Temperature at the start pose, and of every pass whose counts do not state theirs."""
 
@@ -55,7 +53,7 @@ class RunHead:
     counts: tuple[Path, ...]
     torn: tuple[bool, ...]
     calibration: CalibrationRecord | None = None
-    u_start: tuple[float, float] = (0.0, 0.0)
+    u_start: tuple[float, ...] = (0.0, 0.0)
     temperature_c: float | None = None
 
 
@@ -95,7 +93,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
         counts.append(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"))
         torn.append(_ended_early(data, number))
-    start = start_pose(data.get("start"), rig.angles, path)
+    start = start_of_rig(data.get("start"), rig, path)
     u_start, warm = start_uncertainty(data["start"], path), _temperature(data, path)
     return RunHead(rig, start, tuple(counts), tuple(torn), calibration, u_start, warm)
 
@@ -111,8 +109,7 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
     for name, counts in zip(names, run.passes, strict=True):
         write_counts(folder / name, counts)
     start: dict[str, Any] = {"position_mm": [float(x) for x in run.start[:3]], "quaternion_xyzw": [float(x) for x in run.start[3:]]}
-    u = run.u_start[0], math.degrees(run.u_start[1])
-    start |= {key: value for key, value in zip(START_UNCERTAINTY, u, strict=True) if value}
+    start |= uncertainty_entries(run.u_start)
     files.write_toml(
         folder / "run.toml",
         {"schema": SCHEMA, "rig": "rig.toml"}
@@ -147,49 +144,3 @@ def _inside(folder: Path, name: str, what: str) -> Path:
     if not inside:
         raise FileFormatError(f"{what} = {name!r} lies outside the run folder")
     return folder / name
-
-
-def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
-    """(7,) the pose of a [start] table, its angles in the given convention; FileFormatError names the path and key."""
-    if not isinstance(start, dict):
-        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
-    convention = conventions.convention(angles)
-    unit = convention.columns[0].rsplit("_", 1)[1]
-    angle_key = "_".join(c.rsplit("_", 1)[0] for c in convention.columns) + f"_{unit}"
-    unknown = sorted(set(start) - {"position_mm", "quaternion_xyzw", angle_key, *START_UNCERTAINTY})
-    if unknown:
-        raise FileFormatError(
-            f"{path}: start: unknown key {unknown[0]!r}; known: position_mm, quaternion_xyzw, {angle_key}, u_position_mm, u_rotation_deg"
-        )
-    position = _numbers(start, "position_mm", 3, path)
-    if ("quaternion_xyzw" in start) == (angle_key in start):
-        raise FileFormatError(f"{path}: start: give either quaternion_xyzw or {angle_key}")
-    if "quaternion_xyzw" in start:
-        quaternion = _numbers(start, "quaternion_xyzw", 4, path)
-    else:
-        quaternion = conventions.rotation_from_angles(angles, _numbers(start, angle_key, 3, path)).as_quat()
-    try:
-        return np.asarray(poses_from_rows(np.concatenate([position, quaternion])).rows[0])
-    except FileFormatError as error:
-        raise FileFormatError(f"{path}: start: {error}") from None
-
-
-def start_uncertainty(start: dict[str, Any], path: Path | str) -> tuple[float, float]:
-    """(mm, rad) standard uncertainties of a [start] table, per coordinate and per axis; zero where it states none."""
-    values = []
-    for key in START_UNCERTAINTY:
-        value = start.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= conventions.MAX_LENGTH_MM:
-            raise FileFormatError(f"{path}: start: {key} = {value!r} is not a standard uncertainty: a number that is not negative")
-        values.append(float(value))
-    return values[0], math.radians(values[1])
-
-
-def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> FloatArray:
-    values = table.get(key)
-    if isinstance(values, list) and len(values) == count and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
-        with suppress(OverflowError):  # an integer of hundreds of digits
-            numbers = np.array([float(v) for v in values])
-            if np.isfinite(numbers).all():
-                return numbers
-    raise FileFormatError(f"{path}: start: {key} must be {count} numbers")

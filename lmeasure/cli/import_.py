@@ -36,14 +36,15 @@ def import_(
     from lmeasure import files
     from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
     from lmeasure.cli.progress import bar
-    from lmeasure.run import read_linked_rig, start_pose
+    from lmeasure.run import read_linked_rig
+    from lmeasure.start import start_of_rig
 
     measured, calibration = read_linked_rig(rig)
     if start is not None:
-        pose = start_pose(files.read_toml(start).get("start"), measured.angles, str(start))
+        pose = start_of_rig(files.read_toml(start).get("start"), measured, str(start))
     else:
         table = {"position_mm": list(position_mm or ()), "quaternion_xyzw": list(quaternion_xyzw or ())}
-        pose = start_pose(table, measured.angles, "--position-mm, --quaternion-xyzw")
+        pose = start_of_rig(table, measured, "--position-mm, --quaternion-xyzw")
     if dbc is not None:
         measured = with_dbc(measured, dbc)
     with bar("bytes") as progress:

@@ -227,6 +227,17 @@ def solve_pose(cables: FloatArray, targets: FloatArray, start: FloatArray) -> tu
 
 
 @kernel
+def solve_poses(cables: FloatArray, targets: FloatArray, starts: FloatArray) -> tuple[IntArray, FloatArray]:
+    """`solve_pose` from (n, 7) starts: status (n,), poses (n, 7)."""
+    poses, status = starts.copy(), np.empty(len(starts), np.int64)
+    J, r = np.empty((CABLES, CABLES)), np.empty((CABLES, 1))
+    size = platform_size(cables)
+    for i in range(len(starts)):
+        status[i] = newton(cables, targets, TOLERANCE_MM, poses[i], J, r, size)[0]
+    return status, poses
+
+
+@kernel
 def _could_turn(
     cables: FloatArray, pose: FloatArray, u: FloatArray, side: float, probe: FloatArray, J: FloatArray, inverse: FloatArray, size: float
 ) -> bool:

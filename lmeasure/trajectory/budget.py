@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, screw
-from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_rows_of
+from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
 from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
@@ -55,8 +55,8 @@ class PoseCovariances:
 class Budget:
     """The sources of error of one run.
 
-    u_start: standard uncertainties of the start pose [mm, rad]; u_clock_s: of each pass's time against pass 1's; repeatability_mm: standard
-    deviation, per axis, of the place to which the robot brings the tool in a pass.
+    u_start: standard uncertainties of the start pose as `Run` holds them; u_clock_s: of each pass's time against pass 1's;
+    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in a pass.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Budget:
         start: FloatArray,
         scheme: Scheme,
         calibration: CalibrationRecord | None = None,
-        u_start: tuple[float, float] = (0.0, 0.0),
+        u_start: tuple[float, ...] = (0.0, 0.0),
         u_clock_s: tuple[float, ...] = (),
         repeatability_mm: float = 0.0,
         correction: Correction | None = None,
@@ -79,6 +79,10 @@ class Budget:
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
         self._start_lengths = (at_once.span_rows(rig.cable_rows(), start[None])[1][0] * self._u_start)[:, self._u_start > 0.0]
+        # a start that came from lengths errs with the rig: then nothing cancels where counting began
+        self._u_length = u_start[2] if len(u_start) > 2 else None
+        if self._u_length:
+            self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(rig.cable))])
         self._passage = np.array([c.passage for c in rig.cable], dtype=np.int64)
         self._u_clock_s, self._repeatability_mm = u_clock_s, repeatability_mm if rig.passes > 1 else 0.0
         self.pass_sources = tuple(f"clock of pass {p}" for p, u in enumerate(u_clock_s, 1) if u)
@@ -137,8 +141,11 @@ class Budget:
             systematic[part] = found.systematic if self.sources else np.where(np.isnan(found.random), np.nan, 0.0)
         return random, systematic
 
-    def drawn_start(self, generator: np.random.Generator) -> FloatArray:
-        """(7,) the start as the scheme takes it, displaced by a draw of its errors."""
+    def drawn_start(self, generator: np.random.Generator, moved: FloatArray) -> FloatArray:
+        """(7,) the start as the scheme takes it, displaced by a draw of its errors; by the rig's moved rows where it came from lengths."""
+        if self._u_length is not None:
+            lengths = span_lengths(self.scheme.rows, self._zero[None])[0] + self._u_length * generator.standard_normal(len(moved))
+            return np.asarray(screw.solve_pose(moved, lengths, self._zero)[3])
         delta = self._u_start * generator.standard_normal(6)
         turned = Rotation.from_rotvec(delta[:3]) * Rotation.from_quat(self.start[3:])
         return self.scheme.start_of(np.concatenate([self.start[:3] + delta[3:], turned.as_quat()]))
@@ -150,8 +157,9 @@ class Budget:
         factor = self.parameters.reshape(m, len(PARAMETERS), -1)
         if factor.shape[2] == 0:
             return np.empty((len(poses), m, 0))
-        zero = length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)
-        gradients = length_gradients(rows, poses, counts, self.scales) - zero
+        gradients = length_gradients(rows, poses, counts, self.scales)
+        if self._u_length is None:
+            gradients -= length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)
         return -np.swapaxes(np.swapaxes(gradients, 0, 1) @ factor, 0, 1)
 
     def pass_lengths(self, poses: FloatArray, speed_mm_s: FloatArray) -> FloatArray:

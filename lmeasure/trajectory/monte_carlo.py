@@ -74,7 +74,7 @@ def by_monte_carlo(
         moved, scales = moved_rows(rows, shift), budget.scales
         k = counts * scales / (scales + shift[:, PARAMETERS.index("scale")])
         changes = changes_from_counts(moved, k) + offset + passes @ generator.standard_normal(passes.shape[2])
-        return reconstruction.solve(moved, budget.drawn_start(generator), changes, lengths.flags)
+        return reconstruction.solve(moved, budget.drawn_start(generator, moved), changes, lengths.flags)
 
     done = [0]
 

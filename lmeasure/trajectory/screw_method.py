@@ -45,7 +45,7 @@ class Reconstruction:
         start: FloatArray,
         calibration: CalibrationRecord | None = None,
         constraint: str | None = None,
-        u_start: tuple[float, float] = (0.0, 0.0),
+        u_start: tuple[float, ...] = (0.0, 0.0),
         u_clock_s: tuple[float, ...] = (),
         repeatability_mm: float = 0.0,
         temperature_c: float | None = None,

@@ -1,0 +1,198 @@
+"""Slow study over random rigs, calibrations and runs: do the stated 95 % regions of a pose hold the true one in 95 %?
+
+    python benchmarks/trajectory_coverage.py --noise gaussian --first 0 --cases 500 --out cases.csv
+    python benchmarks/trajectory_coverage.py --table cases.csv [--write]
+
+A case is one drawn rig, a calibration campaign of it, a start pose that is off by what is stated of it, and a run of which one pose is
+drawn; its number is the seed. The regions are ellipsoids of the position (tool origin) and of the rotation vector, from the sum of the
+random and the systematic covariance. Gaussian noise has the variance of a whole count, rounded counts are whole. Pieces may be run one
+after another; each adds its cases to the file.
+"""
+
+import argparse
+import csv
+import itertools
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+from scipy.stats import binomtest, chi2
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "calibration"))
+
+from random_campaigns import Drawn, draw, true_values
+
+from lmeasure.calibration.refine import Noise, fit
+from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.calibration_record import CalibrationRecord, Parameter
+from lmeasure.counts import Counts
+from lmeasure.errors import LMeasureError
+from lmeasure.kernels import screw
+from lmeasure.lengths import counts_from_poses
+from lmeasure.rig import Rig
+from lmeasure.run import Run
+from lmeasure.trajectory import reconstruct
+
+FloatArray = NDArray[np.float64]
+
+RESULTS = Path(__file__).parent / "results" / "trajectory_coverage.md"
+POSES = 16
+U_REFERENCE_MM = 0.05
+U_START = (0.05, 0.0002)  # mm, rad
+SAMPLES = 400
+LARGEST_ANGLE_DEG = 70.0  # of the run: nearer to a singular pose no region is an ellipsoid
+PROBABILITY = 0.95
+KINDS = ("position", "rotation")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One pose: its squared errors in units of the stated covariances, three degrees of freedom each."""
+
+    seed: int
+    noise: str
+    position: float
+    rotation: float
+
+
+def case_of(seed: int, noise: str) -> Case | None:
+    """The case of a seed, or None where the drawn rig cannot measure the drawn run."""
+    rng = np.random.default_rng([seed, 20])
+    drawn = draw(seed, points=6, poses=POSES, noise=noise, u_position_mm=U_REFERENCE_MM)
+    poses = way(rng)
+    rows = drawn.truth.cable_rows()
+    angles = screw.pose_pressure_angles(rows, poses)
+    if not np.degrees(angles.max()) <= LARGEST_ANGLE_DEG:
+        return None
+    recorded = counts_from_poses(drawn.truth, poses, poses[0])
+    recorded = np.rint(recorded) if noise == "rounded" else recorded + rng.normal(0.0, 1.0 / np.sqrt(12.0), recorded.shape)
+    counts = Counts(np.arange(SAMPLES) * 1e-3, tuple(c.channel for c in drawn.truth.cable), np.asarray(recorded, np.float64))
+    stated = displaced(poses[0], rng)
+    rig, record = calibrated(drawn)
+    trajectory = reconstruct(Run(rig, stated, (counts,), record, U_START))
+    i = int(rng.integers(SAMPLES))
+    if trajectory.status[i] != screw.OK:
+        return None
+    covariance = trajectory.random[i] + trajectory.systematic[i]
+    position = poses[i, :3] - trajectory.poses[i, :3]
+    rotation = (Rotation.from_quat(poses[i, 3:]) * Rotation.from_quat(trajectory.poses[i, 3:]).inv()).as_rotvec()
+    return Case(seed, noise, distance(position, covariance[3:, 3:]), distance(rotation, covariance[:3, :3]))
+
+
+def calibrated(drawn: Drawn) -> tuple[Rig, CalibrationRecord]:
+    """What `calibrate` finds, by its last step alone: the joint least squares from the true values, without the search for where to start
+    it, which takes two hundred times as long."""
+    campaign = drawn.campaign
+    unknowns = unknowns_of(campaign, ("position", "guide"))
+    model = Model(campaign, unknowns)
+    found = fit(model, true_values(drawn, list(unknowns.names)), Noise.of(campaign.poses), prior_everywhere=False)
+    u = np.sqrt(np.diag(found.covariance))
+    record = CalibrationRecord(
+        rig=campaign.rig.name,
+        parameters=tuple(
+            Parameter(name=name, value=float(v), u=float(s), prior_u=float(w))
+            for name, v, s, w in zip(unknowns.names, found.theta, u, unknowns.width, strict=True)
+        ),
+        covariance=tuple(tuple(row) for row in (0.5 * (found.covariance + found.covariance.T)).tolist()),
+        residuals=(),
+        equations=model.equations,
+        unknowns=len(unknowns.names),
+        rank=found.rank,
+    )
+    return rig_with(campaign, unknowns, found.theta, None), record
+
+
+def way(rng: np.random.Generator) -> FloatArray:
+    """(SAMPLES, 7) poses from one random pose of the work space to another."""
+    ends = rng.uniform(-250, 250, (2, 3))
+    turns = Rotation.from_rotvec(rng.uniform(-0.25, 0.25, (2, 3)))
+    s = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, SAMPLES))
+    return np.column_stack([ends[0] + s[:, None] * (ends[1] - ends[0]), Slerp([0, 1], turns)(s).as_quat()])
+
+
+def displaced(start: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """A stated start pose: the true one off by the uncertainties that are stated with it."""
+    turned = Rotation.from_rotvec(rng.normal(0, U_START[1], 3)) * Rotation.from_quat(start[3:])
+    return np.r_[start[:3] + rng.normal(0, U_START[0], 3), turned.as_quat()]
+
+
+def distance(error: FloatArray, covariance: FloatArray) -> float:
+    """Squared error in units of its covariance."""
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def cases(noise: str, first: int, count: int) -> Iterator[Case]:
+    """So many cases; seeds whose rig cannot measure its run are passed over."""
+    done = 0
+    for seed in itertools.count(first):
+        if done == count:
+            return
+        try:
+            case = case_of(seed, noise)
+        except LMeasureError as error:
+            print(f"{seed}: {error}", file=sys.stderr)
+            continue
+        if case is not None:
+            done += 1
+            yield case
+
+
+def table(path: Path) -> str:
+    """The study in Markdown."""
+    with path.open(newline="") as source:
+        found = list(csv.DictReader(source))
+    limit = float(chi2.ppf(PROBABILITY, 3))
+    lines = [
+        "# Coverage of the poses' regions",
+        "",
+        "`python benchmarks/trajectory_coverage.py`: random rigs of six drums, each calibrated from 16 reference poses off by 0.05 mm per",
+        f"axis, each in one run of {SAMPLES} samples whose start is off by {U_START[0]:g} mm and {U_START[1]:g} rad per axis; one pose",
+        "drawn from each.",
+        "",
+        "| noise of the counts | seeds | cases | region of the | inside the 95 % | p (two-sided) |",
+        "|---|---|---:|---|---:|---:|",
+    ]
+    for noise in ("gaussian", "rounded"):
+        rows = [row for row in found if row["noise"] == noise]
+        if not rows:
+            continue
+        seeds = [int(row["seed"]) for row in rows]
+        for kind in KINDS:
+            inside = sum(float(row[kind]) <= limit for row in rows)
+            p = binomtest(inside, len(rows), PROBABILITY).pvalue
+            share = 100.0 * inside / len(rows)
+            lines.append(f"| {noise} | {min(seeds)} to {max(seeds)} | {len(rows)} | {kind} | {share:.2f} % | {p:.3f} |")
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--noise", choices=("gaussian", "rounded"), default="gaussian")
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--cases", type=int, default=10)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--table", type=Path)
+    parser.add_argument("--write", action="store_true", help=f"keep the table in {RESULTS.name}")
+    arguments = parser.parse_args()
+    if arguments.table is not None:
+        text = table(arguments.table)
+        print(text)
+        if arguments.write:
+            RESULTS.write_text(text, encoding="utf-8", newline="\n")
+        return
+    fresh = arguments.out is None or not arguments.out.exists()
+    with sys.stdout if arguments.out is None else arguments.out.open("a", newline="") as out:
+        writer = csv.writer(out)
+        if fresh:
+            writer.writerow(["seed", "noise", *KINDS])
+        for case in cases(arguments.noise, arguments.first, arguments.cases):
+            writer.writerow([case.seed, case.noise, case.position, case.rotation])
+            out.flush()
+
+
+if __name__ == "__main__":
+    main()

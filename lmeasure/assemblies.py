@@ -1,0 +1,104 @@
+"""All poses that have given lengths of six cables: the assemblies of the mechanism (thesis 4.1).
+
+Where tetrahedra lead from the observation points to all attachment points, as with three cables to one, two to another and one to a third,
+their apexes give every assembly of straight cables; the screw method makes them those of wrapped ones. For any rig many starts over
+all places and orientations within reach are solved besides, until every assembly has been met several times over.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.kernels import screw
+from lmeasure.kernels.tetrahedron import apex
+
+FloatArray = NDArray[np.float64]
+Placed = dict[int, FloatArray]
+"""Attachment points that have their places [mm], by their numbers."""
+
+BATCH = 3000  # starts at a time
+LEAST, MOST = 2, 12  # batches
+MET = 4  # times that each assembly must have been met: one as easy to meet is then missed in 2 % (Poisson)
+SAME_MM, SAME_RAD = 1e-5, 1e-8
+
+
+def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> FloatArray:
+    """(k, 7) poses of the tool whose six cables, rows (6, columns), have the lengths (6,) from B over the swivel pulley [mm]."""
+    found: list[FloatArray] = []
+    met: list[int] = []
+    rng = np.random.default_rng(seed)
+    for batch in range(MOST):
+        starts = _anywhere(rows, lengths, rng)
+        if batch == 0:
+            starts = np.concatenate([by_tetrahedra(rows, lengths), starts])
+        status, poses = screw.solve_poses(rows, lengths, starts)
+        for pose in poses[status == screw.OK]:
+            k = next((i for i, other in enumerate(found) if _same(pose, other)), len(found))
+            if k == len(found):
+                found.append(pose)
+                met.append(0)
+            met[k] += 1
+        if batch + 1 >= LEAST and all(n >= MET for n in met):
+            break
+    return np.array(found).reshape(len(found), 7)
+
+
+def by_tetrahedra(rows: FloatArray, lengths: FloatArray) -> FloatArray:
+    """(k, 7) assemblies of straight cables, none where tetrahedra do not lead to three attachment points."""
+    points = np.unique(rows[:, 7:10], axis=0)
+    of = [np.flatnonzero((rows[:, 7:10] == p).all(axis=1)) for p in points]
+    ways: list[Placed] = [{}] if len(points) >= 3 else []
+    for _ in points:
+        ways = [more for placed in ways for more in _next(placed, points, of, rows, lengths)]
+    poses = []
+    for placed in ways:
+        local, there = points[list(placed)], np.array(list(placed.values()))
+        turn = Rotation.align_vectors(there - there.mean(axis=0), local - local.mean(axis=0))[0]
+        poses.append(np.concatenate([there.mean(axis=0) - turn.apply(local.mean(axis=0)), turn.as_quat()]))
+    return np.array(poses).reshape(len(poses), 7)
+
+
+def _next(placed: Placed, points: FloatArray, of: list[NDArray[np.intp]], rows: FloatArray, lengths: FloatArray) -> list[Placed]:
+    """What is placed with one more point, on both sides of a plane of three that are known; none where no point has three."""
+    for i, cables in enumerate(of):
+        corners = [(rows[j, :3], lengths[j]) for j in cables] + [
+            (there, np.linalg.norm(points[i] - points[k])) for k, there in placed.items()
+        ]
+        if i in placed or len(corners) < 3:
+            continue
+        (a, ra), (b, rb), (c, rc) = corners[:3]
+        above, below, square = apex(tuple(a), tuple(b), tuple(c), float(ra), float(rb), float(rc))
+        if square == square:
+            return [{**placed, i: np.array(p)} for p in (above, below)]
+    return []
+
+
+def _anywhere(rows: FloatArray, lengths: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(BATCH, 7) poses over all orientations and all places within reach of every cable."""
+    reach = (lengths + np.linalg.norm(rows[:, 7:10], axis=1))[:, None]
+    low, high = (rows[:, :3] - reach).max(axis=0), (rows[:, :3] + reach).min(axis=0)
+    return np.column_stack(
+        [rng.uniform(np.minimum(low, high), np.maximum(low, high), (BATCH, 3)), Rotation.random(BATCH, rng=rng).as_quat()]
+    )
+
+
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    turn = 2.0 * np.sqrt(max(0.0, 1.0 - min(1.0, abs(float(a[3:] @ b[3:])))) * 2.0)
+    return bool(np.abs(a[:3] - b[:3]).max() <= SAME_MM and turn <= np.sqrt(SAME_RAD))
+
+
+def by_side(poses: FloatArray, rows: FloatArray, side: FloatArray) -> FloatArray:
+    """Those of the (k, 7) poses whose attachment points are all on one side of the middle of the observation points: that to which the
+    direction side (3,) shows."""
+    middle = np.unique(rows[:, :3], axis=0).mean(axis=0)
+    turns = Rotation.from_quat(poses[:, 3:]).as_matrix() if len(poses) else np.empty((0, 3, 3))
+    points = poses[:, None, :3] + np.einsum("kij,mj->kmi", turns, rows[:, 7:10])
+    return poses[((points - middle) @ side > 0.0).all(axis=1)]
+
+
+def distances(poses: FloatArray, position: FloatArray, quaternion: FloatArray | None, size: float) -> FloatArray:
+    """(k,) how far the poses are from a place, and from an orientation where it is given, a radian counting as size [mm]."""
+    square = ((poses[:, :3] - position) ** 2).sum(axis=1)
+    if quaternion is not None:
+        square = square + (size * (Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(quaternion).inv()).magnitude()) ** 2
+    return np.asarray(np.sqrt(square))

@@ -1,0 +1,147 @@
+"""Where a run starts: the [start] table of run.toml, a pose or the lengths of the cables there."""
+
+import math
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure import conventions
+from lmeasure.errors import FileFormatError
+from lmeasure.poses import poses_from_rows
+from lmeasure.rig import Rig
+
+FloatArray = NDArray[np.float64]
+
+LENGTHS = "lengths_mm"
+START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg", "u_length_mm")
+CLEARLY = 2.0  # times farther than the nearest assembly the next one must be from the place that is stated
+LISTED = 6  # assemblies in a message
+
+
+def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
+    """(7,) the pose of a [start] table: as stated, or that whose cables have its lengths_mm.
+
+    Lengths fit several assemblies. The rig's `side` and the table's own position and orientation, which then only say about where the tool
+    is, choose among them. FileFormatError names the path, and lists the assemblies among which nothing chooses.
+    """
+    if not isinstance(start, dict) or LENGTHS not in start:
+        return start_pose(start, rig.angles, path)
+    from lmeasure.assemblies import assemblies, by_side, distances
+
+    about = _about(start, rig, path)
+    rig.require_pose()
+    lengths, rows = _lengths(start[LENGTHS], rig, path), rig.cable_rows()
+    found = assemblies(rows, lengths)
+    if len(found) == 0:
+        raise FileFormatError(f"{path}: start: no pose of rig {rig.name!r} has these lengths_mm")
+    if rig.side is not None:
+        there = by_side(found, rows, np.array(rig.side))
+        if len(there) == 0:
+            raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found)}, none on the rig's side = {list(rig.side)}")
+        found = there
+    if about[0] is not None:
+        far = distances(found, about[0], about[1], _size(rows))
+        found = found[np.argsort(far)]
+        far = np.sort(far)
+        if len(found) == 1 or far[1] > CLEARLY * far[0]:
+            found = found[:1]
+    if len(found) > 1:
+        hint = "position_mm and quaternion_xyzw of about where the tool starts, nearer to one of them, or side in the rig file"
+        raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found)}; state {hint}")
+    return np.asarray(found[0])
+
+
+def _size(rows: FloatArray) -> float:
+    """The largest arm of an attachment point [mm]."""
+    return float(np.linalg.norm(rows[:, 7:10], axis=1).max())
+
+
+def _about(start: dict[str, Any], rig: Rig, path: Path | str) -> tuple[FloatArray | None, FloatArray | None]:
+    """The place and the orientation (quaternion) that a table with lengths states, or None for what it leaves open."""
+    place = {key: start[key] for key in start if key != LENGTHS}
+    turned = any(key not in ("position_mm", *START_UNCERTAINTY) for key in place)
+    if turned and "position_mm" not in place:
+        raise FileFormatError(f"{path}: start: an orientation without position_mm does not say about where the tool is")
+    if not turned:
+        place["quaternion_xyzw"] = [0.0, 0.0, 0.0, 1.0]
+    if "position_mm" not in place:
+        start_pose(place | {"position_mm": [0.0, 0.0, 0.0]}, rig.angles, path)
+        return None, None
+    pose = start_pose(place, rig.angles, path)
+    return pose[:3], pose[3:] if turned else None
+
+
+def _lengths(table: Any, rig: Rig, path: Path | str) -> FloatArray:
+    names = [c.name for c in rig.cable]
+    if not isinstance(table, dict) or set(table) != set(names):
+        raise FileFormatError(f"{path}: start: lengths_mm must give the length of each cable: {', '.join(names)}")
+    lengths = np.array([_numbers({name: [table[name]]}, name, 1, path)[0] for name in names])
+    if not (lengths > 0.0).all():
+        raise FileFormatError(f"{path}: start: lengths_mm: {names[int(np.argmin(lengths))]} = {lengths.min():g} is not a length")
+    return lengths
+
+
+def _listed(poses: FloatArray) -> str:
+    """Assemblies for a person."""
+    texts = []
+    for pose in poses[:LISTED]:
+        place = ", ".join(f"{x:.1f}" for x in pose[:3])
+        texts.append(f"({place}) mm with quaternion ({', '.join(f'{x:.3f}' for x in pose[3:])})")
+    more = "" if len(poses) <= LISTED else f" and {len(poses) - LISTED} more"
+    return f"{len(poses)} {'assembly' if len(poses) == 1 else 'assemblies'}: {'; '.join(texts)}{more}"
+
+
+def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
+    """(7,) the pose of a [start] table, its angles in the given convention; FileFormatError names the path and key."""
+    if not isinstance(start, dict):
+        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
+    convention = conventions.convention(angles)
+    unit = convention.columns[0].rsplit("_", 1)[1]
+    angle_key = "_".join(c.rsplit("_", 1)[0] for c in convention.columns) + f"_{unit}"
+    known = ("position_mm", "quaternion_xyzw", angle_key, LENGTHS, *START_UNCERTAINTY)
+    unknown = sorted(set(start) - set(known))
+    if unknown:
+        raise FileFormatError(f"{path}: start: unknown key {unknown[0]!r}; known: {', '.join(known)}")
+    position = _numbers(start, "position_mm", 3, path)
+    if ("quaternion_xyzw" in start) == (angle_key in start):
+        raise FileFormatError(f"{path}: start: give either quaternion_xyzw or {angle_key}")
+    if "quaternion_xyzw" in start:
+        quaternion = _numbers(start, "quaternion_xyzw", 4, path)
+    else:
+        quaternion = conventions.rotation_from_angles(angles, _numbers(start, angle_key, 3, path)).as_quat()
+    try:
+        return np.asarray(poses_from_rows(np.concatenate([position, quaternion])).rows[0])
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: start: {error}") from None
+
+
+def start_uncertainty(start: dict[str, Any], path: Path | str) -> tuple[float, ...]:
+    """(mm, rad) standard uncertainties of a [start] table, per coordinate and per axis, and behind them that of each length [mm] where the
+    pose comes from lengths; zero where it states none."""
+    values = []
+    for key in START_UNCERTAINTY:
+        value = start.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= conventions.MAX_LENGTH_MM:
+            raise FileFormatError(f"{path}: start: {key} = {value!r} is not a standard uncertainty: a number that is not negative")
+        values.append(float(value))
+    from_lengths = LENGTHS in start or START_UNCERTAINTY[2] in start
+    return values[0], math.radians(values[1]), *(values[2:] if from_lengths else ())
+
+
+def uncertainty_entries(u_start: tuple[float, ...]) -> dict[str, float]:
+    """The entries of a [start] table that `start_uncertainty` reads, those that are not zero."""
+    values = (u_start[0], math.degrees(u_start[1]), *u_start[2:])
+    return {key: value for key, value in zip(START_UNCERTAINTY, values, strict=False) if value}
+
+
+def _numbers(table: dict[str, Any], key: str, count: int, path: Path | str) -> FloatArray:
+    values = table.get(key)
+    if isinstance(values, list) and len(values) == count and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+        with suppress(OverflowError):  # an integer of hundreds of digits
+            numbers = np.array([float(v) for v in values])
+            if np.isfinite(numbers).all():
+                return numbers
+    raise FileFormatError(f"{path}: start: {key} must be {count} numbers")
