@@ -1,6 +1,7 @@
 """Runs that start from lengths: the assembly is chosen by what is stated, or nothing is."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,12 @@ from lmeasure.trajectory import Reconstruction, covariances, reconstruct
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 
 
-def folder(path: Path, rig: Rig, start: dict[str, object], n: int = 200) -> FloatArray:
+def folder(path: Path, rig: Rig, start: Mapping[str, object], n: int = 200) -> FloatArray:
     """A run folder whose [start] is as given; the true poses."""
     times, poses = motion(n)
     write_run(path, record(rig, times, poses))
     data = files.read_toml(path / "run.toml")
-    files.write_toml(path / "run.toml", data | {"start": start})
+    files.write_toml(path / "run.toml", data | {"start": dict(start)})
     return poses
 
 
@@ -34,7 +35,7 @@ def lengths_of(rig: Rig, start: FloatArray = START) -> dict[str, float]:
 
 def test_lengths_and_about_where_the_tool_is_give_the_start(tmp_path: Path) -> None:
     rig = cell()
-    about = {"lengths_mm": lengths_of(rig), "position_mm": [15.0, -10.0, 20.0], "quaternion_xyzw": [0.0, 0.06, 0.08, 0.995]}
+    about = {"lengths_mm": lengths_of(rig), "position_mm": [15.0, -10.0, 20.0], "quaternion_xyzw": [0.0, 0.06, 0.08, 0.99498743710662]}
     truth = folder(tmp_path, rig, about)
     run = read_run(tmp_path)
     np.testing.assert_allclose(run.start, START, atol=1e-9)
