@@ -68,9 +68,9 @@ def case_of(seed: int, noise: str) -> Case | None:
     angles = screw.pose_pressure_angles(rows, poses)
     if not np.degrees(angles.max()) <= LARGEST_ANGLE_DEG:
         return None
-    recorded: FloatArray = counts_from_poses(drawn.truth, poses, poses[0])
-    recorded += np.rint(recorded) - recorded if noise == "rounded" else rng.normal(0.0, 1.0 / np.sqrt(12.0), recorded.shape)
-    counts = Counts(np.arange(SAMPLES) * 1e-3, tuple(c.channel for c in drawn.truth.cable), recorded)
+    recorded = counts_from_poses(drawn.truth, poses, poses[0])
+    recorded = np.rint(recorded) if noise == "rounded" else recorded + rng.normal(0.0, 1.0 / np.sqrt(12.0), recorded.shape)
+    counts = Counts(np.arange(SAMPLES, dtype=np.float64) / 1000.0, tuple(c.channel for c in drawn.truth.cable), recorded)
     stated = displaced(poses[0], rng)
     rig, record = calibrated(drawn)
     trajectory = reconstruct(Run(rig, stated, (counts,), record, U_START))
