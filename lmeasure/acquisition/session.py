@@ -100,7 +100,12 @@ def connect(
     devices: list[tuple[Device, ...]] = []
 
     def prepare(opened: "can.BusABC") -> None:
-        devices.append(start_nodes(opened, rig, passage, folder))
+        found = start_nodes(opened, rig, passage, folder)
+        for first, now in zip(devices[0] if devices else (), found, strict=False):
+            if (now.serial, now.field) != (first.serial, first.field):
+                other = f"came back as another device: serial number {now.serial}, before {first.serial}"
+                raise AcquisitionError(f"node {now.node} (channel {now.channel}): {other}")
+        devices.append(found)
         if table.sync_period_ms is not None:
             produce_sync(opened, table.sync_id, table.sync_period_ms / 1e3)
 

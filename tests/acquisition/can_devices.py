@@ -30,7 +30,9 @@ def encoder_dictionary(node: int, settings: dict[str, int]) -> Any:
     od.add_object(variable(0x1005, "sync cob-id", types.UNSIGNED32, settings.get("sync_id", 0x80)))
     od.add_object(variable(0x1017, "heartbeat", types.UNSIGNED16, 0))
     identity: Any = ODRecord("identity", 0x1018)
-    for sub, (name, value) in enumerate([("entries", 4), ("vendor", 0x1234), ("product", 77), ("revision", 3), ("serial", 9000 + node)]):
+    for sub, (name, value) in enumerate(
+        [("entries", 4), ("vendor", 0x1234), ("product", 77), ("revision", 3), ("serial", settings.get("serial", 9000 + node))]
+    ):
         identity.add_member(variable(0x1018, name, types.UNSIGNED8 if sub == 0 else types.UNSIGNED32, value, sub))
     od.add_object(identity)
     od.add_object(variable(0x6001, "units per revolution", types.UNSIGNED32, settings.get("units", 6000)))

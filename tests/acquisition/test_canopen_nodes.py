@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from lmeasure.acquisition.feed import virtual_place
 from lmeasure.acquisition.import_log import import_logs, write_import
 from lmeasure.acquisition.recorder import Recording, record
 from lmeasure.acquisition.session import Link, connect, record_session
+from lmeasure.acquisition.sources import BusSource
 from lmeasure.can_table import CanOpenCan
 from lmeasure.counts import Counts, read_counts
 from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
@@ -42,14 +43,19 @@ def row(k: int, node: int) -> int:
 
 
 @contextmanager
-def encoders(**settings: int) -> Iterator[tuple[str, Encoders]]:
+def encoders_at(place: str, settings: dict[str, int], serials: tuple[int, int] = (9005, 9009)) -> Iterator[tuple[str, Encoders]]:
     """Nodes 5 and 9 on a virtual bus: its name, and the encoders."""
-    place = virtual_place()
-    devices = Encoders(can.Bus(interface="virtual", channel=place), row, {5: settings, 9: settings})
+    nodes = {n: settings | {"serial": serial} for n, serial in zip((5, 9), serials, strict=True)}
+    devices = Encoders(can.Bus(interface="virtual", channel=place), row, nodes)
     try:
         yield place, devices
     finally:
         devices.close()
+
+
+def encoders(**settings: int) -> AbstractContextManager[tuple[str, Encoders]]:
+    """Nodes 5 and 9 on a virtual bus of their own."""
+    return encoders_at(virtual_place(), settings)
 
 
 def record_some(rig: Rig, place: str, folder: Path, count: int, devices: Encoders | None) -> tuple[Recording, Link, Counts]:
@@ -144,6 +150,23 @@ def test_devices_that_are_not_what_the_rig_says_are_refused(settings: dict[str, 
     with encoders(**settings) as (place, _), pytest.raises(AcquisitionError, match=complaint) as refused:
         connect(rig, tmp_path, f"virtual:{place}")
     assert "\n" not in str(refused.value)
+
+
+def test_two_encoders_that_come_back_in_each_others_places_end_the_recording(tmp_path: Path) -> None:
+    with encoders() as (place, devices):
+        link = connect(rig_of(), tmp_path, f"virtual:{place}")
+        devices.produce_sync(20, 0.005)
+    source = link.source
+    assert isinstance(source, BusSource)
+    source._patience_s = 1.0
+    with encoders_at(place, {}, (9009, 9005)):
+        source.bus.shutdown()  # the power goes, and comes back to plugs that were exchanged
+        try:
+            recording = record(rig_of(), source, link.fields, tmp_path / "run", seconds=20.0)
+        finally:
+            source.close()
+    assert "node 5 (channel ch1): came back as another device: serial number 9009, before 9005" in recording.ended
+    assert recording.samples > 0
 
 
 def test_an_empty_bus_and_a_simulated_cell_have_nobody_to_ask(tmp_path: Path) -> None:
