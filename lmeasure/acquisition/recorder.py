@@ -50,6 +50,8 @@ class Progress:
     rates: FloatArray
     speeds_mm_s: FloatArray
     latency_s: float | None
+    origin_s: float | None = None
+    """When the first sample was, by the frames' clock."""
 
 
 @dataclass(frozen=True)
@@ -294,7 +296,9 @@ class _Writer:
         drums = self.rig.drums_of(self.passage)
         channels = tuple(f.channel for f in self.fields)
         speeds = rates * np.array([drums[c].count_sign * drums[c].count_length_mm / drums[c].scale for c in channels])
-        return Progress(seconds, self.frames, self.samples, dict(self.assembler.events.tally), channels, counts, rates, speeds, latency)
+        return Progress(
+            seconds, self.frames, self.samples, dict(self.assembler.events.tally), channels, counts, rates, speeds, latency, self._origin
+        )
 
     def close(self, ended: str) -> Recording:
         """Write what is left, mark stalls, and say how it ended."""

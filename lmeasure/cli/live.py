@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -11,12 +12,16 @@ from rich.text import Text
 
 from lmeasure.acquisition.recorder import Progress
 
+if TYPE_CHECKING:
+    from lmeasure.trajectory.live import PoseWatch
+
 REFRESH_S = 0.1
 
 
 @contextmanager
-def live_table() -> Iterator[Callable[[Progress], None]]:
-    """A table on stderr that the returned function renews, at most ten times a second; the last state stays."""
+def live_table(pose: "PoseWatch | str") -> Iterator[Callable[[Progress], None]]:
+    """A table on stderr that the returned function renews, at most ten times a second; the last state stays. pose: where the poses are, or
+    why there are none."""
     with Live(console=Console(stderr=True), auto_refresh=False) as live:
         shown = 0.0
 
@@ -25,13 +30,13 @@ def live_table() -> Iterator[Callable[[Progress], None]]:
             refresh = time.monotonic() - shown >= REFRESH_S
             if refresh:
                 shown = time.monotonic()
-            live.update(render(progress), refresh=refresh)
+            live.update(render(progress, pose), refresh=refresh)
 
         yield show
 
 
-def render(progress: Progress) -> Group:
-    """One line on the whole, one row per channel, one line of faults."""
+def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
+    """One line on the whole, one row per channel, the pose, one line of faults."""
     rate = progress.samples / progress.seconds if progress.seconds > 0 else 0.0
     head = f"{progress.seconds:8.1f} s  {progress.samples} samples ({rate:.0f}/s)  {progress.frames} frames"
     if progress.latency_s is not None:
@@ -43,4 +48,21 @@ def render(progress: Progress) -> Group:
         cells = ("-" if value != value else f"{value:+.0f}" for value in (count, speed, mm))
         table.add_row(channel, *cells)
     faults = ", ".join(f"{n} {kind}" for kind, n in sorted(progress.faults.items())) or "no faults"
-    return Group(Text(head), table, Text(faults, style="red" if progress.faults else "green"))
+    where = pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
+    lines = [Text(where)] if where else []
+    return Group(Text(head), table, *lines, Text(faults, style="red" if progress.faults else "green"))
+
+
+def _pose(watch: "PoseWatch", origin_s: float | None) -> str:
+    """The pose of the last sample, or its status, and its latency."""
+    latest = watch.latest
+    if latest is None:
+        return "pose: -"
+    if latest.status != "ok":
+        return f"pose: {latest.status}"
+    place, turn = (
+        ", ".join(f"{round(x, digits) + 0.0:+.{digits}f}" for x in part) for part, digits in ((latest.pose[:3], 3), (latest.pose[3:], 5))
+    )
+    text = f"pose: ({place}) mm  quaternion ({turn})  worst pressure angle {latest.worst_pressure_angle_deg:.0f} deg"
+    latency = watch.latency_s(origin_s)
+    return text if latency is None else f"{text}  frame to pose {1e3 * latency:.1f} ms"

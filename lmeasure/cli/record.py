@@ -12,6 +12,7 @@ from lmeasure.cli.options import Rerun
 if TYPE_CHECKING:
     from lmeasure.acquisition.recorder import Progress
     from lmeasure.acquisition.samples import Samples
+    from lmeasure.trajectory.live import PoseWatch
 
 
 def record(
@@ -31,7 +32,7 @@ def record(
     ] = None,
     fast: Annotated[bool, typer.Option("--fast", help="replay: as fast as possible, not in the log's own time.")] = False,
     live: Annotated[
-        bool, typer.Option("--live", help="Show counts, rates, faults and latency while recording; --rerun grows then too.")
+        bool, typer.Option("--live", help="Show counts, speeds, the pose, faults and latency while recording; --rerun grows then too.")
     ] = False,
     rerun: Rerun = None,
 ) -> None:
@@ -39,7 +40,14 @@ def record(
     from lmeasure.acquisition.session import record_session
     from lmeasure.errors import AcquisitionError
 
-    with _display(live) as show, _growing(rerun if live else None, rig, passage) as each:
+    pose = _pose(rig, start, passage) if live else None
+    with _display(pose) as show, _growing(rerun if live else None, rig, passage) as growing:
+        takers = [taker for taker in (None if isinstance(pose, str) else pose, growing) if taker is not None]
+
+        def each(samples: "Samples") -> None:
+            for taker in takers:
+                taker(samples)
+
         recording = record_session(
             rig, bus, out, seconds=seconds, start=start, passage=passage, options=option or [], paced=not fast, show=show, each=each
         )
@@ -55,11 +63,31 @@ def record(
         write_counts_recording(rerun, read_rig(rig), [recording.folder / f"pass{i}.csv" for i in range(1, passage + 1)])
 
 
-def _display(live: bool) -> "AbstractContextManager[Callable[[Progress], None] | None]":
-    if live:
+def _pose(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
+    """What follows the poses, compiled before the bus is opened, or why there are none."""
+    import numpy as np
+
+    from lmeasure.acquisition.session import pose_from_text
+    from lmeasure.errors import GeometryError, RigError, TrajectoryError
+    from lmeasure.rig import read_rig
+    from lmeasure.trajectory.live import LivePose, PoseWatch
+
+    measured = read_rig(rig)
+    pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if start is None else pose_from_text(start)
+    try:
+        live = LivePose(measured, pose)
+    except (RigError, GeometryError, TrajectoryError) as error:
+        return f"no pose: {error}"
+    if live.channels != tuple(measured.drums_of(passage)):
+        return "no pose: the channels are not those of the cables"
+    return PoseWatch(live)
+
+
+def _display(pose: "PoseWatch | str | None") -> "AbstractContextManager[Callable[[Progress], None] | None]":
+    if pose is not None:
         from lmeasure.cli.live import live_table
 
-        return live_table()
+        return live_table(pose)
     return nullcontext(None)
 
 

@@ -1,10 +1,12 @@
 """The pose while the run is being recorded: one sample in, one pose out, in microseconds."""
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.acquisition.samples import Samples
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import counter, live, screw
 from lmeasure.lengths import counter_rate
@@ -38,6 +40,8 @@ class LivePose:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out temperature, stretch and sag, which this rig states")
         if not reconstruction.scheme.six or rig.passes > 1:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose needs six cables counted in one pass")
+        if reconstruction.correction is not None:
+            raise TrajectoryError(f"rig {rig.name!r}: live poses do not know temperature, stretch and sag")
         self.channels = tuple(c.channel for c in rig.cable)
         self._rows, self._start = reconstruction.scheme.rows, reconstruction.start
         self._u = np.sqrt(reconstruction.budget.variance)
@@ -63,3 +67,33 @@ class LivePose:
             self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose
         )
         return LiveSample(screw.STATUS[status], pose, residual, float(np.degrees(angle)))
+
+
+class PoseWatch:
+    """Poses of a recording's samples as they come, and how long after its frames each was there.
+
+    latest: the last sample's pose, or None; poses: how many were `ok`; longest_s: the longest that one took to work out.
+    """
+
+    def __init__(self, live: LivePose) -> None:
+        self._live = live
+        self.latest: LiveSample | None = None
+        self.poses, self.longest_s = 0, 0.0
+        self._time_s = self._finished = np.nan
+
+    def __call__(self, samples: Samples) -> None:
+        """Take samples whose columns are the live pose's channels, times from the first one."""
+        for time_s, recorded in zip(samples.time_s.tolist(), samples.recorded, strict=True):
+            begin = time.perf_counter()
+            self.latest = self._live.update(time_s, recorded)
+            self.longest_s = max(self.longest_s, time.perf_counter() - begin)
+            self.poses += self.latest.status == "ok"
+            self._time_s = time_s
+        self._finished = time.time()
+
+    def latency_s(self, origin_s: float | None) -> float | None:
+        """From the last sample's own time to its pose, origin_s being when the first one was; None where no one clock tells both."""
+        if origin_s is None or self.latest is None:
+            return None
+        latency = float(self._finished - origin_s - self._time_s)
+        return latency if 0.0 <= latency < 60.0 else None

@@ -1,6 +1,9 @@
 """What a person sees while it records: the table in the terminal, and a recording that grows."""
 
 import io
+import re
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +18,11 @@ from lmeasure.cli import app
 from lmeasure.cli.live import render
 from lmeasure.counts import read_counts
 from lmeasure.errors import LMeasureError
-from lmeasure.rig import write_rig
+from lmeasure.rig import rig_from_dict, write_rig
+from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig
+from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory.live import LivePose, PoseWatch
 from lmeasure.view.live import growing_counts
 
 SCENARIO = """
@@ -33,32 +39,35 @@ position_mm = [60.0, -40.0, 30.0]
 """
 
 
+SOME = Progress(
+    seconds=2.0,
+    frames=1400,
+    samples=200,
+    faults={"gap": 3, "wrap": 1},
+    channels=("ch1", "ch2"),
+    counts=np.array([1234.0, np.nan]),
+    rates=np.array([-500.0, np.nan]),
+    speeds_mm_s=np.array([-6.0, np.nan]),
+    latency_s=0.0123,
+)
+HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
 def shown(path: Path, channel: str) -> list[float]:
     """The counts of a channel that the recording holds."""
     stream = RrdReader(path).stream().filter(content=f"/counts/pass1/{channel}", components="Scalars:scalars")
     return [cell[0] for chunk in stream for cell in chunk.to_record_batch().column("Scalars:scalars").to_pylist()]
 
 
-def text_of(progress: Progress) -> list[str]:
-    console = Console(width=100, file=io.StringIO())
+def text_of(progress: Progress, pose: PoseWatch | str = "") -> list[str]:
+    console = Console(width=200, file=io.StringIO())
     with console.capture() as said:
-        console.print(render(progress))
+        console.print(render(progress, pose))
     return [line.strip() for line in said.get().splitlines()]
 
 
 def test_the_table_says_counts_rates_speeds_faults_and_latency() -> None:
-    some = Progress(
-        seconds=2.0,
-        frames=1400,
-        samples=200,
-        faults={"gap": 3, "wrap": 1},
-        channels=("ch1", "ch2"),
-        counts=np.array([1234.0, np.nan]),
-        rates=np.array([-500.0, np.nan]),
-        speeds_mm_s=np.array([-6.0, np.nan]),
-        latency_s=0.0123,
-    )
-    lines = text_of(some)
+    lines = text_of(SOME)
     assert lines[0] == "2.0 s  200 samples (100/s)  1400 frames  latency 12.3 ms"
     assert lines[1].split() == ["channel", "count", "counts/s", "mm/s"]
     assert lines[2].split() == ["ch1", "+1234", "-500", "-6"]
@@ -76,7 +85,48 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     assert f"{7 * len(counts.time_s)} frames" in done.stderr
     assert "latency" in done.stderr
     assert "no faults" in done.stderr
+    last = reconstruct(read_run(tmp_path / "run")).poses[-1]
+    said = " ".join(done.stderr.split())
+    place = re.search(r"pose: \((.*?)\) mm", said)
+    assert place is not None
+    np.testing.assert_allclose([float(x) for x in place[1].split(",")], last[:3], atol=1e-3)
+    assert "frame to pose" in said
     np.testing.assert_array_equal(shown(tmp_path / "run.rrd", "ch4"), counts.of("ch4"))
+
+
+def test_a_rig_that_cannot_tell_a_pose_live_says_why(tmp_path: Path) -> None:
+    six = cell_rig(6).to_dict()
+    write_rig(tmp_path / "rig.toml", rig_from_dict(six | {"cable": six["cable"][:5]}))
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    words = [
+        "record",
+        "--rig",
+        tmp_path / "rig.toml",
+        "--bus",
+        f"simulated:{tmp_path / 'scenario.toml'}",
+        "--out",
+        tmp_path / "run",
+        "--live",
+    ]
+    done = CliRunner().invoke(app, [str(w) for w in words])
+    assert done.exit_code == 0, done.output
+    assert "no pose: rig" in done.stderr
+    assert "has 5 cables" in done.stderr
+
+
+def test_the_watch_tells_poses_statuses_and_latency() -> None:
+    rig = cell_rig(6)
+    watch = PoseWatch(LivePose(rig, HOME))
+    assert text_of(SOME, watch)[4] == "pose: -"
+    watch(Samples(np.array([0.0, 0.001]), np.zeros((2, 6))))
+    assert (watch.poses, watch.latest is not None) == (2, True)
+    assert text_of(replace(SOME, origin_s=time.time() - 0.5), watch)[4].startswith("pose: (+0.000, +0.000, +0.000) mm")
+    latency = watch.latency_s(time.time() - 0.5)
+    assert latency is not None
+    assert 0.3 < latency < 20.0
+    assert watch.latency_s(time.time() + 3600.0) is None  # clocks that are not the same
+    watch(Samples(np.array([0.002]), np.full((1, 6), np.nan)))
+    assert text_of(SOME, watch)[4] == "pose: gap"
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # it has none before its end
