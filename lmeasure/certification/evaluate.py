@@ -338,6 +338,7 @@ def evaluate(
     for in the trajectory's rests. CertificationError names the window and sample when a pose or path cannot be told.
     """
     settings = settings or Settings()
+    _check(trajectory, program, settings)
     models: tuple[ErrorModel, ...]
     if covariances is not None:
         models = (covariances,)
@@ -387,6 +388,24 @@ def evaluate(
         settings,
         (*notes, *work.notes),
     )
+
+
+def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None:
+    """What no figure can be told from."""
+    if not (program.pose or program.path):
+        raise CertificationError("the program has neither poses nor paths")
+    back = np.flatnonzero(~(np.diff(trajectory.time_s) > 0.0))
+    if len(back):
+        i = int(back[0]) + 1
+        raise CertificationError(
+            f"sample {i} of the trajectory: its time, {trajectory.time_s[i]:.6g} s, is not after that of the one before"
+        )
+    measured = not (np.isnan(trajectory.poses[:, 3]).all() and not np.isnan(trajectory.poses[:, 0]).all())
+    if not measured and (settings.align or any(settings.tool_offset_mm)):
+        raise CertificationError("the trajectory has no orientation: neither another point of the tool nor a fitted frame can be had")
+    for name in ("capability", "planes", "still_mm", "trials"):
+        if not getattr(settings, name) > 0:
+            raise CertificationError(f"{name} = {getattr(settings, name)} is not positive")
 
 
 def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], excluded: str | None) -> Characteristic:

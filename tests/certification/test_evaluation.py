@@ -316,6 +316,29 @@ def test_windows_that_cannot_be_told() -> None:
         evaluate(trajectory, Program.model_validate(program | {"pose": late}), EXACT)
 
 
+def test_what_no_figure_can_be_told_from() -> None:
+    trajectory, program = campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
+    model = Program.model_validate(program)
+
+    def refused(said: str, changed: Any = trajectory, of: Program = model, **chosen: Any) -> None:
+        with pytest.raises(CertificationError, match=said):
+            evaluate(changed, of, EXACT, settings=Settings(**chosen))
+
+    refused("neither poses nor paths", of=Program.model_validate({"schema": "lmeasure.program/1"}))
+    times = trajectory.time_s.copy()
+    times[8] = times[7]
+    refused("sample 8 of the trajectory: its time, 0.07 s, is not after", replace(trajectory, time_s=times))
+    refused("trials = 0 is not positive", trials=0)
+    refused("still_mm = nan is not positive", still_mm=float("nan"))
+    poses = trajectory.poses.copy()
+    poses[:, 3:] = np.nan
+    point = replace(trajectory, poses=poses)
+    refused("has no orientation", point, tool_offset_mm=(1.0, 0.0, 0.0))
+    # where only the position of a point is measured there are only its figures
+    names = {c.name for c in evaluate(point, model, EXACT).characteristics}
+    assert names == {"AP_p", "AP_x", "AP_y", "AP_z", "RP_l"}
+
+
 def test_figures_over_groups_of_cycles() -> None:
     _, program = campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
     places = np.zeros((12, 3))
