@@ -14,6 +14,7 @@ from lmeasure.rig import Rig
 from lmeasure.trajectory import at_once
 from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.corrections import correction_of
+from lmeasure.trajectory.lost import NEARLY, Split, explain
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import scheme_of
 
@@ -65,12 +66,13 @@ class Reconstruction:
         self._many = False
         (_, _, _, status, angle, *_), _ = self._next(np.zeros((1, m)), np.zeros(1, np.int64))
         if status[0] != screw.OK:
-            raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}")
+            raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}{self._lost_at(self.start)}")
         self._start_angle = float(angle[0])
 
     def add(self, lengths: Lengths, *, covariances: bool = True) -> Trajectory:
         """The trajectory of the next piece of the run; without covariances theirs are zero, for a quarter of the time."""
         scheme, lengths = self.scheme, self.corrected(lengths, self._state)
+        begun = self._state.copy()
         found, compiled = self._next(lengths.change_mm, lengths.flags)
         poses, residual, iterations, status, angle, *more = found
         cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
@@ -79,6 +81,7 @@ class Reconstruction:
             left_out, chi = more
             chi_squared = chi if scheme.redundancy else None
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
+        cause = self._explained(cause, status, poses, angle, lengths.change_mm, begun)
         random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
         if covariances:
             random, systematic = self.budget.covariances(poses, lengths, left_out, compiled)
@@ -151,6 +154,38 @@ class Reconstruction:
             mask = ok & (left_out == j)
             cause[mask], cable[mask] = "does not follow the other cables and is left out", lengths.cables[j]
         return cause, cable
+
+    def _lost_at(self, pose: FloatArray) -> str:
+        return f"; not determined: {Split(self.scheme.rows, pose, self.scheme.free_index, np.sqrt(self.budget.variance)).lost.text()}"
+
+    def _explained(
+        self,
+        cause: NDArray[np.object_],
+        status: IntArray,
+        poses: FloatArray,
+        angle: FloatArray,
+        changes: FloatArray,
+        begun: FloatArray,
+    ) -> NDArray[np.object_]:
+        """The causes with what is lost at singular samples and nearly lost at known ones; begun is the state before these samples."""
+        singular = status == screw.SINGULAR
+        near = (status == screw.OK) & (angle > np.radians(NEARLY))
+        if not (singular.any() or near.any()):
+            return cause
+        cause, u, free = cause.copy(), np.sqrt(self.budget.variance), self.scheme.free_index
+        m = len(u)
+        before = np.maximum.accumulate(np.where(status == screw.OK, np.arange(len(status)), -1))
+        for last in np.unique(before[singular]):
+            pose, there = (begun[:7], begun[7 : 7 + m]) if last < 0 else (poses[last], changes[last])
+            mine = np.flatnonzero(singular & (before == last))
+            texts = explain(Split(self.scheme.rows, pose, free, u), changes[mine] - there)
+            for i, text in zip(mine, texts, strict=True):
+                cause[i] = f"{cause[i]}; {text}"
+        for i in np.flatnonzero(near):
+            lost = Split(self.scheme.rows, poses[i], free, u).lost
+            remark = f"nearly singular: 1 mm of {lost.text()} changes the lengths by {lost.mm_per_mm:.2g} mm"
+            cause[i] = f"{cause[i]}; {remark}" if cause[i] else remark
+        return cause
 
     def _notes(self) -> tuple[str, ...]:
         point = self.scheme.point

@@ -24,7 +24,7 @@ def assert_not_ok_is_nan(trajectory: Trajectory) -> None:
     for values in (trajectory.poses, trajectory.u, trajectory.residual_mm, trajectory.worst_pressure_angle_deg):
         assert np.isnan(values[bad]).all()
         assert np.isfinite(values[~bad]).all()
-    assert all(bool(cause) == b for cause, b in zip(trajectory.cause, bad, strict=True))
+    assert all(bool(cause) == b or cause.startswith("nearly singular") for cause, b in zip(trajectory.cause, bad, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +148,7 @@ def test_a_singular_start_is_refused() -> None:
         k, z = (6.0, 500.0) if point["name"] in {"B1", "B3", "B5"} else (4.0, -700.0)
         points.append(point | {"position_mm": [k * x, k * y, z], "pulley_radius_mm": 0.0})
     rig = cell(observation_point=points, tool=tool)
-    with pytest.raises(TrajectoryError, match="singular"):
+    with pytest.raises(TrajectoryError, match=r"singular .*; not determined: a turn about the axis through .* mm along \(.*1\.000\)"):
         reconstruct(record(rig, np.arange(3.0), np.tile(START, (3, 1))))
 
 
