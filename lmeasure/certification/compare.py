@@ -256,7 +256,7 @@ def lines(found: Comparison) -> list[str]:
     """What a person is told."""
     out = [f"{found.kind}: {', '.join(found.names)}"]
     for pair in found.pairs:
-        calibration = "the same calibration: its errors cancel" if pair.shared else "not the same calibration: its errors do not cancel"
+        calibration = "one calibration: its errors cancel" if pair.shared else "no calibration in common: systematic errors do not cancel"
         out.append(f"{pair.later} against {pair.first}; {calibration}")
         for s in pair.shifts:
             chance = "too few cycles to tell" if s.probability is None else f"chance {s.probability:.2g}"

@@ -19,6 +19,8 @@ LEAST_S = 0.15
 """Shortest rest that counts as a dwell: turning points of a motion are shorter."""
 SETTLED = 0.5
 """Of a rest: its last part, when the robot no longer swings."""
+LEAVES = 4.0
+"""Times as far from the middle of a rest as its middle part scatters: the robot is on its way again."""
 NEAR = 0.4
 """Of the least distance between commanded poses: farther from one, a rest belongs to none."""
 FARTHEST_MM = 20.0
@@ -50,7 +52,7 @@ def rests(trajectory: Trajectory, positions: FloatArray, still_mm: float) -> lis
 def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[str, ...]]:
     """The program with windows found in the trajectory, where it states no time of anything, and notes on how.
 
-    A dwell is the last half of a rest near a commanded pose; a run of a path is what lies between a rest near its start and the next near
+    A dwell is the second half of a rest near a commanded pose, up to `LAG_S` before the robot leaves it; a run of a path is what lies between a rest near its start and the next near
     its end. CertificationError when a pose or path is not found, or poses are taken different numbers of times.
     """
     timed = [w for p in program.pose for w in (p.windows_s, p.settling_s)] + [p.windows_s for p in program.path]
@@ -60,14 +62,14 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
     positions = frame.of(trajectory.poses)[:, :3]
     found = rests(trajectory, positions, still_mm)
     places = np.array([np.nanmean(positions[r], axis=0) for r in found]).reshape(-1, 3)
-    poses = tuple(_with_dwells(p, program, trajectory, found, places) for p in program.pose)
+    poses = tuple(_with_dwells(p, program, trajectory, positions, found, places) for p in program.pose)
     cycles = Counter(len(p.windows_s) for p in poses)
     if len(cycles) > 1:
         most = cycles.most_common(1)[0][0]
         odd = next(p for p in poses if len(p.windows_s) != most)
         raise CertificationError(f"pose {odd.name}: is rested at {len(odd.windows_s)} times in the trajectory, other poses {most} times")
     paths = tuple(_with_runs(p, program, trajectory, positions, found, places) for p in program.path)
-    note = f"no windows stated: {len(found)} rests of at least {LEAST_S:g} s within {still_mm:g} mm found, the last half of each taken"
+    note = f"no windows stated: {len(found)} rests of at least {LEAST_S:g} s within {still_mm:g} mm found, the second half of each taken"
     data = program.model_dump(by_alias=True, exclude_none=True)
     data["pose"] = [p.model_dump(by_alias=True, exclude_none=True) for p in poses]
     data["path"] = [p.model_dump(by_alias=True, exclude_none=True) for p in paths]
@@ -81,16 +83,28 @@ def _reach(program: Program) -> float:
     return min([FARTHEST_MM, *(NEAR * d for d in apart if d > 0)])
 
 
-def _with_dwells(pose: CommandedPose, program: Program, trajectory: Trajectory, found: list[slice], places: FloatArray) -> CommandedPose:
+def _settled(time_s: FloatArray, positions: FloatArray, rest: slice) -> tuple[float, float]:
+    """The window of a rest: from its middle to where the robot is about to leave, which it does slowly at first."""
+    times, here = time_s[rest], positions[rest]
+    n = len(times)
+    middle = here[int(0.4 * n) : max(int(0.6 * n), int(0.4 * n) + 2)]
+    centre = middle.mean(axis=0)
+    scatter = float(np.sqrt(np.mean(np.sum((middle - centre) ** 2, axis=1))))
+    half = int((1.0 - SETTLED) * n)
+    gone = np.flatnonzero(np.linalg.norm(here[half:] - centre, axis=1) > LEAVES * scatter + 1e-6)
+    end = times[half + gone[0]] if len(gone) else times[-1]
+    return float(times[half]), float(max(end - LAG_S, times[half]))
+
+
+def _with_dwells(
+    pose: CommandedPose, program: Program, trajectory: Trajectory, positions: FloatArray, found: list[slice], places: FloatArray
+) -> CommandedPose:
     near = np.flatnonzero(np.linalg.norm(places - np.array(pose.position_mm), axis=1) <= _reach(program))
     if len(near) == 0:
         raise CertificationError(
             f"pose {pose.name}: the trajectory has no rest within {_reach(program):.4g} mm of it ({len(found)} rests in all)"
         )
-    windows = []
-    for i in near:
-        start, end = trajectory.time_s[found[i].start], trajectory.time_s[found[i].stop - 1]
-        windows.append((float(end - SETTLED * (end - start)), float(end)))
+    windows = [_settled(trajectory.time_s, positions, found[i]) for i in near]
     _expect(pose.name, "pose", len(windows), pose.cycles)
     return pose.model_copy(update={"windows_s": tuple(windows)})
 

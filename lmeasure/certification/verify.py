@@ -216,7 +216,8 @@ def told(found: Verification, *, asked: bool) -> list[str]:
         out += [f"computed with {text}" for text in found.environment]
         out.append(f"largest relative difference of a figure {found.largest:.2g}, allowed here {RELATIVE:g}")
     if found.differences:
-        out.append(f"{found.certificate or 'certificate'}: {len(found.differences)} differences")
+        number = len(found.differences)
+        out.append(f"{found.certificate or 'certificate'}: {number} difference{'s' if number > 1 else ''}")
     else:
         digit = "to the digit" if not found.environment else f"within {RELATIVE:g}"
         out.append(f"{found.certificate}: every byte as sealed, all {found.figures} figures computed again and the same {digit}")
