@@ -53,7 +53,8 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
     """The program with windows found in the trajectory, where it states no time of anything, and notes on how.
 
     A dwell is the second half of a rest near a commanded pose, up to `LAG_S` before the robot leaves it; a run of a path is what lies
-    between a rest near its start and the next near its end. CertificationError when a pose or path is not found, or poses are taken different numbers of times.
+    between a rest near its start and the next near its end. CertificationError when a pose or path is not found, or poses are
+    taken different numbers of times.
     """
     timed = [w for p in program.pose for w in (p.windows_s, p.settling_s)] + [p.windows_s for p in program.path]
     timed += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
