@@ -10,7 +10,7 @@ from lmeasure.cli.options import Rerun
 
 def reconstruct(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: run.toml, rig.toml and the counts of each pass.")],
-    out: Annotated[Path, typer.Option("--out", help="Trajectory to write: .parquet, .csv, or .tum for the poses alone.")],
+    out: Annotated[Path, typer.Option("--out", help="Trajectory to write: .parquet, .csv, .tum for the poses alone, .mcap for ROS 2.")],
     rig: Annotated[Path | None, typer.Option("--rig", help="Use this rig.toml instead of the run's own.")] = None,
     constraint: Annotated[
         str | None, typer.Option("--constraint", help="What holds the tool where cables are too few: planar or vertical-axis.")

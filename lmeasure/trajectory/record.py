@@ -131,8 +131,14 @@ class Summary:
 @contextmanager
 def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Iterator[Callable[[Trajectory], None]]:
     """Write a trajectory in pieces, whole or not at all: .parquet or .csv with the columns of the contract, and the angles of a convention
-    when one is named; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, only what is known). Parquet keeps
-    `covers` in its metadata."""
+    when one is named; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, only what is known); .mcap with ROS 2
+    messages of poses and covariances (`ros.mcap_writer`). Parquet keeps `covers` in its metadata."""
+    if Path(path).suffix.lower() == ".mcap":
+        from lmeasure.trajectory.ros import mcap_writer
+
+        with mcap_writer(path, covers) as write_messages:
+            yield write_messages
+        return
     if Path(path).suffix.lower() == ".tum":
         with files.whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as out:
 
