@@ -93,6 +93,7 @@ class CalibrationRecord(_Record):
     coarse: tuple[dict[str, Any], ...] = ()
     ranges: tuple[dict[str, Any], ...] = ()
     correlations: tuple[dict[str, Any], ...] = ()
+    spectrum: tuple[dict[str, Any], ...] = ()
     predicted: dict[str, Any] = Field(default_factory=dict)
     validation: dict[str, Any] = Field(default_factory=dict)
     tangent_covariance: tuple[tuple[Number, ...], ...] | None = None

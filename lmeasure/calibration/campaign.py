@@ -55,6 +55,19 @@ class Campaign:
         return mask
 
 
+def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
+    """The campaign without the counts of the named poses; CalibrationError for one that it has not, or cannot do without."""
+    counts = campaign.counts.copy()
+    for name in names:
+        if name not in campaign.poses.names:
+            raise CalibrationError(f"pose {name!r} to hold out: the campaign has no such pose")
+        pose = campaign.poses.names.index(name)
+        if (campaign.zero == pose).any():
+            raise CalibrationError(f"pose {name!r} to hold out: the counters were zeroed there")
+        counts[pose] = np.nan
+    return replace(campaign, counts=counts)
+
+
 def read_campaign(folder: Path) -> Campaign:
     """Read rig.toml (nominal), reference_poses.csv and counts.csv; FileFormatError or CalibrationError names file, pose and channel.
 

@@ -7,13 +7,15 @@ from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.prediction import Prediction
 from lmeasure.calibration.refine import Fit, Noise
 from lmeasure.calibration.regions import PROBABILITY, Regions, whole_counts
-from lmeasure.calibration.unknowns import Model
-from lmeasure.calibration.validation import Validation
+from lmeasure.calibration.unknowns import Model, Unknowns
+from lmeasure.calibration.validation import HeldOut, Validation
 from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual, Unobservable
 
 FloatArray = NDArray[np.float64]
 
 CORRELATED = 0.95
+GAUSS_95 = 1.959963984540054
+UNSEEN = 1e6  # prior standard uncertainties that the counts leave of a direction: more is as good as all
 
 
 def make_record(
@@ -52,6 +54,7 @@ def make_record(
         unobservable=tuple(silent),
         warnings=tuple(findings),
         inputs=campaign.inputs,
+        spectrum=tuple(_spectrum(unknowns, found)),
         correlations=tuple(_correlations(unknowns.names, where.covariance, u)),
         validation=_validation(model, found),
         noise={
@@ -81,6 +84,37 @@ def _validation(model: Model, found: Fit) -> dict[str, object]:
         return {}
     rms = float(np.sqrt(np.mean([value**2 for _, value in left_out])))
     return {"left_out_rms_mm": rms, "poses": [{"pose": name, "rms_mm": value} for name, value in left_out]}
+
+
+def held_out_entry(poses: list[HeldOut]) -> dict[str, object]:
+    """How well poses that took no part were predicted, beside what the record's uncertainties let expect."""
+    if not poses:
+        return {}
+    error, u = np.concatenate([p.error_mm for p in poses]), np.concatenate([p.u_mm for p in poses])
+    return {
+        "held_out": {
+            "rms_mm": float(np.sqrt(np.mean(error**2))),
+            "expected_mm": float(np.sqrt(np.mean(u**2))),
+            "within_95": float(np.mean(np.abs(error) <= GAUSS_95 * u)),
+            "poses": [
+                {"pose": p.pose, "channel": c, "error_mm": float(e), "u_mm": float(s)}
+                for p in poses
+                for c, e, s in zip(p.channels, p.error_mm, p.u_mm, strict=True)
+            ],
+        }
+    }
+
+
+def _spectrum(unknowns: Unknowns, found: Fit) -> list[dict[str, object]]:
+    """Each direction: how many prior standard uncertainties the counts leave of it, and the owner of most of the values it is made of."""
+    out = []
+    for s, direction, known in zip(found.s, found.directions, found.known, strict=True):
+        weight: dict[str, float] = {}
+        for i, part in enumerate(direction**2):
+            weight[unknowns.owner(i)] = weight.get(unknowns.owner(i), 0.0) + float(part)
+        owner = max(weight, key=lambda name: weight[name])
+        out.append({"point": owner, "left": min(1.0 / max(float(s), 1e-300), UNSEEN), "known": bool(known)})
+    return out
 
 
 def predicted_entry(campaign: Campaign, predicted: Prediction) -> dict[str, object]:

@@ -9,18 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration import diagnosis, observability
-from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.campaign import Campaign, without_poses
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.misfit import explain_misfit
 from lmeasure.calibration.prediction import Prediction, predict
 from lmeasure.calibration.ranges import position_range
-from lmeasure.calibration.recording import make_record, predicted_entry
+from lmeasure.calibration.recording import held_out_entry, make_record, predicted_entry
 from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.regions import BENT, regions
 from lmeasure.calibration.robust import robust_fit
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
-from lmeasure.calibration_record import CalibrationRecord, Finding
+from lmeasure.calibration.validation import held_out
+from lmeasure.calibration_record import CalibrationRecord, Finding, Unobservable
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -40,6 +41,8 @@ class Settings:
     prior: bool = False
     seed: int = 0
     robust: bool = False
+    hold_out: tuple[str, ...] = ()
+    """Poses that take no part in the fit and judge it."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     the result is never a bare optimum. CalibrationError when there is nothing to solve.
     """
     settings = settings or Settings()
+    whole, campaign = campaign, without_poses(campaign, settings.hold_out)
     unknowns = unknowns_of(campaign, settings.solve)
     noise = Noise.of(campaign.poses)
     names = list(dict.fromkeys(c.from_point for c in campaign.cables))
@@ -112,18 +116,14 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
     sight = _lines_of_sight(campaign, unknowns, joint)
     silent = observability.unobservable_directions(unknowns, joint, sight)
-    for owner in dict.fromkeys(u.point for u in silent):
-        own = [u for u in silent if u.point == owner]
-        equations = int(np.sum([campaign.cables[j].from_point == owner for j in model.cable_index]))
-        left = f"{len(own)} of {len(unknowns.of(owner))} unknowns"
-        text = f"{owner}: {equations} equations leave {left} undetermined; there the nominal rig's priors decide"
-        findings.append(Finding(code="underdetermined", text=text, value=float(len(own))))
     rig = rig_with(campaign, unknowns, joint.theta, "calibration.json")
     record = make_record(campaign, model, joint, where, noise, findings, silent)
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in _with_assumed(campaign)]
     predicted = predict(campaign, rig, record, settings.seed)
+    undetermined = _underdetermined(campaign, model, silent, predict(campaign, rig, _prior_part(record, joint, unknowns), settings.seed))
     record = record.model_copy(
         update={
+            "warnings": (*record.warnings, *undetermined),
             "coarse": tuple(
                 _coarse_entry(p.name, channel, i, s) for p in points for channel, both in p.coarse.items() for i, s in enumerate(both)
             ),
@@ -133,13 +133,36 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
                 if r is not None
             ),
             "predicted": predicted_entry(campaign, predicted),
+            "validation": record.validation | held_out_entry(held_out(Model(whole, unknowns), joint, noise, settings.hold_out)),
             "robust": {} if weights is None else weights.entry(campaign.poses.names),
-            "settings": asdict(settings) | {"solve": list(settings.solve)},
+            "settings": asdict(settings) | {"solve": list(settings.solve), "hold_out": list(settings.hold_out)},
         }
     )
     if progress:
         progress(len(names) + 2, len(names) + 2)
     return Calibration(rig, record, campaign, predicted)
+
+
+def _prior_part(record: CalibrationRecord, found: Fit, unknowns: Unknowns) -> CalibrationRecord:
+    """The record with that part of the covariance which only the priors hold."""
+    silent = found.directions[~found.known] * unknowns.width
+    return record.model_copy(update={"tangent_covariance": tuple(tuple(float(x) for x in row) for row in silent.T @ silent)})
+
+
+def _underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable], by_prior: Prediction) -> list[Finding]:
+    """Which points the counts do not determine, and how much of that reaches the lengths."""
+    out = []
+    for owner in dict.fromkeys(u.point for u in silent):
+        own = [u for u in silent if u.point == owner]
+        cables = [j for j, c in enumerate(campaign.cables) if owner in (c.from_point, f"tool.{c.to_point}")]
+        equations = int(np.isin(model.cable_index, cables).sum())
+        share = float(np.sqrt(np.mean(by_prior.length_mm[:, cables] ** 2)))
+        text = (
+            f"{owner}: {equations} equations leave {len(own)} of {len(model.unknowns.of(owner))} unknowns undetermined; there the nominal "
+            f"rig's priors decide, with {share:.4f} mm rms of the predicted lengths"
+        )
+        out.append(Finding(code="underdetermined", text=text, value=float(len(own))))
+    return out
 
 
 def _with_assumed(campaign: Campaign) -> set[str]:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from lmeasure.calibration.refine import Fit
+from lmeasure.calibration.refine import Fit, Noise, residual_covariance
 from lmeasure.calibration.unknowns import Model
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +41,36 @@ class Shift:
 
     square: float
     freedom: int
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A pose that was kept out of the fit: errors (c,) measured less predicted changes since the zero pose [mm] of its counted channels,
+    and their standard uncertainties (c,) from the calibration, the counts and the reference poses."""
+
+    pose: str
+    channels: tuple[str, ...]
+    error_mm: FloatArray
+    u_mm: FloatArray
+
+
+def held_out(whole: Model, fit: Fit, noise: Noise, poses: tuple[str, ...]) -> list[HeldOut]:
+    """How the fit does at poses that it has not seen; whole is the model of all poses, these among them, with the fit's unknowns."""
+    campaign = whole.campaign
+    r, J, V = whole.residuals(fit.theta), whole.jacobian(fit.theta), residual_covariance(whole, fit.theta, noise)
+    used = ~np.isin(whole.pose_index, [campaign.poses.names.index(name) for name in poses])
+    # the error at the zero pose is in the result and in the residual: they correlate
+    data, width = fit.gains[0], whole.unknowns.width
+    weight = np.where(data > 0, data / np.where(data > 0, fit.s, 1.0), 0.0)
+    gain = (fit.directions.T * weight) @ fit.directions * np.outer(width, width) @ np.linalg.solve(V[np.ix_(used, used)], J[used]).T
+    shared = np.einsum("eu,pu,ep->e", V[:, used], gain, J)
+    u = np.sqrt(np.maximum(np.diag(V) + np.einsum("ea,ab,eb->e", J, fit.covariance, J) - 2.0 * shared, 0.0))
+    out = []
+    for name in poses:
+        rows = np.flatnonzero(whole.pose_index == campaign.poses.names.index(name))
+        channels = tuple(campaign.cables[j].channel for j in whole.cable_index[rows])
+        out.append(HeldOut(name, channels, -r[rows], u[rows]))
+    return out
 
 
 class Validation:

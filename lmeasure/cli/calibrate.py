@@ -29,6 +29,9 @@ def calibrate(
     robust: Annotated[
         bool, typer.Option("--robust", help="Robust loss (Tukey's biweight) against reference poses that the others contradict.")
     ] = False,
+    hold_out: Annotated[
+        str, typer.Option("--hold-out", metavar="POSE,POSE,...", help="Reference poses to keep out of the fit; they judge it.")
+    ] = "",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the LP-search.")] = 0,
     compare: Annotated[
         Path | None,
@@ -46,11 +49,12 @@ def calibrate(
     from lmeasure.rig import write_rig
 
     groups = tuple(g.strip() for g in solve.split(",") if g.strip())
+    kept = tuple(name.strip() for name in hold_out.split(",") if name.strip())
     campaign = read_campaign(folder)
     # read before anything is written: OLD may be the very folder of --out
     earlier = None if compare is None else comparing.read_earlier(compare)
     with bar("calibrating") as progress:
-        result = stage(campaign, Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed, robust), progress)
+        result = stage(campaign, Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed, robust, kept), progress)
     comparison = None if earlier is None else comparing.compare(earlier, result, seed)
     write_calibration_page(out / "report.html", result, comparison)
     write_calibration_record(out / "calibration.json", result.record)
@@ -66,6 +70,10 @@ def calibrate(
     typer.echo(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
     for e in record.predicted["lengths"]:
         typer.echo(f"predicted over the workspace: cable {e['cable']} u {e['rms_mm']:.4f} mm rms, {e['worst_mm']:.4f} at worst")
+    if "held_out" in record.validation:
+        told = record.validation["held_out"]
+        text = f"{told['rms_mm']:.4f} mm rms, {told['expected_mm']:.4f} expected, {100 * told['within_95']:.0f}% within 95 %"
+        typer.echo(f"lengths at the poses held out: {text}")
     for w in record.warnings:
         typer.echo(f"warning {w.code}: {w.text}")
     if comparison is not None:

@@ -21,6 +21,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
         [
             *_summary(record),
             *_silence(record),
+            *_observability(record),
             *_moved(comparison),
             html.heading("Values"),
             html.paragraph("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value."),
@@ -75,6 +76,41 @@ def _silence(record: CalibrationRecord) -> list[str]:
         html.heading("What the counts cannot tell"),
         html.paragraph("Each line moves by one prior standard uncertainty without changing a count. More and wider spread poses cure it."),
         "<ul>" + "".join(f"<li>{html.text(u.text)}</li>" for u in record.unobservable) + "</ul>",
+    ]
+
+
+def _observability(record: CalibrationRecord) -> list[str]:
+    """Directions by what the counts leave of the prior, and values by what they leave of their own."""
+    if not record.spectrum:
+        return []
+    figure = go.Figure()
+    for point in dict.fromkeys(str(d["point"]) for d in record.spectrum):
+        own = [(i, d) for i, d in enumerate(record.spectrum, 1) if d["point"] == point]
+        symbols = ["circle" if d["known"] else "x" for _, d in own]
+        figure.add_scatter(
+            x=[i for i, _ in own],
+            y=[d["left"] for _, d in own],
+            mode="markers",
+            name=html.text(point),
+            marker={"symbol": symbols, "size": 8},
+        )
+    figure.add_hline(y=1.0, line={"dash": "dash"}, annotation_text="the prior knows it as well")
+    figure.update_layout(height=380, margin={"t": 20}, xaxis={"title": "direction, best seen first"})
+    figure.update_yaxes(title="standard uncertainty left, in prior ones", type="log")
+    values = go.Figure()
+    names = [html.text(p.name) for p in record.parameters]
+    values.add_scatter(x=names, y=[p.prior_u for p in record.parameters], mode="markers", name="prior", marker={"symbol": "line-ew-open"})
+    values.add_scatter(x=names, y=[p.u for p in record.parameters], mode="markers", name="calibrated")
+    values.update_layout(height=420, margin={"t": 20}, yaxis={"title": "standard uncertainty, mm or deg", "type": "log"})
+    return [
+        html.heading("What the counts see"),
+        html.paragraph(
+            "Every combination of values that the counts can tell apart, coloured by the point it is mostly made of. Below the line "
+            "the counts know it better than the nominal rig; crosses are left to the prior. A value is a mixture of all of them, so that "
+            "one weak direction spoils several values without spoiling a length."
+        ),
+        figure.to_html(full_html=False, include_plotlyjs=True),
+        values.to_html(full_html=False, include_plotlyjs=False),
     ]
 
 
@@ -145,12 +181,23 @@ def _predicted(calibration: Calibration) -> list[str]:
     )
     axes = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
     figure.update_layout(height=520, margin={"t": 10}, scene=axes)
-    return [*parts, html.paragraph("Worst cable at each pose:"), figure.to_html(full_html=False, include_plotlyjs=True)]
+    return [*parts, html.paragraph("Worst cable at each pose:"), figure.to_html(full_html=False, include_plotlyjs=False)]
 
 
 def _validation(record: CalibrationRecord) -> list[str]:
     parts = []
-    if record.validation:
+    if "held_out" in record.validation:
+        told = record.validation["held_out"]
+        rows = [(p["pose"], p["channel"], f"{p['error_mm']:+.4f}", f"{p['u_mm']:.4f}") for p in told["poses"]]
+        parts += [
+            html.heading("Poses held out"),
+            html.paragraph(
+                f"They took no part in the fit. Their lengths were predicted to {told['rms_mm']:.4g} mm rms; {told['expected_mm']:.4g} mm "
+                f"were to be expected, and {100 * told['within_95']:.0f} % lie within their 95 %."
+            ),
+            html.table(("pose", "channel", "error, mm", "u, mm"), rows),
+        ]
+    if "poses" in record.validation:
         rows = [(p["pose"], f"{p['rms_mm']:.4f}") for p in record.validation["poses"]]
         parts += [
             html.heading("Each pose predicted by the others"),
