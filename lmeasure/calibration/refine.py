@@ -24,6 +24,7 @@ BoolArray = NDArray[np.bool_]
 MAX_STEPS = 100
 UNDECIDED = 25  # steps after which a direction that was undetermined once stays so
 SETTLED = 0.01  # of a standard uncertainty
+FLOOR = 3.0  # standard uncertainties of the data, within which a step may also go along the valley
 WALL = 30.0  # standard uncertainties of the data, from where Gauss-Newton comes back to the floor of a valley
 
 
@@ -215,7 +216,7 @@ def _release(w: Whitened, z: FloatArray) -> tuple[FloatArray, bool, int]:
     """Gauss-Newton that fits the data in the directions they determine and goes back to the nominal value in the others.
 
     It walks along a curved valley: a step towards the nominal value may leave the floor by WALL standard uncertainties of the data, which
-    the next one mends. What remains is settled when it is a hundredth of the standard uncertainty there. A direction may be determined
+    the next ones mend. What remains is settled when it is a hundredth of the standard uncertainty there. A direction may be determined
     at its own optimum and not at the nominal value, or the other way round; one that keeps changing sides is left to its prior.
 
     The result, whether it settled, and how many directions the data were allowed to determine.
@@ -231,7 +232,9 @@ def _release(w: Whitened, z: FloatArray) -> tuple[FloatArray, bool, int]:
         away = silent @ z
         off = float(np.linalg.norm(misfit))
         settled = off < SETTLED and float(np.linalg.norm(away)) < SETTLED
-        step = -Vt[k].T @ (misfit / s[k]) - silent.T @ away
+        step = -Vt[k].T @ (misfit / s[k])
+        if off < FLOOR:
+            step -= silent.T @ away
         size = float(np.linalg.norm(step))
         if size < 1e-9 * (1.0 + float(np.linalg.norm(z))):
             return z + step, True, most

@@ -159,7 +159,7 @@ def _underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable
         share = float(np.sqrt(np.mean(by_prior.length_mm[:, cables] ** 2)))
         text = (
             f"{owner}: {equations} equations leave {len(own)} of {len(model.unknowns.of(owner))} unknowns undetermined; there the nominal "
-            f"rig's priors decide, with {share:.4f} mm rms of the predicted lengths"
+            f"rig's priors decide ({share:.4f} mm rms of the predicted lengths)"
         )
         out.append(Finding(code="underdetermined", text=text, value=float(len(own))))
     return out
@@ -226,6 +226,8 @@ def _solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise
         (fit(model, start, noise, settings.prior) for start in _distinct(starts, unknowns.width)), key=lambda f: f.objective
     )
     rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]
+    if best.rank < len(unknowns.names):
+        rivals = []  # the priors decide there, which is said
     return _Point(name, coarse, boxes, best, model, rivals)
 
 
