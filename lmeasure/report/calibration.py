@@ -188,14 +188,14 @@ def _validation(record: CalibrationRecord) -> list[str]:
     parts = []
     if "held_out" in record.validation:
         told = record.validation["held_out"]
-        rows = [(p["pose"], p["channel"], f"{p['error_mm']:+.4f}", f"{p['u_mm']:.4f}") for p in told["poses"]]
+        kept = [(p["pose"], p["channel"], f"{p['error_mm']:+.4f}", f"{p['u_mm']:.4f}") for p in told["poses"]]
         parts += [
             html.heading("Poses held out"),
             html.paragraph(
                 f"They took no part in the fit. Their lengths were predicted to {told['rms_mm']:.4g} mm rms; {told['expected_mm']:.4g} mm "
                 f"were to be expected, and {100 * told['within_95']:.0f} % lie within their 95 %."
             ),
-            html.table(("pose", "channel", "error, mm", "u, mm"), rows),
+            html.table(("pose", "channel", "error, mm", "u, mm"), kept),
         ]
     if "poses" in record.validation:
         rows = [(p["pose"], f"{p['rms_mm']:.4f}") for p in record.validation["poses"]]
