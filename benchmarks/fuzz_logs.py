@@ -4,8 +4,8 @@
 
 --seconds are of CPU.
 
-Every log that is read is also put to python-can, and must hold the same frames. A file that misbehaves (a traceback, other frames) is kept
-in the folder named, and ends the run; so does one that takes longer than a minute. --keep writes counts and rates to
+Every log that is read is also put to python-can, and must hold the same frames. A file that misbehaves (a traceback, other frames) is
+counted as neither and kept in the folder named; one that takes longer than a minute ends the run. --keep writes counts and rates to
 benchmarks/results/fuzz_logs.md.
 """
 
@@ -53,7 +53,7 @@ def main() -> None:
     turn = 0
     while time.process_time() - cpu < asked.seconds:
         turn += 1
-        log_fuzz.run(folder, 500, asked.seed * 1_000_000 + turn, done)
+        log_fuzz.run(folder, 500, asked.seed * 1_000_000 + turn, done, go_on=True)
     faulthandler.cancel_dump_traceback_later()
     cpu = time.process_time() - cpu
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak_before
@@ -64,10 +64,12 @@ def main() -> None:
         "",
         "| kind | accepted | refused in one line | neither |",
         "|---|---|---|---|",
-        *(f"| {kind} | {outcomes[kind, 'accepted']} | {outcomes[kind, 'refused']} | 0 |" for kind in kinds),
+        *(f"| {kind} | {outcomes[kind, 'accepted']} | {outcomes[kind, 'refused']} | {outcomes[kind, 'neither']} |" for kind in kinds),
     ]
     table = "\n".join(lines)
     print(table)
+    if any(outcome == "neither" for _, outcome in outcomes):
+        print(f"kept: {folder}")
     if asked.keep:
         target = Path(__file__).parent / "results" / "fuzz_logs.md"
         target.parent.mkdir(exist_ok=True)

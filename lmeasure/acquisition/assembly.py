@@ -77,11 +77,11 @@ def counts_from_frames(
     return Assembled(counts if marked is None else marked, assembler.events, frames)
 
 
-def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) -> Counts | None:
+def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, origin_s: float = 0.0) -> Counts | None:
     """The counts with empty cells where a channel stands still while the others move, and an event for each; None where none does.
 
     Six cables have no redundancy: a stuck counter gives a plausible pose. That a cable keeps its length to the count while the others
-    are moved by centimetres does not happen by itself.
+    are moved by centimetres does not happen by itself. origin_s: where the counts' times start by the frames' clock.
     """
     if len(counts.channels) < 2:
         return None
@@ -106,7 +106,7 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1) ->
             # up to here the others still stood: the count is good
             begin = first + int(np.argmax(np.median(np.delete(way[first : last + 1] - way[first], j, axis=1), axis=1) > 0))
             recorded[begin : last + 1, j] = np.nan
-            span = f"until {counts.time_s[last]:.6g} s, the others were moved by {np.median(others):.1f} mm"
-            events.add(Event(begin, float(counts.time_s[begin]), channel, "stall", span))
+            span = f"for {counts.time_s[last] - counts.time_s[begin]:.6g} s, the others were moved by {np.median(others):.1f} mm"
+            events.add(Event(begin, origin_s + float(counts.time_s[begin]), channel, "stall", span))
             found = True
     return replace(counts, recorded=recorded) if found else None

@@ -30,7 +30,7 @@ MARKED = {
     "bus_error": "the interface reported an error frame",
     "bus_off": "the bus was lost and opened again",
     "overflow": "frames were not taken in time and are lost: the samples they belong to are not there",
-    "log": "the log breaks off, or has lines that cannot be read",
+    "unread": "the log breaks off, or has lines that cannot be read",
     "heartbeat": "a node changed its state",
 }
 """Kinds of events: what is done about each."""
@@ -72,11 +72,11 @@ class EventLog:
         return ", ".join(f"{n} {kind}" for kind, n in sorted(self.tally.items()))
 
 
-def event_columns(events: Sequence[Event]) -> dict[str, Any]:
-    """Columns of events.csv."""
+def event_columns(events: Sequence[Event], origin_s: float) -> dict[str, Any]:
+    """Columns of events.csv, their times from the first sample, as in the counts' file, which was at origin_s by the frames' clock."""
     return {
         "sample": [e.sample for e in events],
-        "time_s": [e.time_s for e in events],
+        "time_s": [round(e.time_s - origin_s, 6) for e in events],
         "channel": [e.channel for e in events],
         "kind": [e.kind for e in events],
         "outcome": ["repaired" if e.repaired else "marked" for e in events],

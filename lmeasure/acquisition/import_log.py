@@ -216,7 +216,7 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
     recording = []
     for passage, log in enumerate(imported.logs, 1):
         if log.events.kept:
-            files.write_table(out / f"pass{passage}.events.csv", event_columns(log.events.kept))
+            files.write_table(out / f"pass{passage}.events.csv", event_columns(log.events.kept, log.start_s))
         entry: dict[str, Any] = {
             "pass": passage,
             "ended": "early" if log.report.ended_early else "complete",

@@ -333,14 +333,15 @@ class _Writer:
         events = self.assembler.events
         result = Recording(self.folder, ended, self.frames, len(counts.time_s), seconds, dict(events.tally), closure)
         with contextlib.suppress(OSError, LMeasureError):  # a full disk: run.toml goes on saying that it ended early
-            marked = mark_stalls(self.rig, counts, events, self.passage)
+            marked = mark_stalls(self.rig, counts, events, self.passage, self._origin or 0.0)
             if marked is not None:
                 write_counts(path, marked)
             if events.kept:
-                files.write_table(self.folder / f"pass{self.passage}.events.csv", event_columns(events.kept))
+                files.write_table(self.folder / f"pass{self.passage}.events.csv", event_columns(events.kept, self._origin or 0.0))
             entry = self._table["recording"][-1]
             entry |= {
                 "ended": "complete" if ended == "complete" else "early",
+                "first_sample_s": self._origin,
                 "samples": len(counts.time_s),
                 "seconds": seconds,
                 "received": self.frames,

@@ -280,7 +280,7 @@ class ReplaySource:
         if self._batches is not None:
             return []
         notes, self._report = self._report.notes(), LogReport()
-        return [Notice("log", note) for note in notes]
+        return [Notice("unread", note) for note in notes]
 
     def close(self) -> None:
         """Stop reading."""

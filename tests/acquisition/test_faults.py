@@ -44,6 +44,7 @@ def test_dropped_frames_leave_empty_cells(tmp_path: Path) -> None:
     want[lost, channels - 1] = np.nan
     np.testing.assert_array_equal(run.passes[0].recorded, want)
     assert recording.faults == {"gap": 20}
+    np.testing.assert_allclose([float(t) for t in events["time_s"]], run.passes[0].time_s[[int(s) for s in events["sample"]]], atol=2e-6)
     told = {(int(s), c) for s, c in zip(events["sample"], events["channel"], strict=True)}
     assert told == {(int(s), f"ch{c}") for s, c in zip(lost, channels, strict=True)}
     assert set(events["outcome"]) == {"marked"}
@@ -160,11 +161,13 @@ def test_a_stuck_channel_is_marked_from_where_it_sticks(tmp_path: Path) -> None:
     changed = slow.recorded.copy()
     s = len(changed) // 4
     changed[s:, 4] = changed[s, 4]
-    recording, run, _ = record_frames(RIG, frames_of(RIG, replace(slow, recorded=changed)), tmp_path / "run")
+    recording, run, events = record_frames(RIG, frames_of(RIG, replace(slow, recorded=changed)), tmp_path / "run")
     got = run.passes[0].recorded
     assert recording.faults == {"stall": 1}
     np.testing.assert_array_equal(np.delete(got, 4, axis=1), np.delete(slow.recorded, 4, axis=1))
     np.testing.assert_array_equal(got[:s, 4], slow.recorded[:s, 4])
+    assert s <= int(events["sample"][0]) <= s + 2
+    assert float(events["time_s"][0]) == pytest.approx(run.passes[0].time_s[int(events["sample"][0])], abs=2e-6)
     assert np.isnan(got[s + 2 :, 4]).all()
 
 

@@ -80,6 +80,16 @@ def test_a_log_replays_to_the_same_counts(suffix: str, recorded: Path, tmp_path:
     assert files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]["timestamps"] == "log"
 
 
+def test_a_replayed_log_that_breaks_off_says_so(recorded: Path, tmp_path: Path) -> None:
+    log = tmp_path / "cut.log"
+    log.write_bytes((recorded / "run" / "pass1.log").read_bytes()[:20_000])
+    recording = record_session(recorded / "rig.toml", f"replay:{log}", tmp_path / "run", paced=False)
+    assert recording.faults["unread"] == 1
+    events = files.read_table(tmp_path / "run" / "pass1.events.csv")
+    told = events.text("text")[events.text("kind").index("unread")]
+    assert told.startswith("ended early: the last line has no end and was not read")
+
+
 def test_a_replay_in_its_own_time_is_the_same_recording(recorded: Path, tmp_path: Path) -> None:
     record_session(recorded / "rig.toml", f"replay:{recorded / 'run' / 'pass1.log'}", tmp_path / "run")
     got, first = read_run(tmp_path / "run").passes[0], read_run(recorded / "run").passes[0]
