@@ -1,6 +1,7 @@
 """Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,14 @@ from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
-from lmeasure.kernels.screw import GAP, JUMP, OK, STATUS
+from lmeasure.kernels.screw import GAP, JUMP, OK, SLACK, STATUS
 from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.run import Run
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+SLACK_S = 0.5  # a cable that lost the tool is taut again before
 HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
 
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
@@ -200,6 +202,11 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             (counter.what == UNSURE, GAP, f"channel {c.channel} may have wrapped unseen at {speed}"),
             (counter.what == EMPTY, GAP, f"channel {c.channel} has no count"),
         )
+        if drum.max_cable_acceleration_mm_s2 is not None:
+            limit = drum.max_cable_acceleration_mm_s2
+            slack = slack_samples(values, counts.time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
+            text = f"channel {c.channel} does not follow: it changed its speed faster than max_cable_acceleration_mm_s2 = {limit:g} allows"
+            reasons = (*reasons, (slack, SLACK, text))
         if c.passage > 1:
             values, reasons = _on_time_base(run, c.passage, values, reasons)
         k[:, j] = values
@@ -212,6 +219,31 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             flags[first], cause[first], where[first] = flag, text, c.name
     change = changes_from_counts(run.rig, k)
     return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes), u_time, warm)
+
+
+def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> NDArray[np.bool_]:
+    """(n,) where a cable does not follow, from its true counts (n,) at times (n,): it changed its speed faster than limit [1/s^2] allows,
+    beyond what counts rounded to a quantum can show, or stands between two such changes less than SLACK_S apart.
+
+    The change is taken over as many samples as make rounding smaller than the limit.
+    """
+    n = len(counts)
+    out = np.zeros(n, np.bool_)
+    if n < 3:
+        return out
+    w = max(1, int(np.ceil(2.0 * np.sqrt(quantum / limit) / np.median(np.diff(time_s)))))
+    if n <= 2 * w:
+        return out
+    before, after = time_s[w:-w] - time_s[: -2 * w], time_s[2 * w :] - time_s[w:-w]
+    with np.errstate(invalid="ignore"):
+        change = (counts[2 * w :] - counts[w:-w]) / after - (counts[w:-w] - counts[: -2 * w]) / before
+        allowed = limit * (before + after) / 2.0 + quantum * (1.0 / before + 1.0 / after)
+        out[w:-w] = np.abs(change) > allowed
+    broken = np.flatnonzero(out)
+    for a, b in pairwise(broken.tolist()):
+        if time_s[b] - time_s[a] < SLACK_S:
+            out[a:b] = True
+    return out
 
 
 def zero_temperature(lengths: Lengths, stated: float | None) -> float | None:

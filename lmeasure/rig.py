@@ -100,6 +100,8 @@ class Drum(CableOnDrum):
     """Decoding factor: recorded count = count_sign * scale * k."""
     counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
     max_cable_speed_mm_s: Positive = 20000.0
+    max_cable_acceleration_mm_s2: Positive | None = None
+    """Beyond which a cable does not follow the tool: it went slack or is taut again."""
     u_scale: NotNegative | None = None
     u_tangent_length_mm: NotNegative | None = None
     u_axial_offset_mm: NotNegative | None = None

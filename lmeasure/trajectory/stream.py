@@ -17,8 +17,9 @@ Progress = Callable[[int, int], None]
 
 
 def can_stream(head: RunHead) -> bool:
-    """Whether the run can go through in pieces: one pass, and a recording that was closed properly."""
-    return head.rig.passes == 1 and not head.torn[0]
+    """Whether the run can go through in pieces: one pass, a recording that was closed properly, no limit that asks for later samples."""
+    limited = any(point.drum.max_cable_acceleration_mm_s2 is not None for point in head.rig.observation_point)
+    return head.rig.passes == 1 and not head.torn[0] and not limited
 
 
 def reconstruct_stream(
