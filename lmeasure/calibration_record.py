@@ -94,6 +94,8 @@ class CalibrationRecord(_Record):
     ranges: tuple[dict[str, Any], ...] = ()
     correlations: tuple[dict[str, Any], ...] = ()
     spectrum: tuple[dict[str, Any], ...] = ()
+    poses: tuple[dict[str, Any], ...] = ()
+    """Reference poses that were estimated with the rig, and the standard uncertainties of what was unknown of each."""
     predicted: dict[str, Any] = Field(default_factory=dict)
     validation: dict[str, Any] = Field(default_factory=dict)
     tangent_covariance: tuple[tuple[Number, ...], ...] | None = None

@@ -77,7 +77,7 @@ def read_campaign(folder: Path) -> Campaign:
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: is not a calibration folder")
     rig = read_rig(folder / "rig.toml")
-    poses = read_poses(folder / "reference_poses.csv", rig.angles)
+    poses = read_poses(folder / "reference_poses.csv", rig.angles, positions_alone=True)
     inputs = tuple(Input(file=name, sha256=files.sha256(folder / name)) for name in ("rig.toml", "reference_poses.csv", "counts.csv"))
     path = folder / "counts.csv"
     table = files.read_table(path)

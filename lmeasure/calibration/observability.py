@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.calibration_record import Unobservable
 
@@ -20,14 +19,13 @@ _WORDS = {
 }
 
 
-def unobservable_directions(unknowns: Unknowns, fit: Fit, sight: dict[str, FloatArray]) -> list[Unobservable]:
+def unobservable_directions(unknowns: Unknowns, silent: FloatArray, sight: dict[str, FloatArray]) -> list[Unobservable]:
     """The undetermined directions of each owner of unknowns, strongest first.
 
-    The silent subspace of all unknowns together has no preferred basis, and would mix points; the projector onto it has: its block for
-    one point has an eigenvalue near 1 for each direction of that point alone. sight (3,) is the unit vector from each observation point
-    towards the middle of its poses.
+    silent (k, p): orthonormal directions of which the data say nothing, in prior widths. Their subspace of all unknowns together has
+    no preferred basis, and would mix points; the projector onto it has: its block for one point has an eigenvalue near 1 for each
+    direction of that point alone. sight (3,) is the unit vector from each observation point towards the middle of its poses.
     """
-    silent = fit.directions[~fit.known]
     projector = silent.T @ silent
     out = []
     for owner in dict.fromkeys(unknowns.owner(i) for i in range(len(unknowns.names))):

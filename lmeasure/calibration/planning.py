@@ -247,7 +247,7 @@ def _described(
         tuple(course),
         tuple((name, outlook(design.without(k))) for k, name in enumerate(named)),
         tuple(zip(instrument.unknowns.names, u.tolist(), instrument.unknowns.width.tolist(), strict=True)),
-        tuple(observability.unobservable_directions(instrument.unknowns, found, sight)),
+        tuple(observability.unobservable_directions(instrument.unknowns, found.directions[~found.known], sight)),
         model.equations,
         *usable,
     )

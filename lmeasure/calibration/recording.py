@@ -1,15 +1,19 @@
 """The calibration record of a fit: values with their uncertainties, and what holds them together."""
 
 import numpy as np
+import scipy.stats
 from numpy.typing import NDArray
 
 from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.joint import COMPONENTS, Joint
 from lmeasure.calibration.prediction import Prediction
 from lmeasure.calibration.refine import Fit, Noise
 from lmeasure.calibration.regions import PROBABILITY, Regions, whole_counts
 from lmeasure.calibration.unknowns import Model, Unknowns
 from lmeasure.calibration.validation import HeldOut, Validation
 from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual, Unobservable
+from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.poses import POSITION_COLUMNS
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +67,48 @@ def make_record(
             "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
             "reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2))),
             "reference_u_rotation_deg": float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2)))),
+        },
+    )
+
+
+def make_joint_record(found: Joint, findings: list[Finding], silent: list[Unobservable]) -> CalibrationRecord:
+    """The record of rig and poses found together: the rig's values as in any record, and the poses with theirs."""
+    own, unknowns, campaign = found.own, found.model.rig, found.campaign
+    covariance, d = found.covariance[:own, :own], len(found.model.free)
+    u = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    # a noise level taken from the residuals is known only as well as their number allows
+    estimated = any(f.code == "misfit" for f in findings)
+    coverage = float(scipy.stats.t.ppf(0.975, found.freedom) if estimated else scipy.stats.norm.ppf(0.975))
+    keys = [f"u_{COMPONENTS[c]}" for c in found.model.free]
+    rows, names = campaign.poses.rows.tolist(), (*POSITION_COLUMNS, *QUATERNION_COLUMNS)
+    return CalibrationRecord(
+        rig=campaign.rig.name,
+        parameters=tuple(
+            Parameter(name=n, value=float(v), u=float(s), prior_u=float(w), U95=coverage * float(s))
+            for n, v, s, w in zip(unknowns.names, found.theta[:own], u[:own], unknowns.width, strict=True)
+        ),
+        covariance=_rows(covariance),
+        residuals=tuple(
+            Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
+            for i, j, r in zip(found.model.pose_index, found.model.cable_index, found.residuals, strict=True)
+        ),
+        equations=found.model.equations,
+        unknowns=len(found.theta),
+        rank=int(found.known.sum()) + len(found.theta) - own,
+        unobservable=tuple(silent),
+        warnings=tuple(findings),
+        inputs=campaign.inputs,
+        correlations=tuple(_correlations(unknowns.names, covariance, np.maximum(u[:own], 1e-300))),
+        poses=tuple(
+            {"pose": name}
+            | dict(zip(names, row, strict=True))
+            | dict(zip(keys, map(float, u[own + d * i : own + d * (i + 1)]), strict=True))
+            for i, (name, row) in enumerate(zip(campaign.poses.names, rows, strict=True))
+        ),
+        noise={
+            "chi_squared": found.chi2,
+            "degrees_of_freedom": float(found.freedom),
+            "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
         },
     )
 

@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, without_poses
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
+from lmeasure.calibration.joint import Frame, free_components, solve_jointly
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.misfit import explain_misfit
 from lmeasure.calibration.prediction import Prediction, predict
 from lmeasure.calibration.ranges import position_range
-from lmeasure.calibration.recording import held_out_entry, make_record, predicted_entry
+from lmeasure.calibration.recording import held_out_entry, make_joint_record, make_record, predicted_entry
 from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.regions import BENT, regions
 from lmeasure.calibration.robust import robust_fit
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
 from lmeasure.calibration.validation import held_out
 from lmeasure.calibration_record import CalibrationRecord, Finding, Unobservable
+from lmeasure.errors import CalibrationError
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +45,10 @@ class Settings:
     robust: bool = False
     hold_out: tuple[str, ...] = ()
     """Poses that take no part in the fit and judge it."""
+    self_calibration: bool = False
+    """Poses are estimated with the points, and not trusted; see `calibration.joint`."""
+    frame: Frame = "rig"
+    """What holds the frame of a self-calibration: the nominal rig or the reference poses."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,9 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     the result is never a bare optimum. CalibrationError when there is nothing to solve.
     """
     settings = settings or Settings()
+    free = free_components(campaign, trusted=not settings.self_calibration)
+    if free:
+        return _calibrate_jointly(campaign, settings, free, progress)
     whole, campaign = campaign, without_poses(campaign, settings.hold_out)
     unknowns = unknowns_of(campaign, settings.solve)
     noise = Noise.of(campaign.poses)
@@ -114,8 +123,8 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
             "that; lengths are told better than the values suggest"
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
-    sight = _lines_of_sight(campaign, unknowns, joint)
-    silent = observability.unobservable_directions(unknowns, joint, sight)
+    sight = _lines_of_sight(campaign, unknowns, joint.theta)
+    silent = observability.unobservable_directions(unknowns, joint.directions[~joint.known], sight)
     rig = rig_with(campaign, unknowns, joint.theta, "calibration.json")
     record = make_record(campaign, model, joint, where, noise, findings, silent)
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in _with_assumed(campaign)]
@@ -141,6 +150,29 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     if progress:
         progress(len(names) + 2, len(names) + 2)
     return Calibration(rig, record, campaign, predicted)
+
+
+def _calibrate_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...], progress: Progress | None) -> Calibration:
+    """Rig and poses together; the campaign of the result has the poses found. CalibrationError for options that need whole poses."""
+    for given, option in ((settings.robust, "--robust"), (settings.hold_out, "--hold-out")):
+        if given:
+            raise CalibrationError(f"{option}: judges by whole reference poses, and here their unknowns are estimated with the rig")
+    if progress:
+        progress(0, 2)
+    found = solve_jointly(campaign, settings.solve, settings.prior, free, settings.frame, settings.seed)
+    if progress:
+        progress(1, 2)
+    unknowns, theta = found.model.rig, found.theta[: found.own]
+    sight = _lines_of_sight(found.campaign, unknowns, theta)
+    silent = observability.unobservable_directions(unknowns, found.silent, sight)
+    findings = [*(Finding(code="note", text=n) for n in campaign.notes), *found.findings]
+    rig = rig_with(campaign, unknowns, theta, "calibration.json")
+    record = make_joint_record(found, findings, silent)
+    predicted = predict(found.campaign, rig, record, settings.seed)
+    more = {"predicted": predicted_entry(found.campaign, predicted), "settings": asdict(settings) | {"solve": list(settings.solve)}}
+    if progress:
+        progress(2, 2)
+    return Calibration(rig, record.model_copy(update=more), found.campaign, predicted)
 
 
 def _prior_part(record: CalibrationRecord, found: Fit, unknowns: Unknowns) -> CalibrationRecord:
@@ -283,10 +315,10 @@ def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: 
     return out
 
 
-def _lines_of_sight(campaign: Campaign, unknowns: Unknowns, found: Fit) -> dict[str, FloatArray]:
+def _lines_of_sight(campaign: Campaign, unknowns: Unknowns, theta: FloatArray) -> dict[str, FloatArray]:
     middle = campaign.poses.rows[:, :3].mean(axis=0)
     out = {}
-    values = dict(zip(unknowns.names, found.theta, strict=True))
+    values = dict(zip(unknowns.names, theta, strict=True))
     for c in campaign.cables:
         at = campaign.rig.point(c.from_point).position_mm
         position = np.array([values.get(f"{c.from_point}.{k}", v) for k, v in zip(("x_mm", "y_mm", "z_mm"), at, strict=True)])

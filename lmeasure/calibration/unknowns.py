@@ -171,6 +171,10 @@ class Model:
         """Number of residuals."""
         return len(self.pose_index)
 
+    def poses(self, theta: FloatArray) -> FloatArray:
+        """(n, 7) poses when the unknowns are theta (p,): those of the campaign, unless they are unknown too (`calibration.joint`)."""
+        return self._poses
+
     def cables(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The kernels' rows, the decoding scales and the true counts when the unknowns are theta (p,)."""
         rows, scales = self._rows.copy(), self._scales.copy()
@@ -198,19 +202,20 @@ class Model:
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(e,) modelled less measured changes [mm]; infinite where a cable cannot run."""
         rows, _, counts = self.cables(theta)
-        f = cable_kernels.span_lengths(rows, self._poses) - cable_kernels.changes_from_counts(rows, counts)
+        poses = self.poses(theta)
+        f = cable_kernels.span_lengths(rows, poses) - cable_kernels.changes_from_counts(rows, counts)
         r = f[self.pose_index, self.cable_index] - f[self._zero, self.cable_index]
         if self._effects is not None:
-            r = r + self._effects.excess(rows, *self._situation(counts))[self.pose_index, self.cable_index]
+            r = r + self._effects.excess(rows, *self._situation(poses, counts))[self.pose_index, self.cable_index]
         return np.where(np.isfinite(r), r, 1e6)
 
-    def _situation(self, counts: FloatArray) -> tuple[Zero, FloatArray, FloatArray, FloatArray]:
+    def _situation(self, poses: FloatArray, counts: FloatArray) -> tuple[Zero, FloatArray, FloatArray, FloatArray]:
         """Where each cable's equations start, the poses (n, 7), true counts and temperatures (n, m): what the effects depend on."""
         assert self._effects is not None
         n, m = counts.shape
         warm = np.full(n, self._effects.reference_c) if self.campaign.temperature_c is None else self.campaign.temperature_c
-        zero = Zero(self._poses[self.campaign.zero], counts[self.campaign.zero, np.arange(m)], warm[self.campaign.zero])
-        return zero, self._poses, counts, np.repeat(warm[:, None], m, axis=1)
+        zero = Zero(poses[self.campaign.zero], counts[self.campaign.zero, np.arange(m)], warm[self.campaign.zero])
+        return zero, poses, counts, np.repeat(warm[:, None], m, axis=1)
 
     def reading_covariance(self) -> FloatArray:
         """(e, e) covariance of the residuals [mm^2] from reading the counters: whole counts, or means of dwells as `Campaign` has them."""
@@ -231,15 +236,16 @@ class Model:
         if self._effects is None:
             return None
         rows, _, counts = self.cables(theta)
-        situation = self._situation(counts)
+        poses = self.poses(theta)
+        situation = self._situation(poses, counts)
         at = self.pose_index, self.cable_index
         columns = [shift[at] for shift in self._effects.property_shifts(rows, *situation)]
         temperature = self._effects.temperature_shifts(rows, *situation)
         if temperature is not None:
             first, later = (shift[at] for shift in temperature)
-            for i in range(len(self._poses)):
+            for i in range(len(poses)):
                 columns.append(np.where(self._zero == i, first, 0.0) + np.where(self.pose_index == i, later, 0.0))
-        friction = self._effects.tension_shift(rows, self._poses)
+        friction = self._effects.tension_shift(rows, poses)
         if friction is not None:
             for j in range(counts.shape[1]):
                 columns.append(np.where(self.cable_index == j, friction[self._zero, self.cable_index], 0.0))
@@ -252,7 +258,7 @@ class Model:
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, p) derivatives of the residuals by the unknowns, in the units of their names."""
         rows, scales, counts = self.cables(theta)
-        g = cable_kernels.length_gradients(rows, self._poses, counts, scales)
+        g = cable_kernels.length_gradients(rows, self.poses(theta), counts, scales)
         g = g[self.pose_index, self.cable_index] - g[self._zero, self.cable_index]
         J = np.zeros((self.equations, len(self.unknowns.names)))
         equation, parameter, unknown = self._derivatives
@@ -263,8 +269,8 @@ class Model:
     def pose_jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, n, 6) derivatives of the residuals by small errors (rotation [rad]; translation [mm]) of each reference pose."""
         rows, _, _ = self.cables(theta)
-        by_pose = np.array([cable_kernels.span_rows(rows, pose) for pose in self._poses])
-        out = np.zeros((self.equations, len(self._poses), 6))
+        by_pose = np.array([cable_kernels.span_rows(rows, pose) for pose in self.poses(theta)])
+        out = np.zeros((self.equations, len(by_pose), 6))
         every = np.arange(self.equations)
         out[every, self.pose_index] += by_pose[self.pose_index, self.cable_index]
         out[every, self._zero] -= by_pose[self._zero, self.cable_index]

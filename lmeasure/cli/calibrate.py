@@ -1,7 +1,7 @@
 """`lmeasure calibrate`: from reference poses and counts to calibrated observation points."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -33,6 +33,10 @@ def calibrate(
         str, typer.Option("--hold-out", metavar="POSE,POSE,...", help="Reference poses to keep out of the fit; they judge it.")
     ] = "",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the LP-search.")] = 0,
+    self_: Annotated[
+        bool, typer.Option("--self", help="Estimate the poses too and trust none: seven cables or more to a body, four to one point.")
+    ] = False,
+    frame: Annotated[str, typer.Option("--frame", help="What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig",
     compare: Annotated[
         Path | None,
         typer.Option("--compare", metavar="OLD", help="Earlier output folder or calibration.json: say what moved, and whether by chance."),
@@ -45,25 +49,32 @@ def calibrate(
     from lmeasure.calibration import compare as comparing
     from lmeasure.calibration_record import write_calibration_record
     from lmeasure.cli.progress import bar
+    from lmeasure.poses import write_poses
     from lmeasure.report.calibration import write_calibration_page
     from lmeasure.rig import write_rig
 
+    if frame not in ("rig", "poses"):
+        raise typer.BadParameter(f"{frame!r} is neither rig nor poses", param_hint="--frame")
+    held: Literal["rig", "poses"] = "rig" if frame == "rig" else "poses"
     groups = tuple(g.strip() for g in solve.split(",") if g.strip())
     kept = tuple(name.strip() for name in hold_out.split(",") if name.strip())
     campaign = read_campaign(folder)
     # read before anything is written: OLD may be the very folder of --out
     earlier = None if compare is None else comparing.read_earlier(compare)
     with bar("calibrating") as progress:
-        result = stage(campaign, Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed, robust, kept), progress)
+        chosen = Settings(groups, neighbourhood_mm, neighbourhood_deg, prior, seed, robust, kept, self_, held)
+        result = stage(campaign, chosen, progress)
     comparison = None if earlier is None else comparing.compare(earlier, result, seed)
     write_calibration_page(out / "report.html", result, comparison)
     write_calibration_record(out / "calibration.json", result.record)
     write_rig(out / "rig.toml", result.rig)
+    if result.record.poses:
+        write_poses(out / "poses.csv", result.campaign.poses)
     record = result.record
     if rerun is not None:
         from lmeasure.view.stages import write_recording
 
-        write_recording(rerun, result.rig, nominal=campaign.rig, reference=campaign.poses, record=record)
+        write_recording(rerun, result.rig, nominal=campaign.rig, reference=result.campaign.poses, record=record)
     for p in record.parameters:
         typer.echo(f"{p.name:28s} {p.value:14.4f}  u {p.u:.3g}")
     typer.echo(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
@@ -78,4 +89,5 @@ def calibrate(
         typer.echo(f"warning {w.code}: {w.text}")
     if comparison is not None:
         typer.echo(comparing.summary(comparison))
-    typer.echo(f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}")
+    poses = f", {out / 'poses.csv'}" if record.poses else ""
+    typer.echo(f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}{poses}")
