@@ -10,7 +10,6 @@ hold the frame, and no motion is free.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.refine import SETTLED, Noise, Whitened, residual_covariance
+from lmeasure.calibration.refine import SETTLED, UNDECIDED, WALL, Noise, Whitened, residual_covariance
 from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
 from lmeasure.calibration_record import Finding
 from lmeasure.errors import CalibrationError
@@ -35,6 +34,7 @@ COMPONENTS = ("rx_deg", "ry_deg", "rz_deg", "x_mm", "y_mm", "z_mm")
 ROTATIONS = (0, 1, 2)
 MAX_STEPS = 200
 RANK = 1e-12
+FINE = 0.1 * SETTLED  # of a standard uncertainty: what remains when the steps end
 MISFIT = 1e-3  # probability under which residuals are not put down to chance
 CANDIDATES = 3  # orientations of the zero pose that are followed up
 IN_SPAN = 0.99  # cosine from which a direction is a motion of the whole
@@ -180,32 +180,37 @@ def solve_jointly(campaign: Campaign, solve: tuple[str, ...], prior: bool, free:
 
 
 def _fit(model: JointModel, noise: Noise, prior: bool) -> Joint:
-    """Gauss-Newton with the poses eliminated at each step (Golub and Pereyra's variable projection, in Kaufman's form); first with the prior
-    on every direction of the rig, then only where the data are silent, as `refine` does."""
+    """Gauss-Newton with the poses eliminated at each step (variable projection: Golub and Pereyra 1973, in Kaufman's form); first with the
+    prior on every direction of the rig, then only where the data are silent, as `refine` does."""
     own, width = len(model.rig.names), model.rig.width
-    theta = model.unknowns.nominal.copy()
-    converged = False
+    theta, most, converged = model.unknowns.nominal.copy(), own, False
     V = residual_covariance(model, theta, noise)
     for everywhere in (True,) if prior else (True, False):
         w = Whitened(model, V)
         r = w.whiten(model.residuals(theta)[:, None])[:, 0]
-        for _ in range(MAX_STEPS):
+        for number in range(MAX_STEPS):
             z = (theta[:own] - model.rig.nominal) / width
-            part = _Eliminated(w, model, theta, r)
-            dz, merit = part.step(z, everywhere)
-            size = float(np.linalg.norm(dz))
-            converged = size < (1e-6 if everywhere else 1e-9) * (1.0 + float(np.linalg.norm(z)))
-            fraction, dp = min(1.0, 2.0 / max(size, 1e-300)), part.poses(dz)
+            part = _Eliminated(w, model, theta, r, most)
+            if not everywhere and number >= UNDECIDED:
+                most = min(most, int(part.known.sum()))
+            told, away = part.told, part.Vt @ z
+            if everywhere:
+                dz = -part.Vt.T @ ((part.s * told + away) / (1.0 + part.s**2))
+                converged = float(np.linalg.norm(dz)) < FINE
+            else:
+                dz = -part.Vt.T @ np.where(part.known, told / np.where(part.known, part.s, 1.0), away)
+                converged = max(float(np.linalg.norm(told[part.known])), float(np.linalg.norm(away[~part.known]))) < FINE
+            dp, fraction = part.poses(dz), min(1.0, 2.0 / max(float(np.linalg.norm(dz)), 1e-300))
+            now = part.merit(r, z, everywhere)
             for _ in range(12):
-                trial = theta.copy()
-                trial[:own] += fraction * dz * width
-                trial[own:] += fraction * dp
+                trial = theta + fraction * np.r_[dz * width, dp]
                 r_trial = w.whiten(model.residuals(trial)[:, None])[:, 0]
-                if merit(r_trial, z + fraction * dz) <= merit(r, z) * (1 + 1e-10):
+                then = part.merit(r_trial, z + fraction * dz, everywhere)
+                # towards the nominal rig the way may leave the valley's floor a little, which the next step mends
+                if then <= now * (1 + 1e-10) or (not everywhere and then <= WALL**2):
                     break
                 fraction *= 0.5
             else:
-                converged = converged or part.settled(z, everywhere)
                 break
             theta, r = trial, r_trial
             if converged:
@@ -213,7 +218,7 @@ def _fit(model: JointModel, noise: Noise, prior: bool) -> Joint:
         V = residual_covariance(model, theta, noise)
     w = Whitened(model, V)
     r = w.whiten(model.residuals(theta)[:, None])[:, 0]
-    part = _Eliminated(w, model, theta, r)
+    part = _Eliminated(w, model, theta, r, most)
     covariance, motions, silent = part.covariance(prior)
     campaign = model.campaign
     poses = replace(campaign.poses, rows=model.poses(theta))
@@ -225,7 +230,7 @@ def _fit(model: JointModel, noise: Noise, prior: bool) -> Joint:
         float(r @ r),
         part.s,
         part.Vt,
-        part.s > 1.0,
+        part.known,
         covariance,
         motions,
         silent,
@@ -236,7 +241,7 @@ def _fit(model: JointModel, noise: Noise, prior: bool) -> Joint:
 class _Eliminated:
     """The linear problem at a point: whitened residuals r = r0 + A dz + P dp, dz of the rig in prior widths, dp of the poses."""
 
-    def __init__(self, w: Whitened, model: JointModel, theta: FloatArray, r: FloatArray) -> None:
+    def __init__(self, w: Whitened, model: JointModel, theta: FloatArray, r: FloatArray, most: int) -> None:
         own = len(model.rig.names)
         J = w.whiten(model.jacobian(theta))
         self.A, P = J[:, :own] * model.rig.width, J[:, own:]
@@ -249,32 +254,20 @@ class _Eliminated:
         self.left = self.Q[:, k:]
         self.U, s, self.Vt = np.linalg.svd(self.left.T @ self.A, full_matrices=True)
         self.s = np.r_[s, np.zeros(own - len(s))]
+        self.known = (self.s > 1.0) & (np.arange(own) < most)
         self.rest = self.left.T @ r
 
-    def _told(self) -> FloatArray:
+    @property
+    def told(self) -> FloatArray:
         """(p,) components of the residuals along the directions of the rig, 0 where there is no equation."""
         out = np.zeros(len(self.s))
         count = min(len(self.s), self.U.shape[1])
         out[:count] = self.U[:, :count].T @ self.rest
         return out
 
-    def step(self, z: FloatArray, everywhere: bool) -> tuple[FloatArray, Callable[[FloatArray, FloatArray], float]]:
-        """The rig's step, and what must not grow: residuals that no pose can take away, and the distance from the nominal rig."""
-        told, away = self._told(), self.Vt @ z
-        if everywhere:
-            dz = -self.Vt.T @ ((self.s * told + away) / (1.0 + self.s**2))
-            return dz, lambda r, z: float(np.sum((self.left.T @ r) ** 2) + z @ z)
-        known = self.s > 1.0
-        dz = -self.Vt.T @ np.where(known, told / np.where(known, self.s, 1.0), away)
-        silent = self.Vt[~known]
-        return dz, lambda r, z: float(np.sum((self.left.T @ r) ** 2) + np.sum((silent @ z) ** 2))
-
-    def settled(self, z: FloatArray, everywhere: bool) -> bool:
-        """Whether what is left to gain is a hundredth of the uncertainty."""
-        if everywhere:
-            return False
-        known = self.s > 1.0
-        return bool(np.linalg.norm(self._told()[known]) < SETTLED and np.linalg.norm((self.Vt @ z)[~known]) < SETTLED)
+    def merit(self, r: FloatArray, z: FloatArray, everywhere: bool) -> float:
+        """What a step must not make larger: residuals that no pose can take away, and with the prior the distance from the nominal rig."""
+        return float(np.sum((self.left.T @ r) ** 2) + (z @ z if everywhere else 0.0))
 
     def poses(self, dz: FloatArray) -> FloatArray:
         """The poses' step that goes with the rig's."""
@@ -288,7 +281,7 @@ class _Eliminated:
         """Covariance of rig and poses where silent motions of the whole choose the frame and are no uncertainty, how many these are, and
         the other silent directions."""
         own, k = len(self.s), len(self.R)
-        known = self.s > 1.0
+        known = self.known
         motions, others = 0, self.Vt[:0]
         if prior:
             C = (self.Vt.T / (1.0 + self.s**2)) @ self.Vt

@@ -112,9 +112,14 @@ def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Cam
     import numpy as np
 
     from lmeasure.calibration import read_campaign
+    from lmeasure.errors import CalibrationError
 
     campaign = read_campaign(folder)
     old = campaign.poses
+    if not old.oriented:
+        raise CalibrationError(
+            f"{folder}: its reference poses have no orientations; planning needs whole poses, as poses.csv of a calibration"
+        )
     stated = (old.u_position_mm > 0) | (old.u_rotation_rad > 0)
     poses = replace(
         old,
