@@ -58,6 +58,15 @@ class JointModel(Model):
         out[:, self.free] = np.where(self.free < 3, np.radians(own), own)
         return out
 
+    @property
+    def arms(self) -> FloatArray:
+        """(n, 3) from the origin of a pose to the point that a motion of the whole carries along [mm, base frame]: the one attachment
+        point, where the tool itself does not turn."""
+        if 0 in self.free:
+            return np.zeros((len(self.campaign.poses), 3))
+        tool = self.campaign.rig.tool[self.campaign.cables[0].to_point]
+        return self.campaign.poses.rotation.apply(np.array(tool))
+
     def poses(self, theta: FloatArray) -> FloatArray:
         """(n, 7) the stated poses, shifted."""
         shift, rows = self.shifts(theta), self.campaign.poses.rows.copy()
@@ -153,8 +162,8 @@ def solve_jointly(campaign: Campaign, solve: tuple[str, ...], prior: bool, free:
     CalibrationError when poses without orientations have too few equations for what is unknown.
     """
     rig, trusted = unknowns_of(campaign, solve), free == ROTATIONS
-    if not trusted and "guide" not in solve:
-        raise CalibrationError("--self: needs guide in --solve, or guide angles taken as exact would hold the frame")
+    if not trusted and not {"position", "guide"} <= set(solve):
+        raise CalibrationError("--self: needs position and guide in --solve, or what is taken as exact would hold the frame")
     n, m, d = len(campaign.poses), len(campaign.cables), len(free)
     equations = int(campaign.used.sum())
     # a frame of six motions need not be told where the poses do not hold it
@@ -342,11 +351,9 @@ def _moved(model: JointModel, theta: FloatArray, move: FloatArray) -> FloatArray
         # on the branch of what it was
         out[a], out[b] = alpha, beta + 360.0 * round((theta[b] - beta) / 360.0)
     rows, stated = model.poses(theta), model.campaign.poses.rows
-    d, own = len(model.free), len(model.rig.names)
     turned = (turn * Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(stated[:, 3:]).inv()).as_rotvec()
-    every = np.column_stack([np.degrees(turned), turn.apply(rows[:, :3]) + shift - stated[:, :3]])
-    out[own:] = every[:, model.free].reshape(-1)
-    assert d * len(stated) == len(out) - own
+    every = np.column_stack([np.degrees(turned), turn.apply(rows[:, :3] + model.arms) + shift - model.arms - stated[:, :3]])
+    out[len(model.rig.names) :] = every[:, model.free].reshape(-1)
     return out
 
 
@@ -373,7 +380,7 @@ def _motions(model: JointModel, theta: FloatArray) -> FloatArray:
     """(p + d n, 6) what three turns [rad] about the base frame's origin and three shifts of rig and poses together do to the unknowns.
     Shifted points and guides of the rig's own cables turn with it; a value that is not solved stays, and then it is no motion."""
     names = model.unknowns.names
-    rows = model.poses(theta)
+    rows, arms = model.poses(theta), model.arms
     values = dict(zip(names, theta, strict=True))
     out = np.zeros((len(names), 6))
     place = {name: i for i, name in enumerate(names)}
@@ -396,7 +403,7 @@ def _motions(model: JointModel, theta: FloatArray) -> FloatArray:
                     out[place[f"{point}.{key}"], k] = math.degrees(rate)
         inverse = np.linalg.inv(_left_jacobians(model.shifts(theta)[:, :3]))
         for i, name in enumerate(model.campaign.poses.names):
-            move = {3 + j: (np.cross(axis, rows[i, :3])[j], axis[j]) for j in range(3)}
+            move = {3 + j: (np.cross(axis, rows[i, :3] + arms[i])[j], axis[j]) for j in range(3)}
             move |= {j: (math.degrees((inverse[i] @ axis)[j]), 0.0) for j in range(3)}
             for c in model.free:
                 out[place[f"pose {name}.{COMPONENTS[c]}"], k], out[place[f"pose {name}.{COMPONENTS[c]}"], 3 + k] = move[int(c)]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.joint import JointModel, _motions, free_components, solve_jointly
+from lmeasure.calibration.joint import JointModel, _motions, _moved, free_components, solve_jointly
 from lmeasure.calibration.unknowns import unknowns_of
 from lmeasure.cli import app
 from lmeasure.errors import CalibrationError
@@ -86,6 +86,17 @@ def test_derivatives_and_motions_of_the_whole() -> None:
     assert pytest.approx(numeric, abs=1e-6) == J
     # no length changes when everything moves together
     assert np.abs(J @ _motions(model, theta)).max() < 1e-9
+    campaign, _ = simulated(point_rig(offset=(10.0, -30.0, 80.0)), 8, 5.0, 0.0)
+    point = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), (3, 4, 5))
+    assert np.abs(point.jacobian(point.unknowns.nominal) @ _motions(point, point.unknowns.nominal)).max() < 1e-9
+
+
+@pytest.mark.parametrize("rig", [body_rig(), point_rig(), point_rig(offset=(10.0, -30.0, 80.0))])
+def test_moved_as_a_whole_nothing_fits_worse(rig: Rig) -> None:
+    campaign, _ = simulated(rig, 8, 5.0, 0.02)
+    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), free_components(campaign, trusted=False))
+    moved = _moved(model, model.unknowns.nominal, np.array([0.3, -0.2, 0.5, 100.0, -50.0, 20.0]))
+    assert model.residuals(moved) == pytest.approx(model.residuals(model.unknowns.nominal), abs=1e-9)
 
 
 @pytest.mark.parametrize("frame", ["rig", "poses"])
@@ -144,7 +155,7 @@ def test_what_the_counts_cannot_do_is_refused_in_one_line() -> None:
     campaign, _ = simulated(body_rig(), 3, 1.0, 0.01)
     with pytest.raises(CalibrationError, match=r"16 equations cannot tell 6 unknowns of each of 3 poses and 40 values of the rig; with 8"):
         calibrate(campaign, Settings(self_calibration=True))
-    with pytest.raises(CalibrationError, match="--self: needs guide in --solve"):
+    with pytest.raises(CalibrationError, match="--self: needs position and guide in --solve"):
         calibrate(campaign, Settings(("position",), self_calibration=True))
 
 
