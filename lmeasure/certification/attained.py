@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import conventions
 from lmeasure.certification.errors_of_poses import PoseErrors, at_tool_point
 from lmeasure.errors import CertificationError
 from lmeasure.kernels import screw
@@ -86,6 +87,11 @@ def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> s
         i = first + int(bad[0])
         why = trajectory.cause[i] or screw.STATUS[trajectory.status[i]]
         raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s is not ok: {why}")
+    far = np.abs(trajectory.poses[first:last]) > np.repeat([conventions.MAX_LENGTH_MM, 2.0], [3, 4])
+    bad = np.flatnonzero(far.any(axis=1))
+    if len(bad):
+        i = first + int(bad[0])
+        raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s holds a number that is no position or quaternion")
     length = np.linalg.norm(trajectory.poses[first:last, 3:], axis=1)
     bad = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)  # never of what is not measured
     if len(bad):

@@ -129,7 +129,7 @@ def stabilisation(crossed: Crossings, corner: Corner, path: CommandedPath, motio
     assert limit is not None
     found = []
     for number, cycle in enumerate(crossed.cycles, 1):
-        _, _, sample, along, away = at_corner(cycle, corner)
+        _, _, sample, along, away = at_corner(cycle, corner, f"path {path.name}, cycle {number}")
         u = motion.u95_of_distance([sample])
         behind = along >= 0.0
 

@@ -14,6 +14,7 @@ from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_d
 from lmeasure.certification.iso9283_pose import wrapped
 from lmeasure.certification.paths import Crossings, Cycle
 from lmeasure.certification.uncertainty import reduction, reduction_of_mean
+from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
 
 FloatArray = NDArray[np.float64]
@@ -224,10 +225,13 @@ class CornerPart:
 ABOUT = 7  # samples on either side of the farthest
 
 
-def at_corner(cycle: Cycle, corner: Corner) -> tuple[FloatArray, FloatArray, int, FloatArray, FloatArray]:
+def at_corner(cycle: Cycle, corner: Corner, what: str) -> tuple[FloatArray, FloatArray, int, FloatArray, FloatArray]:
     """Of one cycle: `nearest` (3,) and `beyond` (k, 3) of `CornerPart`, the sample nearest to the corner, and behind the corner the way
-    (j,) along the second line and the deviation (j,) from it [mm]."""
+    (j,) along the second line and the deviation (j,) from it [mm]; what: the cycle, for CertificationError when it does not pass the
+    corner."""
     near = np.flatnonzero((cycle.way_mm > corner.way_mm - 0.5 * corner.before_mm) & (cycle.way_mm < corner.way_mm + 0.5 * corner.after_mm))
+    if len(near) < 2:
+        raise CertificationError(f"{what}: has {len(near)} samples within half a side of corner {corner.number}; at least 2")
     positions = cycle.poses[near[0] : near[-1] + 1, :3] - corner.place
     steps = np.diff(positions, axis=0)
     square = np.maximum((steps**2).sum(axis=1), 1e-300)

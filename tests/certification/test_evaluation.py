@@ -302,6 +302,10 @@ def test_windows_that_cannot_be_told() -> None:
     poses = trajectory.poses.copy()
     poses[i, 3:] *= 1.01
     refused(replace(trajectory, poses=poses), f"sample {i} at .*: the quaternion's length is 1.01, not 1")
+    for value in (np.inf, 1e300):
+        poses = trajectory.poses.copy()
+        poses[i, 1] = value
+        refused(replace(trajectory, poses=poses), f"sample {i} at .* holds a number that is no position or quaternion")
     poses = trajectory.poses.copy()
     poses[i, 0] += 0.3
     refused(replace(trajectory, poses=poses), f"the robot moves in the window .* sample {i} at .* is 0.3 mm from the middle")

@@ -175,6 +175,17 @@ def test_windows_that_do_not_hold_the_path(window: tuple[float, float], said: st
     assert str(caught.value).startswith("path line, cycle 1: ")
 
 
+def test_a_corner_without_samples_is_refused() -> None:
+    side = np.concatenate([np.arange(-10.0, 95.0, 0.5), np.arange(305.0, 810.0, 0.5)])
+    arc = np.arange(-200.0, 1001.0, 200.0)
+    corners = np.array([[0.0, -200, 0], [0, 0, 0], [200, 0, 0], [200, 200, 0], [0, 200, 0], [0, 0, 0], [0, -200, 0]])
+    corners[0] = [-200.0, 0, 0]
+    place = np.column_stack([np.interp(side, arc, corners[:, i]) for i in range(3)])
+    trajectory, windows = runs(side, [place])
+    with pytest.raises(CertificationError, match="path square, cycle 1: has 0 samples within half a side of corner 1"):
+        figures(trajectory, program_of(SQUARE, windows))
+
+
 def test_a_path_run_backwards_is_refused() -> None:
     way = np.arange(-5.0, 505.0, 0.5)[::-1]
     trajectory, windows = runs(way, [way[:, None] * np.array([0.6, 0.8, 0.0])])

@@ -1,0 +1,248 @@
+"""What a trajectory holds of a program, part by part, and the figures it allows."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure import conventions
+from lmeasure.accuracy.radius import exact_radius_95
+from lmeasure.certification import direct
+from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, fit_frame
+from lmeasure.certification.characteristic import Characteristic
+from lmeasure.certification.errors_of_poses import ErrorModel, PoseErrors
+from lmeasure.certification.figures import (
+    Figure,
+    PosePart,
+    compliance_figures,
+    distance_figures,
+    group_figures,
+    pose_figures,
+    singular,
+)
+from lmeasure.certification.path_figures import CornerPart, PathPart, at_corner, corner_figures, corners_of, path_figures
+from lmeasure.certification.paths import crossings
+from lmeasure.certification.rounding import of_dwells
+from lmeasure.certification.settings import Settings
+from lmeasure.certification.uncertainty import Moving, Part
+from lmeasure.errors import CertificationError
+from lmeasure.program import Distance, Program
+from lmeasure.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+PLAIN_ANGLES = "fanuc-wpr"
+"""Turns about the fixed X, Y and Z: the standard's a, b, c, where a controller's own angles are singular."""
+
+
+class Gathered:
+    """What a trajectory holds of a program: its poses and paths as attained, their errors, and the figures they allow."""
+
+    def __init__(self, trajectory: Trajectory, program: Program, settings: Settings, angles: str | None) -> None:
+        self.trajectory, self.program, self.settings = trajectory, program, settings
+        self.stated = settings.angles or program.angles
+        self.angles = self.stated or angles or conventions.DEFAULT
+        conventions.convention(self.angles)
+        self.notes: list[str] = []
+        self.frame = Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64))
+        self.poses = attained_poses(trajectory, program, self.frame, settings.still_mm)
+        if settings.align:
+            self.frame = replace(self.frame, base_from_program=fit_frame(self.poses))
+            self.poses = attained_poses(trajectory, program, self.frame, settings.still_mm)
+        self.paths = {p.name: crossings(trajectory, p, settings.planes, self.frame) for p in program.path if p.windows_s}
+        self.loaded = [
+            attain(c.pose, self.commanded(c.pose), c.windows_s, trajectory, self.frame, settings.still_mm) for c in program.compliance
+        ]
+        self.corners = {
+            name: [
+                (corner, [at_corner(c, corner, f"path {name}, cycle {j}") for j, c in enumerate(crossed.cycles, 1)])
+                for corner in corners_of(crossed)
+            ]
+            for name, crossed in self.paths.items()
+        }
+        self.excluded: dict[tuple[str, str], str] = {}
+        self.samples = self._samples()
+
+    def commanded(self, name: str) -> FloatArray:
+        """(7,) the commanded pose of that name."""
+        pose = next(p for p in self.program.pose if p.name == name)
+        return np.array([*pose.position_mm, *pose.quaternion_xyzw])
+
+    def convention_at(self, what: str, rotation: Rotation) -> str | None:
+        """The convention in which angles at these rotations tell something."""
+        if not singular(self.angles, rotation):
+            return self.angles
+        if self.stated is not None or singular(PLAIN_ANGLES, rotation):
+            self.notes.append(f"{what}: angles {self.angles!r} are singular at the commanded orientation; no component-wise angles")
+            return None
+        self.notes.append(f"{what}: angles {self.angles!r} are singular at the commanded orientation; {PLAIN_ANGLES!r} instead")
+        return PLAIN_ANGLES
+
+    def _samples(self) -> IntArray:
+        """All samples whose errors are asked for, in order."""
+        asked = [p.samples for p in (*self.poses, *self.loaded)] + [c.samples.ravel() for c in self.paths.values()]
+        asked += [np.array([f[2] for f in found], dtype=np.int64) for corners in self.corners.values() for _, found in corners]
+        return np.unique(np.concatenate([*asked, direct.samples_of(self.program, self.trajectory)]))
+
+    def errors_of(self, model: ErrorModel) -> tuple[PoseErrors, str]:
+        """Errors of what is certified at all `samples`, and what they hold."""
+        errors, covers = model.at(self.trajectory, self.samples)
+        return self.frame.of_errors(self.trajectory.poses[self.samples], errors), covers
+
+    def at(self, errors: PoseErrors, samples: IntArray) -> PoseErrors:
+        """Of all errors those at some samples."""
+        return errors[np.searchsorted(self.samples, samples)]
+
+    def pose_part(self, every: PoseErrors, rounded: bool, pose: AttainedPose, convention: str | None) -> PosePart:
+        """A pose with the errors of its dwells."""
+        errors = self.at(every, pose.samples)
+        if rounded:
+            errors = of_dwells(errors, pose.within, pose.between, pose.readings)
+        return PosePart(pose, errors, convention)
+
+    def parts(self, every: PoseErrors, rounded: bool) -> tuple[dict[str, Part], list[Figure]]:
+        """All parts by one law of errors, and their figures."""
+        parts: dict[str, Part] = {}
+        poses: dict[str, PosePart] = {}
+        figures: list[Figure] = []
+        self.notes.clear()
+        for pose in self.poses:
+            measured = not np.isnan(pose.poses[0, 3])
+            turn = Rotation.from_quat(pose.commanded[None, 3:])
+            convention = self.convention_at(f"pose {pose.name}", turn) if measured else None
+            poses[f"pose {pose.name}"] = part = self.pose_part(every, rounded, pose, convention)
+            figures += pose_figures(f"pose {pose.name}", part)
+            figures += group_figures(f"pose {pose.name}", part, self.program)
+        parts |= poses
+        figures += self.distances(poses)
+        for i, (asked, loaded) in enumerate(zip(self.program.compliance, self.loaded, strict=True)):
+            key = f"compliance {i + 1}"
+            parts[key] = part = self.pose_part(every, rounded, loaded, None)
+            figures += compliance_figures(key, part, np.array(asked.force_n))
+        for path in self.program.path:
+            if path.name not in self.paths:
+                continue
+            crossed = self.paths[path.name]
+            key, commanded = f"path {path.name}", crossed.line.orientation(crossed.way_mm)
+            convention = None if commanded is None else self.convention_at(key, commanded)
+            errors = self.at(every, crossed.samples.ravel())
+            parts[key] = part_of_path = PathPart(crossed, errors, convention)
+            figures += path_figures(key, part_of_path, path)
+            for corner, found in self.corners[path.name]:
+                of_corner = self.at(every, np.array([f[2] for f in found], dtype=np.int64))
+                name = f"{key} corner {corner.number}"
+                parts[name] = CornerPart(np.array([f[0] for f in found]), np.array([f[1] for f in found]), of_corner)
+                figures += corner_figures(name, corner, path, len(found))
+        return parts, figures
+
+    def distances(self, poses: dict[str, PosePart]) -> list[Figure]:
+        """Figures of the distances asked for; by default between P2 and P4, as the standard has it, or the first two poses."""
+        names = [p.name for p in self.poses]
+        asked = list(self.program.distance)
+        if not asked:
+            pair = ["P2", "P4"] if {"P2", "P4"} <= set(names) else names[:2]
+            if len(pair) == 2 and len({len(poses[f"pose {n}"].attained.poses) for n in pair}) == 1:
+                asked = [Distance.model_validate({"from": pair[0], "to": pair[1]})]
+        out: list[Figure] = []
+        for d in asked:
+            keys = f"pose {d.from_pose}", f"pose {d.to_pose}"
+            for key, name in zip(keys, (d.from_pose, d.to_pose), strict=True):
+                if key not in poses:
+                    raise CertificationError(f"distance {d.name}: pose {name} has no windows")
+            n = [len(poses[k].attained.poses) for k in keys]
+            if n[0] != n[1]:
+                raise CertificationError(f"distance {d.name}: {d.from_pose} has {n[0]} cycles and {d.to_pose} {n[1]}")
+            out += distance_figures(*keys, poses, d.name)
+        return out
+
+    def fitted(self, parts: dict[str, Part]) -> Moving | None:
+        """What a fitted frame takes of the errors: the small displacement that the errors of the poses' means make it move by."""
+        if not self.settings.align:
+            return None
+        places: dict[str, FloatArray] = {f"pose {p.name}": p.poses[:, :3] for p in self.poses}
+        for i, loaded in enumerate(self.loaded):
+            places[f"compliance {i + 1}"] = loaded.poses[:, :3]
+        for name, crossed in self.paths.items():
+            places[f"path {name}"] = crossed.attained[:, :, :3].reshape(-1, 3)
+            for corner, _ in self.corners[name]:
+                places[f"path {name} corner {corner.number}"] = np.tile(corner.place, (len(crossed.cycles), 1))
+        keys = [f"pose {p.name}" for p in self.poses]
+        means = np.array([places[k].mean(axis=0) for k in keys])
+        inverse = np.linalg.pinv(np.concatenate([_displacement(m[None])[0, 3:] for m in means]))
+
+        def moved(errors: dict[str, FloatArray]) -> dict[str, FloatArray]:
+            of_means = np.concatenate([errors[k][..., 3:].mean(axis=-2) for k in keys], axis=-1)
+            twist = of_means @ inverse.T
+            return {k: e - np.einsum("nij,...j->...ni", _displacement(places[k]), twist) for k, e in errors.items()}
+
+        return moved
+
+    def exclude(self, parts: dict[str, Part]) -> None:
+        """Parts outside the instrument's zone, by the worst pressure angle met and by the radius that holds 95 %."""
+        met = [("pose", p.name, p.angle_deg) for p in self.poses] + [("path", n, c.angle_deg) for n, c in self.paths.items()]
+        met += [("compliance", p.name, p.angle_deg) for p in self.loaded]
+        limit, radius = self.settings.limit_angle_deg, self.settings.limit_u95_mm
+        for kind, name, angle in met:
+            if limit is not None and angle > limit:
+                self.excluded[kind, name] = f"worst pressure angle {angle:.1f} deg; the zone ends at {limit:g} deg"
+            elif limit is not None and np.isnan(angle):
+                self.notes.append(f"{kind} {name}: its pressure angles are not known, and not held against the zone")
+            if radius is None or (kind, name) in self.excluded or f"{kind} {name}" not in parts:
+                continue
+            e = parts[f"{kind} {name}"].errors
+            factors = np.concatenate([e.own, e.shared], axis=2)
+            covariance = np.nan_to_num(e.random + factors @ factors.transpose(0, 2, 1))[:, 3:, 3:]
+            largest = covariance[int(np.argmax(np.trace(covariance, axis1=1, axis2=2)))]
+            u95 = exact_radius_95(np.linalg.eigvalsh(largest))
+            if u95 > radius:
+                self.excluded[kind, name] = f"U95 of a position {u95:.4g} mm; the zone ends at {radius:g} mm"
+
+    def reason(self, *needs: str) -> str | None:
+        """Why a figure of these parts gets no verdict."""
+        for (kind, name), why in self.excluded.items():
+            if f"{kind} {name}" in needs:
+                return f"{kind} {name}: {why}"
+        return None
+
+    def reached(self, figures: Callable[..., list[Characteristic]], *given: Any) -> list[Characteristic]:
+        """Figures, or a note that the robot does not reach a limit."""
+        try:
+            return figures(*given)
+        except direct.NotReachedError as error:
+            self.notes.append(str(error))
+            return []
+
+    def from_motion(self, values: dict[tuple[str, str | None], float], laws: Sequence[PoseErrors]) -> list[Characteristic]:
+        """Figures that are read from the motion itself; values: the repeatabilities, for want of limit bands."""
+        out: list[Characteristic] = []
+        motion = direct.Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws])
+        for pose in self.program.pose:
+            if pose.settling_s:
+                found = self.reached(direct.settling, pose, values.get(("RP_l", pose.name)), motion)
+                out += [replace(c, excluded=self.reason(f"pose {pose.name}")) for c in found]
+        for asked in self.program.posing:
+            found = self.reached(direct.posing, asked, values.get(("RP_l", asked.to_pose)), motion)
+            out += [replace(c, excluded=self.reason(f"pose {asked.from_pose}", f"pose {asked.to_pose}")) for c in found]
+        for path in self.program.path:
+            if path.name not in self.paths:
+                continue
+            crossed, found = self.paths[path.name], []
+            if path.weave_stroke_mm is not None:
+                found += direct.weaving(crossed, path, motion)
+            if path.stabilisation_mm is not None:
+                for corner, _ in self.corners[path.name]:
+                    found += self.reached(direct.stabilisation, crossed, corner, path, motion)
+            out += [replace(c, excluded=self.reason(f"path {path.name}")) for c in found]
+        return out
+
+
+def _displacement(places: FloatArray) -> FloatArray:
+    """(n, 6, 6) what a small twist (rotation; translation) of the frame about its origin does to (rotation; position) at places (n, 3)."""
+    out = np.tile(np.eye(6), (len(places), 1, 1))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, 3 + i, j], out[:, 3 + i, k] = places[:, k], -places[:, j]
+    return out
