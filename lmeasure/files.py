@@ -1,7 +1,6 @@
 """Files: read with errors that name the file, row and key; written whole or not at all."""
 
 import hashlib
-import io
 import os
 import re
 import tomllib
@@ -195,10 +194,11 @@ class Table:
         return [*texts, ""], codes
 
 
-def read_table(path: Path, *, torn: bool = False) -> Table:
+def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = None) -> Table:
     """Read .csv (comma, header line, empty cells are gaps) or .parquet. FileFormatError names the file and what is wrong with it.
 
-    torn: a recording that broke off; its last line counts only when it is whole.
+    torn: a recording that broke off; its last line counts only when it is whole. only: columns that are wanted; others of a .parquet are
+    not read.
     """
     path = Path(path)
     raw = read_bytes(path)
@@ -207,12 +207,12 @@ def read_table(path: Path, *, torn: bool = False) -> Table:
         raw = raw[: raw.rfind(b"\n") + 1]
     try:
         if suffix == ".parquet":
-            data = pa.parquet.read_table(pa.BufferReader(raw))
+            data = pa.parquet.read_table(pa.BufferReader(raw), columns=None if only is None else list(only))
         elif suffix == ".csv":
-            if not raw.strip():
+            if not raw or raw.isspace():
                 raise FileFormatError(f"{path}: is empty")
             data = pa.csv.read_csv(
-                io.BytesIO(raw.removeprefix(b"\xef\xbb\xbf")),
+                pa.BufferReader(raw.removeprefix(b"\xef\xbb\xbf")),
                 convert_options=pa.csv.ConvertOptions(
                     null_values=[""], strings_can_be_null=True, true_values=[], false_values=[], timestamp_parsers=[]
                 ),

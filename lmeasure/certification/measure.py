@@ -174,7 +174,7 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
     run = read_run(inputs.run, inputs.rig)
     trajectory = reconstruct(run, inputs.constraint, inputs.repeatability_mm, covariances=False)
     _check_same(inputs.trajectory, trajectory)
-    model = ErrorsOfRun(run, inputs.constraint)
+    model = ErrorsOfRun(run, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), trajectory.notes)
 
@@ -188,16 +188,17 @@ def _systematic(run: Run) -> str | None:
 
 def _check_same(path: Path, trajectory: Trajectory) -> None:
     """CertificationError names the first row in which a trajectory file is not the trajectory of the run."""
-    table = files.read_table(path)
+    names = ("time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS)
+    table = files.read_table(path, only=names)
     if len(table) != len(trajectory.time_s):
         raise CertificationError(f"{path}: has {len(table)} rows, but the run's counts give {len(trajectory.time_s)} poses")
-    expected = np.column_stack([trajectory.time_s, trajectory.poses])
     allowed = [SAME_TIME_S, *[SAME_POSITION_MM] * 3, *[SAME_QUATERNION] * 4]
-    for i, name in enumerate(("time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS)):
+    for i, name in enumerate(names):
+        expected = trajectory.time_s if i == 0 else trajectory.poses[:, i - 1]
         found = table.numbers(name, gaps=name != "time_s")
-        same = (np.abs(found - expected[:, i]) <= allowed[i]) | (np.isnan(found) & np.isnan(expected[:, i]))
+        same = (np.abs(found - expected) <= allowed[i]) | (np.isnan(found) & np.isnan(expected))
         if not same.all():
             row = int(np.argmax(~same))
             raise CertificationError(
-                f"{path}: row {row} is not what the run's counts give: {name} is {found[row]:.9g}, from the counts {expected[row, i]:.9g}"
+                f"{path}: row {row} is not what the run's counts give: {name} is {found[row]:.9g}, from the counts {expected[row]:.9g}"
             )

@@ -5,7 +5,7 @@ import unicodedata
 from typing import Any
 
 from lmeasure.certification.verify import label
-from lmeasure.report.words import PHRASES, characteristic_name, unit, word
+from lmeasure.report.words import characteristic_name, sentence, unit, word
 
 Rows = list[tuple[str, ...]]
 
@@ -198,13 +198,13 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     out += [phrase(language, note) for note in certificate["notes"]]
     # of whom a component takes its verdict is said once for all
     own = [c for c in figures if c.get("note") and not c["note"].startswith("verdict of ")]
-    out += [phrase(language, f"{label(c)}: {c['note']}") for c in own]
+    out += [f"{visible(label(c))}: {phrase(language, c['note'])}" for c in own]
     return list(dict.fromkeys(out))
 
 
 def phrase(language: str, text: str) -> str:
     """A sentence of the computation, in the language where the table has it, else as it is."""
-    return PHRASES.get(language, {}).get(text, visible(text))
+    return visible(sentence(language, text) or text)
 
 
 def statements(certificate: dict[str, Any]) -> list[str]:

@@ -21,7 +21,7 @@ from lmeasure.certification.pictures import prediction_ellipse, round_up
 from lmeasure.errors import CertificationError, FileFormatError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate import Choices, write_certificate
-from lmeasure.report.words import UNITS, WORDS, characteristic_name, word
+from lmeasure.report.words import SENTENCES, UNITS, WORDS, characteristic_name, sentence, word
 
 HOSTILE = {
     "P1": "<script>window.hacked=1</script>",
@@ -186,6 +186,23 @@ def test_both_languages_have_every_text_with_the_same_values() -> None:
             assert text.strip(), key
             assert places(text) == places(first[key]), key
     assert set(UNITS) == set(WORDS)
+
+
+def test_sentences_of_the_computation_are_translated_with_what_is_in_them(campaign: Path) -> None:
+    content = certified(campaign, campaign / "again", "ru", details=False)
+    told = [*content["notes"], content["uncertainty_covers"], *(c["note"] for c in content["characteristics"] if c.get("note"))]
+    assert told
+    for text in told:
+        assert text.startswith("verdict of ") or sentence("ru", text), text
+    assert sentence("ru", "the resolution of the counts, calibration, temperature, stretch and sag, start pose") == (
+        "дискретность отсчётов, калибровка установки, температура, растяжение и провисание тросов, начальная поза"
+    )
+    assert sentence("ru", "worst pressure angle 71.2 deg; the zone ends at 60 deg") == "наибольший угол давления 71.2°; граница зоны 60°"
+    assert sentence("ru", "pose a{0}b: angles 'x' are singular at the commanded orientation; 'y' instead") == (
+        "поза a{0}b: углы 'x' вырождены при заданной ориентации; вместо них 'y'"
+    )
+    assert sentence("ru", "something else") is None
+    assert set(SENTENCES) == set(WORDS)
 
 
 def places(text: str) -> set[str]:
