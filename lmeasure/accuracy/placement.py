@@ -126,7 +126,7 @@ class Placed:
         return "\n".join([*lines, f"most sensitive point {name}: {max(map(abs, most)):.3f} deg per mm"])
 
 
-class _Search:
+class Search:
     """Rigs as vectors of the free coordinates, and what they are worth at the task."""
 
     def __init__(self, rig: Rig, wanted: Placement) -> None:
@@ -231,7 +231,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     population agrees or the generations are used up; the best of them goes on by Powell's directions, on the worst within the mounting
     tolerance. The same seed gives the same result. AccuracyError when no candidate keeps the rules.
     """
-    search = _Search(rig, wanted)
+    search = Search(rig, wanted)
     random = np.random.default_rng(seed)
     bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
     start = np.clip(search.current(), search.low, search.high)
@@ -268,12 +268,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
         )
         done = (number + 1) * generations
     result = min(results, key=lambda r: r.fun)
-    tolerance = wanted.tolerance_mm
-    draws = np.zeros((0, len(bounds)))
-    if tolerance > 0:
-        mounted = np.repeat(search.mounted, 3)
-        corners = qmc.Sobol(len(bounds), rng=np.random.default_rng(seed + 1)).random_base2(ROBUST_BITS)
-        draws = np.where(mounted, tolerance * np.sign(corners - 0.5), 0.0)
+    draws = mounting_draws(search, seed)
     best = _local(search, result.x, draws)
     _, _, shortest, longest = search.figures(best[None]).T
     if search.broken(best[None], shortest, longest)[0] > BROKEN_MM:
@@ -288,7 +283,16 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     )
 
 
-def _local(search: _Search, x: FloatArray, draws: FloatArray) -> FloatArray:
+def mounting_draws(search: Search, seed: int) -> FloatArray:
+    """(n, 3 f) displacements of the free points [mm]: corners of the mounting tolerance, none without one."""
+    tolerance = search.wanted.tolerance_mm
+    if tolerance == 0.0:
+        return np.zeros((0, len(search.low)))
+    corners = qmc.Sobol(len(search.low), rng=np.random.default_rng(seed + 1)).random_base2(ROBUST_BITS)
+    return np.where(np.repeat(search.mounted, 3), tolerance * np.sign(corners - 0.5), 0.0)
+
+
+def _local(search: Search, x: FloatArray, draws: FloatArray) -> FloatArray:
     """Powell's directions within the boxes, on the worst within the mounting tolerance."""
     bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
     found = minimize(
@@ -301,7 +305,7 @@ def _local(search: _Search, x: FloatArray, draws: FloatArray) -> FloatArray:
     return np.asarray(found.x if found.fun <= search.around(x, draws) else x)
 
 
-def _told(search: _Search, x: FloatArray, draws: FloatArray) -> dict[str, float]:
+def _told(search: Search, x: FloatArray, draws: FloatArray) -> dict[str, float]:
     speed2, u95, shortest, longest = (float(v) for v in search.figures(x[None])[0])
     robust = float(search.figures(np.concatenate([x[None], x[None] + draws]))[:, 0].max())
     return {
@@ -317,7 +321,7 @@ def _angle(speed2: float) -> float:
     return math.degrees(math.acos(1.0 / math.sqrt(speed2)))
 
 
-def _sensitivity(search: _Search, x: FloatArray) -> dict[str, tuple[float, float, float]]:
+def _sensitivity(search: Search, x: FloatArray) -> dict[str, tuple[float, float, float]]:
     """Change of the worst angle [deg] by one millimetre; the larger of the two directions, as a worst case has a kink at its best."""
     here = _angle(float(search.figures(x[None])[0, 0]))
     steps = np.eye(len(x))
@@ -327,7 +331,7 @@ def _sensitivity(search: _Search, x: FloatArray) -> dict[str, tuple[float, float
     return {name: (float(w[0]), float(w[1]), float(w[2])) for (_, name, _), w in zip(search.free, worst, strict=True)}
 
 
-def _rig_at(search: _Search, x: FloatArray) -> Rig:
+def _rig_at(search: Search, x: FloatArray) -> Rig:
     """The rig with its free points at x and its guides turned along; a calibration of the old places is not kept."""
     rig = search.rig
     places = {(kind, name): tuple(float(v) for v in x[3 * f : 3 * f + 3]) for f, (kind, name, _) in enumerate(search.free)}

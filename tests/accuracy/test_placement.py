@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from zone_oracle import pressure_angles
 from zone_rigs import cell
 
-from lmeasure.accuracy.placement import Box, Placement, Where, Work, _Search, place, read_placement
+from lmeasure.accuracy.placement import Box, Placement, Search, Where, Work, place, read_placement
 from lmeasure.accuracy.zone import axis, scan_zone, tilts
 from lmeasure.cli import app
 from lmeasure.errors import AccuracyError, FileFormatError
@@ -58,7 +58,7 @@ def test_sensitivity_is_the_change_by_a_millimetre() -> None:
     placed = place(rig, wanted, generations=5)
     assert place(rig, wanted, generations=5).rig == placed.rig
     moved = placed.rig.observation_point[0].position_mm
-    search = _Search(rig, wanted)
+    search = Search(rig, wanted)
     x = np.array(moved)
     angles = np.degrees(np.arccos(1 / np.sqrt(search.figures(np.stack([x, x + [0, 1, 0], x - [0, 1, 0]]))[:, 0])))
     changes = angles[1:] - angles[0]
