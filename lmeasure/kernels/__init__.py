@@ -13,6 +13,7 @@ import hashlib
 import os
 import sys
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -26,6 +27,24 @@ kernel: Any = njit(error_model="numpy", cache=True, nogil=True, fastmath=_FAST)
 
 inline: Any = njit(error_model="numpy", forceinline=True, fastmath=_FAST)
 """Decorator of a small function that only other kernels call."""
+
+
+def strict_kernel(function: Any) -> Any:
+    """Decorator of a compiled function that gives the same bits on every processor: nothing in it is fused or replaced.
+
+    What it calls is compiled apart for it, since a small function keeps the licence of `inline` wherever it is used.
+    """
+    return njit(error_model="numpy", cache=True, nogil=True, fastmath=False)(_calling_strict(function))
+
+
+def _calling_strict(function: Any) -> Any:
+    plain = getattr(function, "py_func", function)
+    known = plain.__globals__
+    called = {name: known[name] for name in plain.__code__.co_names if hasattr(known.get(name), "py_func")}
+    strict = {name: njit(error_model="numpy", forceinline=True, fastmath=False)(_calling_strict(callee)) for name, callee in called.items()}
+    copy = FunctionType(plain.__code__, known | strict, plain.__name__, plain.__defaults__, plain.__closure__)
+    copy.__module__, copy.__qualname__, copy.__doc__ = plain.__module__, plain.__qualname__, plain.__doc__
+    return copy
 
 
 def _cache_folder() -> Path:

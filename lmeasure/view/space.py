@@ -7,6 +7,7 @@ import rerun as rr
 import xarray as xr
 from numpy.typing import NDArray
 
+from lmeasure.accuracy.surface import zone_surface
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig
@@ -31,6 +32,7 @@ CIRCLE_POINTS = 25
 GREY, WHITE, TRUTH_COLOUR = (130, 130, 130), (235, 235, 235), (120, 220, 120)
 # worst pressure angle: teal to yellow within the limit, on to red at 90 degrees
 ZONE_COLOURS = ((33, 145, 140), (253, 231, 37), (170, 20, 30))
+SKIN = (33, 145, 140, 70)
 
 
 def metres(values_mm: FloatArray) -> NDArray[np.float32]:
@@ -122,7 +124,7 @@ def log_reference(rec: rr.RecordingStream, rig: Rig, reference: Poses) -> None:
 
 
 def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
-    """Nodes of an accuracy zone as two clouds, with the angle kept beside each node; nodes without an angle are not drawn."""
+    """Nodes of an accuracy zone as two clouds, with the angle kept beside each node, and its skin; nodes without an angle are not drawn."""
     angle = zone["worst_pressure_angle_deg"].transpose("x", "y", "z").to_numpy().astype(np.float64)
     inside = zone["in_zone"].transpose("x", "y", "z").to_numpy() == 1
     nodes = np.stack(np.meshgrid(*(zone[axis].to_numpy() for axis in "xyz"), indexing="ij"), axis=-1)
@@ -133,6 +135,10 @@ def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
         shades = [np.interp(values, (0.0, limit, 90.0), channel) for channel in zip(*ZONE_COLOURS, strict=True)]
         cloud = rr.Points3D(metres(nodes[mask]), colors=np.stack(shades, axis=-1).astype(np.uint8), radii=radius)
         rec.log(f"/world/zone/{name}", cloud, rr.AnyValues(worst_pressure_angle_deg=values), static=True)
+    vertices, triangles = zone_surface(zone)
+    if len(triangles):
+        skin = rr.Mesh3D(vertex_positions=metres(vertices), triangle_indices=triangles.astype(np.uint32), albedo_factor=SKIN)
+        rec.log("/world/zone/surface", skin, static=True)
     drawn = int((inside & known).sum())
     return [
         f"zone: {drawn} of {angle.size} nodes inside a worst pressure angle of {limit:g} deg; teal is small, yellow the limit, red 90 deg",

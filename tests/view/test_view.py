@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
+from lmeasure.accuracy.surface import zone_surface
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import FileFormatError, LMeasureError
 from lmeasure.poses import poses_from_rows
@@ -261,6 +262,15 @@ def test_zone_as_two_clouds(tmp_path: Path) -> None:
     notes = stored(path, "/notes", "TextDocument:text")[1][0][0]
     assert "7 of 12 nodes" in notes
     assert "1 nodes have no angle" in notes
+
+
+def test_zone_has_a_skin(tmp_path: Path) -> None:
+    write_recording(tmp_path / "zone.rrd", cell_rig(0), zone=zone())
+    at = np.array(stored(tmp_path / "zone.rrd", "/world/zone/surface", "Mesh3D:vertex_positions")[1][0])
+    corners = np.array(stored(tmp_path / "zone.rrd", "/world/zone/surface", "Mesh3D:triangle_indices")[1][0])
+    vertices, triangles = zone_surface(zone())
+    assert at == pytest.approx(1e-3 * vertices, rel=1e-6, abs=1e-9)
+    assert (corners == triangles).all()
 
 
 def test_zone_is_coloured_by_angle(tmp_path: Path) -> None:
