@@ -8,10 +8,9 @@ import numpy as np
 
 from lmeasure.calibration import Calibration, calibrate, read_campaign
 from lmeasure.chains.over_the_bus import count_at_stops
-from lmeasure.chains.truth import HOME
 from lmeasure.rig import Rig
-from lmeasure.simulation import Campaign, simulate_campaign, write_campaign
-from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD
+from lmeasure.simulation import Campaign, campaign_at, write_campaign
+from lmeasure.simulation.cell import reference_poses
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, and how much of it is done of how much."""
@@ -19,7 +18,6 @@ Step = Callable[[str], Callable[[int, int], None]]
 """Begins a stage; its value takes how much of it is done of how much."""
 
 COUNT, CALIBRATE = "count reference poses over the bus", "calibrate"
-REFERENCE_POSES = 20
 U_REFERENCE_MM = 0.02  # of each coordinate of a reference pose, as a laser tracker gives it
 U_REFERENCE_RAD = 5e-5
 NOMINAL_SHIFT_MM, NOMINAL_SHIFT_DEG = 30.0, 5.0
@@ -55,13 +53,10 @@ def calibrated_cell(out: Path, true: Rig, rng: np.random.Generator, step: Step) 
     from lmeasure.rig import write_rig
 
     report = step(COUNT)
-    asked = simulate_campaign(
+    asked = campaign_at(
         true,
-        REFERENCE_POSES,
+        reference_poses(),
         rng,
-        centre=HOME,
-        half_mm=(WORK_SPACE_MM,) * 3,
-        tilt_rad=WORK_TILT_RAD,
         u_position_mm=U_REFERENCE_MM,
         u_rotation_rad=U_REFERENCE_RAD,
         nominal_shift_mm=NOMINAL_SHIFT_MM,

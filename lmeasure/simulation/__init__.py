@@ -1,7 +1,7 @@
 """The instrument as a forward model only: motions in, recorded counts out."""
 
 from lmeasure.simulation.cell import cell_rig
-from lmeasure.simulation.instrument import Campaign, SimulatedRun, simulate_campaign, simulate_run
+from lmeasure.simulation.instrument import Campaign, SimulatedRun, campaign_at, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, scattered_poses, smooth_path
 from lmeasure.simulation.scenario import Scenario, Simulated, read_scenario, simulate, write_campaign, write_simulated
 
@@ -11,6 +11,7 @@ __all__ = [
     "Scenario",
     "Simulated",
     "SimulatedRun",
+    "campaign_at",
     "cell_rig",
     "read_scenario",
     "scattered_poses",

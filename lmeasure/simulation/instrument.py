@@ -81,13 +81,36 @@ def simulate_campaign(
     nominal_shift_deg: float = 0.0,
     temperature_c: FloatArray | None = None,
 ) -> Campaign:
-    """Counts at scattered reference poses whose measurement has the given standard uncertainties.
+    """`campaign_at` scattered poses: so many, about a centre, within half_mm of it and tilts up to tilt_rad."""
+    return campaign_at(
+        rig,
+        scattered_poses(count, half_mm, tilt_rad, centre, rng),
+        rng,
+        u_position_mm=u_position_mm,
+        u_rotation_rad=u_rotation_rad,
+        nominal_shift_mm=nominal_shift_mm,
+        nominal_shift_deg=nominal_shift_deg,
+        temperature_c=temperature_c,
+    )
+
+
+def campaign_at(
+    rig: Rig,
+    poses: FloatArray,
+    rng: np.random.Generator,
+    *,
+    u_position_mm: float = 0.0,
+    u_rotation_rad: float = 0.0,
+    nominal_shift_mm: float = 0.0,
+    nominal_shift_deg: float = 0.0,
+    temperature_c: FloatArray | None = None,
+) -> Campaign:
+    """Counts at reference poses (n, 7) whose measurement has the given standard uncertainties.
 
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
-    temperature_c (count,) at the poses has the effects that the rig states.
+    temperature_c (n,) at the poses has the effects that the rig states.
     """
-    poses = scattered_poses(count, half_mm, tilt_rad, centre, rng)
-    cables = rig.cables_of(1)
+    count, cables = len(poses), rig.cables_of(1)
     warm = None if temperature_c is None else float(temperature_c[0])
     recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0], cables, temperature_c, warm), cables)
     rows = poses.copy()
