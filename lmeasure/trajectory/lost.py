@@ -47,11 +47,15 @@ class Split:
 
     def __init__(self, rows: FloatArray, pose: FloatArray, free: IntArray, u: FloatArray) -> None:
         self._size = max(float(np.linalg.norm(rows[:, 7:10], axis=1).max()), 1e-3)
+        self.metric = np.repeat([self._size**2, 1.0], 3)
+        """(6,) by which the squares of a twist's components are weighed, a turn counted at the platform's rim."""
         self._scale = np.where(free < 3, 1.0 / self._size, 1.0)
         self._free = free
         J = span_rows(rows, pose[None])[1][0][:, free] * self._scale
         U, s, V = np.linalg.svd(J / u[:, None], full_matrices=False)
         self.lost = self._screw(V[-1], pose, float(np.linalg.norm(J @ V[-1])))
+        self.twist = self._twist(V[-1])
+        """(6,) the screw as a twist (rotation; tool origin) that moves the tool by 1 mm, a turn counted at the platform's rim."""
         self._inverse = (V[:-1].T / s[:-1]) @ (U[:, :-1].T / u)
         self._u = u
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
@@ -22,6 +23,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 COMPILING_PAYS = 2**14  # samples from which the kernels save more than they take to compile
+START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that is off by centimetres is still on its side
+START_COVERAGE = 3.0  # standard uncertainties of the start
 SLACK_MM = 0.5  # an error of one length that no rig is calibrated so badly to have
 
 _CAUSES = {
@@ -68,6 +71,26 @@ class Reconstruction:
         if status[0] != screw.OK:
             raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}{self._lost_at(self.start)}")
         self._start_angle = float(angle[0])
+        if self.scheme.six and any(u_start):
+            self._check_side()
+
+    def _check_side(self) -> None:
+        """TrajectoryError when the start, uncertain as it is, may lie beyond a singular pose: then the run may be in another assembly."""
+        rows, m = self.scheme.rows, len(self.scheme.rows)
+        systematic = self.budget.of(self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False).systematic[0]
+        split = Split(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.variance))
+        part = split.twist * split.metric  # of an error of the start that is this twist [mm]
+        reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
+        probes = [self.start]
+        for way in (reach, -reach):
+            turn = Rotation.from_rotvec(way * split.twist[:3]) * Rotation.from_quat(self.start[3:])
+            probes.append(np.concatenate([self.start[:3] + way * split.twist[3:], turn.as_quat()]))
+        sides = np.sign(np.linalg.det(at_once.span_rows(rows, np.array(probes))[1]))
+        if not (sides == sides[0]).all():
+            raise TrajectoryError(
+                f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(self._start_angle):.1f} deg at the "
+                f"stated one; badly seen: {split.lost.text()}): in which of two assemblies the run is cannot be told"
+            )
 
     def add(self, lengths: Lengths, *, covariances: bool = True) -> Trajectory:
         """The trajectory of the next piece of the run; without covariances theirs are zero, for a quarter of the time."""
@@ -194,7 +217,7 @@ class Reconstruction:
             notes.append(f"all cables lead to {point}: x, y, z are its position, the orientation is not measured")
         if self.scheme.held:
             notes.append(f"{self.scheme.held}: taken as exact")
-        if self._start_angle > screw.NEAR_SINGULAR:
+        if self._start_angle > START_CLEAR:
             degrees = np.degrees(self._start_angle)
             notes.append(
                 f"start pose: worst pressure angle {degrees:.1f} deg; if it is off by millimetres the run may be in another assembly"

@@ -1,5 +1,7 @@
 """Every sample has a status; what is not ok holds NaN and names its cable; what is ok is right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells import START, FloatArray, cell, motion, position_error, record, rotation_error, with_recorded
@@ -186,3 +188,15 @@ def test_a_start_near_a_singular_pose_is_said(rig: Rig) -> None:
     trajectory = reconstruct(record(rig, np.arange(3) / 1000.0, np.tile(start, (3, 1)), start))
     assert any("may be in another assembly" in note for note in trajectory.notes)
     assert not any("assembly" in note for note in reconstruct(record(rig, *motion(3))).notes)
+
+
+def test_a_start_whose_uncertainty_reaches_a_singular_pose_is_refused(rig: Rig) -> None:
+    start = np.r_[0.0, 0.0, 0.0, Rotation.from_rotvec([0.0, 0.0, 1.38]).as_quat()]
+    run = record(rig, np.arange(3) / 1000.0, np.tile(start, (3, 1)), start)
+    # some 0.2 rad from there the determinant of the rows changes its sign
+    assert (reconstruct(replace(run, u_start=(0.1, 0.001))).status == screw.OK).all()
+    with pytest.raises(
+        TrajectoryError, match=r"start: within its uncertainty lies a singular pose .*badly seen: a turn about .*cannot be told"
+    ):
+        reconstruct(replace(run, u_start=(0.1, 0.3)))
+    assert (reconstruct(replace(record(rig, *motion(3)), u_start=(1.0, 0.02))).status == screw.OK).all()
