@@ -228,3 +228,19 @@ def test_ranges_that_contradict_are_refused(channel: dict[str, Any], complaint: 
     rig = rig_from_dict(data | {"can": {"decoder": "raw", "channel": [{"channel": "ch1", "id": 1} | channel]}})
     with pytest.raises(AcquisitionError, match=complaint):
         counter_fields(rig)
+
+
+@pytest.mark.parametrize(("sync_id", "extended"), [(0x80, False), (0x18FF0080, True)])
+def test_a_sync_is_of_its_own_kind_of_identifier(sync_id: int, extended: bool) -> None:
+    frames = frames_from_messages(
+        [
+            can.Message(arbitration_id=sync_id, is_extended_id=extended),
+            can.Message(arbitration_id=0x80, is_extended_id=not extended),
+            can.Message(arbitration_id=0x181, is_extended_id=False, data=[1, 0, 0, 0]),
+            can.Message(arbitration_id=sync_id, is_extended_id=extended, is_remote_frame=True),
+            can.Message(arbitration_id=sync_id, is_extended_id=extended),
+        ]
+    )
+    readings = decode(frames, (field(0, 32),), sync_id)
+    assert readings.sync.tolist() == [0, 4]
+    assert readings.window.tolist() == [1]
