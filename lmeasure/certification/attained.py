@@ -70,10 +70,14 @@ class AttainedPose:
     angle_deg: float
     excluded: str | None = None
 
-    @property
-    def between(self) -> FloatArray:
-        """(6, 6) covariance of the attained poses about their mean, zero for one."""
-        return scatter(self.poses)
+    def between(self, groups: IntArray) -> FloatArray:
+        """(6, 6) covariance of the attained poses about the mean of their group, groups (n,) by number; zero where all stand alone."""
+        total, freedom = np.zeros((6, 6)), 0
+        for group in np.unique(groups):
+            poses = self.poses[groups == group]
+            total += (len(poses) - 1) * scatter(poses)
+            freedom += len(poses) - 1
+        return total / max(freedom, 1)
 
 
 def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> slice:

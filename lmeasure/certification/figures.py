@@ -1,6 +1,6 @@
 """Figures: what is certified of which part of the program, as functions of the parts' states; and those of clause 7 and 10."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +16,7 @@ from lmeasure.certification.uncertainty import reduction, reduction_of_mean
 from lmeasure.program import Program
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Function = Callable[[Mapping[str, Any]], FloatArray]
 
 SINGULAR_DEG_PER_DEG = 10.0
@@ -189,6 +190,20 @@ def split(values: FloatArray, labels: Sequence[str]) -> list[FloatArray]:
     """Cycles (..., n, 3) by label, labels in order of their first use."""
     of = np.array(labels)
     return [values[..., of == label, :] for label in dict.fromkeys(labels)]
+
+
+def numbered(labels: Sequence[Hashable]) -> IntArray:
+    """(n,) numbers of labels, in order of their first use."""
+    number = {label: i for i, label in enumerate(dict.fromkeys(labels))}
+    return np.array([number[label] for label in labels], dtype=np.int64)
+
+
+def groups_of(name: str, cycles: int, program: Program) -> IntArray:
+    """(n,) numbers of the groups into which the program divides a pose's cycles: approach, robot and time."""
+    pose = next(p for p in program.pose if p.name == name)
+    sizes = [d.group for d in program.drift if d.pose == name]
+    columns = [pose.approaches or [""] * cycles, pose.units or [""] * cycles, *([j // size for j in range(cycles)] for size in sizes)]
+    return numbered(list(zip(*columns, strict=True)))
 
 
 def group_figures(key: str, part: PosePart, program: Program) -> list[Figure]:

@@ -20,6 +20,8 @@ from lmeasure.certification.figures import (
     compliance_figures,
     distance_figures,
     group_figures,
+    groups_of,
+    numbered,
     pose_figures,
     singular,
 )
@@ -97,11 +99,11 @@ class Gathered:
         """Of all errors those at some samples."""
         return errors[np.searchsorted(self.samples, samples)]
 
-    def pose_part(self, every: PoseErrors, rounded: bool, pose: AttainedPose, convention: str | None) -> PosePart:
-        """A pose with the errors of its dwells."""
+    def pose_part(self, every: PoseErrors, rounded: bool, pose: AttainedPose, convention: str | None, groups: IntArray) -> PosePart:
+        """A pose with the errors of its dwells, which stand in groups (n,) at one place each."""
         errors = self.at(every, pose.samples)
         if rounded:
-            errors = of_dwells(errors, pose.within, pose.between, pose.readings)
+            errors = of_dwells(errors, pose.within, pose.between(groups), pose.readings, groups)
         return PosePart(pose, errors, convention)
 
     def parts(self, every: PoseErrors, rounded: bool) -> tuple[dict[str, Part], list[Figure]]:
@@ -114,14 +116,16 @@ class Gathered:
             measured = not np.isnan(pose.poses[0, 3])
             turn = Rotation.from_quat(pose.commanded[None, 3:])
             convention = self.convention_at(f"pose {pose.name}", turn) if measured else None
-            poses[f"pose {pose.name}"] = part = self.pose_part(every, rounded, pose, convention)
+            poses[f"pose {pose.name}"] = part = self.pose_part(
+                every, rounded, pose, convention, groups_of(pose.name, len(pose.poses), self.program)
+            )
             figures += pose_figures(f"pose {pose.name}", part)
             figures += group_figures(f"pose {pose.name}", part, self.program)
         parts |= poses
         figures += self.distances(poses)
         for i, (asked, loaded) in enumerate(zip(self.program.compliance, self.loaded, strict=True)):
             key = f"compliance {i + 1}"
-            parts[key] = part = self.pose_part(every, rounded, loaded, None)
+            parts[key] = part = self.pose_part(every, rounded, loaded, None, numbered(asked.force_n))
             figures += compliance_figures(key, part, np.array(asked.force_n))
         for path in self.program.path:
             if path.name not in self.paths:

@@ -52,12 +52,13 @@ def whitened_variance(covariance: FloatArray, of_one: FloatArray) -> float:
     return float(np.trace(inverse @ (covariance[np.ix_(measured, measured)] / scale)) / rank)
 
 
-def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readings: IntArray) -> PoseErrors:
+def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readings: IntArray, groups: IntArray) -> PoseErrors:
     """Errors of the means over n dwells of one pose from those of single samples.
 
-    within (n, 6, 6): covariance of the samples in each dwell; between (6, 6): of the dwells' means; readings (n,): how many different
-    readings each dwell has. A dwell whose samples stay within a count is one draw. Between dwells, what rounding keeps is common to the
-    pose; the scatter that it hides is not, and the whole of it stays.
+    within (n, 6, 6): covariance of the samples in each dwell; readings (n,): how many different readings each dwell has; groups (n,):
+    number of the group of dwells at one place; between (6, 6): covariance of dwells about the mean of their group. A dwell whose samples
+    stay within a count is one draw. Between the dwells of a group, what rounding keeps is common; the scatter that it hides is not, and
+    the whole of it stays.
     """
     random = np.nan_to_num(errors.random)
     factor = np.empty(len(random))
@@ -67,5 +68,6 @@ def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readi
     mean = random.mean(axis=0)
     share = kept(scatter_counts(whitened_variance(np.nan_to_num(between), mean)))
     common = np.sqrt(share) * roots((mean * factor.mean())[None])[0]
-    own = np.concatenate([errors.own, np.broadcast_to(common, (len(random), 6, 6))], axis=2)
-    return PoseErrors(random * factor[:, None, None], own, errors.shared)
+    several = [group for group, size in zip(*np.unique(groups, return_counts=True), strict=True) if size > 1]
+    own = [np.where((groups == group)[:, None, None], common, 0.0) for group in several]
+    return PoseErrors(random * factor[:, None, None], np.concatenate([errors.own, *own], axis=2), errors.shared)

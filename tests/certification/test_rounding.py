@@ -33,10 +33,15 @@ def test_whitened_variance_counts_only_what_is_measured() -> None:
 def test_dwells_of_a_still_robot_are_one_draw_and_share_it() -> None:
     one = np.diag(np.repeat([1e-10, 1e-5], 3))
     errors = PoseErrors(np.tile(one, (4, 1, 1)), np.zeros((4, 6, 0)), np.zeros((4, 6, 0)))
-    still = of_dwells(errors, np.zeros((4, 6, 6)), np.zeros((6, 6)), np.ones(4, dtype=np.int64))
+    still = of_dwells(errors, np.zeros((4, 6, 6)), np.zeros((6, 6)), np.ones(4, dtype=np.int64), np.zeros(4, dtype=np.int64))
     np.testing.assert_allclose(still.random, errors.random)
     np.testing.assert_allclose(still.own @ still.own.transpose(0, 2, 1), errors.random, atol=1e-18)
     # motion of many counts in each dwell and between them: a hundred readings are averaged, nothing is in common
-    moving = of_dwells(errors, np.tile(5000.0 * one, (4, 1, 1)), 5000.0 * one, np.full(4, 100))
+    moving = of_dwells(errors, np.tile(5000.0 * one, (4, 1, 1)), 5000.0 * one, np.full(4, 100), np.zeros(4, dtype=np.int64))
+    # of two places two dwells each, and of one that stands alone: what is in common is so within a place
+    apart = of_dwells(errors, np.zeros((4, 6, 6)), np.zeros((6, 6)), np.ones(4, dtype=np.int64), np.array([0, 1, 0, 2]))
+    assert apart.own.shape == (4, 6, 6)
+    np.testing.assert_allclose(apart.own[0] @ apart.own[2].T, one, atol=1e-18)
+    assert not apart.own[[1, 3]].any()
     np.testing.assert_allclose(moving.random, errors.random / 100.0, rtol=1e-6)
     assert np.abs(moving.own).max() < 1e-12
