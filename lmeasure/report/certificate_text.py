@@ -117,7 +117,7 @@ def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
             verdict(language, figure),
         ]
         if conformity:
-            cells += tolerance(language, figure.get("conformity"))
+            cells += tolerance(language, figure.get("conformity"), name_rule=len(rules(certificate)) > 1)
         out.setdefault(_place(language, figure), []).append(tuple(cells))
     return list(out.items())
 
@@ -127,13 +127,19 @@ def verdict(language: str, figure: dict[str, Any]) -> str:
     return word(language, "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable")
 
 
-def tolerance(language: str, conformity: dict[str, Any] | None) -> list[str]:
-    """Limits and what was decided on them."""
+def rules(certificate: dict[str, Any]) -> set[str]:
+    """The rules of decision that occur."""
+    return {c["conformity"]["rule"] for c in certificate["characteristics"] if "conformity" in c}
+
+
+def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bool) -> list[str]:
+    """Limits and what was decided on them, by which rule where there are several."""
     if not conformity:
         return ["", ""]
     lower, upper = conformity.get("lower"), conformity.get("upper")
     limits = f"{'' if lower is None else f'{lower:g}'} … {'' if upper is None else f'{upper:g}'}"
-    return [limits, f"{word(language, conformity['verdict'])} ({100 * conformity['probability']:.1f} %)"]
+    rule = f", {word(language, 'rule.' + conformity['rule'])}" if name_rule else ""
+    return [limits, f"{word(language, conformity['verdict'])} ({100 * conformity['probability']:.1f} %{rule})"]
 
 
 def _place(language: str, figure: dict[str, Any]) -> str:
@@ -156,15 +162,15 @@ def excluded(certificate: dict[str, Any]) -> Rows:
 def uncertainty(certificate: dict[str, Any]) -> list[str]:
     """What U95 and the verdicts mean."""
     language, settings = certificate["language"], certificate["settings"]
-    figures = certificate["characteristics"]
     covers = phrase(language, certificate["uncertainty_covers"])
     out = [
         word(language, "uncertainty.u95", covers=covers),
         word(language, "uncertainty.capable", percent=f"{100 * settings['capability']:g}"),
         word(language, "uncertainty.signed"),
     ]
-    if any("conformity" in c for c in figures):
-        out.append(word(language, f"uncertainty.{settings['rule']}"))
+    out += [word(language, f"uncertainty.{rule}") for rule in ("simple", "guarded") if rule in rules(certificate)]
+    if rules(certificate):
+        out.append(word(language, "conformity.percent"))
     if settings.get("limit_angle_deg") is not None:
         out.append(word(language, "zone.angle", limit=f"{settings['limit_angle_deg']:g}"))
     if settings.get("limit_u95_mm") is not None:

@@ -89,6 +89,9 @@ WORDS: dict[str, dict[str, str]] = {
         "uncertainty.simple": "Conformity is decided by simple acceptance (JCGM 106): the value decides.",
         "uncertainty.guarded": "Conformity is decided by guarded acceptance (JCGM 106): a value conforms when it lies within the tolerance by "
         "at least U95.",
+        "conformity.percent": "The percentage beside a decision is the probability that the characteristic lies within the tolerance.",
+        "rule.simple": "simple",
+        "rule.guarded": "guarded",
         "zone.angle": "A part is left without a verdict where a pressure angle exceeds {limit}°.",
         "zone.u95": "A part is left without a verdict where the 95 % radius of the measured position exceeds {limit} mm.",
         "frame.none": "No frame was fitted: commanded and attained poses are compared in the robot's base frame as given.",
@@ -228,6 +231,9 @@ WORDS: dict[str, dict[str, str]] = {
         "uncertainty.simple": "Соответствие определено по правилу простой приёмки (JCGM 106): решает значение.",
         "uncertainty.guarded": "Соответствие определено по правилу приёмки с защитной полосой (JCGM 106): значение соответствует, если лежит внутри "
         "допуска не ближе U95 к его границе.",
+        "conformity.percent": "Процент рядом с решением – вероятность того, что характеристика лежит в допуске.",
+        "rule.simple": "простая",
+        "rule.guarded": "с защитной полосой",
         "zone.angle": "Часть остаётся без заключения там, где угол давления превышает {limit}°.",
         "zone.u95": "Часть остаётся без заключения там, где радиус 95 % измеренного положения превышает {limit} мм.",
         "frame.none": "Система координат не подгонялась: заданные и достигнутые позы сравниваются в базовой системе робота, как она задана.",
