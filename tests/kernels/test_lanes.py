@@ -144,3 +144,11 @@ def test_a_run_given_in_pieces_is_the_same_run(rows: FloatArray) -> None:
         state = screw.new_state(HOME)
         parts = [kernel(rows, HOME, state, change[i : i + 700], flags[i : i + 700], U)[0] for i in range(0, 3000, 700)]
         np.testing.assert_allclose(np.vstack(parts), whole[0], rtol=0, atol=SAME_MM)
+
+
+@pytest.mark.parametrize(("degrees", "safe"), [(74.9, True), (75.1, False), (np.nan, False)])
+def test_a_tile_is_taken_up_to_75_degrees_in_every_lane(degrees: float, safe: bool) -> None:
+    tile = np.zeros((lanes.DETERMINANT + 1, lanes.WIDTH))
+    tile[lanes.SPEED], tile[lanes.DETERMINANT] = 1.0, 1.0
+    tile[lanes.SPEED, 17] = 1.0 / np.cos(np.radians(degrees)) ** 2
+    assert lanes._safe(tile.ravel(), 1.0) == safe

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.run import read_run
 from lmeasure.trajectory import Trajectory, reconstruct
+from lmeasure.trajectory.motion import motion_of
 
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "truth"
 
@@ -64,3 +65,9 @@ def test_a_counter_of_16_bits_tells_the_same_motion() -> None:
     wide, narrow = (reconstruct(read_run(AUTHORITY / name)) for name in ("cell-run-long", "cell-run-16-bit"))
     assert set(narrow.status) == {0}
     np.testing.assert_array_equal(narrow.poses, wide.poses)
+
+
+def test_smoothed_cell_run_is_within_three_micrometres() -> None:
+    found = motion_of(reconstruct(read_run(AUTHORITY / "cell-run")))
+    distance = np.linalg.norm(found.poses[:, :3] - truth_of("cell-run")[:, 1:4], axis=1)
+    assert np.sqrt(np.mean(distance**2)) <= 0.003
