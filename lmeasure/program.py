@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -284,6 +284,23 @@ class Program(Strict):
         _apart("pose", self.pose)
         _apart("path", self.path)
         return self
+
+    def with_windows(self, windows: Mapping[tuple[str, str], Sequence[tuple[float, float]]]) -> "Program":
+        """The program with windows by kind (`pose`, `settling`, `path`, `posing`, `compliance`) and name; those not named have none."""
+
+        def of(kind: str, name: str) -> tuple[tuple[float, float], ...]:
+            return tuple(windows.get((kind, name), ()))
+
+        return self.model_copy(
+            update={
+                "pose": tuple(
+                    p.model_copy(update={"windows_s": of("pose", p.name), "settling_s": of("settling", p.name)}) for p in self.pose
+                ),
+                "path": tuple(p.model_copy(update={"windows_s": of("path", p.name)}) for p in self.path),
+                "posing": tuple(p.model_copy(update={"windows_s": of("posing", p.name)}) for p in self.posing),
+                "compliance": tuple(c.model_copy(update={"windows_s": of("compliance", c.pose)}) for c in self.compliance),
+            }
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The content of program.toml, keys left out where they say nothing."""

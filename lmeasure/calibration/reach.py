@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.kernels.crossings import least_clearances
+from lmeasure.kernels.clearance import least_clearances
 from lmeasure.rig import Cable, Rig
 
 FloatArray = NDArray[np.float64]

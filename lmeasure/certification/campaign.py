@@ -375,17 +375,4 @@ def timed(program: Program, performance: Performance, settle_s: float) -> Progra
         }
         for kind, window in ways[command.role].items() if command.target else ():
             windows.setdefault((kind, command.target), []).append(window)
-
-    def of(kind: str, name: str) -> tuple[tuple[float, float], ...]:
-        return tuple(windows.get((kind, name), ()))
-
-    return program.model_copy(
-        update={
-            "pose": tuple(
-                p.model_copy(update={"windows_s": of("pose", p.name), "settling_s": of("settling", p.name)}) for p in program.pose
-            ),
-            "path": tuple(p.model_copy(update={"windows_s": of("path", p.name)}) for p in program.path),
-            "posing": tuple(p.model_copy(update={"windows_s": of("posing", p.name)}) for p in program.posing),
-            "compliance": tuple(c.model_copy(update={"windows_s": of("compliance", c.pose)}) for c in program.compliance),
-        }
-    )
+    return program.with_windows(windows)

@@ -43,9 +43,18 @@ def program(
     limit_band: Annotated[
         float, typer.Option("--limit-band", help="Within which of a pose the robot has arrived, for stabilisation and posing time, mm.")
     ] = 0.1,
+    ran: Annotated[
+        Path | None,
+        typer.Option(
+            "--ran", metavar="TRAJECTORY", help="Only fill in when the robot ran the program.toml and commands.csv that --out holds."
+        ),
+    ] = None,
     drift_hours: Annotated[float, typer.Option("--drift-hours", help="How long the drift test lasts.")] = 8.0,
 ) -> None:
     """Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads."""
+    if ran is not None:
+        _fill_in(out, ran)
+        return
     from lmeasure.certification.campaign import TESTS, Tests, campaign, duration_s
     from lmeasure.certification.command_files import write_commands, write_robodk
     from lmeasure.certification.cube import cube_in_zone, largest_cube
@@ -83,6 +92,18 @@ def program(
         f"{len(plan.program.pose)} poses, {len(plan.program.path)} paths, {len(plan.commands)} commands: {duration_s(plan) / 60.0:.0f} min"
     )
     typer.echo(f"program.toml, commands.csv and robodk.csv are in {out}")
+
+
+def _fill_in(folder: Path, ran: Path) -> None:
+    from lmeasure.certification.ran import windows_from_rests
+    from lmeasure.program import read_program, write_program
+    from lmeasure.trajectory import read_trajectory
+
+    program = windows_from_rests(read_program(folder / "program.toml"), folder / "commands.csv", read_trajectory(ran))
+    write_program(folder / "program.toml", program)
+    windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path] + [p.windows_s for p in program.posing]
+    count = sum(map(len, windows))
+    typer.echo(f"{count} windows filled in: {folder / 'program.toml'}")
 
 
 def _numbers(text: str, between: str, option: str, count: int | None = None) -> list[float]:

@@ -71,7 +71,9 @@ def zone(
 ) -> None:
     """Map where every pressure angle stays within the limit, and the 95 % radius of the measured position."""
     from lmeasure.accuracy.bodies import read_bodies
-    from lmeasure.accuracy.zone import Limits, scan_zone, summary, write_zone
+    from lmeasure.accuracy.limits import Limits
+    from lmeasure.accuracy.zone import scan_zone
+    from lmeasure.accuracy.zone_dataset import summary, write_zone
     from lmeasure.cli.progress import bar
     from lmeasure.program import read_program
     from lmeasure.run import read_linked_rig

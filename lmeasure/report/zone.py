@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from lmeasure.accuracy.extent import Extent, extent
-from lmeasure.accuracy.zone import reasons
+from lmeasure.accuracy.zone_dataset import reasons
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.report import html
 from lmeasure.rig import Rig

@@ -9,7 +9,9 @@ from zone_oracle import length_rows, pressure_angles, sphere_radius
 from zone_rigs import cell, published
 
 from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
-from lmeasure.accuracy.zone import REASONS, Limits, axis, summary, tilts
+from lmeasure.accuracy.limits import REASONS, Limits
+from lmeasure.accuracy.zone import axis, tilts
+from lmeasure.accuracy.zone_dataset import summary
 from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.conventions import rotation_from_angles
 from lmeasure.errors import AccuracyError, FileFormatError, RigError

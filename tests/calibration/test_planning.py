@@ -23,7 +23,7 @@ from lmeasure.cli import main as command
 from lmeasure.errors import CalibrationError
 from lmeasure.files import write_table
 from lmeasure.kernels.cable import wrap_geometry
-from lmeasure.kernels.crossings import least_clearances
+from lmeasure.kernels.clearance import least_clearances
 from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
 from lmeasure.poses import Poses, read_poses
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig

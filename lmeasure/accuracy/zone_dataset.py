@@ -1,0 +1,114 @@
+"""A scanned zone as a dataset over x, y, z: limits applied, told to a person, written and read."""
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from lmeasure import files
+from lmeasure.accuracy.limits import REASONS, Limits, broken_limits
+from lmeasure.accuracy.scan import digest_of
+from lmeasure.errors import FileFormatError
+
+SCHEMA = "lmeasure.zone/1"
+DIMS = ("x", "y", "z")
+ABOUT = {
+    "worst_pressure_angle_deg": ("largest pressure-angle analogue, worst over the orientations", "degree"),
+    "u95_position_mm": ("radius at the tool origin that holds 95 %, worst over the orientations", "mm"),
+    "u95_rotation_deg": ("radius of the rotation vector that holds 95 %, worst over the orientations", "degree"),
+    "u95_attachment_mm": ("radius at the worst attachment point that holds 95 %, worst over the orientations", "mm"),
+    "shortest_cable_mm": ("shortest cable, B to attachment point", "mm"),
+    "longest_cable_mm": ("longest cable, B to attachment point", "mm"),
+    "largest_wrap_deg": ("largest angle that a cable wraps around its swivel pulley", "degree"),
+    "singularity_distance": ("least 1/|J^-1|, J with moments divided by the platform's size", "1"),
+    "clearance_mm": ("least distance between cables, and from cable to body", "mm"),
+    "assembly": ("sign of the determinant, 0 where it changes", "1"),
+    "flags": ("cable cannot run 1, singular 2", "1"),
+}
+
+
+def about(text: str, units: str) -> dict[str, Any]:
+    """Attributes of a variable."""
+    return {"long_name": text, "units": units}
+
+
+def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
+    """The dataset with the limits applied: in_zone, rejected_because, volume."""
+    because, sign = broken_limits({str(name): values.values for name, values in data.data_vars.items()}, limits)
+    inside = because == 0
+    masks = np.array([1 << bit for bit in range(len(REASONS))], np.int32)
+    out = data.assign(
+        in_zone=(DIMS, inside.astype(np.int8), about("1 where every orientation is within every limit", "1")),
+        rejected_because=(
+            DIMS,
+            because,
+            about("limits broken at some orientation", "1") | {"flag_masks": masks, "flag_meanings": " ".join(REASONS)},
+        ),
+    )
+    named = {f"limit_{name}": value for name, value in asdict(limits).items() if value is not None and value is not False}
+    out = out.assign_attrs(
+        {"limit_deg": float(limits.angle_deg)}
+        | {name: list(value) if isinstance(value, tuple) else float(value) for name, value in named.items()}
+        | {
+            "zone_volume_mm3": float(inside.sum() * math.prod(data.attrs["node_spacing_mm"])),
+            "nodes_in_zone": int(inside.sum()),
+            "assemblies_in_zone": len(np.unique(data["assembly"].values[inside])),
+            "assembly_sign": sign,
+        }
+    )
+    return out.assign_attrs(result_sha256=digest_of({str(name): out[name].values for name in sorted(map(str, out.data_vars))}))
+
+
+def reasons(zone: xr.Dataset) -> dict[str, int]:
+    """How many nodes each of `REASONS` takes from the zone; a node may have several."""
+    because = zone["rejected_because"].values
+    return {reason: int((because >> bit & 1).sum()) for bit, reason in enumerate(REASONS)}
+
+
+def summary(zone: xr.Dataset) -> str:
+    """A few lines for a person: how much of the box is in the zone, the best node, why the rest is not."""
+    angle, inside = zone["worst_pressure_angle_deg"], zone["in_zone"].values.astype(bool)
+    if "refined_volume_mm3" in zone.attrs:
+        a = zone.attrs
+        change = f"{a['refined_volume_change_mm3'] / 1e9:.2g} m^3 at the last step"
+        lines_refined = [f"volume within the box, edge refined: {a['refined_volume_mm3'] / 1e9:.6g} m^3 (changed by {change})"]
+    else:
+        lines_refined = []
+    best = np.unravel_index(int(np.argmin(angle.values)), angle.shape)
+    where = ", ".join(f"{name} {float(zone[name][i]):g}" for name, i in zip("xyz", best, strict=True))
+    lines = [
+        f"{inside.sum()} of {inside.size} nodes are in the zone ({zone.sizes['orientation']} orientations each, within "
+        f"{zone.attrs['limit_deg']:g} deg): {zone.attrs['zone_volume_mm3'] / 1e9:.6g} m^3",
+        *lines_refined,
+        f"smallest worst pressure angle {float(angle.values[best]):.2f} deg at {where} mm",
+    ]
+    if inside.any():
+        u95 = zone["u95_position_mm"].values[inside]
+        lines.append(f"95 % radius at the tool origin in the zone: {u95.min():.4g} to {u95.max():.4g} mm")
+    if zone.attrs["assemblies_in_zone"] > 1:
+        lines.append("the zone holds more than one assembly: between its parts the cables do not determine the pose (--one-assembly)")
+    if rejected := [f"{reason.replace('_', ' ')} {n}" for reason, n in reasons(zone).items() if n]:
+        lines.append("rejected nodes by reason: " + ", ".join(rejected))
+    return "\n".join([*lines, f"the 95 % radius covers {zone.attrs['u95_covers']}"])
+
+
+def write_zone(path: Path, zone: xr.Dataset) -> None:
+    """Write netCDF-4, whole or not at all."""
+    with files.whole(path) as temporary:
+        zone.to_netcdf(temporary, engine="h5netcdf", format="NETCDF4")
+
+
+def read_zone(path: Path) -> xr.Dataset:
+    """Read what `write_zone` wrote, into memory; FileFormatError names the file and what it lacks."""
+    files.read_bytes(path)
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as stored:
+            data = stored.load()
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise FileFormatError(f"{path}: cannot be read as netCDF: {' '.join(str(error).split())}") from error
+    if data.attrs.get("schema") != SCHEMA:
+        raise FileFormatError(f"{path}: schema = {data.attrs.get('schema')!r}; this program reads {SCHEMA!r}")
+    return data
