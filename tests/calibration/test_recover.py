@@ -49,6 +49,31 @@ def test_stated_pose_errors(seed: int) -> None:
     compare(drawn, result)
 
 
+OPTIONS = {
+    "default": Settings(),
+    "robust": Settings(robust=True),
+    "held out": Settings(hold_out=("4", "11")),
+    "scale": Settings(("position", "guide", "scale")),
+}
+
+
+@pytest.mark.parametrize("noise", ["gaussian", "rounded"])
+@pytest.mark.parametrize("option", OPTIONS)
+def test_regions_hold_the_truth_as_often_as_they_say(option: str, noise: str) -> None:
+    """The short form of benchmarks/calibration_coverage.py, over every option."""
+    inside = campaigns = 0
+    for seed in range(16):
+        drawn = draw(500 + seed, poses=20 + seed % 6, noise=noise)
+        record = calibrate(drawn.campaign, OPTIONS[option]).record
+        if record.rank < record.unknowns:
+            continue
+        error = np.array([p.value for p in record.parameters]) - true_values(drawn, [p.name for p in record.parameters])
+        inside += float(error @ np.linalg.solve(record.covariance_matrix(), error)) <= record.region["factor"] ** 2
+        campaigns += 1
+    assert campaigns >= 8
+    assert scipy.stats.binomtest(inside, campaigns, 0.95, alternative="less").pvalue > 1e-3
+
+
 def without(drawn: Drawn, key: str, shift: float) -> Rig:
     """The campaign's nominal rig with one more value off by `shift` on every point."""
     data: dict[str, Any] = drawn.campaign.rig.to_dict()
