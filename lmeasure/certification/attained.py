@@ -156,14 +156,18 @@ def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Traje
 
 
 def attained_poses(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[AttainedPose, ...]:
-    """Attained poses of the program's poses that have windows; CertificationError when a dwell is at another pose of the program."""
-    out = tuple(
+    """Attained poses of the program's poses that have windows."""
+    return tuple(
         attain(p.name, np.array([*p.position_mm, *p.quaternion_xyzw]), p.windows_s, trajectory, frame, still_mm)
         for p in program.pose
         if p.windows_s
     )
+
+
+def check_order(poses: Sequence[AttainedPose], program: Program, still_mm: float) -> None:
+    """CertificationError when a dwell is at another pose of the program than its window says."""
     commanded = np.array([p.position_mm for p in program.pose]).reshape(-1, 3)
-    for pose in out:
+    for pose in poses:
         apart = np.linalg.norm(pose.poses[:, None, :3] - commanded[None], axis=2)
         own = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
         for j in np.flatnonzero(own > ELSEWHERE * np.maximum(apart.min(axis=1), still_mm)):
@@ -172,7 +176,12 @@ def attained_poses(trajectory: Trajectory, program: Program, frame: Frame, still
                 f"pose {pose.name}, cycle {j + 1}: at {pose.time_s[j]:.6g} s the tool is {own[j]:.4g} mm from {pose.name} and "
                 f"{apart[j].min():.4g} mm from {other}: the program runs in another order than its windows say"
             )
-    return out
+
+
+def worst_angle(trajectory: Trajectory, windows: Windows, what: str) -> float:
+    """Worst pressure angle [deg] met in windows, NaN where it is not known."""
+    parts = [trajectory.worst_pressure_angle_deg[window(trajectory, start, end, what)] for start, end in windows]
+    return float(np.fmax.reduce(np.concatenate(parts), initial=np.nan))
 
 
 def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure import conventions
 from lmeasure.accuracy.radius import exact_radius_95
 from lmeasure.certification import direct
-from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, fit_frame
+from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, check_order, fit_frame, worst_angle
 from lmeasure.certification.characteristic import Characteristic
 from lmeasure.certification.errors_of_poses import ErrorModel, PoseErrors
 from lmeasure.certification.figures import (
@@ -55,6 +55,7 @@ class Gathered:
         if settings.align:
             self.frame = replace(self.frame, base_from_program=fit_frame(self.poses))
             self.poses = attained_poses(trajectory, program, self.frame, settings.still_mm)
+        check_order(self.poses, program, settings.still_mm)
         self.paths = {p.name: crossings(trajectory, p, settings.planes, self.frame) for p in program.path if p.windows_s}
         self.loaded = [
             attain(c.pose, self.commanded(c.pose), c.windows_s, trajectory, self.frame, settings.still_mm) for c in program.compliance
@@ -188,7 +189,10 @@ class Gathered:
     def exclude(self, parts: dict[str, Part]) -> None:
         """Parts outside the instrument's zone, by the worst pressure angle met and by the radius that holds 95 %."""
         met = [("pose", p.name, p.angle_deg) for p in self.poses] + [("path", n, c.angle_deg) for n, c in self.paths.items()]
-        met += [("compliance", p.name, p.angle_deg) for p in self.loaded]
+        met += [("compliance", str(i), p.angle_deg) for i, p in enumerate(self.loaded, 1)]
+        moves = [("settling", p.name, p.settling_s) for p in self.program.pose if p.settling_s]
+        moves += [("posing", p.name, p.windows_s) for p in self.program.posing]
+        met += [(kind, name, worst_angle(self.trajectory, w, f"{kind} {name}")) for kind, name, w in moves]
         limit, radius = self.settings.limit_angle_deg, self.settings.limit_u95_mm
         for kind, name, angle in met:
             if limit is not None and angle > limit:
@@ -227,10 +231,10 @@ class Gathered:
         for pose in self.program.pose:
             if pose.settling_s:
                 found = self.reached(direct.settling, pose, values.get(("RP_l", pose.name)), motion)
-                out += [replace(c, excluded=self.reason(f"pose {pose.name}")) for c in found]
+                out += [replace(c, excluded=self.reason(f"pose {pose.name}", f"settling {pose.name}")) for c in found]
         for asked in self.program.posing:
             found = self.reached(direct.posing, asked, values.get(("RP_l", asked.to_pose)), motion)
-            out += [replace(c, excluded=self.reason(f"pose {asked.from_pose}", f"pose {asked.to_pose}")) for c in found]
+            out += [replace(c, excluded=self.reason(f"posing {asked.name}")) for c in found]
         for path in self.program.path:
             if path.name not in self.paths:
                 continue

@@ -251,7 +251,13 @@ def corner_figures(key: str, corner: Corner, path: CommandedPath, cycles: int) -
     """Clause 8.5: CR and CO of one corner."""
     side = corner.incoming - (corner.incoming @ corner.outgoing) * corner.outgoing
     side /= np.linalg.norm(side)
-    common: dict[str, Any] = {"cycles": cycles, "needs": (key,), "path": path.name, "part": f"corner {corner.number}", "clause": "8.5"}
+    common: dict[str, Any] = {
+        "cycles": cycles,
+        "needs": (f"path {path.name}",),
+        "path": path.name,
+        "part": f"corner {corner.number}",
+        "clause": "8.5",
+    }
 
     def overshoot(s: Mapping[str, Any]) -> FloatArray:
         return iso.cornering_overshoot(s[key][1], side)

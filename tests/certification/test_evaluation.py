@@ -182,6 +182,12 @@ def test_what_lies_outside_the_zone_gets_no_verdict() -> None:
         assert c[key].conformity is None
     assert c["AP_p", "P1"].capable
     assert evaluate(trajectory, model, EXACT, settings=Settings(limit_angle_deg=None)).excluded == ()
+    # what is told of moves and loads is held against the zone in windows of its own
+    program["posing"] = [{"from": "P1", "to": "P2", "windows_s": [(first - 1.2, last)], "limit_band_mm": 1.0}]
+    program["compliance"] = [{"pose": "P2", "windows_s": [(first, last)], "force_n": [(1.0, 0.0, 0.0)]}]
+    more = evaluate(trajectory, Program.model_validate(program), EXACT)
+    assert [(e.kind, e.name) for e in more.excluded] == [("pose", "P2"), ("compliance", "1"), ("posing", "P1-P2")]
+    assert by_name(more)["t_min", "P1-P2"].excluded is not None
     # the other limit: the radius that holds 95 %
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.01**2 * np.eye(3)
@@ -206,6 +212,11 @@ def test_a_frame_is_fitted_only_when_asked() -> None:
     for name in names:
         assert c["AP_p", name].value < 0.05
         assert c["RP_l", name].value == pytest.approx(plain["RP_l", name].value, rel=1e-6)
+    # a frame far from the program's, in which every dwell lies nearer to another pose, is no other order
+    far = poses.copy()
+    far[:, :3] += [200.0, 0.0, 0.0]
+    again = by_name(evaluate(replace(trajectory, poses=far), model, EXACT, settings=Settings(align=True)))
+    assert again["AP_p", "P1"].value == pytest.approx(c["AP_p", "P1"].value, abs=1e-9)
     # an error that is a displacement of everything is taken out by the fit
     shared = np.zeros((6, 3))
     shared[3:] = 0.5 * np.eye(3)

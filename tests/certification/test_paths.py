@@ -1,5 +1,6 @@
 """Attained paths against commanded ones: planes, deviations, speeds, corners, weaves; figures known from how the motion was made."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,9 @@ def test_corners_cut_and_overshot() -> None:
     # deviation falls from 2 to 0 over 10 mm: 0.5 is left 7.5 mm behind
     assert found["SPL", "corner 2"] == pytest.approx(7.5, abs=0.1)
     assert found["CO", "corner 3"] == pytest.approx(0.0, abs=1e-9)
+    outside = replace(trajectory, worst_pressure_angle_deg=np.full(len(trajectory.time_s), 70.0))
+    every = evaluate(outside, program_of(SQUARE | {"stabilisation_mm": 0.5}, windows), EXACT, settings=Settings(trials=10))
+    assert all(c.excluded is not None and not c.capable for c in every.characteristics)
 
 
 def test_a_weave() -> None:
