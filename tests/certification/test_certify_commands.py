@@ -1,0 +1,89 @@
+"""The commands of certificates as a user meets them: what they print, exit codes, nothing half-written."""
+
+from pathlib import Path
+
+import pytest
+from campaigns import write_campaign
+from typer.testing import CliRunner
+
+from lmeasure.cli import app
+from lmeasure.errors import LMeasureError
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("commands")
+    write_campaign(folder)
+    return folder
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    """Exit code and what was printed; an LMeasureError is what `main` turns into its one line and 1."""
+    done = CliRunner().invoke(app, [str(a) for a in arguments])
+    if isinstance(done.exception, LMeasureError):
+        return 1, str(done.exception)
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    return done.exit_code, done.output
+
+
+def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
+    given = (campaign / "trajectory.parquet", "--run", campaign / "run", "--program", campaign / "program.toml")
+    key, out = tmp_path / "k.pem", tmp_path / "c"
+    assert run("key", "--out", key)[0] == 0
+    code, text = run("certify", *given, "--out", out, "--key", key, "--zip", "--dcc", "--language", "ru", "--rule", "guarded")
+    assert code == 0, text
+    assert text.startswith("Протокол испытаний LM-")
+    for target in (out, tmp_path / "c.zip"):
+        code, text = run("verify", target, "--public-key", f"{key}.pub")
+        assert code == 0, text
+        assert "the same to the digit" in text
+    assert run("certify", *given, "--out", tmp_path / "d", "--tool-offset-mm", "0,0,1", "--capability", "0.1")[0] == 0
+    code, text = run("compare", out, tmp_path / "d" / "certificate.json", "--out", tmp_path / "compared.json")
+    assert code == 0, text
+    assert "certified with other settings" in text
+    assert (tmp_path / "compared.json").exists()
+    with (out / "report.html").open("ab") as page:
+        page.write(b"x")
+    with (tmp_path / "c.zip").open("ab") as packed:
+        packed.write(b"x")
+    code, text = run("verify", out)
+    assert code == 1
+    assert text.startswith("report.html: was changed")
+    code, text = run("verify", tmp_path / "c.zip")
+    assert code == 1
+    assert "c.zip: was changed" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "told"),
+    [
+        (("--language", "de"), 2, "not one of en, ru"),
+        (("--rule", "strict"), 2, "neither simple nor guarded"),
+        (("--xsd", "x.xsd"), 2, "goes with --dcc"),
+        (("--constraint", "planar"), 2, "goes with --run"),
+        (("--tool-offset-mm", "1,2"), 2, "three numbers"),
+        (("--details", "none.toml"), 1, "none.toml"),
+        (("--key", "none.pem"), 1, "none.pem"),
+        (("--dcc", "--xsd", "none.xsd"), 1, "none.xsd"),
+        (("--run", "none"), 1, "none"),
+    ],
+)
+def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, options: tuple[str, ...], code: int, told: str) -> None:
+    got, text = run("certify", campaign / "trajectory.parquet", "--program", campaign / "program.toml", "--out", tmp_path / "c", *options)
+    assert got == code, text
+    assert told in " ".join(text.replace("│", " ").split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_certificate_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file.zip").write_text("x")
+    (tmp_path / "empty").mkdir()
+    for arguments in (
+        ("verify", tmp_path / "none"),
+        ("verify", tmp_path / "file.zip"),
+        ("compare", tmp_path / "empty", tmp_path / "empty"),
+    ):
+        code, text = run(*arguments)
+        assert code == 1
+        assert "\n" not in text.strip()
+    assert run("verify", tmp_path / "empty")[0] == 1
