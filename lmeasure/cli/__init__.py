@@ -4,6 +4,7 @@ Nothing heavy is imported before a command runs, so that `lmeasure --help` answe
 answer, said in one line; 2 wrong usage.
 """
 
+import os
 import sys
 from typing import Annotated
 
@@ -79,6 +80,8 @@ app.command("demo")(demo.demo)
 
 def main() -> None:
     """Entry point of the `lmeasure` command."""
+    # before numpy is loaded: the matrices here are small, and threads of BLAS only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
     except LMeasureError as error:

@@ -1,0 +1,5 @@
+"""Set before numpy is loaded, here and in the processes that tests start: the matrices are small, and threads of BLAS only wait for each other."""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
