@@ -1,4 +1,4 @@
-"""Set before numpy is loaded, here and in the processes that tests start: the matrices are small, and threads of BLAS only wait for each other."""
+"""Before numpy is loaded, here and in started processes: matrices are small, and threads of BLAS only wait for each other."""
 
 import os
 
