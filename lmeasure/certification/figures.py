@@ -83,11 +83,13 @@ def singular(name: str, rotation: Rotation) -> bool:
 
 @dataclass(frozen=True)
 class PosePart:
-    """The cycles of a pose with the law of their errors; convention of the angles or None; see `uncertainty.Part`."""
+    """The cycles of a pose with the law of their errors; convention of the angles or None; groups (n,): numbers
+    of the groups of cycles at one place; see `uncertainty.Part`."""
 
     attained: AttainedPose
     errors: PoseErrors
     convention: str | None
+    groups: IntArray
     _states: dict[bool, Cycles] = field(init=False, default_factory=dict)
     _rates: list[FloatArray] = field(init=False, default_factory=list)
 
@@ -95,18 +97,21 @@ class PosePart:
         a, e = self.attained, self.errors
         common = np.concatenate([e.own, e.shared], axis=2).mean(axis=0)
         random = e.random.mean(axis=0)
-        laws = random, random / len(a.poses) + common @ common.T
+        laws = [random, random / len(a.poses) + common @ common.T]
+        for group in range(int(self.groups.max()) + 1):
+            own = e.own[self.groups == group].mean(axis=0)
+            laws.append(random / np.sum(self.groups == group) + own @ own.T)
         turn, angles = self._orientation()
         position = a.poses[:, :3]
         self._states[False] = Cycles(position, angles, turn)
-        likely = a.commanded[:3] + _reduced(position - a.commanded[:3], *(law[3:, 3:] for law in laws))
-        likely_turn = None if turn is None else _reduced(turn, *(np.degrees(np.degrees(law[:3, :3])) for law in laws))
+        likely = a.commanded[:3] + _reduced(position - a.commanded[:3], [law[3:, 3:] for law in laws], self.groups)
+        likely_turn = None if turn is None else _reduced(turn, [np.degrees(np.degrees(law[:3, :3])) for law in laws], self.groups)
         likely_angles = None
         if angles is not None and self.convention is not None:
             mean = Rotation.from_quat(a.poses[:, 3:]).mean()
             rates = angle_rates(self.convention, Rotation.from_quat(mean.as_quat()[None, :]))[0]
             self._rates.append(rates)
-            likely_angles = _reduced(angles, *(rates @ law[:3, :3] @ rates.T for law in laws))
+            likely_angles = _reduced(angles, [rates @ law[:3, :3] @ rates.T for law in laws], self.groups)
         self._states[True] = Cycles(likely, likely_angles, likely_turn)
 
     def _orientation(self) -> tuple[FloatArray | None, FloatArray | None]:
@@ -129,14 +134,21 @@ class PosePart:
         )
 
 
-def _reduced(values: FloatArray, random: FloatArray, of_mean: FloatArray) -> FloatArray:
-    """Deviations (n, 3) from the commanded with their mean and their scatter reduced by what errors have added: covariances (3, 3) of the
-    errors of one and of the mean."""
+def _reduced(values: FloatArray, laws: Sequence[FloatArray], groups: IntArray) -> FloatArray:
+    """Deviations (n, 3) from the commanded with their mean, the means of their groups about it and the scatter within groups reduced by
+    what errors have added. laws: covariances (3, 3) of the errors of one, of the mean, and of the mean of each group."""
     mean = values.mean(axis=0)
-    away = values - mean
-    freedom = max(len(values) - 1, 1)
-    scatter = reduction((away**2).sum() / freedom, np.trace(random), freedom)
-    return np.asarray(reduction_of_mean((mean**2).sum(), np.trace(of_mean)) * mean + scatter * away)
+    out = np.tile(reduction_of_mean((mean**2).sum(), np.trace(laws[1])) * mean, (len(values), 1))
+    away = np.empty_like(values)
+    several = len(laws) > 3
+    for group, law in enumerate(laws[2:]):
+        members = groups == group
+        apart = values[members].mean(axis=0) - mean
+        away[members] = values[members] - mean - apart
+        if several:
+            out[members] += reduction_of_mean((apart**2).sum(), np.trace(law)) * apart
+    freedom = max(len(values) - len(laws) + 2, 1)
+    return np.asarray(out + reduction((away**2).sum() / freedom, np.trace(laws[0]), freedom) * away)
 
 
 def component(of: Function, i: int | tuple[int, int]) -> Function:

@@ -105,7 +105,7 @@ class Gathered:
         errors = self.at(every, pose.samples)
         if rounded:
             errors = of_dwells(errors, pose.within, pose.between(groups), pose.readings, groups)
-        return PosePart(pose, errors, convention)
+        return PosePart(pose, errors, convention, groups)
 
     def parts(self, every: PoseErrors, rounded: bool) -> tuple[dict[str, Part], list[Figure]]:
         """All parts by one law of errors, and their figures."""

@@ -426,3 +426,22 @@ def test_the_same_input_gives_the_same_figures() -> None:
     table = one.characteristics[0].as_dict()
     assert list(table)[:6] == ["name", "pose", "value", "unit", "u95", "capable"]
     assert all(isinstance(v, str | float | int | bool | dict) for v in table.values())
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.004, 0.05])
+def test_a_small_variation_by_approach_has_an_honest_interval(apart: float) -> None:
+    random = np.zeros((6, 6))
+    random[3:, 3:] = 0.01**2 * np.eye(3)
+    inside = []
+    for seed in range(100):
+        _, program = campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
+        places = 0.01 * np.random.default_rng(seed).normal(size=(12, 3))
+        places[::3, 0] += apart
+        time_s, position, windows = dwells(places)
+        program["pose"][0] |= {"windows_s": windows, "approaches": ["x", "y", "z"] * 4}
+        settings_ = Settings(trials=300, seed=seed)
+        found = by_name(
+            evaluate(trajectory_of(time_s, position), Program.model_validate(program), StatedErrors(random), settings=settings_)
+        )
+        inside.append(abs(found["vAP_p", "P1"].value - apart) <= found["vAP_p", "P1"].u95)
+    assert np.mean(inside) >= 0.9  # 95 % of 100, less two standard deviations
