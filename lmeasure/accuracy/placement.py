@@ -30,7 +30,8 @@ Vector = tuple[float, float, float]
 SCHEMA = "lmeasure.placement/1"
 POPULATION = 90
 SAMPLE_BITS = 10  # of the Sobol sample from which a population is taken
-ROUNDS = 3  # searches from other samples; the best counts, as one may settle a few degrees above another
+ROUNDS = 8  # searches from other samples; one may settle a few degrees above another
+FINALISTS = 3  # of which the best go on within the mounting tolerance
 ROBUST_BITS = 4
 GENERATIONS = 2000
 LOCAL_CALLS = 2000
@@ -192,9 +193,13 @@ class Search:
 
     def worth(self, x: FloatArray) -> FloatArray:
         """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules."""
-        speed2, u95, shortest, longest = self.figures(x).T
-        value = np.arccos(1.0 / np.sqrt(speed2)) if self.wanted.objective == "pressure_angle" else np.log(np.minimum(u95, 1e9))
-        return np.asarray(value + BROKEN_PER_MM * self.broken(x, shortest, longest))
+        figures = self.figures(x)
+        return self.value(figures) + BROKEN_PER_MM * self.broken(x, figures[:, 2], figures[:, 3])
+
+    def value(self, figures: FloatArray) -> FloatArray:
+        """(n,) objective of figures (n, 4), whatever rules are broken."""
+        speed2, u95 = figures[:, 0], figures[:, 1]
+        return np.asarray(np.arccos(1.0 / np.sqrt(speed2)) if self.wanted.objective == "pressure_angle" else np.log(np.minimum(u95, 1e9)))
 
     def broken(self, x: FloatArray, shortest: FloatArray, longest: FloatArray) -> FloatArray:
         """(n,) millimetres by which candidates break the cable lengths and the keep-outs, with the mounting tolerance as a margin."""
@@ -210,8 +215,10 @@ class Search:
         return out
 
     def around(self, x: FloatArray, draws: FloatArray) -> float:
-        """The worst objective within the mounting tolerance of one candidate."""
-        return float(self.worth(np.concatenate([x[None], x[None] + draws])).max())
+        """The worst objective within the mounting tolerance of one candidate; its rules hold the tolerance as a margin already."""
+        figures = self.figures(np.concatenate([x[None], x[None] + draws]))
+        broken = self.broken(x[None], figures[:1, 2], figures[:1, 3])[0]
+        return float(self.value(figures).max() + BROKEN_PER_MM * broken)
 
 
 def _carried(old: FloatArray, new: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -228,7 +235,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     """Search the free points for the best worst figure at the task.
 
     Rounds of differential evolution from the best of a Sobol sample (the present rig among the first) over the boxes, each until its
-    population agrees or the generations are used up; the best of them goes on by Powell's directions, on the worst within the mounting
+    population agrees or the generations are used up; the best of them go on by Powell's directions, on the worst within the mounting
     tolerance. The same seed gives the same result. AccuracyError when no candidate keeps the rules.
     """
     search = Search(rig, wanted)
@@ -267,9 +274,9 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
             )
         )
         done = (number + 1) * generations
-    result = min(results, key=lambda r: r.fun)
     draws = mounting_draws(search, seed)
-    best = _local(search, result.x, draws)
+    finalists = [_local(search, r.x, draws) for r in sorted(results, key=lambda r: r.fun)[:FINALISTS]]
+    best = min(finalists, key=lambda x: search.around(x, draws))
     _, _, shortest, longest = search.figures(best[None]).T
     if search.broken(best[None], shortest, longest)[0] > BROKEN_MM:
         raise AccuracyError("placement: no places were found that keep the cable lengths and keep-outs at the whole task")
