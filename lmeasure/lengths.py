@@ -259,16 +259,31 @@ def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
 
     NaN where the pose or the count is not known.
     """
-    rows = run.rig.cable_rows()
-    modelled = cable_kernels.span_lengths(rows, np.ascontiguousarray(poses)) - cable_kernels.span_lengths(rows, run.start[None, :])
-    lengths, effects = lengths_from_counts(run), effects_of(run.rig)
-    if effects is not None:
-        begun = zero_temperature(lengths, run.temperature_c)
-        start = zero_at(run.start, len(rows), effects.reference_c if begun is None else begun)
-        warm = np.tile(start.temperature_c, (len(poses), 1)) if lengths.temperature_c is None else lengths.temperature_c
-        warm = np.where(np.isfinite(warm), warm, start.temperature_c)
-        modelled = modelled + effects.excess(rows, start, poses, lengths.counts, warm)
-    return np.asarray(lengths.change_mm - modelled)
+    return LengthResiduals(run.rig, run.start, run.temperature_c).of(lengths_from_counts(run), poses)
+
+
+class LengthResiduals:
+    """`length_residuals` of a run from its start pose (7,), given the lengths of one piece of it after the other.
+
+    temperature_c is that at the start; None: that of the first sample that has one.
+    """
+
+    def __init__(self, rig: Rig, start: FloatArray, temperature_c: float | None = None) -> None:
+        self._rows, self._effects = rig.cable_rows(), effects_of(rig)
+        self._start, self._temperature_c = start, temperature_c
+        self._begun = cable_kernels.span_lengths(self._rows, start[None, :])
+
+    def of(self, lengths: Lengths, poses: FloatArray) -> FloatArray:
+        """(n, m) residuals [mm] at the piece's (n, 7) poses."""
+        modelled = cable_kernels.span_lengths(self._rows, np.ascontiguousarray(poses)) - self._begun
+        effects = self._effects
+        if effects is not None:
+            self._temperature_c = zero_temperature(lengths, self._temperature_c)
+            start = zero_at(self._start, len(self._rows), effects.reference_c if self._temperature_c is None else self._temperature_c)
+            warm = np.tile(start.temperature_c, (len(poses), 1)) if lengths.temperature_c is None else lengths.temperature_c
+            warm = np.where(np.isfinite(warm), warm, start.temperature_c)
+            modelled = modelled + effects.excess(self._rows, start, poses, lengths.counts, warm)
+        return np.asarray(lengths.change_mm - modelled)
 
 
 def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) -> tuple[FloatArray, Reasons]:

@@ -1,11 +1,16 @@
 """`lmeasure reconstruct`: from a run folder to a trajectory."""
 
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lmeasure.cli.options import Rerun
+
+if TYPE_CHECKING:
+    from lmeasure.run import RunHead
+    from lmeasure.trajectory.stream import Each
 
 
 def reconstruct(
@@ -36,9 +41,9 @@ def reconstruct(
         raise typer.BadParameter(f"{uncertainty!r} is neither linear nor monte-carlo", param_hint="--uncertainty")
     head = read_run_head(run, rig)
     named = head.rig.angles if angles else None
-    if can_stream(head) and rerun is None and uncertainty == "linear":
-        with bar("reconstruct") as progress:
-            summary = reconstruct_stream(head, out, constraint, named, progress)
+    if can_stream(head) and uncertainty == "linear":
+        with _each_piece(rerun, head) as each, bar("reconstruct") as progress:
+            summary = reconstruct_stream(head, out, constraint, named, progress, each)
         typer.echo(summary.text())
         return
     recorded = read_run(run, rig)
@@ -53,3 +58,12 @@ def reconstruct(
 
         write_recording(rerun, recorded.rig, run=recorded, trajectory=trajectory)
     typer.echo(trajectory.summary())
+
+
+def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["Each | None"]:
+    """What takes the pieces of a run into the recording that is asked for, if one is."""
+    if rerun is None:
+        return nullcontext()
+    from lmeasure.view.stages import streamed_recording
+
+    return streamed_recording(rerun, head)

@@ -1,19 +1,22 @@
 """Reconstruction from file to file in bounded memory: a log of ten hours goes through a few pieces at a time."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from lmeasure.counts import WidthEvidence, read_counts_in_pieces
+from lmeasure.counts import Counts, WidthEvidence, read_counts_in_pieces
 from lmeasure.kernels import counter
-from lmeasure.lengths import counter_rate, lengths_from_counts
+from lmeasure.lengths import Lengths, counter_rate, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
-from lmeasure.trajectory.record import Summary, trajectory_writer
+from lmeasure.trajectory.record import Summary, Trajectory, trajectory_writer
 from lmeasure.trajectory.screw_method import Reconstruction
 
 Progress = Callable[[int, int], None]
+Each = Callable[[Counts, Lengths, Trajectory], None]
+"""What is done with a piece of a run: its recorded counts, its lengths and its part of the trajectory."""
 
 
 def can_stream(head: RunHead) -> bool:
@@ -28,22 +31,26 @@ def reconstruct_stream(
     constraint: str | None = None,
     angles: str | None = None,
     progress: Progress | None = None,
+    each: Each | None = None,
 ) -> Summary:
     """Reconstruct a run for which `can_stream` holds and write its trajectory as `trajectory_writer` does.
 
-    The result is that of `reconstruct`; progress is told (done, of).
+    The result is that of `reconstruct`; progress is told (done, of), each piece is given to `each` and then let go.
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
     reconstruction = Reconstruction(rig, head.start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
     counters = np.zeros((len(rig.cable), counter.STATE))
     summary = Summary()
-    summary.notes += notes
     with trajectory_writer(out, reconstruction.covers, angles) as write:
         for piece in read_counts_in_pieces(head.counts[0], progress):
-            trajectory = reconstruction.add(lengths_from_counts(Run(rig, head.start, (piece,)), counters))
+            lengths = lengths_from_counts(Run(rig, head.start, (piece,)), counters)
+            lengths = replace(lengths, notes=(*notes, *lengths.notes))
+            trajectory = reconstruction.add(lengths)
             write(trajectory)
             summary.add(trajectory)
+            if each is not None:
+                each(piece, lengths, trajectory)
     return summary
 
 

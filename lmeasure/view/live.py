@@ -8,7 +8,7 @@ import rerun as rr
 
 from lmeasure.acquisition.samples import Samples
 from lmeasure.errors import LMeasureError
-from lmeasure.view.recording import cable_colour, entity_path, send_scalars, time_indexes
+from lmeasure.view.recording import CableSeries
 
 
 @contextmanager
@@ -20,17 +20,14 @@ def growing_counts(path: Path, channels: tuple[str, ...], passage: int = 1) -> I
     rec = rr.RecordingStream("lmeasure")
     try:
         rec.save(path)
-        for j, channel in enumerate(channels):
-            rec.log(entity_path("counts", f"pass{passage}", channel), rr.SeriesLines(colors=cable_colour(j), names=channel), static=True)
+        series = CableSeries(rec, ("counts", f"pass{passage}"), channels)
     except RuntimeError as error:
         raise LMeasureError(f"{path}: cannot be written: {error}") from error
     given = 0
 
     def append(samples: Samples) -> None:
         nonlocal given
-        indexes = time_indexes(samples.time_s, given)
-        for j, channel in enumerate(channels):
-            send_scalars(rec, entity_path("counts", f"pass{passage}", channel), indexes, samples.recorded[:, j])
+        series.add(samples.time_s, samples.recorded, given)
         given += len(samples.time_s)
         rec.flush()
 

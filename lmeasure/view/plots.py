@@ -1,90 +1,24 @@
-"""What is plotted and said over time: a trajectory's scalars and statuses, counts, residuals, a calibration's record."""
-
-from collections.abc import Mapping
+"""What is plotted and said of what stands for itself: known poses, a calibration's record."""
 
 import numpy as np
 import rerun as rr
 
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.kernels.screw import OK, STATUS
-from lmeasure.lengths import length_residuals
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig
 from lmeasure.run import Run
-from lmeasure.trajectory import Trajectory
-from lmeasure.view.recording import FloatArray, at_rows, cable_colour, changed_rows, entity_path, send_scalars, time_indexes
-from lmeasure.view.space import MAX_FRAMES, WHITE, log_motion, log_path, spread_rows
-
-GOOD, BAD = (0, 130, 95), (213, 94, 0)
-SERIES = {
-    "position_mm": ("x_mm", "y_mm", "z_mm"),
-    "u_position_mm": ("u_x_mm", "u_y_mm", "u_z_mm"),
-    "u_rotation_rad": ("u_rx_rad", "u_ry_rad", "u_rz_rad"),
-}
-
-
-def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, errors: Mapping[str, FloatArray]) -> list[str]:
-    """Everything a trajectory holds; returns what the reader must know."""
-    indexes = time_indexes(trajectory.time_s)
-    status, cause, cable = np.array(STATUS, dtype=np.object_)[trajectory.status], trajectory.cause, trajectory.cable
-    changes = np.union1d(changed_rows(trajectory.status), np.union1d(changed_rows(cause), changed_rows(cable)))
-    n = len(trajectory.time_s)
-    frames = spread_rows(n, MAX_FRAMES, changes)
-    notes = [f"uncertainties: {trajectory.covers}", *trajectory.notes, *_thinned(len(frames), n)]
-    log_motion(rec, rig, indexes, trajectory.poses, frames)
-    notes += log_path(rec, "/world/path", trajectory.poses, trajectory.status == OK, WHITE)
-
-    send_scalars(rec, "/worst_pressure_angle_deg", indexes, trajectory.worst_pressure_angle_deg)
-    columns = trajectory.columns()
-    for group, names in SERIES.items():
-        for name in names:
-            send_scalars(rec, f"/{group}/{name}", indexes, columns[name])
-    for name, values in errors.items():
-        send_scalars(rec, entity_path("errors", name), indexes, values)
-
-    texts = []
-    for first, last in zip(changes, np.append(changes[1:], n) - 1, strict=True):
-        detail = f": {cause[first]}" * bool(cause[first]) + f", cable {cable[first]}" * bool(cable[first])
-        texts.append(f"samples {first} to {last}: {status[first]}{detail}")
-    at = at_rows(indexes, changes)
-    levels = np.where(trajectory.status[changes] == OK, "INFO", "WARN").tolist()
-    rec.send_columns("/status", at, rr.TextLog.columns(text=texts, level=levels))
-    shades = [GOOD if name == STATUS[OK] else BAD for name in STATUS]
-    rec.log("/status_lane", rr.StateConfiguration(values=STATUS, colors=shades), static=True)
-    rec.send_columns("/status_lane", at, rr.StateChange.columns(state=status[changes].tolist()))
-    return notes
-
-
-def _thinned(frames: int, samples: int) -> list[str]:
-    text = f"cables, pulleys and platform are drawn at {frames} of {samples} samples; the tool and all scalars are whole"
-    return [text] if frames < samples else []
+from lmeasure.view.recording import FloatArray, cable_colour, entity_path, indexes_at, send_scalars, time_indexes
+from lmeasure.view.space import MAX_FRAMES, draw_frames, send_tool, thinned_note
+from lmeasure.view.thinned import Thinned
 
 
 def log_truth(rec: rr.RecordingStream, rig: Rig, run: Run, poses: FloatArray) -> list[str]:
     """Tool and cables along (n, 7) known poses of the run's samples."""
-    n = len(poses)
-    frames = spread_rows(n, MAX_FRAMES, np.zeros(1, np.int64))
-    log_motion(rec, rig, time_indexes(run.passes[0].time_s), poses, frames)
-    return ["tool and cables move as they truly did", *_thinned(len(frames), n)]
-
-
-def log_residuals(rec: rr.RecordingStream, run: Run, trajectory: Trajectory) -> None:
-    indexes = time_indexes(trajectory.time_s)
-    residuals = length_residuals(run, trajectory.poses)
-    for j, c in enumerate(run.rig.cable):
-        entity = entity_path("residual_mm", c.name)
-        rec.log(entity, rr.SeriesLines(colors=cable_colour(j), names=c.name), static=True)
-        send_scalars(rec, entity, indexes, residuals[:, j])
-
-
-def log_counts(rec: rr.RecordingStream, run: Run) -> None:
-    """Recorded counts of every pass, on the pass' own clock."""
-    for number, counts in enumerate(run.passes, 1):
-        indexes = time_indexes(counts.time_s)
-        for j, channel in enumerate(counts.channels):
-            entity = entity_path("counts", f"pass{number}", channel)
-            rec.log(entity, rr.SeriesLines(colors=cable_colour(j), names=channel), static=True)
-            send_scalars(rec, entity, indexes, counts.recorded[:, j])
+    frames, time_s = Thinned(MAX_FRAMES, 8), run.passes[0].time_s
+    frames.add(np.column_stack([time_s, poses]), np.zeros(1, np.int64))
+    send_tool(rec, time_indexes(time_s), poses, place_only=False)
+    draw_frames(rec, rig, indexes_at(frames.rows[:, 0], frames.numbers), frames.rows[:, 1:], place_only=False)
+    return ["tool and cables move as they truly did", *thinned_note(frames)]
 
 
 def log_record(rec: rr.RecordingStream, record: CalibrationRecord, reference: Poses | None) -> list[str]:

@@ -55,24 +55,16 @@ def entity_path(*parts: str) -> str:
     return rr.new_entity_path(list(parts))
 
 
-def time_indexes(time_s: FloatArray, first: int = 0) -> list[rr.TimeColumn]:
-    """Indexes of samples: their time to the nearest nanosecond and their number, from that of the first one on."""
+def indexes_at(time_s: FloatArray, samples: IntArray) -> list[rr.TimeColumn]:
+    """Indexes of samples: their time to the nearest nanosecond and their number."""
     if np.abs(time_s).max() > LAST_TIME_S:
         raise LMeasureError(f"time_s = {time_s[np.argmax(np.abs(time_s))]:g}: a recording holds times up to {LAST_TIME_S:g} s")
-    return [
-        rr.TimeColumn("time", duration=np.rint(time_s * 1e9).astype("timedelta64[ns]")),
-        rr.TimeColumn("sample", sequence=first + np.arange(len(time_s))),
-    ]
+    return [rr.TimeColumn("time", duration=np.rint(time_s * 1e9).astype("timedelta64[ns]")), rr.TimeColumn("sample", sequence=samples)]
 
 
-def at_rows(indexes: Sequence[rr.TimeColumn], rows: IntArray) -> list[rr.TimeColumn]:
-    """The same indexes at some of their rows."""
-    out = []
-    for index in indexes:
-        values = index.as_arrow_array().take(rows).to_numpy(zero_copy_only=False)
-        name = index.timeline_name()
-        out.append(rr.TimeColumn(name, duration=values) if values.dtype.kind == "m" else rr.TimeColumn(name, sequence=values))
-    return out
+def time_indexes(time_s: FloatArray, first: int = 0) -> list[rr.TimeColumn]:
+    """Indexes of samples that follow each other, from the number of the first one on."""
+    return indexes_at(time_s, first + np.arange(len(time_s)))
 
 
 def send_scalars(rec: rr.RecordingStream, entity: str, indexes: Sequence[rr.TimeColumn], values: FloatArray) -> None:
@@ -83,6 +75,23 @@ def cable_colour(cable: int) -> Colour:
     return CABLE_COLOURS[cable % len(CABLE_COLOURS)]
 
 
-def changed_rows(values: NDArray[np.generic]) -> IntArray:
-    """Rows at which a value differs from the row before; the first row is one of them."""
-    return np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1]).astype(np.int64)
+class CableSeries:
+    """A figure of every cable or channel over time, given for one piece of a run after the other."""
+
+    def __init__(self, rec: rr.RecordingStream, parents: Sequence[str], names: Sequence[str]) -> None:
+        self._rec, self._entities = rec, [entity_path(*parents, name) for name in names]
+        for j, (entity, name) in enumerate(zip(self._entities, names, strict=True)):
+            rec.log(entity, rr.SeriesLines(colors=cable_colour(j), names=name), static=True)
+
+    def add(self, time_s: FloatArray, values: FloatArray, first: int = 0) -> None:
+        """Send (n, names) values at times (n,) of samples of which the first has that number."""
+        indexes = time_indexes(time_s, first)
+        for entity, column in zip(self._entities, values.T, strict=True):
+            send_scalars(self._rec, entity, indexes, column)
+
+
+def changed_rows(values: NDArray[np.generic], before: object = None) -> IntArray:
+    """Rows at which a value differs from the row before, which to the first row is `before`; None: the first row is one of them."""
+    later = np.flatnonzero(values[1:] != values[:-1]) + 1
+    new = before is None or values[0] != before
+    return np.concatenate([[0], later] if new else [later]).astype(np.int64)

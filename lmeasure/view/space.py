@@ -15,12 +15,11 @@ from lmeasure.view.recording import (
     CABLE_COLOURS,
     Colour,
     FloatArray,
-    IntArray,
-    at_rows,
     cable_colour,
     changed_rows,
     entity_path,
 )
+from lmeasure.view.thinned import Thinned
 
 MAX_FRAMES = 3000  # pictures of the cables: a run of a minute at fifty a second
 MAX_PATH_POINTS = 20000
@@ -58,66 +57,87 @@ def _arcs(centres: FloatArray, bases: FloatArray, along: FloatArray, angles: Flo
     return np.asarray(centres[..., None, :] + np.sin(turn) * along[:, None, :] - np.cos(turn) * outward[..., None, :])
 
 
-def log_motion(rec: rr.RecordingStream, rig: Rig, indexes: Sequence[rr.TimeColumn], poses: FloatArray, frames: IntArray) -> None:
-    """Tool at (n, 7) poses [mm], cables and pulleys at the rows `frames` of them; a pose of NaN shows nothing.
+def send_tool(rec: rr.RecordingStream, indexes: Sequence[rr.TimeColumn], poses: FloatArray, *, place_only: bool) -> None:
+    """Tool at (n, 7) poses [mm]; a pose of NaN shows nothing.
 
-    Where no orientation was measured, a pose is the place of the attachment point that all cables lead to.
+    place_only: no orientation was measured, a pose is the place of the attachment point that all cables lead to.
     """
     ok = ~np.isnan(poses[:, 0])
     each = ok.astype(np.int64)
+    if place_only:
+        rec.send_columns("/world/tool", indexes, rr.Points3D.columns(positions=metres(poses[ok, :3])).partition(each))
+        return
+    tool = rr.Transform3D.columns(translation=metres(poses[ok, :3]), quaternion=poses[ok, 3:])
+    rec.send_columns("/world/tool", indexes, tool.partition(each))
+    rec.send_columns("/world/tool", indexes, rr.TransformAxes3D.columns(axis_length=np.full(ok.sum(), 0.1)).partition(each))
+
+
+def draw_frames(
+    rec: rr.RecordingStream, rig: Rig, indexes: Sequence[rr.TimeColumn], poses: FloatArray, *, place_only: bool, looks: bool = True
+) -> None:
+    """Cables, pulleys and platform at (n, 7) poses as `send_tool` takes them; with the looks of all that moves, which are said once."""
+    shown = (~np.isnan(poses[:, 0])).astype(np.int64)
+    poses = poses[shown == 1]
     rows = rig.cable_rows()
-    if np.isnan(poses[ok, 3]).all():
+    if place_only:
         rows[:, 7:10] = 0.0
         poses = np.column_stack([poses[:, :3], np.tile((0.0, 0.0, 0.0, 1.0), (len(poses), 1))])
-        points = rr.Points3D.columns(positions=metres(poses[ok, :3]))
-        rec.log("/world/tool", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
-        rec.send_columns("/world/tool", indexes, points.partition(each))
-    else:
-        tool = rr.Transform3D.columns(translation=metres(poses[ok, :3]), quaternion=poses[ok, 3:])
-        rec.send_columns("/world/tool", indexes, tool.partition(each))
-        rec.send_columns("/world/tool", indexes, rr.TransformAxes3D.columns(axis_length=np.full(ok.sum(), 0.1)).partition(each))
-
-    at, shown = at_rows(indexes, frames), each[frames]
-    centre, tangent, attachment, angle = wrap_geometry(rows, poses[frames[ok[frames]]])
+    if looks:
+        _log_looks(rec, rig, place_only=place_only)
+    centre, tangent, attachment, angle = wrap_geometry(rows, poses)
     along = rows[:, 6:7] * rows[:, 3:6]
     wrapped = _arcs(centre, rows[:, 0:3], along, angle, ARC_POINTS)
     cables = metres(np.concatenate([wrapped, attachment[:, :, None, :]], axis=2))
     for j, c in enumerate(rig.cable):
-        entity = entity_path("world", "cables", c.name)
-        rec.log(entity, rr.LineStrips3D.from_fields(colors=cable_colour(j), radii=CABLE), static=True)
-        rec.send_columns(entity, at, rr.LineStrips3D.columns(strips=cables[:, j]).partition(shown))
+        strips = rr.LineStrips3D.columns(strips=cables[:, j]).partition(shown)
+        rec.send_columns(entity_path("world", "cables", c.name), indexes, strips)
     circles = metres(_arcs(centre, rows[:, 0:3], along, np.full(angle.shape, 2 * np.pi), CIRCLE_POINTS))
     m = len(rig.cable)
-    rec.log("/world/pulleys", rr.LineStrips3D.from_fields(colors=WHITE, radii=THIN), static=True)
-    rec.send_columns("/world/pulleys", at, rr.LineStrips3D.columns(strips=circles.reshape(-1, CIRCLE_POINTS, 3)).partition(m * shown))
-    rec.log("/world/tangent_points", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
+    rec.send_columns("/world/pulleys", indexes, rr.LineStrips3D.columns(strips=circles.reshape(-1, CIRCLE_POINTS, 3)).partition(m * shown))
     points = rr.Points3D.columns(positions=metres(tangent.reshape(-1, 3)))
-    rec.send_columns("/world/tangent_points", at, points.partition(m * shown))
+    rec.send_columns("/world/tangent_points", indexes, points.partition(m * shown))
     # the platform: through the attachment points in the order of the cables, each once
     corners = list({c.to_point: j for j, c in enumerate(rig.cable)}.values())
     outline = metres(attachment[:, [*corners, corners[0]]])
+    rec.send_columns("/world/platform", indexes, rr.LineStrips3D.columns(strips=outline).partition(shown))
+
+
+def _log_looks(rec: rr.RecordingStream, rig: Rig, *, place_only: bool) -> None:
+    """Colours and thicknesses of what moves."""
+    if place_only:
+        rec.log("/world/tool", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
+    for j, c in enumerate(rig.cable):
+        rec.log(entity_path("world", "cables", c.name), rr.LineStrips3D.from_fields(colors=cable_colour(j), radii=CABLE), static=True)
+    rec.log("/world/pulleys", rr.LineStrips3D.from_fields(colors=WHITE, radii=THIN), static=True)
+    rec.log("/world/tangent_points", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
     rec.log("/world/platform", rr.LineStrips3D.from_fields(colors=WHITE, radii=THICK), static=True)
-    rec.send_columns("/world/platform", at, rr.LineStrips3D.columns(strips=outline).partition(shown))
 
 
-def spread_rows(n: int, limit: int, keep: IntArray) -> IntArray:
-    """About `limit` of n rows at equal steps, with the last and those to keep."""
-    return np.union1d(np.arange(0, n, -(-n // limit)), np.append(keep, n - 1)).astype(np.int64)
+def thinned_note(frames: Thinned) -> list[str]:
+    """What is to be said of frames that are fewer than the samples."""
+    text = f"cables, pulleys and platform are drawn at {len(frames)} of {frames.seen} samples; the tool and all scalars are whole"
+    return [text] if len(frames) < frames.seen else []
 
 
-def log_path(rec: rr.RecordingStream, entity: str, poses: FloatArray, ok: NDArray[np.bool_], colour: Colour) -> list[str]:
-    """The whole way of the tool origin, broken where it is not known."""
-    rows = spread_rows(len(poses), MAX_PATH_POINTS, changed_rows(ok))
-    pieces = np.split(rows, changed_rows(ok[rows])[1:])
-    strips = [metres(poses[piece, :3]) for piece in pieces if ok[piece[0]] and len(piece) > 1]
+def log_path(rec: rr.RecordingStream, entity: str, poses: FloatArray, colour: Colour) -> list[str]:
+    """The whole way of the tool origin along (n, 7) known poses [mm]."""
+    path = Thinned(MAX_PATH_POINTS, 4)
+    path.add(np.column_stack([poses[:, :3], np.ones(len(poses))]), np.zeros(1, np.int64))
+    return draw_path(rec, entity, path, colour)
+
+
+def draw_path(rec: rr.RecordingStream, entity: str, path: Thinned, colour: Colour) -> list[str]:
+    """The way of the tool origin through rows of its place [mm] and 1, or 0 where it is not known: there it is broken."""
+    strips = [metres(part[:, :3]) for part in np.split(path.rows, changed_rows(path.rows[:, 3])[1:]) if part[0, 3] and len(part) > 1]
     rec.log(entity, rr.LineStrips3D(strips, colors=colour, radii=THIN), static=True)
-    return [f"the line {entity} shows {len(rows)} of {len(poses)} samples"] if len(rows) < len(poses) else []
+    return [f"the line {entity} shows {len(path)} of {path.seen} samples"] if len(path) < path.seen else []
 
 
 def log_reference(rec: rr.RecordingStream, rig: Rig, reference: Poses) -> None:
     """Reference poses on their own timeline, and all of them as points."""
     index = [rr.TimeColumn("pose", sequence=np.arange(1, len(reference) + 1))]
-    log_motion(rec, rig, index, reference.rows, np.arange(len(reference)))
+    send_tool(rec, index, reference.rows, place_only=False)
+    draw_frames(rec, rig, index, reference.rows, place_only=False)
     at = metres(reference.rows[:, :3])
     points = rr.Points3D(at, radii=0.006, colors=CABLE_COLOURS[1], labels=reference.names, show_labels=False)
     rec.log("/world/reference_poses", points, static=True)

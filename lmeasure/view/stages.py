@@ -1,6 +1,7 @@
 """Stages put together: one recording, its notes and its blueprint."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,17 @@ import rerun.blueprint as rrb
 import xarray as xr
 
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.counts import read_counts
+from lmeasure.counts import Counts, read_counts
+from lmeasure.lengths import LengthResiduals, Lengths, length_residuals
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig
-from lmeasure.run import Run
+from lmeasure.run import Run, RunHead
 from lmeasure.trajectory import Trajectory
-from lmeasure.view.plots import log_counts, log_record, log_residuals, log_trajectory, log_truth
-from lmeasure.view.recording import FloatArray, recording
+from lmeasure.trajectory.stream import Each
+from lmeasure.view.plots import log_record, log_truth
+from lmeasure.view.recording import CableSeries, FloatArray, recording
 from lmeasure.view.space import GREY, TRUTH_COLOUR, WHITE, log_path, log_reference, log_rig, log_zone, metres
+from lmeasure.view.trajectory import TrajectoryLog, log_trajectory
 
 
 def write_recording(
@@ -41,29 +45,76 @@ def write_recording(
     netCDF. LMeasureError when the file cannot be written.
     """
     lines = list(notes)
-    with recording(Path(path), f"lmeasure {rig.name}") as rec:
-        rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_rig(rec, rig, "/world/rig", WHITE, labelled=True)
+    with _recording_of(rig, path) as rec:
         if nominal is not None:
             log_rig(rec, nominal, "/world/nominal", GREY, labelled=False)
         if run is not None:
-            log_counts(rec, run)
+            for number, counts in enumerate(run.passes, 1):
+                _counts_series(rec, counts, number).add(counts.time_s, counts.recorded)
         if trajectory is not None:
             lines += log_trajectory(rec, rig, trajectory, errors or {})
             if run is not None:
-                log_residuals(rec, run, trajectory)
+                _residual_series(rec, rig).add(trajectory.time_s, length_residuals(run, trajectory.poses))
         if truth is not None:
             if trajectory is None and run is not None:
                 lines += log_truth(rec, rig, run, truth)
-            lines += log_path(rec, "/world/truth", truth, np.ones(len(truth), np.bool_), TRUTH_COLOUR)
+            lines += log_path(rec, "/world/truth", truth, TRUTH_COLOUR)
         if reference is not None:
             log_reference(rec, rig, reference)
         if record is not None:
             lines += log_record(rec, record, reference)
         if zone is not None:
             lines += log_zone(rec, zone)
-        rec.log("/notes", rr.TextDocument(_notes(rig, lines), media_type=rr.MediaType.MARKDOWN), static=True)
-        rec.send_blueprint(_blueprint(rig, run, trajectory, record, zone, errors), make_active=True, make_default=True)
+        _log_notes(rec, rig, lines)
+        passes = 0 if run is None else len(run.passes)
+        blueprint = _blueprint(
+            rig, passes, trajectory=trajectory is not None, record=record is not None, zone=zone is not None, errors=bool(errors)
+        )
+        rec.send_blueprint(blueprint, make_active=True, make_default=True)
+
+
+@contextmanager
+def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
+    """A function that takes a run of one pass piece by piece - counts, lengths, trajectory - into the .rrd at path.
+
+    When the block ends the file stands, with what `write_recording` puts into that of the whole run; when the block fails there is none.
+    Raises what `write_recording` raises.
+    """
+    rig = head.rig
+    with _recording_of(rig, path) as rec:
+        motion, residuals = TrajectoryLog(rec, rig), LengthResiduals(rig, head.start, head.temperature_c)
+        of_cables, of_channels = _residual_series(rec, rig), None
+
+        def add(counts: Counts, lengths: Lengths, trajectory: Trajectory) -> None:
+            nonlocal of_channels
+            if of_channels is None:
+                of_channels = _counts_series(rec, counts, 1)
+            of_channels.add(counts.time_s, counts.recorded, counts.first)
+            motion.add(trajectory)
+            of_cables.add(trajectory.time_s, residuals.of(lengths, trajectory.poses), counts.first)
+            # what waits to be written is memory too
+            rec.flush()
+
+        yield add
+        _log_notes(rec, rig, motion.end())
+        rec.send_blueprint(_blueprint(rig, 1, trajectory=True), make_active=True, make_default=True)
+
+
+@contextmanager
+def _recording_of(rig: Rig, path: Path) -> Iterator[rr.RecordingStream]:
+    """A recording that shows the rig."""
+    with recording(Path(path), f"lmeasure {rig.name}") as rec:
+        rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        log_rig(rec, rig, "/world/rig", WHITE, labelled=True)
+        yield rec
+
+
+def _counts_series(rec: rr.RecordingStream, counts: Counts, passage: int) -> CableSeries:
+    return CableSeries(rec, ("counts", f"pass{passage}"), counts.channels)
+
+
+def _residual_series(rec: rr.RecordingStream, rig: Rig) -> CableSeries:
+    return CableSeries(rec, ("residual_mm",), [c.name for c in rig.cable])
 
 
 def write_counts_recording(path: Path, rig: Rig, counts: Sequence[Path]) -> None:
@@ -73,7 +124,7 @@ def write_counts_recording(path: Path, rig: Rig, counts: Sequence[Path]) -> None
     write_recording(path, rig, run=Run(rig, np.full(7, np.nan), passes))
 
 
-def _notes(rig: Rig, lines: Sequence[str]) -> str:
+def _log_notes(rec: rr.RecordingStream, rig: Rig, lines: Sequence[str]) -> None:
     """The page beside the pictures."""
     head = [
         f"# {rig.name}",
@@ -82,18 +133,12 @@ def _notes(rig: Rig, lines: Sequence[str]) -> str:
         "",
     ]
     assumed = [f"assumed, measured by nobody: {', '.join(rig.assumed)}"] if rig.assumed else []
-    return "\n".join([*head, *(f"- {line}" for line in [*lines, *assumed])]) + "\n"
+    text = "\n".join([*head, *(f"- {line}" for line in [*lines, *assumed])]) + "\n"
+    rec.log("/notes", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def _blueprint(
-    rig: Rig,
-    run: Run | None,
-    trajectory: Trajectory | None,
-    record: CalibrationRecord | None,
-    zone: xr.Dataset | None,
-    errors: Mapping[str, FloatArray] | None,
-) -> rrb.Blueprint:
-    """Space on the left, seen from outside the rig; what there is of plots on the right; the notes under them."""
+def _blueprint(rig: Rig, passes: int, *, trajectory: bool, record: bool = False, zone: bool = False, errors: bool = False) -> rrb.Blueprint:
+    """Space on the left, seen from outside the rig; the plots of what there is on the right; the notes under them."""
 
     def plot(name: str, origin: str) -> rrb.TimeSeriesView:
         return rrb.TimeSeriesView(name=name, origin=origin, plot_legend=rrb.Corner2D.LeftTop)
@@ -114,13 +159,13 @@ def _blueprint(
         )
 
     # a zone is full of nodes: it has a view of its own, or hides the gripper
-    moving = trajectory is not None or run is not None or record is not None
-    spaces = [space("Rig and gripper", ["$origin/**", "- $origin/zone/**"])] if moving or zone is None else []
-    spaces += [space("Accuracy zone", ["$origin/**"])] if zone is not None else []
+    moving = trajectory or passes > 0 or record
+    spaces = [space("Rig and gripper", ["$origin/**", "- $origin/zone/**"])] if moving or not zone else []
+    spaces += [space("Accuracy zone", ["$origin/**"])] if zone else []
     pages: list[rrb.Vertical] = []
-    if trajectory is not None:
+    if trajectory:
         motion: list[rrb.View] = [plot("Position [mm]", "/position_mm"), plot("Worst pressure angle [deg]", "/worst_pressure_angle_deg")]
-        if run is not None:
+        if passes:
             motion.append(plot("Residual of each cable [mm]", "/residual_mm"))
         motion.append(rrb.StateTimelineView(name="Status", origin="/status_lane"))
         spread: list[rrb.View] = [plot("Error against truth", "/errors")] if errors else []
@@ -129,17 +174,17 @@ def _blueprint(
             plot("Standard uncertainty, rotation [rad]", "/u_rotation_rad"),
         ]
         pages += [rrb.Vertical(*motion, name="Motion", row_shares=[2] * (len(motion) - 1) + [1]), rrb.Vertical(*spread, name="Uncertainty")]
-    if run is not None:
-        passes = [plot(f"Counts, pass {i}", f"/counts/pass{i}") for i in range(1, len(run.passes) + 1)]
-        pages.append(rrb.Vertical(*passes, name="Counts"))
-    if record is not None:
+    if passes:
+        plots = [plot(f"Counts, pass {i}", f"/counts/pass{i}") for i in range(1, passes + 1)]
+        pages.append(rrb.Vertical(*plots, name="Counts"))
+    if record:
         residuals = plot("Calibration residuals [mm] (timeline: pose)", "/calibration_residual_mm")
         pages.append(rrb.Vertical(residuals, name="Calibration"))
     text: list[rrb.View] = [rrb.TextDocumentView(name="Notes", origin="/notes")]
-    if trajectory is not None:
+    if trajectory:
         text.append(rrb.TextLogView(name="Status", origin="/status"))
     right = rrb.Vertical(rrb.Tabs(*pages), rrb.Tabs(*text), row_shares=[3, 1]) if pages else rrb.Tabs(*text)
-    timeline = "time" if run is not None or trajectory is not None else "pose"
+    timeline = "time" if passes or trajectory else "pose"
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Tabs(*spaces), right, column_shares=[3, 2]),
         rrb.TimePanel(state="collapsed", timeline=timeline),
