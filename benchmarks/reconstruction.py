@@ -219,11 +219,14 @@ def long_log(lines: list[str], samples: int) -> None:
                 times = np.arange(begin, begin + piece) / 1000.0
                 recorded = recorded_from_counts(rig, counts_from_poses(rig, at(times), START))
                 write(Counts(times, first.channels, recorded).columns())
+        # not getrusage: its ru_maxrss keeps the memory of the process that started this one
         script = (
-            "import resource, sys; from lmeasure.cli import main\n"
+            "from lmeasure.cli import main\n"
             "try: main()\n"
             "except SystemExit: pass\n"
-            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)"
+            "import pathlib, sys\n"
+            "status = pathlib.Path('/proc/self/status').read_text()\n"
+            "print(status.split('VmHWM:')[1].split()[0], file=sys.stderr)"
         )
         arguments = [sys.executable, "-c", script, "reconstruct", str(folder), "--out", f"{name}/out.parquet"]
         before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
