@@ -15,18 +15,18 @@ import numpy as np
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.cable import FloatArray, span_at, vec, wrapped_span
 from lmeasure.kernels.screw import CABLES, LOST, OK, TOLERANCE_MM, IntArray, copy, invert, platform_size, resume
-from lmeasure.kernels.vector import Vec3, add, cross, dot, rotation_matrix, scale, sub
+from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
 
-COARSE, MIDDLE = 64, 8
+COARSE, MIDDLE = 64, 16
 WIDTH = 64  # lanes of a tile
 CHUNK = 4096  # samples whose coarse ones are found before the fine ones
 NEAR_MM = 10.0  # largest length residual from which a lane may start
 LAST_STEP_MM = 3e-5  # a Newton step on residuals this small leaves nothing: its error is about their square over a metre
 SAME_MM = 1e-6  # two ways to one pose
 PASSES = 5
-CLEAR_OF_SINGULAR = 1.0 / math.cos(math.radians(75.0)) ** 2  # squared attachment speed of that pressure angle
+CLEAR_OF_SINGULAR = math.radians(75.0)  # worst pressure angle up to which a tile is taken
 CLEAR_OF_FLAT = 0.05  # triple product of the first block's directions
-RESIDUAL, SPEED, DETERMINANT = 7, 8, 9  # rows of a tile behind those of the pose
+RESIDUAL, ANGLE, DETERMINANT = 7, 8, 9  # rows of a tile behind those of the pose
 
 Row = tuple[Vec3, Vec3, float]
 Constants = tuple[Vec3, Vec3, Vec3, float]
@@ -107,9 +107,10 @@ def _step(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
 
 @kernel
 def _judge(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
-    """Residual, fastest attachment point and determinant of every lane into the tile's last rows; the arguments are those of `_step`.
+    """Residual, worst pressure angle and determinant of every lane into the tile's last rows; the arguments are those of `_step`.
 
-    The fastest attachment point, squared, is that of the unit-rate twists, the columns of the inverse (see `screw.pressure_angles`).
+    The angle is that of the fastest attachment point under the unit-rate twists, the columns of the inverse (see `screw.pressure_angles`):
+    cos = 1 / speed, written by its tangent so that the lanes need no acos.
     """
     k0, k1, k2, k3, k4, k5 = _constants(c[0]), _constants(c[1]), _constants(c[2]), _constants(c[3]), _constants(c[4]), _constants(c[5])
     for i in range(WIDTH):
@@ -145,7 +146,8 @@ def _judge(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
         f2, f3 = _speed(w2, v2, A, k2), _speed(w3, v3, A, k3)
         f4, f5 = _speed(w4, v4, A, k4), _speed(w5, v5, A, k5)
         S[RESIDUAL * WIDTH + i] = max(max(max(abs(b0), abs(b1)), max(abs(b2), abs(b3))), max(abs(b4), abs(b5)))
-        S[SPEED * WIDTH + i] = max(max(max(f0, f1), max(f2, f3)), max(f4, f5))
+        fastest = max(max(max(f0, f1), max(f2, f3)), max(f4, f5))
+        S[ANGLE * WIDTH + i] = angle(math.sqrt(max(0.0, fastest - 1.0)), 1.0)
         S[DETERMINANT * WIDTH + i] = first * second if abs(first) > CLEAR_OF_FLAT else 0.0
 
 
@@ -226,7 +228,7 @@ def _safe(S: FloatArray, side: float) -> bool:
     for lane in range(WIDTH):
         if not (
             S[RESIDUAL * WIDTH + lane] <= TOLERANCE_MM
-            and S[SPEED * WIDTH + lane] <= CLEAR_OF_SINGULAR
+            and S[ANGLE * WIDTH + lane] <= CLEAR_OF_SINGULAR
             and S[DETERMINANT * WIDTH + lane] * side > 0.0
         ):
             return False
@@ -251,7 +253,7 @@ def follow(
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """What `screw.resume` does, with the same arguments and results, coarse to fine and in lanes; iterations are those of the tile."""
     n = changes.shape[0]
-    poses, residual, angle = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    poses, residual, angles = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)
     iterations, status = np.zeros(n, np.int64), flags.copy()
     index = np.flatnonzero(flags == OK)
     zero = np.empty(CABLES)
@@ -298,7 +300,7 @@ def follow(
                         for c in range(7):
                             poses[i, c] = S[c * WIDTH + lane]
                         residual[i] = S[RESIDUAL * WIDTH + lane]
-                        angle[i] = math.acos(1.0 / math.sqrt(max(1.0, S[SPEED * WIDTH + lane])))
+                        angles[i] = S[ANGLE * WIDTH + lane]
                         iterations[i] = done
                     copy(poses[tile[-1]], state)
                     for j in range(CABLES):
@@ -309,5 +311,5 @@ def follow(
                 for lane in range(len(tile)):
                     i = tile[lane]
                     copy(p[lane], poses[i])
-                    residual[i], iterations[i], status[i], angle[i] = r[lane], k[lane], s[lane], a[lane]
-    return poses, residual, iterations, status, angle
+                    residual[i], iterations[i], status[i], angles[i] = r[lane], k[lane], s[lane], a[lane]
+    return poses, residual, iterations, status, angles

@@ -75,14 +75,14 @@ def follow(cables: FloatArray, start: FloatArray, state: FloatArray, changes: Fl
         determinants = np.linalg.det(rows)
         if not (determinants * side > 0.0).all():
             return None
-        squares = _attachment_speeds(cables, solved, rows)
-        if not (squares <= CLEAR_OF_SINGULAR).all():
+        angles = np.arccos(1.0 / np.sqrt(np.maximum(1.0, _attachment_speeds(cables, solved, rows))))
+        if not (angles <= CLEAR_OF_SINGULAR).all():
             return None
     n = len(changes)
     poses, residual, angle = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)
     iterations = np.zeros(n, np.int64)
     poses[index], residual[index], iterations[index] = solved, worst, steps
-    angle[index] = np.arccos(1.0 / np.sqrt(np.maximum(1.0, squares)))
+    angle[index] = angles
     state[:7], state[7:13] = solved[-1], wanted[-1]
     return poses, residual, iterations, flags.copy(), angle
 
