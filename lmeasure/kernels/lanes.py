@@ -17,7 +17,7 @@ from lmeasure.kernels.cable import FloatArray, span_at, vec, wrapped_span
 from lmeasure.kernels.screw import CABLES, LOST, OK, TOLERANCE_MM, IntArray, copy, invert, platform_size, resume
 from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
 
-COARSE, MIDDLE = 64, 16
+COARSE, MIDDLE = 128, 8
 WIDTH = 64  # lanes of a tile
 CHUNK = 4096  # samples whose coarse ones are found before the fine ones
 NEAR_MM = 10.0  # largest length residual from which a lane may start
@@ -177,26 +177,45 @@ def _order(cables: FloatArray, pose: FloatArray) -> tuple[FloatArray, IntArray]:
     return ordered, places
 
 
+@inline
+def _side_of(work: FloatArray, a: int, b: int) -> float:
+    """The sign with which the quaternion of sample b is that of sample a's half of the sphere."""
+    aligned = 0.0
+    for c in range(3, 7):
+        aligned += work[a, c] * work[b, c]
+    return 1.0 if aligned >= 0.0 else -1.0
+
+
 @kernel
 def _load(
     work: FloatArray, targets: FloatArray, places: IntArray, first: int, fine: int, coarse: int, last: int, S: FloatArray, T: FloatArray
 ) -> None:
-    """Fill a tile with the samples first, first + fine, ..., at most last: targets, and poses interpolated between multiples of coarse."""
-    q = np.empty(7)
+    """Fill a tile with the samples first, first + fine, ..., at most last: targets, and poses interpolated between multiples of coarse.
+
+    Between the far samples of the first level by the cubic through four of them (Catmull and Rom), which is exact under constant
+    acceleration, between near ones and at the ends straight.
+    """
+    q, far = np.empty(7), coarse == COARSE
     for lane in range(WIDTH):
         i = min(first + lane * fine, last)
         a = i - i % coarse
         b = min(a + coarse, last)
         f = (i - a) / (b - a) if b > a else 0.0
-        aligned = 0.0
-        for c in range(3, 7):
-            aligned += work[a, c] * work[b, c]
-        sign = 1.0 if aligned >= 0.0 else -1.0
-        square = 0.0
+        sign = _side_of(work, a, b)
         for c in range(7):
             q[c] = (1.0 - f) * work[a, c] + f * (sign if c > 2 else 1.0) * work[b, c]
-            if c > 2:
-                square += q[c] * q[c]
+        if far and a >= coarse and a + 2 * coarse <= last:
+            before, behind = a - coarse, a + 2 * coarse
+            first_sign, last_sign = _side_of(work, a, before), _side_of(work, a, behind)
+            for c in range(7):
+                p0 = (first_sign if c > 2 else 1.0) * work[before, c]
+                p1, p2 = work[a, c], (sign if c > 2 else 1.0) * work[b, c]
+                p3 = (last_sign if c > 2 else 1.0) * work[behind, c]
+                bend = f * (1.0 - f) * ((1.0 - f) * (p0 - 2.0 * p1 + p2) + f * (p1 - 2.0 * p2 + p3))
+                q[c] -= 0.5 * bend
+        square = 0.0
+        for c in range(3, 7):
+            square += q[c] * q[c]
         unit = 1.0 / math.sqrt(square)
         for c in range(7):
             S[c * WIDTH + lane] = q[c] * (unit if c > 2 else 1.0)
