@@ -86,12 +86,11 @@ class JointModel(Model):
 
 def _left_jacobians(turns: FloatArray) -> FloatArray:
     """(n, 3, 3) of rotation vectors (n, 3): Exp(a + da) = Exp(J da) Exp(a) to first order."""
-    angle = np.maximum(np.linalg.norm(turns, axis=1), 1e-12)[:, None, None]
-    K = np.cross(np.eye(3)[None], turns[:, None, :])
-    K = np.swapaxes(K, 1, 2) * -1.0
-    half = np.where(angle > 1e-6, (1.0 - np.cos(angle)) / angle**2, 0.5)
-    third = np.where(angle > 1e-4, (angle - np.sin(angle)) / angle**3, 1.0 / 6.0)
-    return np.asarray(np.eye(3) + half * K + third * (K @ K))
+    angle = np.linalg.norm(turns, axis=1)[:, None, None]
+    K = np.cross(turns[:, None, :], np.eye(3)).swapaxes(1, 2)
+    # what cancels in (angle - sin angle)/angle^3 is multiplied by the angle's square, and nothing of a double is lost
+    third = (1.0 - np.sinc(angle / np.pi)) / np.where(angle > 0.0, angle**2, 1.0)
+    return np.asarray(np.eye(3) + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * K + third * (K @ K))
 
 
 @dataclass(frozen=True)
@@ -390,8 +389,7 @@ def _motions(model: JointModel, theta: FloatArray) -> FloatArray:
             B = np.array([values.get(f"{point}.{a}_mm", own.position_mm[i]) for i, a in enumerate("xyz")])
             a = math.radians(values.get(f"{point}.guide_alpha_deg", own.guide_alpha_deg))
             b = math.radians(values.get(f"{point}.guide_beta_deg", own.guide_beta_deg))
-            u = np.array([-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a)])
-            du = np.cross(axis, u)
+            du = np.cross(axis, guide_direction(a, b))
             turned = {"guide_alpha_deg": du[2] / math.cos(a), "guide_beta_deg": -math.cos(b) * du[0] + math.sin(b) * du[1]}
             turned["guide_beta_deg"] /= math.cos(a)
             for i, c in enumerate("xyz"):

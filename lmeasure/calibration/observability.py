@@ -1,10 +1,14 @@
 """What the counts cannot tell: per observation point the directions in which only the prior speaks, in numbers and words."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.calibration_record import Unobservable
+from lmeasure.poses import Poses
+from lmeasure.rig import Cable, Rig
 
 FloatArray = NDArray[np.float64]
 
@@ -17,6 +21,13 @@ _WORDS = {
     "axial_offset_mm": ("the drum's axial offset", "mm"),
     "groove_pitch_mm": ("the groove pitch", "mm"),
 }
+
+
+def lines_of_sight(rig: Rig, cables: Iterable[Cable], poses: Poses) -> dict[str, FloatArray]:
+    """(3,) unit vectors, base frame, from the cables' observation points towards the middle of the poses."""
+    middle = poses.rows[:, :3].mean(axis=0)
+    ways = {c.from_point: middle - np.array(rig.point(c.from_point).position_mm) for c in cables}
+    return {name: way / max(float(np.linalg.norm(way)), 1e-9) for name, way in ways.items()}
 
 
 def unobservable_directions(unknowns: Unknowns, silent: FloatArray, sight: dict[str, FloatArray]) -> list[Unobservable]:

@@ -238,7 +238,7 @@ def _described(
         M = M + block.T @ block
         course.append((len(poses) + i + 1, outlook(M)))
     found, model = _predicted_fit(instrument, settings, recorded, poses)
-    sight = _lines_of_sight(instrument, poses)
+    sight = observability.lines_of_sight(instrument.rig, instrument.cables, poses)
     u = np.sqrt(np.diag(found.covariance))
     return Plan(
         poses,
@@ -288,10 +288,3 @@ def _predicted_fit(instrument: Instrument, settings: Settings, recorded: Campaig
         counts[: len(recorded.poses)][~np.isfinite(recorded.counts)] = np.nan
     model = Model(Campaign(instrument.rig, poses, instrument.cables, counts, zero), instrument.unknowns)
     return fit(model, instrument.unknowns.nominal, Noise(poses.u_position_mm, poses.u_rotation_rad), prior_everywhere=False), model
-
-
-def _lines_of_sight(instrument: Instrument, poses: Poses) -> dict[str, FloatArray]:
-    """Unit vectors from the observation points to the middle of the poses."""
-    middle = poses.rows[:, :3].mean(axis=0)
-    ways = {c.from_point: middle - np.array(instrument.rig.point(c.from_point).position_mm) for c in instrument.cables}
-    return {name: way / max(float(np.linalg.norm(way)), 1e-9) for name, way in ways.items()}

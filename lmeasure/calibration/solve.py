@@ -123,9 +123,9 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
             "that; lengths are told better than the values suggest"
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
-    sight = _lines_of_sight(campaign, unknowns, joint.theta)
-    silent = observability.unobservable_directions(unknowns, joint.directions[~joint.known], sight)
     rig = rig_with(campaign, unknowns, joint.theta, "calibration.json")
+    sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
+    silent = observability.unobservable_directions(unknowns, joint.directions[~joint.known], sight)
     record = make_record(campaign, model, joint, where, noise, findings, silent)
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in _with_assumed(campaign)]
     predicted = predict(campaign, rig, record, settings.seed)
@@ -163,10 +163,10 @@ def _calibrate_jointly(campaign: Campaign, settings: Settings, free: tuple[int, 
     if progress:
         progress(1, 2)
     unknowns, theta = found.model.rig, found.theta[: found.own]
-    sight = _lines_of_sight(found.campaign, unknowns, theta)
+    rig = rig_with(campaign, unknowns, theta, "calibration.json")
+    sight = observability.lines_of_sight(rig, campaign.cables, found.campaign.poses)
     silent = observability.unobservable_directions(unknowns, found.silent, sight)
     findings = [*(Finding(code="note", text=n) for n in campaign.notes), *found.findings]
-    rig = rig_with(campaign, unknowns, theta, "calibration.json")
     record = make_joint_record(found, findings, silent)
     predicted = predict(found.campaign, rig, record, settings.seed)
     more = {"predicted": predicted_entry(found.campaign, predicted), "settings": asdict(settings) | {"solve": list(settings.solve)}}
@@ -312,16 +312,4 @@ def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: 
                 )
     if not found.converged:
         out.append(Finding(code="not_converged", text="the least squares did not settle; the result is where they stopped"))
-    return out
-
-
-def _lines_of_sight(campaign: Campaign, unknowns: Unknowns, theta: FloatArray) -> dict[str, FloatArray]:
-    middle = campaign.poses.rows[:, :3].mean(axis=0)
-    out = {}
-    values = dict(zip(unknowns.names, theta, strict=True))
-    for c in campaign.cables:
-        at = campaign.rig.point(c.from_point).position_mm
-        position = np.array([values.get(f"{c.from_point}.{k}", v) for k, v in zip(("x_mm", "y_mm", "z_mm"), at, strict=True)])
-        way = middle - position
-        out[c.from_point] = way / max(float(np.linalg.norm(way)), 1e-9)
     return out

@@ -194,8 +194,7 @@ class Model:
                     rows[j, 12] = value / rows[j, 16]
                 else:
                     rows[j, column] = value
-            a, b = rows[j, 14], rows[j, 15]
-            rows[j, 3:6] = -math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a)
+            rows[j, 3:6] = cable_kernels.guide_direction(rows[j, 14], rows[j, 15])
         counts = np.where(np.isfinite(self.campaign.counts), self.campaign.counts, 0.0) * (self._scales / scales)
         return rows, scales, counts
 
