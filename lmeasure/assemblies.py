@@ -19,7 +19,7 @@ Placed = dict[int, FloatArray]
 BATCH = 3000  # starts at a time
 LEAST, MOST = 2, 12  # batches
 MET = 4  # times that each assembly must have been met: one as easy to meet is then missed in 2 % (Poisson)
-SAME_MM, SAME_RAD = 1e-5, 1e-8
+SAME_MM, SAME_RAD = 1e-5, 1e-6  # two solutions of one pose end far below both
 
 
 def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> FloatArray:
@@ -38,7 +38,7 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> FloatArr
                 found.append(pose)
                 met.append(0)
             met[k] += 1
-        if batch + 1 >= LEAST and all(n >= MET for n in met):
+        if batch + 1 >= LEAST and met and all(n >= MET for n in met):
             break
     return np.array(found).reshape(len(found), 7)
 
@@ -83,8 +83,8 @@ def _anywhere(rows: FloatArray, lengths: FloatArray, rng: np.random.Generator) -
 
 
 def _same(a: FloatArray, b: FloatArray) -> bool:
-    turn = 2.0 * np.sqrt(max(0.0, 1.0 - min(1.0, abs(float(a[3:] @ b[3:])))) * 2.0)
-    return bool(np.abs(a[:3] - b[:3]).max() <= SAME_MM and turn <= np.sqrt(SAME_RAD))
+    sign = 1.0 if a[3:] @ b[3:] >= 0.0 else -1.0
+    return bool(np.abs(a[:3] - b[:3]).max() <= SAME_MM and 2.0 * np.linalg.norm(a[3:] - sign * b[3:]) <= SAME_RAD)
 
 
 def by_side(poses: FloatArray, rows: FloatArray, side: FloatArray) -> FloatArray:

@@ -33,7 +33,6 @@ RECEIVE_BUFFER = 1 << 23
 HARDWARE_CLOCKS = ("vector", "pcan", "kvaser", "ixxat", "canalystii", "systec", "etas", "nican", "nixnet", "neovi")
 """Interfaces of python-can whose devices stamp frames by their own clock."""
 KERNEL_CLOCKS = ("socketcan", "socketcand", "udp_multicast")
-DEFAULT_GROUP = "239.74.163.2"
 SMALLEST_STEP_S = 0.05
 """Of a clock that is set: the latency of a busy host stays below."""
 REOPEN_EVERY_S = 0.2

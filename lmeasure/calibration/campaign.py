@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from lmeasure import conventions, files
 from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.calibration_record import Input
+from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses, read_poses
@@ -37,7 +38,7 @@ class Campaign:
     inputs: tuple[Input, ...] = ()
     notes: tuple[str, ...] = ()
     temperature_c: FloatArray | None = None
-    """(n,) temperature at each pose; None where it was not recorded: then it is the rig's reference."""
+    """(n, m) temperature at which each cable was counted; None where it was not recorded: then it is the rig's reference."""
     dwell_variance: FloatArray | None = None
     """(n, m) variances of the means of dwells [recorded counts^2]; None where each pose was read once."""
     zero_variance: FloatArray | None = None
@@ -47,6 +48,14 @@ class Campaign:
     u_visit: FloatArray | None = None
     """(n, 6) standard deviations (rotation [rad]; position [mm], base axes) of a visit about its reference pose, of its own; or None."""
 
+    counted: NDArray[np.int64] | None = None
+    """(n, m) when each cable was counted at a pose: rows of its file; None where that is the poses' order."""
+
+    @property
+    def reference_of(self) -> NDArray[np.int64]:
+        """(n,) index of the reference pose of each pose, its own where it is not a later visit."""
+        return np.arange(len(self.poses)) if self.reference is None else self.reference
+
     @property
     def used(self) -> BoolArray:
         """(n, m) True where a count gives an equation: counted, and not the cable's own zero pose."""
@@ -55,12 +64,20 @@ class Campaign:
         return mask
 
 
-def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
-    """The campaign without the counts of the named poses; CalibrationError for one that it has not, or cannot do without."""
-    counts = campaign.counts.copy()
+def all_visits(campaign: Campaign, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The named poses with all visits of their reference poses, in the campaign's order; CalibrationError for one that it has not."""
     for name in names:
         if name not in campaign.poses.names:
             raise CalibrationError(f"pose {name!r} to hold out: the campaign has no such pose")
+    asked = np.array([name in names for name in campaign.poses.names])
+    asked = np.isin(campaign.reference_of, campaign.reference_of[asked])
+    return tuple(name for name, each in zip(campaign.poses.names, asked, strict=True) if each)
+
+
+def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
+    """The campaign without the counts of the named poses; CalibrationError for one that it cannot do without."""
+    counts = campaign.counts.copy()
+    for name in names:
         pose = campaign.poses.names.index(name)
         if (campaign.zero == pose).any():
             raise CalibrationError(f"pose {name!r} to hold out: the counters were zeroed there")
@@ -92,12 +109,16 @@ def read_campaign(folder: Path) -> Campaign:
     cables = tuple(c for c in rig.cable if c.passage in set(passage.tolist()))
     if not cables:
         raise FileFormatError(f"{path}: no cable of the rig belongs to pass {passage[0]:g}")
-    pose_of, visit_of = _visits(np.array([index[name] for name in names]), passage)
+    pose_of = np.array([index[name] for name in names])
+    visit_of = _visits(pose_of, passage)
+    warm = _temperatures(folder, table, pose_of)
     # each pose's first visit in the order of reference_poses.csv, later ones behind
     again = sorted({(v, i) for v, i in zip(visit_of.tolist(), pose_of.tolist(), strict=True) if v})
     place = {(0, i): i for i in range(len(poses))} | {key: len(poses) + n for n, key in enumerate(again)}
     counts, zero = np.full((len(place), len(cables)), np.nan), np.zeros(len(cables), dtype=np.int64)
+    counted = np.zeros(counts.shape, dtype=np.int64)
     variance, at_zero, dwelt = np.full(counts.shape, 1.0 / 12.0), np.zeros(len(cables)), False
+    temperature = np.full(counts.shape, REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c)
     for j, c in enumerate(cables):
         recorded = table.numbers(c.channel, gaps=True)
         rows = np.flatnonzero(passage == c.passage)
@@ -107,6 +128,9 @@ def read_campaign(folder: Path) -> Campaign:
             own = [row for row in rows.tolist() if place[visit_of[row], pose_of[row]] == i and np.isfinite(recorded[row])]
             if own:
                 readings[i] = _dwell(recorded[own], drum, f"{path}: line {own[0] + 2}: channel {c.channel}")
+                counted[i, j] = own[0]
+                if warm is not None:
+                    temperature[i, j] = warm[own].mean()
         scatter = pooled_scatter(list(readings.values()))
         for i, values in readings.items():
             counts[i, j] = values.mean() * drum.count_sign / drum.scale
@@ -124,16 +148,17 @@ def read_campaign(folder: Path) -> Campaign:
         counts,
         zero,
         inputs,
-        temperature_c=_column(folder / "reference_poses.csv", "temperature_c"),
+        temperature_c=None if warm is None else temperature,
         dwell_variance=variance if dwelt else None,
         zero_variance=at_zero if dwelt else None,
         u_visit=_repeatability(folder / "reference_poses.csv"),
+        counted=counted,
     )
     return _unwrapped(_checked(_with_visits(campaign, again), path))
 
 
-def _visits(poses: NDArray[np.int64], passage: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(r,) pose and number of the visit, from 0, that each row of counts belongs to; passes are visits of their own motion."""
+def _visits(poses: NDArray[np.int64], passage: FloatArray) -> NDArray[np.int64]:
+    """(r,) number of the visit, from 0, of its pose (r,) that each row of counts belongs to; passes are visits of their own motion."""
     visit = np.zeros(len(poses), dtype=np.int64)
     for p in np.unique(passage):
         rows = np.flatnonzero(passage == p)
@@ -143,7 +168,20 @@ def _visits(poses: NDArray[np.int64], passage: FloatArray) -> tuple[NDArray[np.i
             if before < 0 or int(poses[before]) != i:
                 seen[i] = seen.get(i, -1) + 1
             visit[row] = seen[i]
-    return poses, visit
+    return visit
+
+
+def _temperatures(folder: Path, counts: files.Table, pose_of: NDArray[np.int64]) -> FloatArray | None:
+    """(r,) temperature at which each row of counts was read: its own, or that stated for its reference pose; None where neither is."""
+    path = folder / "reference_poses.csv"
+    of_poses, name = _column(path, "temperature_c"), "temperature_c"
+    if name not in counts.columns:
+        return None if of_poses is None else of_poses[pose_of]
+    if of_poses is not None:
+        raise FileFormatError(f"{counts.path}: has {name!r}, and so has {path.name}; one of them says how warm it was")
+    values = counts.numbers(name)
+    conventions.check_temperature(values, f"{counts.path}: column {name!r}")
+    return values
 
 
 def _dwell(recorded: FloatArray, drum: Drum, what: str) -> FloatArray:
@@ -167,7 +205,7 @@ def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
     order = np.array([*range(len(campaign.poses)), *(i for _, i in again)], dtype=np.int64)
     poses = campaign.poses
     names = (*poses.names, *(f"{poses.names[i]} (visit {v + 1})" for v, i in again))
-    warm, own = campaign.temperature_c, campaign.u_visit
+    own = campaign.u_visit
     every = Poses(
         names,
         poses.rows[order],
@@ -183,7 +221,6 @@ def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
         campaign,
         poses=every,
         reference=order,
-        temperature_c=None if warm is None else warm[order],
         u_visit=None if own is None else own[order],
         notes=(*campaign.notes, note),
     )
@@ -235,9 +272,10 @@ def _unwrapped(campaign: Campaign) -> Campaign:
             continue
         try:
             warm = campaign.temperature_c
-            begun = None if warm is None else float(warm[campaign.zero[j]])
+            own = None if warm is None else warm[:, j]
+            begun = None if own is None else float(own[campaign.zero[j]])
             at_zero = campaign.poses.rows[campaign.zero[j]]
-            predicted = counts_from_poses(campaign.rig, campaign.poses.rows, at_zero, (c,), warm, begun)[:, 0]
+            predicted = counts_from_poses(campaign.rig, campaign.poses.rows, at_zero, (c,), own, begun)[:, 0]
         except GeometryError:
             continue
         turns = np.rint((predicted + counts[campaign.zero[j], j] - counts[:, j]) / full)

@@ -82,7 +82,9 @@ def _pose_error(model: Model, found: Fit) -> float:
     """The extra standard uncertainty of the reference positions [mm] at which chi-squared equals its degrees of freedom (method of moments,
     with the model linearised at the fit)."""
     J = model.jacobian(found.theta) * model.unknowns.width @ found.directions[found.known].T
-    by_pose = model.pose_jacobian(found.theta)[:, :, 3:].reshape(len(found.residuals), -1)
+    reference = model.campaign.reference_of
+    visits = reference[:, None] == np.unique(reference)
+    by_pose = np.einsum("eni,nr->eri", model.pose_jacobian(found.theta)[:, :, 3:], visits).reshape(len(found.residuals), -1)
     extra = by_pose @ by_pose.T
     freedom = found.freedom
 

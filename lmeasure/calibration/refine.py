@@ -37,7 +37,7 @@ class Noise:
     covariance: FloatArray | None = None
     """(n, 6, 6) of (rotation; position), where more is stated than the two, which are then its root mean squares."""
     robust_variance_mm2: FloatArray | None = None
-    """(n,) the variance with which a robust loss takes every length of a pose back; None without one."""
+    """(n,) the variance with which a robust loss takes every length of a reference pose back; None without one."""
 
     @classmethod
     def of(cls, poses: Poses) -> Self:
@@ -128,20 +128,24 @@ def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatA
         shared = noise.scaled(J)
         if campaign.reference is not None:
             # visits of one pose share its error
-            shared = np.einsum("eni,nr->eri", shared, campaign.reference[:, None] == np.arange(campaign.reference.max() + 1))
+            shared = np.einsum("eni,nr->eri", shared, campaign.reference_of[:, None] == np.arange(len(campaign.poses)))
         flat = shared.reshape(len(J), -1)
         V = V + flat @ flat.T
         if campaign.u_visit is not None:
             own = (J * campaign.u_visit).reshape(len(J), -1)
-            V = V + own @ own.T
+            # the robot comes anew in every pass
+            passage = np.array([c.passage for c in campaign.cables])[model.cable_index]
+            V = V + (own @ own.T) * (passage[:, None] == passage)
     effects = model.effect_covariance(theta)
     if effects is not None:
         V = V + effects
     if noise.robust_variance_mm2 is not None:
         same = model.cable_index[:, None] == model.cable_index
-        zero = model.campaign.zero[model.cable_index]
+        reference, poses = campaign.reference_of, np.arange(len(campaign.poses))
         # a length at the zero pose is in every residual of its cable
-        V = V + np.diag(noise.robust_variance_mm2[model.pose_index]) + same * noise.robust_variance_mm2[zero]
+        at, zero = reference[model.pose_index], reference[campaign.zero[model.cable_index]]
+        h = (at[:, None] == poses).astype(np.float64) - (zero[:, None] == poses)
+        V = V + same * ((h * noise.robust_variance_mm2) @ h.T)
     return np.asarray(V)
 
 

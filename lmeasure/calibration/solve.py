@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration import diagnosis, observability
-from lmeasure.calibration.campaign import Campaign, without_poses
+from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
 from lmeasure.calibration.joint import Frame, free_components, solve_jointly
 from lmeasure.calibration.lp_search import Box, point_data, search_point
@@ -81,7 +81,8 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     free = free_components(campaign, trusted=not settings.self_calibration)
     if free:
         return _calibrate_jointly(campaign, settings, free, progress)
-    whole, campaign = campaign, without_poses(campaign, settings.hold_out)
+    kept_out = all_visits(campaign, settings.hold_out)
+    whole, campaign = campaign, without_poses(campaign, kept_out)
     unknowns = unknowns_of(campaign, settings.solve)
     noise = Noise.of(campaign.poses)
     names = list(dict.fromkeys(c.from_point for c in campaign.cables))
@@ -142,7 +143,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
                 if r is not None
             ),
             "predicted": predicted_entry(campaign, predicted),
-            "validation": record.validation | held_out_entry(held_out(Model(whole, unknowns), joint, noise, settings.hold_out)),
+            "validation": record.validation | held_out_entry(held_out(Model(whole, unknowns), joint, noise, kept_out)),
             "robust": {} if weights is None else weights.entry(campaign.poses.names),
             "settings": asdict(settings) | {"solve": list(settings.solve), "hold_out": list(settings.hold_out)},
         }

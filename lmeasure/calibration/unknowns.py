@@ -211,10 +211,9 @@ class Model:
     def _situation(self, poses: FloatArray, counts: FloatArray) -> tuple[Zero, FloatArray, FloatArray, FloatArray]:
         """Where each cable's equations start, the poses (n, 7), true counts and temperatures (n, m): what the effects depend on."""
         assert self._effects is not None
-        n, m = counts.shape
-        warm = np.full(n, self._effects.reference_c) if self.campaign.temperature_c is None else self.campaign.temperature_c
-        zero = Zero(poses[self.campaign.zero], counts[self.campaign.zero, np.arange(m)], warm[self.campaign.zero])
-        return zero, poses, counts, np.repeat(warm[:, None], m, axis=1)
+        warm = np.full(counts.shape, self._effects.reference_c) if self.campaign.temperature_c is None else self.campaign.temperature_c
+        start = self.campaign.zero, np.arange(counts.shape[1])
+        return Zero(poses[self.campaign.zero], counts[start], warm[start]), poses, counts, warm
 
     def reading_covariance(self) -> FloatArray:
         """(e, e) covariance of the residuals [mm^2] from reading the counters: whole counts, or means of dwells as `Campaign` has them."""

@@ -92,24 +92,22 @@ class Validation:
         value = (fall / freedom) / (rest / left)
         return value, float(scipy.stats.f.logsf(value, freedom, left))
 
-    def _rows(self, pose: int) -> IntArray:
-        return np.flatnonzero(self._model.pose_index == pose)
-
-    def _lengths_of(self, pose: int) -> FloatArray:
-        """(e, c) how the residuals follow a shift of each length at the pose: the zero pose shifts all residuals of its cables."""
+    def _lengths_of(self, poses: IntArray) -> FloatArray:
+        """(e, c) how the residuals follow a common shift of each length at the poses: a zero pose shifts all residuals of its cables."""
         campaign, model = self._model.campaign, self._model
-        columns = [
-            (model.cable_index == j) if campaign.zero[j] == pose else (model.cable_index == j) & (model.pose_index == pose)
-            for j in range(len(campaign.cables))
-        ]
-        return np.array([c for c in columns if c.any()], dtype=np.float64).reshape(-1, len(model.cable_index)).T
+        there = np.isin(model.pose_index, poses).astype(np.float64) - np.isin(campaign.zero[model.cable_index], poses)
+        columns = there[:, None] * (model.cable_index[:, None] == np.arange(len(campaign.cables)))
+        return np.asarray(columns[:, columns.any(axis=0)])
 
-    def shift(self, pose: int, extra: float) -> Shift | None:
-        """How the others contradict a pose whose lengths were given the extra variance [mm^2]; that variance takes no part in the verdict.
+    def visits(self, pose: int) -> IntArray:
+        """The poses that are visits of the reference pose, itself among them."""
+        return np.flatnonzero(self._model.campaign.reference_of == pose)
 
-        None where the others cannot tell.
+    def shift(self, poses: IntArray, extra: float) -> Shift | None:
+        """How the others contradict poses whose lengths were given the extra variance [mm^2], in common; that variance takes no part in
+        the verdict. None where the others cannot tell.
         """
-        E = self._lengths_of(pose)
+        E = self._lengths_of(poses)
         if not E.shape[1]:
             return None
         information = E.T @ self._P @ E
@@ -121,10 +119,12 @@ class Validation:
         return Shift(float(value @ np.linalg.solve(covariance, value)), len(value))
 
     def deletion_residuals(self) -> list[tuple[str, float]]:
-        """For each pose the rms [mm] of its residuals from a fit without it; poses that the rest cannot do without are left out."""
+        """For each pose the rms [mm] of its residuals from a fit without it and its other visits; poses that the rest cannot do without
+        are left out."""
         out = []
-        for pose in np.unique(self._model.pose_index):
-            rows = self._rows(pose)
+        reference = self._model.campaign.reference_of[self._model.pose_index]
+        for pose in np.unique(reference):
+            rows = np.flatnonzero(reference == pose)
             block = self._P[np.ix_(rows, rows)]
             if np.linalg.cond(block) > UNTOLD:
                 continue
@@ -133,14 +133,17 @@ class Validation:
         return out
 
     def outlier_poses(self) -> list[Suspect]:
-        """Reference poses that the others contradict, least likely by chance first."""
+        """Reference poses with all their visits, and single visits, that the others contradict, least likely by chance first."""
         out = []
-        names = self._model.campaign.poses.names
-        for pose, name in enumerate(names):
-            judged = self.shift(pose, 0.0)
+        campaign = self._model.campaign
+        together = [self.visits(pose) for pose in np.unique(campaign.reference_of)]
+        every = together + [np.array([visit]) for visits in together if len(visits) > 1 for visit in visits]
+        for poses in every:
+            judged = self.shift(poses, 0.0)
             tested = self._statistic(judged.square, judged.freedom) if judged else None
             if tested:
-                out.append(Suspect("outlier", name, None, tested[0], min(0.0, tested[1] + math.log(len(names)))))
+                name = campaign.poses.names[poses[0]]
+                out.append(Suspect("outlier", name, None, tested[0], min(0.0, tested[1] + math.log(len(every)))))
         return sorted(out, key=lambda s: s.log_probability)
 
     def slipped_counters(self) -> list[Suspect]:
@@ -149,9 +152,11 @@ class Validation:
         campaign = self._model.campaign
         for j, c in enumerate(campaign.cables):
             own = np.flatnonzero(self._model.cable_index == j)
-            for first in self._model.pose_index[own][1:]:
+            when = self._model.pose_index if campaign.counted is None else campaign.counted[self._model.pose_index, j]
+            own = own[np.argsort(when[own], kind="stable")]
+            for place, first in enumerate(self._model.pose_index[own][1:], start=1):
                 h = np.zeros(len(self._fit.residuals))
-                h[own[self._model.pose_index[own] >= first]] = 1.0
+                h[own[place:]] = 1.0
                 stiffness = float(h @ self._P @ h)
                 if stiffness < 1e-9 * float(np.trace(self._P)):
                     continue

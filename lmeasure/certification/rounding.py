@@ -18,7 +18,6 @@ from lmeasure.certification.errors_of_poses import PoseErrors, roots
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-COUNT_VARIANCE = 1.0 / 12.0
 _TERMS = np.arange(1, 200)
 
 

@@ -40,8 +40,6 @@ class LivePose:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out temperature, stretch and sag, which this rig states")
         if not reconstruction.scheme.six or rig.passes > 1:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose needs six cables counted in one pass")
-        if reconstruction.correction is not None:
-            raise TrajectoryError(f"rig {rig.name!r}: live poses do not know temperature, stretch and sag")
         self.channels = tuple(c.channel for c in rig.cable)
         self._rows, self._start = reconstruction.scheme.rows, reconstruction.start
         self._u = np.sqrt(reconstruction.budget.variance)
