@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,36 @@ class Poses:
         """base_from_tool rotations."""
         return Rotation.from_quat(self.rows[:, 3:7])
 
+    @property
+    def covariances(self) -> FloatArray:
+        """(n, 6, 6) of (rotation [rad]; position [mm]), whichever way they are stated."""
+        if self.covariance is not None:
+            return self.covariance
+        sigma = np.column_stack([np.repeat(u[:, None], 3, axis=1) for u in (self.u_rotation_rad, self.u_position_mm)])
+        return np.asarray(sigma[:, :, None] * np.eye(6) * sigma[:, None, :])
+
+    def of(self, index: NDArray[np.int64]) -> "Poses":
+        """The poses of these indices."""
+        return Poses(
+            tuple(self.names[i] for i in index),
+            self.rows[index],
+            self.u_position_mm[index],
+            self.u_rotation_rad[index],
+            None if self.covariance is None else self.covariance[index],
+            self.oriented,
+        )
+
+    def or_uncertain(self, u_position_mm: float, u_rotation_rad: float) -> "Poses":
+        """With these standard uncertainties for poses that state none."""
+        stated = (self.u_position_mm > 0) | (self.u_rotation_rad > 0)
+        other = Poses(self.names, self.rows, np.full(len(self), u_position_mm), np.full(len(self), u_rotation_rad))
+        return replace(
+            self,
+            u_position_mm=np.where(stated, self.u_position_mm, u_position_mm),
+            u_rotation_rad=np.where(stated, self.u_rotation_rad, u_rotation_rad),
+            covariance=None if self.covariance is None else np.where(stated[:, None, None], self.covariance, other.covariances),
+        )
+
     def points(self, attachment_mm: Sequence[float] | FloatArray) -> FloatArray:
         """(n, 3) positions [mm, base frame] of a point given in the tool frame."""
         return np.asarray(self.rows[:, :3] + self.rotation.apply(np.asarray(attachment_mm, dtype=np.float64)))
@@ -72,6 +102,18 @@ def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Pos
     rows[:, 3:] /= length[:, None]
     zero = np.zeros(len(rows))
     return Poses(tuple(names) if names is not None else tuple(str(i + 1) for i in range(len(rows))), rows, zero, zero)
+
+
+def joined(first: Poses, then: Poses) -> Poses:
+    """All poses of both, oriented ones, with their stated uncertainties."""
+    both = first, then
+    return Poses(
+        (*first.names, *then.names),
+        np.vstack([p.rows for p in both]),
+        np.concatenate([p.u_position_mm for p in both]),
+        np.concatenate([p.u_rotation_rad for p in both]),
+        None if all(p.covariance is None for p in both) else np.concatenate([p.covariances for p in both]),
+    )
 
 
 def read_poses(path: Path, angles: str, *, positions_alone: bool = False) -> Poses:

@@ -72,9 +72,8 @@ class CableOnDrum(Strict):
         for key in ("cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n_per_m"):
             if getattr(self, key) is not None and self.cable_tension_n is None:
                 raise ValueError(f"{key}: has an effect only with cable_tension_n, which is missing")
-        for key in ("cable_tension_n_per_m", "winding_tension_n"):
-            if getattr(self, key) is not None and self.cable_stiffness_n is None:
-                raise ValueError(f"{key}: has an effect only with cable_stiffness_n, which is missing")
+        if self.winding_tension_n is not None and self.cable_stiffness_n is None:
+            raise ValueError("winding_tension_n: has an effect only with cable_stiffness_n, which is missing")
         for key in ("cable_expansion_per_k", "cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n"):
             if getattr(self, f"u_{key}") is not None and getattr(self, key) is None:
                 raise ValueError(f"u_{key}: is the uncertainty of {key}, which is missing")
@@ -277,6 +276,13 @@ class Rig(Strict):
             raise RigError(
                 f"rig {self.name!r}: tool: the attachment points {', '.join(used)} lie on one line; the orientation cannot be measured"
             )
+
+    def without_effects(self) -> Self:
+        """The rig with cables of fixed length: nothing stated of temperature, tension and weight."""
+        nothing: dict[str, None] = dict.fromkeys(CableOnDrum.model_fields)
+        points = tuple(p.model_copy(update={"drum": p.drum.model_copy(update=nothing)}) for p in self.observation_point)
+        frame = dict.fromkeys(("frame_expansion_per_k", "u_frame_expansion_per_k", "u_temperature_k"))
+        return self.model_copy(update={"observation_point": points} | frame)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of rig.toml, optional keys left out where they are not set."""

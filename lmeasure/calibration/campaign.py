@@ -12,12 +12,13 @@ from lmeasure.calibration_record import Input
 from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
 from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import Poses, read_poses
+from lmeasure.poses import Poses, joined, read_poses
 from lmeasure.rig import Cable, Drum, Rig, read_rig
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
 MIN_POSES = 2
 STILL_MM = 1.0  # beyond it the counts of a dwell are not of a robot that stands still
 
@@ -83,6 +84,29 @@ def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
             raise CalibrationError(f"pose {name!r} to hold out: the counters were zeroed there")
         counts[pose] = np.nan
     return replace(campaign, counts=counts)
+
+
+def extended(
+    campaign: Campaign, more: Poses, counts: FloatArray, u_visit: FloatArray | None = None, reading: float = 1.0 / 12.0
+) -> Campaign:
+    """The campaign with further poses (k), each visited once, and what is counted there (k, m).
+
+    u_visit (k, 6): as `Campaign` has it, exact by default; reading: variance of one reading [recorded counts^2]. Temperatures are left out.
+    """
+    n, k, m = len(campaign.poses), len(more), len(campaign.cables)
+    before = np.full((n, m), 1.0 / 12.0) if campaign.dwell_variance is None else campaign.dwell_variance
+    visits = [np.zeros((size, 6)) if u is None else u for size, u in ((n, campaign.u_visit), (k, u_visit))]
+    return replace(
+        campaign,
+        poses=joined(campaign.poses, more),
+        counts=np.vstack([campaign.counts, counts]),
+        temperature_c=None,
+        dwell_variance=np.vstack([before, np.full((k, m), reading)]),
+        zero_variance=np.zeros(m) if campaign.zero_variance is None else campaign.zero_variance,
+        reference=np.concatenate([campaign.reference_of, n + np.arange(k)]),
+        u_visit=np.vstack(visits),
+        counted=None,
+    )
 
 
 def read_campaign(folder: Path) -> Campaign:
@@ -206,14 +230,7 @@ def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
     poses = campaign.poses
     names = (*poses.names, *(f"{poses.names[i]} (visit {v + 1})" for v, i in again))
     own = campaign.u_visit
-    every = Poses(
-        names,
-        poses.rows[order],
-        poses.u_position_mm[order],
-        poses.u_rotation_rad[order],
-        None if poses.covariance is None else poses.covariance[order],
-        poses.oriented,
-    )
+    every = replace(poses.of(order), names=names)
     note = f"{len(again)} later visit(s) of a pose share its error"
     if own is None:
         note += "; no u_repeatability_mm is stated: the robot is taken to come back exactly"
@@ -239,9 +256,21 @@ def _column(path: Path, name: str) -> FloatArray | None:
     return values
 
 
+def further_columns(folder: Path, new: int) -> dict[str, FloatArray]:
+    """What the reference poses of a folder state beside their covariances, with `new` poses more: the robot is taken to come to them no
+    better than to any other; their temperatures nobody knows yet (NaN)."""
+    path = Path(folder) / "reference_poses.csv"
+    out = {}
+    for name in (*_REPEATABILITY, "temperature_c"):
+        values = _column(path, name)
+        if values is not None:
+            out[name] = np.concatenate([values, np.full(new, np.nan if name == "temperature_c" else values.max())])
+    return out
+
+
 def _repeatability(path: Path) -> FloatArray | None:
     """(n, 6) standard deviations (rotation [rad]; position [mm]) with which the robot comes to a pose, or None where none is stated."""
-    place, turn = _column(path, "u_repeatability_mm"), _column(path, "u_repeatability_deg")
+    place, turn = (_column(path, name) for name in _REPEATABILITY)
     if place is None and turn is None:
         return None
     n = len(place if place is not None else turn if turn is not None else ())

@@ -1,26 +1,29 @@
 """What counts at a pose would tell: the calibration's information matrix as a sum over poses.
 
-The estimator (`refine`) weighs residuals with V = diag(counts) + pose errors, where the errors of the zero pose are shared by all equations
-of its cables. With these shared errors as unknowns of their own (prior: a unit normal), what is left of V is a block per pose, and the
-information of a campaign is a sum over its poses,
+The estimator (`refine`) weighs residuals with V = counts + pose errors, where what errs at the zero pose is shared by all equations of its
+cables: the pose, the robot's way of coming to it, the reading. With these shared errors of the cables as unknowns of their own, L eta, L L^T
+their covariance and eta's prior a unit normal, what is left of V is a block per pose, and the information of a campaign is a sum over its
+poses,
 
-    M = I + sum_c A_c^T A_c,    A_c = V_c^{-1/2} [J_c W, Z],
+    M = I + sum_c A_c^T A_c,    A_c = V_c^{-1/2} [J_c W, L],
 
-J_c the derivatives of the residuals at pose c by the unknowns, W their prior widths, Z those by the zero pose's errors, each in units of
-its standard uncertainty, V_c = diag(counts) + P_c U P_c^T. By Woodbury's identity the unknowns' block of M^{-1} is the covariance of the
-generalised least squares with V. I is the prior.
+J_c the derivatives of the residuals at pose c by the unknowns, W their prior widths, V_c = diag(counts) + P_c U P_c^T. By Woodbury's
+identity the unknowns' block of M^{-1} is the covariance of the generalised least squares with V. I is the prior. Poses already recorded
+may share more than that (visits, several zero poses); with K the covariance of their errors with eta they bring
+[J W, K]^T (V - K K^T)^{-1} [J W, K]. Temperature, stretch and sag are left out: what is uncertain in them no choice of poses cures.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.campaign import Campaign, extended
+from lmeasure.calibration.refine import Noise, measurement_covariance
 from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import count_variance
-from lmeasure.poses import Poses
+from lmeasure.lengths import count_variance, counts_from_poses
+from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Cable, Rig
 
 FloatArray = NDArray[np.float64]
@@ -29,37 +32,37 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Zero:
-    """Where the counters are zeroed: rows (z, 7) of distinct poses, of (m,) which of them each cable has, and their standard uncertainties
-    u_position_mm, u_rotation_rad (z,)."""
+    """Where the counters are zeroed: rows (z, 7) of distinct poses, of (m,) which of them each cable has, and a root (m, r) of the
+    covariance [mm^2] of what the cables' residuals err by there."""
 
     rows: FloatArray
     of: IntArray
-    u_position_mm: FloatArray
-    u_rotation_rad: FloatArray
+    root: FloatArray
 
 
 class Instrument:
     """A rig about to be calibrated: its measured cables (m), the unknowns (p) and the noise of a reference pose.
 
-    u_position_mm, u_rotation_rad: standard uncertainty of each coordinate and each small rotation of a pose to be measured. Everything is
-    linearised at the rig's own values.
+    sigma, visit (6,): standard uncertainties (rotations [rad]; coordinates [mm]) of a pose to be measured, and of the robot's coming to it
+    anew in every pass. Everything is linearised at the rig's own values.
     """
 
-    def __init__(self, rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...], u_position_mm: float, u_rotation_rad: float) -> None:
-        self.rig, self.cables = rig, cables
-        self.u_position_mm, self.u_rotation_rad = u_position_mm, u_rotation_rad
+    def __init__(self, rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...], sigma: FloatArray, visit: FloatArray) -> None:
+        self.rig, self.cables, self.sigma, self.visit = rig.without_effects(), cables, sigma, visit
+        self._passage = np.array([c.passage for c in cables])
         self.unknowns: Unknowns = unknowns_of(self._campaign(np.zeros((0, 7)), np.zeros((0, 7)), np.zeros(0, np.int64), ()), solve)
         self._variance = count_variance(rig, cables)
 
     def zero(self, row: FloatArray) -> Zero:
         """All counters zeroed at one pose (7,), known as well as any other."""
-        return Zero(row[None, :], np.zeros(len(self.cables), np.int64), np.array([self.u_position_mm]), np.array([self.u_rotation_rad]))
+        P = cable_kernels.span_rows(self.rig.cable_rows(self.cables), row)
+        anew = [np.where((self._passage == n)[:, None], P * self.visit, 0.0) for n in np.unique(self._passage) if self.visit.any()]
+        return Zero(row[None, :], np.zeros(len(self.cables), np.int64), np.hstack([P * self.sigma, *anew]))
 
     def _campaign(self, zeros: FloatArray, rows: FloatArray, of: IntArray, cables: tuple[Cable, ...]) -> Campaign:
         """What the rig would count, not rounded, at the zero poses (z, 7) and then at rows (n, 7)."""
         every = np.ascontiguousarray(np.vstack([zeros, rows]))
-        none = np.zeros(len(every))
-        poses = Poses(tuple(str(i + 1) for i in range(len(every))), every, none, none)
+        poses = poses_from_rows(every)
         if not cables:
             return Campaign(self.rig, poses, self.cables, np.zeros((0, len(self.cables))), np.zeros(len(self.cables), np.int64))
         kernel_rows = self.rig.cable_rows(cables)
@@ -76,46 +79,46 @@ class Instrument:
         return (model.jacobian(self.unknowns.nominal) * self.unknowns.width).reshape(len(rows), len(cables), -1)
 
     def blocks(self, rows: FloatArray, zero: Zero) -> FloatArray:
-        """(n, m, p + 6 z) the matrices A_c of usable poses rows (n, 7)."""
-        n, m, z = len(rows), len(self.cables), len(zero.rows)
+        """(n, m, p + r) the matrices A_c of usable poses rows (n, 7)."""
+        n, m = len(rows), len(self.cables)
+        A = np.concatenate(
+            [self.gradients(rows, zero.rows, zero.of, self.cables), np.broadcast_to(zero.root, (n, *zero.root.shape))], axis=2
+        )
+        if not (self.sigma.any() or self.visit.any()):
+            return np.asarray(A / np.sqrt(self._variance)[:, None])
         kernel_rows = self.rig.cable_rows(self.cables)
-        A = np.zeros((n, m, len(self.unknowns.names) + 6 * z))
-        A[:, :, : len(self.unknowns.names)] = self.gradients(rows, zero.rows, zero.of, self.cables)
-        for i in range(z):
-            own = zero.of == i
-            first = len(self.unknowns.names) + 6 * i
-            sigma = np.repeat([zero.u_rotation_rad[i], zero.u_position_mm[i]], 3)
-            A[:, own, first : first + 6] = -cable_kernels.span_rows(kernel_rows, zero.rows[i])[own] * sigma
-        sigma = np.repeat([self.u_rotation_rad, self.u_position_mm], 3)
-        if not sigma.any():
-            return A / np.sqrt(self._variance)[:, None]
-        P = np.array([cable_kernels.span_rows(kernel_rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6) * sigma
-        V = np.diag(self._variance) + P @ P.transpose(0, 2, 1)
+        P = np.array([cable_kernels.span_rows(kernel_rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6)
+        stated, anew = ((P * u**2) @ P.transpose(0, 2, 1) for u in (self.sigma, self.visit))
+        V = np.diag(self._variance) + stated + np.where(self._passage[:, None] == self._passage, anew, 0.0)
         return np.asarray(np.linalg.solve(np.linalg.cholesky(V), A))
 
-    def recorded(self, campaign: Campaign) -> tuple[FloatArray, Zero]:
-        """(q, q) information of poses already counted, without the prior, and their zero poses; q = p + 6 z.
+    def predicted(self, campaign: Campaign) -> Campaign:
+        """The campaign with the counts that the rig predicts at its poses, not rounded; gaps and zero poses are as they are."""
+        counts, rows = np.full(campaign.counts.shape, np.nan), campaign.poses.rows
+        for j, c in enumerate(self.cables):
+            counted = np.isfinite(campaign.counts[:, j])
+            counts[counted, j] = counts_from_poses(self.rig, rows[counted], rows[campaign.zero[j]], (c,))[:, 0]
+        return replace(campaign, rig=self.rig, cables=self.cables, counts=counts)
 
-        Gaps and cables zeroed at different poses are as in the campaign; counts are those the rig predicts.
-        """
+    def recorded(self, campaign: Campaign) -> tuple[FloatArray, Zero]:
+        """(p + m, p + m) information of poses already counted, without the prior, and their zero poses."""
+        m, theta = len(self.cables), self.unknowns.nominal
         distinct, of = np.unique(campaign.zero, return_inverse=True)
-        poses = campaign.poses
-        zero = Zero(poses.rows[distinct], of.astype(np.int64), poses.u_position_mm[distinct], poses.u_rotation_rad[distinct])
-        kernel_rows = self.rig.cable_rows(self.cables)
-        lengths = cable_kernels.span_lengths(kernel_rows, np.ascontiguousarray(poses.rows))
-        changes = lengths - lengths[campaign.zero, np.arange(len(self.cables))]
-        counts = np.where(np.isfinite(campaign.counts), cable_kernels.counts_from_changes(kernel_rows, changes), np.nan)
-        model = Model(Campaign(self.rig, poses, self.cables, counts, campaign.zero), self.unknowns)
-        J = model.jacobian(self.unknowns.nominal) * self.unknowns.width
-        sigma = np.column_stack([np.repeat(poses.u_rotation_rad[:, None], 3, 1), np.repeat(poses.u_position_mm[:, None], 3, 1)])
-        errors = (model.pose_jacobian(self.unknowns.nominal) * sigma).transpose(1, 0, 2)
-        others = np.setdiff1d(np.arange(len(poses)), distinct)
-        A = np.hstack([J, *errors[distinct], *errors[others]]) / np.sqrt(self._variance[model.cable_index])[:, None]
-        M = A.T @ A
-        kept = J.shape[1] + 6 * len(distinct)
-        # the errors of the other poses concern nothing else: out with them, by Schur's complement
-        aside = M[kept:, kept:] + np.eye(len(M) - kept)
-        return np.asarray(M[:kept, :kept] - M[:kept, kept:] @ np.linalg.solve(aside, M[kept:, :kept])), zero
+        # the residuals of exact poses at the zero poses, read exactly, are what errs there
+        exact = poses_from_rows(campaign.poses.rows[distinct], [f"zero {i}" for i in distinct])
+        probes = np.where(of == np.arange(len(distinct))[:, None], 0.0, np.nan)
+        model = Model(extended(self.predicted(campaign), exact, probes, reading=0.0), self.unknowns)
+        V = measurement_covariance(model, theta, Noise.of(model.campaign.poses))
+        own = model.pose_index < len(campaign.poses)
+        probe = np.flatnonzero(~own)[np.argsort(model.cable_index[~own])]
+        values, vectors = np.linalg.eigh(V[np.ix_(probe, probe)])
+        scale = np.sqrt(np.maximum(values, 0.0))
+        root = vectors * scale
+        known = scale > 1e-9 * max(float(scale.max()), 1e-300)
+        K = V[np.ix_(own, probe)] @ (vectors * np.where(known, 1.0 / np.where(known, scale, 1.0), 0.0))
+        A = np.hstack([model.jacobian(theta)[own] * self.unknowns.width, K])
+        M = A.T @ np.linalg.solve(V[np.ix_(own, own)] - K @ K.T, A)
+        return np.asarray(M + M.T) / 2, Zero(campaign.poses.rows[distinct], of.astype(np.int64), root.reshape(m, m))
 
 
 def parameter_information(M: FloatArray, p: int) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from lmeasure.calibration import observability
-from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.exchange import CRITERIA, Criterion, Design, Exchange
 from lmeasure.calibration.information import Instrument, estimated_covariance, parameter_information
 from lmeasure.calibration.reach import Limits, Region, Usable
@@ -18,8 +18,7 @@ from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Unobservable
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import span_lengths
-from lmeasure.lengths import counts_from_poses
-from lmeasure.poses import Poses
+from lmeasure.poses import Poses, joined, poses_from_rows
 from lmeasure.rig import Cable, Rig
 
 FloatArray = NDArray[np.float64]
@@ -69,7 +68,7 @@ class Outlook:
 class Plan:
     """Reference poses to measure, and what they are predicted to bring.
 
-    poses: all of them, recorded ones first; recorded: how many of them were there before. course: (number of poses, outlook) as the
+    poses: all of them, recorded ones first (without later visits); recorded: how many of them were there before. course: (number of poses, outlook) as the
     planned poses are measured one after the other, then with the further poses. without: (name, outlook) of the plan less one of its poses,
     but for the zero pose. parameters: (name, u, prior u). undetermined: what no count of the plan tells. usable: part of the tried poses
     that every cable allows, and broken: (limit, part that breaks it).
@@ -99,10 +98,12 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
     if settings.criterion not in CRITERIA:
         raise CalibrationError(f"the criterion {settings.criterion!r} is not one of {', '.join(CRITERIA)}")
     cables = _cables(rig, settings, recorded)
-    instrument = Instrument(rig, cables, settings.solve, settings.u_position_mm, settings.u_rotation_rad)
+    sigma = np.repeat([settings.u_rotation_rad, settings.u_position_mm], 3)
+    instrument = Instrument(rig, cables, settings.solve, sigma, repeatability(recorded))
     zone = settings.zone or settings.region
     targets, checks = (_lengths(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
-    usable = Usable(rig, cables, settings.limits)
+    start = settings.region.centre if recorded is None else recorded.poses.rows[recorded.zero[0]]
+    usable = Usable(rig, cables, settings.limits, start)
     rng = np.random.default_rng([settings.seed, 11])
     pool = settings.region.candidates(POOL_LOG2, rng)
     broken = usable.broken(settings.region.rows(pool))
@@ -113,19 +114,25 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
         raise CalibrationError(f"rig {rig.name!r}: no pose of the box can be used: {why} of the poses tried")
     p = len(instrument.unknowns.names)
     if recorded is None:
-        before, zero, taken = np.zeros((p + 6, p + 6)), None, np.zeros((0, 6))
+        shared = p + instrument.zero(settings.region.centre).root.shape[1]
+        before, zero, taken = np.zeros((shared, shared)), None, np.zeros((0, 6))
     else:
         before, zero = instrument.recorded(recorded)
         taken = settings.region.unit(recorded.poses.rows)
     search = Exchange(instrument, settings.region, usable, pool[good], taken, rng)
-    start = search.begin(before + np.eye(len(before)), zero)
-    design = _search(search, start, settings, targets, progress)
+    design = _search(search, search.begin(before + np.eye(len(before)), zero), settings, targets, progress)
     chosen = settings.poses - (recorded is None)
     if len(design.units) < chosen:
         raise CalibrationError(f"the box has room for {len(design.units) + (recorded is None)} different poses only, not {settings.poses}")
     criterion = targets.criterion(settings.criterion)
     design = _ordered(design, criterion)
     return _described(instrument, settings, recorded, search, design, criterion, checks, (float(good.mean()), parts))
+
+
+def repeatability(recorded: Campaign | None) -> FloatArray:
+    """(6,) standard deviations (rotations [rad]; coordinates [mm]) with which the robot is taken to come to a pose yet to be measured: the
+    largest that the recorded poses state."""
+    return np.zeros(6) if recorded is None or recorded.u_visit is None else np.asarray(recorded.u_visit.max(axis=0))
 
 
 def _cables(rig: Rig, settings: Settings, recorded: Campaign | None) -> tuple[Cable, ...]:
@@ -223,7 +230,8 @@ def _described(
     def outlook(M: FloatArray) -> Outlook:
         return _outlook(parameter_information(M - prior, p), checks)
 
-    poses, first = _poses(settings, recorded, design)
+    old, new = _poses(settings, recorded, design)
+    poses, first = joined(old, new), len(old)
     named = poses.names[first + design.free_zero :]
     course = []
     M = design.before.copy()
@@ -237,7 +245,7 @@ def _described(
     for i, block in enumerate(more.blocks[len(design.blocks) :]):
         M = M + block.T @ block
         course.append((len(poses) + i + 1, outlook(M)))
-    found, model = _predicted_fit(instrument, settings, recorded, poses)
+    found, model = _predicted_fit(instrument, recorded, new)
     sight = observability.lines_of_sight(instrument.rig, instrument.cables, poses)
     u = np.sqrt(np.diag(found.covariance))
     return Plan(
@@ -260,31 +268,22 @@ def _outlook(information: FloatArray, lengths: _Lengths) -> Outlook:
     return Outlook(math.sqrt(inside.mean()), math.sqrt(worst.max()), lengths.cables[int(np.argmax(worst))], rank)
 
 
-def _poses(settings: Settings, recorded: Campaign | None, design: Design) -> tuple[Poses, int]:
-    """All poses with their stated uncertainties, and how many were recorded; new ones are named by the next free numbers."""
+def _poses(settings: Settings, recorded: Campaign | None, design: Design) -> tuple[Poses, Poses]:
+    """The recorded reference poses as they are stated, and the new ones, named by the next free numbers."""
     units = np.vstack([design.zero_unit, design.units]) if design.free_zero else design.units
     rows = settings.region.rows(units)
-    names: tuple[str, ...] = ()
-    u_position, u_rotation = np.full(len(rows), settings.u_position_mm), np.full(len(rows), settings.u_rotation_rad)
-    if recorded is not None:
-        old = recorded.poses
-        names, rows = old.names, np.vstack([old.rows, rows])
-        u_position, u_rotation = np.concatenate([old.u_position_mm, u_position]), np.concatenate([old.u_rotation_rad, u_rotation])
-    first = len(names)
-    number = max([0, *(int(n) for n in names if n.isascii() and n.isdigit())])
-    names += tuple(str(number + i + 1) for i in range(len(rows) - first))
-    return Poses(names, rows, u_position, u_rotation), first
+    old = poses_from_rows(np.zeros((0, 7))) if recorded is None else recorded.poses.of(np.unique(recorded.reference_of))
+    number = max([0, *(int(n) for n in old.names if n.isascii() and n.isdigit())])
+    names = tuple(str(number + i + 1) for i in range(len(rows)))
+    return old, Poses(names, rows, np.full(len(rows), settings.u_position_mm), np.full(len(rows), settings.u_rotation_rad))
 
 
-def _predicted_fit(instrument: Instrument, settings: Settings, recorded: Campaign | None, poses: Poses) -> tuple[Fit, Model]:
+def _predicted_fit(instrument: Instrument, recorded: Campaign | None, new: Poses) -> tuple[Fit, Model]:
     """What the estimator itself will say of the plan: its fit to counts as the rig predicts them, not rounded."""
-    m = len(instrument.cables)
-    zero = np.zeros(m, np.int64) if recorded is None else recorded.zero
-    counts = np.empty((len(poses), m))
-    for i in np.unique(zero).tolist():
-        own = np.flatnonzero(zero == i)
-        counts[:, own] = counts_from_poses(instrument.rig, poses.rows, poses.rows[i], tuple(instrument.cables[j] for j in own))
-    if recorded is not None:
-        counts[: len(recorded.poses)][~np.isfinite(recorded.counts)] = np.nan
-    model = Model(Campaign(instrument.rig, poses, instrument.cables, counts, zero), instrument.unknowns)
-    return fit(model, instrument.unknowns.nominal, Noise(poses.u_position_mm, poses.u_rotation_rad), prior_everywhere=False), model
+    n, m = len(new), len(instrument.cables)
+    if recorded is None:
+        campaign = Campaign(instrument.rig, new, instrument.cables, np.zeros((n, m)), np.zeros(m, np.int64))
+    else:
+        campaign = extended(recorded, new, np.zeros((n, m)), np.tile(instrument.visit, (n, 1)))
+    model = Model(instrument.predicted(campaign), instrument.unknowns)
+    return fit(model, instrument.unknowns.nominal, Noise.of(campaign.poses), prior_everywhere=False), model

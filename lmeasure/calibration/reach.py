@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
+from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import CalibrationError
-from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.kernels.cable import counts_from_changes, span_lengths, wrap_geometry
 from lmeasure.kernels.clearance import least_clearances
 from lmeasure.rig import Cable, Rig
 
@@ -86,13 +87,15 @@ class Limits:
 
     max_wrap_deg: largest angle wrapped on the swivel pulley; beyond 180 the free span turns back across the incoming cable.
     min_span_mm: shortest free span; min and max length_mm: of the way from B to the attachment point, what the drum can take in and pay
-    out. clearance_mm: least distance between free spans, and from a free span to another cable's pulley.
+    out. clearance_mm: least distance between free spans, and from a free span to another cable's pulley. min_tension_n: least tension at
+    the drum, where the rig states how it goes.
     """
 
     max_wrap_deg: float = 170.0
     min_span_mm: float = 100.0
     max_length_mm: float = math.inf
     clearance_mm: float = 10.0
+    min_tension_n: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_wrap_deg <= 360.0:
@@ -101,15 +104,23 @@ class Limits:
             raise CalibrationError(f"cables of {self.min_span_mm:g} to {self.max_length_mm:g} mm: the limits must rise from 0 or more")
         if not self.clearance_mm >= 0.0:
             raise CalibrationError(f"a clearance of {self.clearance_mm:g} mm: it must not be negative")
+        if not self.min_tension_n >= 0.0:
+            raise CalibrationError(f"a least tension of {self.min_tension_n:g} N: it must not be negative")
 
 
 class Usable:
     """Tells usable poses from those where a cable would be slack, wrapped too far, or crossed."""
 
-    REASONS = ("a cable too short or too long", "a cable near its swivel axis", "wrapped too far", "cables crossing")
+    REASONS = ("a cable too short or too long", "a cable near its swivel axis", "wrapped too far", "cables crossing", "a slack cable")
 
-    def __init__(self, rig: Rig, cables: tuple[Cable, ...], limits: Limits) -> None:
+    def __init__(self, rig: Rig, cables: tuple[Cable, ...], limits: Limits, start: FloatArray) -> None:
+        """start (7,): the pose at which the drums have the tension that the rig states for k = 0."""
         self._rows, self._limits = rig.cable_rows(cables), limits
+        drums = [rig.point(c.from_point).drum for c in cables]
+        self._tension = np.array([math.nan if d.cable_tension_n is None else d.cable_tension_n for d in drums])
+        self._rise = np.array([(d.cable_tension_n_per_m or 0.0) / 1000.0 for d in drums])
+        self._begun = span_lengths(self._rows, np.ascontiguousarray(start[None, :]))[0]
+        self._effects, self._start = effects_of(rig, cables), start
         together = [(i, j) for i, j in permutations(range(len(cables)), 2) if cables[i].passage == cables[j].passage]
         # cables to one attachment point, or from one pulley, meet there by design
         spans = [
@@ -122,7 +133,7 @@ class Usable:
         self._strangers = np.array(strangers, dtype=np.int64).reshape(-1, 2)
 
     def broken(self, rows: FloatArray) -> BoolArray:
-        """(n, 4) True where a pose (n, 7) breaks the limit that `REASONS` names."""
+        """(n, 5) True where a pose (n, 7) breaks the limit that `REASONS` names."""
         rows = np.ascontiguousarray(rows)
         centre, tangent, attachment, wrap = wrap_geometry(self._rows, rows)
         span = np.linalg.norm(attachment - tangent, axis=2)
@@ -137,8 +148,22 @@ class Usable:
                 ~((across >= AXIS_RADII * self._rows[:, 6]) | (self._rows[:, 6] == 0.0)).all(axis=1),
                 ~(wrap <= math.radians(self._limits.max_wrap_deg)).all(axis=1),
                 ~(clearance >= self._limits.clearance_mm),
+                self._slack(rows).any(axis=1),
             ]
         )
+
+    def _slack(self, rows: FloatArray) -> BoolArray:
+        """(n, m) True where the tension that the rig states for a cable does not hold it."""
+        change = span_lengths(self._rows, rows) - self._begun
+        # NaN where no tension is stated, or where the cable cannot run, which other limits say
+        slack = self._tension + self._rise * change <= self._limits.min_tension_n
+        if self._effects is not None:
+            n, m = change.shape
+            zero = zero_at(self._start, m, self._effects.reference_c)
+            counts = counts_from_changes(self._rows, change)
+            excess = self._effects.excess(self._rows, zero, rows, counts, np.full((n, m), self._effects.reference_c))
+            slack |= ~np.isfinite(excess) & np.isfinite(counts)
+        return np.asarray(slack)
 
     def __call__(self, rows: FloatArray) -> BoolArray:
         """(n,) True for usable poses."""

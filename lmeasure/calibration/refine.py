@@ -119,8 +119,8 @@ def _gains(s: FloatArray, known: BoolArray, prior_everywhere: bool) -> tuple[Flo
     return data, prior, np.hypot(data, prior)
 
 
-def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
-    """(e, e) covariance of the residuals [mm^2]: whole counts, reference poses, and physical effects where their errors are stated."""
+def measurement_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
+    """(e, e) covariance of the residuals [mm^2] from whole counts and reference poses."""
     V = model.reading_covariance()
     campaign = model.campaign
     if noise.stated or campaign.u_visit is not None:
@@ -136,10 +136,17 @@ def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatA
             # the robot comes anew in every pass
             passage = np.array([c.passage for c in campaign.cables])[model.cable_index]
             V = V + (own @ own.T) * (passage[:, None] == passage)
+    return np.asarray(V)
+
+
+def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
+    """`measurement_covariance`, and physical effects where their errors are stated, and what a robust loss takes back."""
+    V = measurement_covariance(model, theta, noise)
     effects = model.effect_covariance(theta)
     if effects is not None:
         V = V + effects
     if noise.robust_variance_mm2 is not None:
+        campaign = model.campaign
         same = model.cable_index[:, None] == model.cable_index
         reference, poses = campaign.reference_of, np.arange(len(campaign.poses))
         # a length at the zero pose is in every residual of its cable

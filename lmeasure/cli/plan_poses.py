@@ -52,6 +52,9 @@ def plan_poses(
     clearance_mm: Annotated[
         float, typer.Option("--clearance-mm", min=0, help="Between free spans, and to other pulleys.", rich_help_panel=LIMITS)
     ] = 10.0,
+    min_tension_n: Annotated[
+        float, typer.Option("--min-tension-n", min=0, help="Least tension at a drum whose tension the rig states.", rich_help_panel=LIMITS)
+    ] = 0.0,
     further: Annotated[int, typer.Option("--further", min=0, max=50, help="Poses beyond the plan to weigh in the table.")] = 3,
     quaternions: Annotated[bool, typer.Option("--quaternions", help="Write quaternions, not the rig's angles.")] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of candidates and starts.")] = 0,
@@ -60,13 +63,15 @@ def plan_poses(
     """Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings."""
     import math
 
+    from lmeasure.calibration.campaign import further_columns
     from lmeasure.calibration.exchange import CRITERIA
     from lmeasure.calibration.plan_summary import summary
     from lmeasure.calibration.planning import Settings
     from lmeasure.calibration.planning import plan_poses as stage
     from lmeasure.calibration.reach import Limits
     from lmeasure.cli.progress import bar
-    from lmeasure.poses import write_poses
+    from lmeasure.files import write_table
+    from lmeasure.poses import pose_columns
     from lmeasure.rig import read_rig
 
     if criterion not in CRITERIA:
@@ -90,26 +95,25 @@ def plan_poses(
         u_position_mm,
         math.radians(u_rotation_deg),
         _passes(passes),
-        Limits(max_wrap_deg, min_span_mm, max_length_mm, clearance_mm),
+        Limits(max_wrap_deg, min_span_mm, max_length_mm, clearance_mm, min_tension_n),
         further,
         seed,
     )
     with bar("planning") as progress:
         plan = stage(what, settings, recorded, progress)
-    write_poses(out, plan.poses, None if quaternions else what.angles)
+    more = {} if extend is None or recorded is None else further_columns(extend, len(plan.poses) - plan.recorded)
+    write_table(out, pose_columns(plan.poses, None if quaternions else what.angles) | more)
     if rerun is not None:
         from lmeasure.view.stages import write_recording
 
         write_recording(rerun, what, reference=plan.poses)
     typer.echo(summary(plan))
-    typer.echo(f"written: {out}")
+    typer.echo(f"written: {out}" + ("; fill in temperature_c of the new poses when they are counted" if "temperature_c" in more else ""))
 
 
 def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Campaign":
     """The campaign; poses that state no uncertainty take that of the new ones."""
     from dataclasses import replace
-
-    import numpy as np
 
     from lmeasure.calibration import read_campaign
     from lmeasure.errors import CalibrationError
@@ -120,13 +124,7 @@ def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Cam
         raise CalibrationError(
             f"{folder}: its reference poses have no orientations; planning needs whole poses, as poses.csv of a calibration"
         )
-    stated = (old.u_position_mm > 0) | (old.u_rotation_rad > 0)
-    poses = replace(
-        old,
-        u_position_mm=np.where(stated, old.u_position_mm, u_position_mm),
-        u_rotation_rad=np.where(stated, old.u_rotation_rad, u_rotation_rad),
-    )
-    return replace(campaign, poses=poses)
+    return replace(campaign, poses=old.or_uncertain(u_position_mm, u_rotation_rad))
 
 
 def _region(name: str, text: str | None, tilt_deg: float, quaternion: str | None, recorded: "Campaign | None") -> "Region":

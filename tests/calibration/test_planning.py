@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.calibration import Campaign, calibrate, read_campaign
+from lmeasure.calibration.campaign import extended
 from lmeasure.calibration.exchange import APART, Criterion, Exchange
 from lmeasure.calibration.information import Instrument, estimated_covariance, parameter_information
 from lmeasure.calibration.planning import Plan, Settings, plan_poses
@@ -21,11 +22,11 @@ from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.cli import app
 from lmeasure.cli import main as command
 from lmeasure.errors import CalibrationError
-from lmeasure.files import write_table
+from lmeasure.files import read_table, write_table
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.clearance import least_clearances
 from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
-from lmeasure.poses import Poses, read_poses
+from lmeasure.poses import Poses, pose_columns, read_poses
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.simulation.cell import cell_rig
 
@@ -33,6 +34,13 @@ TRUTH = Path(__file__).parent.parent / "authorities" / "truth"
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 CELL = Region(np.full(3, -300.0), np.full(3, 300.0), 0.3, IDENTITY)
 RIG = cell_rig(0)
+
+
+NEVER = np.zeros(6)  # a robot that comes back exactly
+
+
+def sigma_of(u_position_mm: float, u_rotation_rad: float) -> np.ndarray:
+    return np.repeat([u_rotation_rad, u_position_mm], 3)
 
 
 def two_drums() -> Rig:
@@ -57,7 +65,7 @@ def campaign_of(rig: Rig, rows: np.ndarray, u_position_mm: float, u_rotation_rad
 def estimated(campaign: Campaign, instrument: Instrument) -> tuple[np.ndarray, int]:
     """The estimator's own covariance in prior widths and rank, from a fit that starts at its optimum."""
     model = Model(campaign, instrument.unknowns)
-    noise = Noise(campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
+    noise = Noise.of(campaign.poses)
     found = fit(model, instrument.unknowns.nominal, noise, prior_everywhere=False)
     return found.covariance / np.outer(instrument.unknowns.width, instrument.unknowns.width), found.rank
 
@@ -69,7 +77,7 @@ def eight() -> Plan:
 
 @pytest.mark.parametrize(("u_position_mm", "u_rotation_rad"), [(0.0, 0.0), (0.05, 2e-4)])
 def test_information_summed_over_poses_is_the_estimators(u_position_mm: float, u_rotation_rad: float) -> None:
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide", "radius"), u_position_mm, u_rotation_rad)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide", "radius"), sigma_of(u_position_mm, u_rotation_rad), NEVER)
     rows = random_rows(12, 1)
     A = instrument.blocks(rows[1:], instrument.zero(rows[0])).reshape(-1, 36 + 6)
     covariance, rank = estimated_covariance(parameter_information(A.T @ A, 36))
@@ -79,7 +87,7 @@ def test_information_summed_over_poses_is_the_estimators(u_position_mm: float, u
 
 
 def test_recorded_poses_with_gaps_and_several_zero_poses_count_in_full() -> None:
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), 0.05, 2e-4)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(0.05, 2e-4), NEVER)
     rows = random_rows(11, 2)
     whole = campaign_of(RIG, rows, 0.05, 2e-4)
     zero = np.array([0, 2, 0, 0, 2, 0])
@@ -94,6 +102,43 @@ def test_recorded_poses_with_gaps_and_several_zero_poses_count_in_full() -> None
     covariance, rank = estimated_covariance(parameter_information(before + more.T @ more, 30))
     expected, expected_rank = estimated(full, instrument)
     assert rank == expected_rank
+    np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-9)
+
+
+def test_all_that_recorded_poses_share_counts_in_full() -> None:
+    """Per-axis covariances, visits (one of the zero pose), the robot's repeatability, dwells, two passes, two zero poses."""
+    data = RIG.to_dict()
+    for cable in data["cable"][4:]:
+        cable["pass"] = 2
+    rig = rig_from_dict(data)
+    rng, n, visit = np.random.default_rng(5), 8, np.array([1e-4, 1e-4, 1e-4, 0.02, 0.02, 0.02])
+    first, later = random_rows(n, 6), random_rows(3, 7)
+    reference = np.array([*range(n), 2, 0, 5])
+    root = rng.normal(size=(n, 6, 6)) * np.array([1e-4, 1e-4, 1e-4, 0.03, 0.03, 0.03])[:, None]
+    C = (root @ root.transpose(0, 2, 1))[reference]
+    sigma = np.sqrt(np.einsum("nii->ni", C))
+    names = tuple(str(i) for i in range(len(reference)))
+    poses = Poses(names, first[reference], sigma[:, 3:].mean(axis=1), sigma[:, :3].mean(axis=1), C)
+    recorded = Campaign(
+        rig,
+        poses,
+        rig.cable,
+        np.zeros((len(reference), 6)),
+        np.array([0, 2, 0, 0, 2, 0]),
+        dwell_variance=rng.uniform(0.01, 1 / 12, (len(reference), 6)),
+        zero_variance=rng.uniform(0.0, 0.05, 6),
+        reference=reference,
+        u_visit=np.tile(visit, (len(reference), 1)),
+    )
+    recorded.counts[4, 1] = recorded.counts[9, 3] = np.nan
+    instrument = Instrument(rig, rig.cable, ("position", "guide"), sigma_of(0.05, 2e-4), visit)
+    before, zeros = instrument.recorded(recorded)
+    more = instrument.blocks(later, zeros).reshape(-1, len(before))
+    covariance, rank = estimated_covariance(parameter_information(before + more.T @ more, 30))
+    new = Poses(("a", "b", "c"), later, np.full(3, 0.05), np.full(3, 2e-4))
+    whole = instrument.predicted(extended(recorded, new, np.zeros((3, 6)), np.tile(visit, (3, 1))))
+    expected, expected_rank = estimated(whole, instrument)
+    assert rank == expected_rank > 15
     np.testing.assert_allclose(covariance, expected, rtol=1e-5, atol=1e-9)
 
 
@@ -112,9 +157,9 @@ def test_rank_one_style_updates_are_the_criterion_itself(kind: str, seed: int) -
 @pytest.mark.parametrize("kind", ["I", "G", "D"])
 def test_exchange_is_no_worse_than_every_choice_of_the_candidates(kind: str) -> None:
     rig = two_drums()
-    instrument = Instrument(rig, rig.cable, ("position", "guide"), 0.02, 0.0)
+    instrument = Instrument(rig, rig.cable, ("position", "guide"), sigma_of(0.02, 0.0), NEVER)
     region = Region(np.full(3, -300.0), np.full(3, 300.0), 0.0, IDENTITY)
-    usable = Usable(rig, rig.cable, Limits())
+    usable = Usable(rig, rig.cable, Limits(), CELL.centre)
     rng = np.random.default_rng(3)
     pool = region.candidates(3, rng)
     rows = region.rows(np.vstack([np.full(6, 0.5), pool]))
@@ -132,7 +177,7 @@ def test_exchange_is_no_worse_than_every_choice_of_the_candidates(kind: str) -> 
 
 
 def test_a_plan_beats_random_poses_and_counts_its_own_figures(eight: Plan) -> None:
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), 0.0, 0.0)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(0.0, 0.0), NEVER)
     held_out = random_rows(150, 5)
     checks = instrument.gradients(held_out, CELL.centre[None, :], np.zeros(6, np.int64), RIG.cable)
 
@@ -157,7 +202,7 @@ def test_a_plan_keeps_to_the_robot_and_repeats_nothing(eight: Plan) -> None:
     assert eight.poses.names == tuple("12345678")
     assert (np.abs(rows[:, :3]) <= 300.0 + 1e-9).all()
     assert (np.abs(Rotation.from_quat(rows[:, 3:]).as_rotvec()) <= 0.3 + 1e-12).all()
-    assert Usable(RIG, RIG.cable, Limits())(rows).all()
+    assert Usable(RIG, RIG.cable, Limits(), CELL.centre)(rows).all()
     unit = CELL.unit(rows)
     for i, j in combinations(range(8), 2):
         assert np.abs(unit[i] - unit[j]).max() >= APART - 1e-9
@@ -186,7 +231,7 @@ def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eig
     plan = plan_poses(RIG, Settings(10, CELL, criterion="I", u_position_mm=u_position_mm, u_rotation_rad=u_rotation_rad))
     rng = np.random.default_rng(8)
     held_out = CELL.rows(rng.uniform(0.0, 1.0, (100, 6)))
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), u_position_mm, u_rotation_rad)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(u_position_mm, u_rotation_rad), NEVER)
     noise = Noise(plan.poses.u_position_mm, plan.poses.u_rotation_rad)
     width = instrument.unknowns.width
     errors = []
@@ -284,7 +329,7 @@ def test_clearances_against_points_strewn_along_the_spans() -> None:
 
 def test_each_limit_is_broken_by_its_own_pose() -> None:
     rig = two_drums()
-    free = Usable(rig, rig.cable, Limits())
+    free = Usable(rig, rig.cable, Limits(), CELL.centre)
     base, u = rig.cable_rows()[0, :3], rig.cable_rows()[0, 3:6]
     arm = np.array(rig.tool[rig.cable[0].to_point])
     side = np.cross(u, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(u, [0.0, 0.0, 1.0]))
@@ -304,6 +349,75 @@ def test_each_limit_is_broken_by_its_own_pose() -> None:
     broken = free.broken(at)
     assert broken[[0, 1, 2], [0, 1, 2]].all()
     assert not broken[3].any()
+
+
+def springs(**drum: float) -> Rig:
+    """Two drums whose cables hang on springs: tension keys of their drums."""
+    data = two_drums().to_dict()
+    for p in data["observation_point"]:
+        p["drum"] |= drum
+    return rig_from_dict(data)
+
+
+def test_a_cable_that_the_drum_takes_in_too_far_is_slack() -> None:
+    """5 N where the counters begin, 10 N more for each metre paid out: 300 mm taken in leave 2 N, 600 mm none."""
+    rig = springs(cable_tension_n=5.0, cable_tension_n_per_m=10.0, cable_stiffness_n=1e4)
+    start = CELL.centre
+    reach = span_lengths(rig, start[None])[0]
+    towards = np.array(rig.observation_point[0].position_mm) / np.linalg.norm(rig.observation_point[0].position_mm)
+    rows = np.array([np.concatenate([d * towards, IDENTITY]) for d in (0.0, 300.0, 600.0)])
+    taken_in = reach[0] - span_lengths(rig, rows)[:, 0]
+    tension = 5.0 - taken_in / 100.0
+    assert tension[1] > 1.0 > 0.0 > tension[2]
+    column = Usable.REASONS.index("a slack cable")
+    assert Usable(rig, rig.cable, Limits(), start).broken(rows)[:, column].tolist() == [False, False, True]
+    least = float(tension[1]) + 0.1
+    assert Usable(rig, rig.cable, Limits(min_tension_n=least), start).broken(rows)[:, column].tolist() == [False, True, True]
+    assert not Usable(two_drums(), rig.cable, Limits(), start).broken(rows)[:, column].any()
+
+
+def test_a_cable_that_cannot_carry_itself_is_slack() -> None:
+    """1.2 m of 100 g/m weigh 1.2 N: 0.5 N do not hold them up, 50 N do."""
+    column = Usable.REASONS.index("a slack cable")
+    for tension, slack in ((0.5, True), (50.0, False)):
+        rig = springs(cable_tension_n=tension, cable_mass_kg_per_m=0.1)
+        assert bool(Usable(rig, rig.cable, Limits(), CELL.centre).broken(random_rows(3, 1))[:, column].all()) is slack
+
+
+def test_a_plan_keeps_every_cable_taut() -> None:
+    rig = springs(cable_tension_n=4.0, cable_tension_n_per_m=8.0, cable_stiffness_n=1e4)
+    plan = plan_poses(rig, Settings(6, CELL, criterion="I", limits=Limits(min_tension_n=2.0)))
+    change = span_lengths(rig, plan.poses.rows) - span_lengths(rig, CELL.centre[None])
+    assert (4.0 + 8.0 * change / 1000.0 >= 2.0 - 1e-9).all()
+    assert dict(plan.broken)["a slack cable"] > 0.05
+
+
+def test_command_extends_with_all_that_the_folder_states(tmp_path: Path) -> None:
+    """Covariances by axis, a second visit, the robot's repeatability and temperatures are in the new file; the visit is no pose of it."""
+    folder = tmp_path / "campaign"
+    rig, rows = two_drums(), random_rows(6, 3)
+    write_rig(folder / "rig.toml", rig)
+    sigma = np.array([1e-4, 1e-4, 2e-4, 0.01, 0.02, 0.03])
+    poses = Poses(tuple("123456"), rows, np.full(6, 0.02), np.full(6, 1e-4), np.tile(np.diag(sigma**2), (6, 1, 1)))
+    columns = pose_columns(poses) | {"u_repeatability_mm": np.linspace(0.01, 0.02, 6), "temperature_c": np.full(6, 21.0)}
+    write_table(folder / "reference_poses.csv", columns)
+    order = [0, 1, 2, 3, 4, 5, 2]
+    counts = recorded_from_counts(rig, counts_from_poses(rig, rows[order], rows[0]))
+    write_table(folder / "counts.csv", {"pose": [str(i + 1) for i in order]} | {c.channel: counts[:, j] for j, c in enumerate(rig.cable)})
+    out = tmp_path / "more.csv"
+    arguments = ["plan-poses", str(folder / "rig.toml"), "--poses", "2", "--extend", str(folder), "--tilt-deg", "15", "--out", str(out)]
+    result = CliRunner().invoke(app, [*arguments, "--u-position-mm", "0.05", "--quaternions"])
+    assert result.exit_code == 0, result.output
+    assert "temperature_c" in result.output
+    table, found = read_table(out), read_poses(out, rig.angles)
+    assert found.names == tuple("12345678")
+    assert found.covariance is not None
+    np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.covariance[:6])), np.tile(sigma, (6, 1)), rtol=1e-9)
+    np.testing.assert_allclose(
+        np.sqrt(np.einsum("nii->ni", found.covariance[6:])), np.tile([0, 0, 0, 0.05, 0.05, 0.05], (2, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(table.numbers("u_repeatability_mm"), [*np.linspace(0.01, 0.02, 6), 0.02, 0.02])
+    np.testing.assert_array_equal(table.numbers("temperature_c", gaps=True), [*np.full(6, 21.0), np.nan, np.nan])
 
 
 def test_command_writes_poses_that_calibrate(tmp_path: Path) -> None:
