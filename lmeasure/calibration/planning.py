@@ -68,10 +68,10 @@ class Outlook:
 class Plan:
     """Reference poses to measure, and what they are predicted to bring.
 
-    poses: all of them, recorded ones first (without later visits); recorded: how many of them were there before. course: (number of poses, outlook) as the
-    planned poses are measured one after the other, then with the further poses. without: (name, outlook) of the plan less one of its poses,
-    but for the zero pose. parameters: (name, u, prior u). undetermined: what no count of the plan tells. usable: part of the tried poses
-    that every cable allows, and broken: (limit, part that breaks it).
+    poses: all of them, recorded ones first, without their later visits; recorded: how many of them were there before. course: (number of
+    poses, outlook) as the planned poses are measured one after the other, then with the further poses. without: (name, outlook) of the
+    plan less one of its poses, but for the zero pose. parameters: (name, u, prior u). undetermined: what no count of the plan tells.
+    usable: part of the tried poses that every cable allows, and broken: (limit, part that breaks it).
     """
 
     poses: Poses
