@@ -2,8 +2,8 @@
 
 The estimator (`refine`) weighs residuals with V = counts + pose errors, where what errs at the zero pose is shared by all equations of its
 cables: the pose, the robot's way of coming to it, the reading. With these shared errors of the cables as unknowns of their own, L eta
-with L L^T their covariance and eta's prior a unit normal, what is left of V is a block per pose, and the information of a campaign is a sum over its
-poses,
+with L L^T their covariance and eta's prior a unit normal, what is left of V is a block per pose, and the information of a campaign is a
+sum over its poses,
 
     M = I + sum_c A_c^T A_c,    A_c = V_c^{-1/2} [J_c W, L],
 
