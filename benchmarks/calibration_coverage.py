@@ -125,6 +125,8 @@ def table(data: pd.DataFrame) -> None:
         wrong = known["wrong"].astype(bool)
 
         def root(column: pd.Series) -> str:
+            if column.empty:
+                return "none"
             m = column.astype(float)
             return f"{np.sqrt(m.mean()):.3f} ± {m.std() / np.sqrt(len(m)) / 2 / np.sqrt(m.mean()):.3f}"
 

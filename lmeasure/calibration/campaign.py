@@ -135,7 +135,8 @@ def read_campaign(folder: Path) -> Campaign:
         raise FileFormatError(f"{path}: no cable of the rig belongs to pass {passage[0]:g}")
     pose_of = np.array([index[name] for name in names])
     visit_of = _visits(pose_of, passage)
-    warm = _temperatures(folder, table, pose_of)
+    stated = files.read_table(folder / "reference_poses.csv")
+    warm = _temperatures(stated, table, pose_of)
     # each pose's first visit in the order of reference_poses.csv, later ones behind
     again = sorted({(v, i) for v, i in zip(visit_of.tolist(), pose_of.tolist(), strict=True) if v})
     place = {(0, i): i for i in range(len(poses))} | {key: len(poses) + n for n, key in enumerate(again)}
@@ -175,7 +176,7 @@ def read_campaign(folder: Path) -> Campaign:
         temperature_c=None if warm is None else temperature,
         dwell_variance=variance if dwelt else None,
         zero_variance=at_zero if dwelt else None,
-        u_visit=_repeatability(folder / "reference_poses.csv"),
+        u_visit=_repeatability(stated),
         counted=counted,
     )
     return _unwrapped(_checked(_with_visits(campaign, again), path))
@@ -195,14 +196,14 @@ def _visits(poses: NDArray[np.int64], passage: FloatArray) -> NDArray[np.int64]:
     return visit
 
 
-def _temperatures(folder: Path, counts: files.Table, pose_of: NDArray[np.int64]) -> FloatArray | None:
+def _temperatures(stated: files.Table, counts: files.Table, pose_of: NDArray[np.int64]) -> FloatArray | None:
     """(r,) temperature at which each row of counts was read: its own, or that stated for its reference pose; None where neither is."""
-    path = folder / "reference_poses.csv"
-    of_poses, name = _column(path, "temperature_c"), "temperature_c"
+    name = "temperature_c"
+    of_poses = _column(stated, name)
     if name not in counts.columns:
         return None if of_poses is None else of_poses[pose_of]
     if of_poses is not None:
-        raise FileFormatError(f"{counts.path}: has {name!r}, and so has {path.name}; one of them says how warm it was")
+        raise FileFormatError(f"{counts.path}: has {name!r}, and so has {stated.path.name}; one of them says how warm it was")
     values = counts.numbers(name)
     conventions.check_temperature(values, f"{counts.path}: column {name!r}")
     return values
@@ -243,34 +244,32 @@ def _with_visits(campaign: Campaign, again: list[tuple[int, int]]) -> Campaign:
     )
 
 
-def _column(path: Path, name: str) -> FloatArray | None:
+def _column(table: files.Table, name: str) -> FloatArray | None:
     """(n,) a column of the reference poses, or None without it."""
-    table = files.read_table(path)
     if name not in table.columns:
         return None
     values = table.numbers(name)
     if name == "temperature_c":
-        conventions.check_temperature(values, f"{path}: column {name!r}")
+        conventions.check_temperature(values, f"{table.path}: column {name!r}")
     elif (values < 0).any():
-        raise FileFormatError(f"{path}: column {name!r}: a standard uncertainty is negative")
+        raise FileFormatError(f"{table.path}: column {name!r}: a standard uncertainty is negative")
     return values
 
 
 def further_columns(folder: Path, new: int) -> dict[str, FloatArray]:
     """What the reference poses of a folder state beside their covariances, with `new` poses more: the robot is taken to come to them no
     better than to any other; their temperatures nobody knows yet (NaN)."""
-    path = Path(folder) / "reference_poses.csv"
-    out = {}
+    stated, out = files.read_table(Path(folder) / "reference_poses.csv"), {}
     for name in (*_REPEATABILITY, "temperature_c"):
-        values = _column(path, name)
+        values = _column(stated, name)
         if values is not None:
             out[name] = np.concatenate([values, np.full(new, np.nan if name == "temperature_c" else values.max())])
     return out
 
 
-def _repeatability(path: Path) -> FloatArray | None:
+def _repeatability(stated: files.Table) -> FloatArray | None:
     """(n, 6) standard deviations (rotation [rad]; position [mm]) with which the robot comes to a pose, or None where none is stated."""
-    place, turn = (_column(path, name) for name in _REPEATABILITY)
+    place, turn = (_column(stated, name) for name in _REPEATABILITY)
     if place is None and turn is None:
         return None
     n = len(place if place is not None else turn if turn is not None else ())

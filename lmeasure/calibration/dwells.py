@@ -38,7 +38,7 @@ def noise_of(scatter: float) -> float:
     def excess(sigma: float) -> float:
         return sigma**2 + 1.0 / 12.0 - rounding_left(sigma) - scatter
 
-    return float(scipy.optimize.brentq(excess, 0.0, math.sqrt(scatter) + 1.0, xtol=1e-12)) if excess(0.0) < 0.0 else 0.0
+    return float(scipy.optimize.brentq(excess, 0.0, math.sqrt(scatter) + 1.0, xtol=1e-12))
 
 
 def pooled_scatter(readings: list[FloatArray]) -> float:
