@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 BOX = "X0:X1,Y0:Y1,Z0:Z1"
 LIMITS = "What a cable allows"
+STATED = "by default exact, with --extend the largest recorded"
 
 
 def plan_poses(
@@ -34,8 +35,12 @@ def plan_poses(
     extend: Annotated[
         Path | None, typer.Option("--extend", metavar="FOLDER", help="Calibration folder already recorded: its counters go on.")
     ] = None,
-    u_position_mm: Annotated[float, typer.Option("--u-position-mm", min=0, help="Standard uncertainty of a pose's coordinates.")] = 0.0,
-    u_rotation_deg: Annotated[float, typer.Option("--u-rotation-deg", min=0, help="Standard uncertainty of a pose's rotations.")] = 0.0,
+    u_position_mm: Annotated[
+        float | None, typer.Option("--u-position-mm", min=0, help=f"Standard uncertainty of a pose's coordinates; {STATED}.")
+    ] = None,
+    u_rotation_deg: Annotated[
+        float | None, typer.Option("--u-rotation-deg", min=0, help=f"Standard uncertainty of a pose's rotations; {STATED}.")
+    ] = None,
     solve: Annotated[str, typer.Option("--solve", help="What the calibration will solve for, as `lmeasure calibrate` has it.")] = (
         "position,guide"
     ),
@@ -81,7 +86,9 @@ def plan_poses(
     if box is None and extend is None:
         raise typer.BadParameter("say where the robot may go", param_hint="--box")
     what = read_rig(rig)
-    recorded = None if extend is None else _recorded(extend, u_position_mm, math.radians(u_rotation_deg))
+    u = u_position_mm, None if u_rotation_deg is None else math.radians(u_rotation_deg)
+    recorded = None if extend is None else _recorded(extend, u[0] or 0.0, u[1] or 0.0)
+    u_position, u_rotation = _uncertainties(u, recorded)
     region = _region("--box", box, tilt_deg, quaternion, recorded)
     zone = None
     if zone_box is not None or zone_tilt_deg is not None:
@@ -92,8 +99,8 @@ def plan_poses(
         zone,
         criterion,
         tuple(g.strip() for g in solve.split(",") if g.strip()),
-        u_position_mm,
-        math.radians(u_rotation_deg),
+        u_position,
+        u_rotation,
         _passes(passes),
         Limits(max_wrap_deg, min_span_mm, max_length_mm, clearance_mm, min_tension_n),
         further,
@@ -125,6 +132,15 @@ def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Cam
             f"{folder}: its reference poses have no orientations; planning needs whole poses, as poses.csv of a calibration"
         )
     return replace(campaign, poses=old.or_uncertain(u_position_mm, u_rotation_rad))
+
+
+def _uncertainties(given: tuple[float | None, float | None], recorded: "Campaign | None") -> tuple[float, float]:
+    """Of the new poses [mm, rad]: what is given, else the largest of the recorded ones, else none."""
+    if recorded is None:
+        return given[0] or 0.0, given[1] or 0.0
+    stated = recorded.poses.u_position_mm.max(), recorded.poses.u_rotation_rad.max()
+    position, rotation = (float(most) if u is None else u for u, most in zip(given, stated, strict=True))
+    return position, rotation
 
 
 def _region(name: str, text: str | None, tilt_deg: float, quaternion: str | None, recorded: "Campaign | None") -> "Region":

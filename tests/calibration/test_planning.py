@@ -413,9 +413,9 @@ def test_command_extends_with_all_that_the_folder_states(tmp_path: Path) -> None
     assert found.names == tuple("12345678")
     assert found.covariance is not None
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.covariance[:6])), np.tile(sigma, (6, 1)), rtol=1e-9)
-    np.testing.assert_allclose(
-        np.sqrt(np.einsum("nii->ni", found.covariance[6:])), np.tile([0, 0, 0, 0.05, 0.05, 0.05], (2, 1)), atol=1e-12
-    )
+    # what the command does not say is as in the poses recorded: 1, 1 and 2 make 1.41 rms
+    new = [*np.full(3, np.sqrt(2.0) * 1e-4), 0.05, 0.05, 0.05]
+    np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", found.covariance[6:])), np.tile(new, (2, 1)), rtol=1e-9)
     np.testing.assert_allclose(table.numbers("u_repeatability_mm"), [*np.linspace(0.01, 0.02, 6), 0.02, 0.02])
     np.testing.assert_array_equal(table.numbers("temperature_c", gaps=True), [*np.full(6, 21.0), np.nan, np.nan])
 
