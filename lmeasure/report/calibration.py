@@ -84,7 +84,7 @@ def _observability(record: CalibrationRecord) -> list[str]:
     if not record.spectrum:
         return []
     figure = go.Figure()
-    for point in dict.fromkeys(str(d["point"]) for d in record.spectrum):
+    for point in sorted({str(d["point"]) for d in record.spectrum}):
         own = [(i, d) for i, d in enumerate(record.spectrum, 1) if d["point"] == point]
         symbols = ["circle" if d["known"] else "x" for _, d in own]
         figure.add_scatter(
@@ -94,7 +94,10 @@ def _observability(record: CalibrationRecord) -> list[str]:
             name=html.text(point),
             marker={"symbol": symbols, "size": 8},
         )
-    figure.add_hline(y=1.0, line={"dash": "dash"}, annotation_text="the prior knows it as well")
+    figure.add_hline(y=1.0, line={"dash": "dash"})
+    # on a logarithmic axis an annotation lies at the logarithm
+    at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "bottom", "showarrow": False}
+    figure.add_annotation(text="the prior knows it as well", **at)
     figure.update_layout(height=380, margin={"t": 20}, xaxis={"title": "direction, best seen first"})
     figure.update_yaxes(title="standard uncertainty left, in prior ones", type="log")
     values = go.Figure()
