@@ -9,7 +9,7 @@ from scipy.stats import qmc
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.kernels import screw
+from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.lengths import cable_covariance, counts_from_poses
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 
@@ -59,8 +59,6 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
         u[:, j] = np.sqrt(np.maximum(np.einsum("na,ab,nb->n", g[:, j], own, g[:, j]), 0.0))
     pose = np.empty((len(rows), 0))
     if len(cables) == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
-        _, systematic = screw.pose_covariances(
-            kernel_rows, zero, np.ascontiguousarray(rows), counts, scales, np.zeros(len(cables)), covariance
-        )
+        _, systematic = pose_covariances(kernel_rows, zero, np.ascontiguousarray(rows), counts, scales, np.zeros(len(cables)), covariance)
         pose = np.sqrt(np.maximum(np.einsum("nii->ni", systematic), 0.0))[:, [3, 4, 5, 0, 1, 2]]
     return Prediction(rows, u, pose)

@@ -46,7 +46,7 @@ def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
-    """(n, 6, 6) `kernels.screw.twists` of six cables; NaN where the pose is NaN."""
+    """(n, 6, 6) `kernels.pose_covariance.twists` of six cables; NaN where the pose is NaN."""
     out = np.full((len(poses), 6, len(cables)), np.nan)
     known = ~np.isnan(poses[:, 0])
     out[known] = np.linalg.inv(span_rows(cables, poses[known])[1])

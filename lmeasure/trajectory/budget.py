@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import TrajectoryError
-from lmeasure.kernels import least_squares, screw
+from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
 from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, zero_temperature
 from lmeasure.rig import Rig
@@ -180,7 +180,7 @@ class Budget:
 
     def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
         if self.scheme.six:
-            return np.asarray((screw if compiled else at_once).twists(self.scheme.rows, poses))
+            return np.asarray((pose_covariance if compiled else at_once).twists(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.variance.min() / self.variance))
         if unused is not None:
             left = np.flatnonzero(unused >= 0)

@@ -15,7 +15,7 @@ from lmeasure.accuracy.zone_dataset import summary
 from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.conventions import rotation_from_angles
 from lmeasure.errors import AccuracyError, FileFormatError, RigError
-from lmeasure.kernels.screw import pose_covariances
+from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.lengths import cable_covariance, count_variance, counts_from_poses
 from lmeasure.rig import Rig
 

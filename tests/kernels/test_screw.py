@@ -11,6 +11,7 @@ from rows import HOME, cell, cell_rows, straight_row
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable, screw
+from lmeasure.kernels.pose_covariance import pose_covariances
 
 FloatArray = NDArray[np.float64]
 
@@ -361,7 +362,7 @@ def test_covariances_against_difference_quotients(seed: int) -> None:
     width = len(cable.PARAMETERS)
     factor = g.normal(size=(6 * width, 6 * width)) * 1e-2
     covariance = factor @ factor.T
-    random, systematic = screw.pose_covariances(rows, start, pose[None], counts[None], scales, variance, covariance)
+    random, systematic = pose_covariances(rows, start, pose[None], counts[None], scales, variance, covariance)
 
     h = 1e-3
     by_length = np.empty((6, 6))
@@ -393,7 +394,7 @@ def test_random_covariance_is_what_noise_does() -> None:
     counts = cable.counts_from_changes(rows, changes_of(truth[None], rows))[0]
     noise = g.uniform(-0.006, 0.006, (4000, 6))
     errors = np.array([pose_error(refound(rows, HOME, counts, truth, e), truth) for e in noise])
-    random, _ = screw.pose_covariances(
+    random, _ = pose_covariances(
         rows, HOME, truth[None], counts[None], np.ones(6), np.full(6, 0.012**2 / 12), np.zeros((6 * len(cable.PARAMETERS),) * 2)
     )
     size = np.sqrt(np.diag(random[0]))
@@ -404,15 +405,13 @@ def test_start_pose_is_known_whatever_the_rig() -> None:
     """At the pose where the counters were zeroed an error of the rig moves nothing: systematic covariance 0."""
     rows = cell_rows()
     width = 6 * len(cable.PARAMETERS)
-    random, systematic = screw.pose_covariances(rows, HOME, HOME[None], np.zeros((1, 6)), np.ones(6), U**2, np.eye(width))
+    random, systematic = pose_covariances(rows, HOME, HOME[None], np.zeros((1, 6)), np.ones(6), U**2, np.eye(width))
     assert np.abs(systematic).max() < 1e-20
     assert np.isfinite(random).all()
 
 
 def test_no_pose_has_no_covariance() -> None:
     width = 6 * len(cable.PARAMETERS)
-    random, systematic = screw.pose_covariances(
-        cell_rows(), HOME, np.full((1, 7), np.nan), np.zeros((1, 6)), np.ones(6), U**2, np.eye(width)
-    )
+    random, systematic = pose_covariances(cell_rows(), HOME, np.full((1, 7), np.nan), np.zeros((1, 6)), np.ones(6), U**2, np.eye(width))
     assert np.isnan(random).all()
     assert np.isnan(systematic).all()

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels import cable, screw
+from lmeasure.kernels import cable, pose_covariance, screw
 from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 from lmeasure.run import write_run
@@ -47,7 +47,9 @@ def test_a_log_is_the_same_at_once(noise_mm: float) -> None:
         np.testing.assert_allclose(found[a], expected[a], rtol=0, atol=b)
     np.testing.assert_array_equal(found[3], expected[3])
     np.testing.assert_allclose(state, there, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(at_once.twists(rig.cable_rows(), found[0]), screw.twists(rig.cable_rows(), found[0]), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        at_once.twists(rig.cable_rows(), found[0]), pose_covariance.twists(rig.cable_rows(), found[0]), rtol=1e-9, atol=1e-12
+    )
 
 
 @settings(max_examples=30, deadline=None)
