@@ -29,6 +29,12 @@ EVIDENCE = 16.0
 ALARM = 1e-4
 """Probability under which a misfit is no chance."""
 
+SCREENED = 4
+"""Hypotheses that are fitted in full, of those that a linear guess prefers."""
+
+MOST_SLIPS = 3
+"""Slips of one campaign that are named where all are judged together."""
+
 GROSS_MM = 1.0
 """Residuals that no reference pose or rounding makes, but a slip of this kind does."""
 
@@ -75,6 +81,26 @@ def diagnose(campaign: Campaign, stated: dict[str, Fit], judge: Judge) -> list[F
         gain, best = max(((_gain(stated, h, judge), h) for h in _channels(campaign, name)), key=lambda pair: pair[0])
         if gain > EVIDENCE:
             findings.append(_finding(best, gain))
+    return findings
+
+
+def diagnose_together(
+    campaign: Campaign, stated: Fit, judge: Callable[[Campaign], Fit], screen: Callable[[Campaign], float]
+) -> list[Finding]:
+    """`diagnose` where points cannot be judged one by one, because the poses are unknown: one slip after another, each judged by the fit of
+    everything. screen: a cheap guess of `Fit.objective`, by which the hypotheses that are worth a fit are chosen. Poses' angles take no
+    part: they are not known, or not trusted."""
+    points = list(dict.fromkeys(c.from_point for c in campaign.cables))
+    findings: list[Finding] = []
+    while gross(stated) and len(findings) < MOST_SLIPS:
+        hypotheses = [*_swaps(campaign, points), *(h for name in points for h in _channels(campaign, name))]
+        best = sorted(hypotheses, key=lambda h: screen(h.campaign))[:SCREENED]
+        tested = [(h, fit, (stated.objective - fit.objective) / _noise([fit])) for h, fit in ((h, judge(h.campaign)) for h in best)]
+        h, fit, gain = max(tested, key=lambda each: each[2])
+        if gain <= EVIDENCE:
+            break
+        findings.append(_finding(h, gain))
+        campaign, stated = h.campaign, fit
     return findings
 
 

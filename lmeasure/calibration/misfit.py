@@ -8,7 +8,7 @@ import scipy.optimize
 import scipy.stats
 from numpy.typing import NDArray
 
-from lmeasure.calibration.refine import Fit, Noise, fit
+from lmeasure.calibration.refine import Fit, Noise, Refit
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import Suspect, Validation
 from lmeasure.calibration_record import Finding
@@ -19,12 +19,13 @@ CHANCE = 1e-3
 """Probability under which residuals are not put down to chance."""
 
 
-def explain_misfit(model: Model, found: Fit, noise: Noise, prior: bool, blamed: list[str]) -> tuple[Fit, Noise, list[Finding]]:
+def explain_misfit(model: Model, found: Fit, noise: Noise, refit: Refit, blamed: list[str]) -> tuple[Fit, Noise, list[Finding]]:
     """The fit with a covariance that covers what it does not explain, the noise it was made with, and findings.
 
     When chi-squared exceeds chance: name the pose or the slipped counter that the others contradict most, then estimate a common error of
     the reference positions from the residuals and fit again with it. blamed are channels that a gross diagnosis has named already: their
-    residuals are no measure of the poses. What is left unexplained multiplies the covariance.
+    residuals are no measure of the poses. Poses whose places are unknown have no errors to estimate. What is left unexplained multiplies
+    the covariance.
     """
     if not _improbable(found):
         return found, noise, []
@@ -35,6 +36,11 @@ def explain_misfit(model: Model, found: Fit, noise: Noise, prior: bool, blamed: 
         findings.append(Finding(code="misfit", text=text, value=rms))
     else:
         findings += _contradictions(model, found)
+    if not blamed and not model.places_known:
+        factor = math.sqrt(found.chi2 / found.freedom)
+        text = f"residuals of {rms:.3g} mm rms exceed the stated noise; the uncertainties are multiplied by {factor:.3g}"
+        findings.append(Finding(code="misfit", text=text, value=rms))
+    elif not blamed:
         before = noise
         # the second round settles the estimate where the first moved the optimum
         for _ in range(2):
@@ -42,7 +48,7 @@ def explain_misfit(model: Model, found: Fit, noise: Noise, prior: bool, blamed: 
             if u == 0.0:
                 break
             noise = noise.widened(u)
-            found = fit(model, found.theta, noise, prior)
+            found = refit(found.theta, noise, False)
             if not _improbable(found):
                 break
         u = float(np.sqrt(np.mean(noise.u_position_mm**2 - before.u_position_mm**2)))
@@ -81,7 +87,7 @@ def _contradictions(model: Model, found: Fit) -> list[Finding]:
 def _pose_error(model: Model, found: Fit) -> float:
     """The extra standard uncertainty of the reference positions [mm] at which chi-squared equals its degrees of freedom (method of moments,
     with the model linearised at the fit)."""
-    J = model.jacobian(found.theta) * model.unknowns.width @ found.directions[found.known].T
+    J = found.determined(model)
     reference = model.campaign.reference_of
     visits = reference[:, None] == np.unique(reference)
     by_pose = np.einsum("eni,nr->eri", model.pose_jacobian(found.theta)[:, :, 3:], visits).reshape(len(found.residuals), -1)

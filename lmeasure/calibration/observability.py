@@ -12,6 +12,8 @@ from lmeasure.rig import Cable, Rig
 
 FloatArray = NDArray[np.float64]
 
+SAME = ": the counts stay the same, only the prior holds it"
+SHARE = 0.3  # of a direction that several points share, from which a point's part is told
 _WORDS = {
     "guide_alpha_deg": ("guide alpha", "deg"),
     "guide_beta_deg": ("guide beta", "deg"),
@@ -35,7 +37,8 @@ def unobservable_directions(unknowns: Unknowns, silent: FloatArray, sight: dict[
 
     silent (k, p): orthonormal directions of which the data say nothing, in prior widths. Their subspace of all unknowns together has
     no preferred basis, and would mix points; the projector onto it has: its block for one point has an eigenvalue near 1 for each
-    direction of that point alone. sight (3,) is the unit vector from each observation point towards the middle of its poses.
+    direction of that point alone. What is left is spread over several points, and is listed under the one that moves most. sight (3,) is
+    the unit vector from each observation point towards the middle of its poses.
     """
     projector = silent.T @ silent
     out = []
@@ -50,12 +53,27 @@ def unobservable_directions(unknowns: Unknowns, silent: FloatArray, sight: dict[
                 vector, change = -vector, -change
             keys = [unknowns.names[i].rsplit(".", 1)[1] for i in own]
             direction = {unknowns.names[i]: float(v) for i, v in zip(own, vector, strict=True)}
-            out.append(Unobservable(point=owner, direction=direction, text=_text(owner, keys, change, vector, sight.get(owner))))
-    return out
+            out.append(Unobservable(point=owner, direction=direction, text=_text(owner, keys, change, vector, sight.get(owner)) + SAME))
+    alone = np.array([[u.direction.get(name, 0.0) for name in unknowns.names] for u in out]).reshape(-1, len(unknowns.names))
+    _, _, spread = np.linalg.svd(silent - silent @ alone.T @ alone)
+    return out + [_spread(unknowns, vector, sight) for vector in spread[: max(0, len(silent) - len(out))]]
+
+
+def _spread(unknowns: Unknowns, vector: FloatArray, sight: dict[str, FloatArray]) -> Unobservable:
+    """A direction (p,) in prior widths that several points share."""
+    weight = {owner: float(np.linalg.norm(vector[unknowns.of(owner)])) for owner in map(unknowns.owner, range(len(vector)))}
+    parts: list[str] = []
+    for owner in sorted(weight, key=lambda name: -weight[name]):
+        own = unknowns.of(owner)
+        if weight[owner] > SHARE or not parts:
+            keys = [unknowns.names[i].rsplit(".", 1)[1] for i in own]
+            parts.append(_text(owner, keys, vector[own] * unknowns.width[own], vector[own], sight.get(owner)))
+    direction = {name: float(v) for name, v in zip(unknowns.names, vector, strict=True)}
+    return Unobservable(point=max(weight, key=lambda name: weight[name]), direction=direction, text="; ".join(parts) + SAME)
 
 
 def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> str:
-    """One line: what moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
+    """What moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
     by_key = dict(zip(keys, change, strict=True))
     parts = []
     move = np.array([by_key.get(k, 0.0) for k in ("x_mm", "y_mm", "z_mm")])
@@ -73,4 +91,4 @@ def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, s
             turns.append(f"{name} changes by {value:+.3g} {unit}".rstrip())
     if turns:
         parts.append(", ".join(turns))
-    return f"{owner} " + " while ".join(parts) + ": the counts stay the same, only the prior holds it"
+    return f"{owner} " + " while ".join(parts)

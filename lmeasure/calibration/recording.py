@@ -1,11 +1,10 @@
 """The calibration record of a fit: values with their uncertainties, and what holds them together."""
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.joint import COMPONENTS, Joint
+from lmeasure.calibration.joint_model import COMPONENTS, JointModel
 from lmeasure.calibration.prediction import Prediction
 from lmeasure.calibration.refine import Fit, Noise
 from lmeasure.calibration.regions import PROBABILITY, Regions, whole_counts
@@ -31,17 +30,21 @@ def make_record(
     findings: list[Finding],
     silent: list[Unobservable],
 ) -> CalibrationRecord:
-    """The record of a fit; coarse solutions, ranges, predictions and settings are added by the caller that has them."""
-    unknowns = model.unknowns
-    u = np.sqrt(np.diag(where.covariance))
+    """The record of a fit; coarse solutions, ranges, predictions and settings are added by the caller that has them. campaign: with the
+    poses found, where they were unknown."""
+    unknowns, own = model.rig, model.own
+    u = np.sqrt(np.maximum(np.diag(where.covariance), 0.0))
+    reference = {"reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2)))} if model.places_known else {}
+    if not model.pose_unknowns:
+        reference["reference_u_rotation_deg"] = float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2))))
     return CalibrationRecord(
         rig=campaign.rig.name,
         parameters=tuple(
             Parameter(name=n, value=float(v), u=float(s), prior_u=float(w), U95=float(half))
-            for n, v, s, w, half in zip(unknowns.names, found.theta, u, unknowns.width, where.U95, strict=True)
+            for n, v, s, w, half in zip(unknowns.names, found.theta[:own], u, unknowns.width, where.U95, strict=True)
         ),
         covariance=_rows(where.covariance),
-        tangent_covariance=_rows(found.covariance),
+        tangent_covariance=_rows(found.covariance[:own, :own]),
         region={
             "probability": PROBABILITY,
             "factor": where.factor,
@@ -53,64 +56,36 @@ def make_record(
             for i, j, r in zip(model.pose_index, model.cable_index, found.residuals, strict=True)
         ),
         equations=model.equations,
-        unknowns=len(unknowns.names),
+        unknowns=len(found.theta),
         rank=found.rank,
         unobservable=tuple(silent),
         warnings=tuple(findings),
         inputs=campaign.inputs,
         spectrum=tuple(_spectrum(unknowns, found)),
-        correlations=tuple(_correlations(unknowns.names, where.covariance, u)),
+        correlations=tuple(_correlations(unknowns.names, where.covariance, np.maximum(u, 1e-300))),
+        poses=tuple(_poses(campaign, model, found)),
         validation=_validation(model, found),
         noise={
             "chi_squared": found.chi2,
             "degrees_of_freedom": float(found.freedom),
             "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
-            "reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2))),
-            "reference_u_rotation_deg": float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2)))),
-        },
+        }
+        | reference,
     )
 
 
-def make_joint_record(found: Joint, findings: list[Finding], silent: list[Unobservable]) -> CalibrationRecord:
-    """The record of rig and poses found together: the rig's values as in any record, and the poses with theirs."""
-    own, unknowns, campaign = found.own, found.model.rig, found.campaign
-    covariance, d = found.covariance[:own, :own], len(found.model.free)
-    u = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    # a noise level taken from the residuals is known only as well as their number allows
-    estimated = any(f.code == "misfit" for f in findings)
-    coverage = float(scipy.stats.t.ppf(0.975, found.freedom) if estimated else scipy.stats.norm.ppf(0.975))
-    keys = [f"u_{COMPONENTS[c]}" for c in found.model.free]
-    rows, names = campaign.poses.rows.tolist(), (*POSITION_COLUMNS, *QUATERNION_COLUMNS)
-    return CalibrationRecord(
-        rig=campaign.rig.name,
-        parameters=tuple(
-            Parameter(name=n, value=float(v), u=float(s), prior_u=float(w), U95=coverage * float(s))
-            for n, v, s, w in zip(unknowns.names, found.theta[:own], u[:own], unknowns.width, strict=True)
-        ),
-        covariance=_rows(covariance),
-        residuals=tuple(
-            Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
-            for i, j, r in zip(found.model.pose_index, found.model.cable_index, found.residuals, strict=True)
-        ),
-        equations=found.model.equations,
-        unknowns=len(found.theta),
-        rank=int(found.known.sum()) + len(found.theta) - own,
-        unobservable=tuple(silent),
-        warnings=tuple(findings),
-        inputs=campaign.inputs,
-        correlations=tuple(_correlations(unknowns.names, covariance, np.maximum(u[:own], 1e-300))),
-        poses=tuple(
-            {"pose": name}
-            | dict(zip(names, row, strict=True))
-            | dict(zip(keys, map(float, u[own + d * i : own + d * (i + 1)]), strict=True))
-            for i, (name, row) in enumerate(zip(campaign.poses.names, rows, strict=True))
-        ),
-        noise={
-            "chi_squared": found.chi2,
-            "degrees_of_freedom": float(found.freedom),
-            "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
-        },
-    )
+def _poses(campaign: Campaign, model: Model, found: Fit) -> list[dict[str, object]]:
+    """Each pose that was found with the rig, and the standard uncertainties of what was unknown of it, in the frame."""
+    if not isinstance(model, JointModel):
+        return []
+    u = np.sqrt(np.maximum(np.diag(found.covariance)[model.own :], 0.0)).reshape(len(model.at), -1)
+    columns = (*POSITION_COLUMNS, *QUATERNION_COLUMNS)
+    return [
+        {"pose": campaign.poses.names[i]}
+        | dict(zip(columns, campaign.poses.rows[i].tolist(), strict=True))
+        | dict(zip([f"u_{COMPONENTS[c]}" for c in model.free], own.tolist(), strict=True))
+        for i, own in zip(model.at, u, strict=True)
+    ]
 
 
 def _rows(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
@@ -154,13 +129,14 @@ def held_out_entry(poses: list[HeldOut]) -> dict[str, object]:
 def _spectrum(unknowns: Unknowns, found: Fit) -> list[dict[str, object]]:
     """Each direction: how many prior standard uncertainties the counts leave of it, and the owner of most of the values it is made of."""
     out = []
-    for s, direction, known in zip(found.s, found.directions, found.known, strict=True):
+    told = len(found.s) - found.motions
+    for s, direction, known in zip(found.s[:told], found.directions, found.known, strict=False):
         weight: dict[str, float] = {}
         for i, part in enumerate(direction**2):
             weight[unknowns.owner(i)] = weight.get(unknowns.owner(i), 0.0) + float(part)
         owner = max(weight, key=lambda name: weight[name])
         out.append({"point": owner, "left": min(1.0 / max(float(s), 1e-300), UNSEEN), "known": bool(known)})
-    return out
+    return out + [{"point": "frame", "left": UNSEEN, "known": False}] * found.motions
 
 
 def predicted_entry(campaign: Campaign, predicted: Prediction) -> dict[str, object]:

@@ -7,6 +7,7 @@ Jacobian in z then say how much better than the prior the data know each directi
 the data leave undetermined: there, and only there, the prior decides (unless it is asked to act everywhere).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -71,7 +72,8 @@ class Fit:
     where the data decide; prior_everywhere: whether the prior acts on those too; covariance (p, p) of theta with the model linearised; chi2
     of the residuals under V; prior_misfit: squared distance from the nominal values in prior widths where the prior acts;
     nominal_misfit: the same in all directions; excess: how many times V the residuals ask for when nothing explains them (in the
-    covariance already); lost: how many of the equations a robust loss has taken back.
+    covariance already); lost: how many of the equations a robust loss has taken back; motions: how many of the directions, the last, are
+    motions of rig and poses together, about which a choice of the frame decides (`calibration.joint`).
     """
 
     theta: FloatArray
@@ -88,6 +90,7 @@ class Fit:
     converged: bool
     lost: float
     excess: float = 1.0
+    motions: int = 0
 
     @property
     def freedom(self) -> int:
@@ -106,6 +109,27 @@ class Fit:
         return int(self.known.sum())
 
     @property
+    def silent(self) -> FloatArray:
+        """(k, p) directions of the rig of which the data say nothing, and no choice of a frame."""
+        return self.directions[~self.known][: int((~self.known).sum()) - self.motions]
+
+    def held_covariance(self, model: Model) -> FloatArray:
+        """(p, p) the part of the rig's covariance that only nominal values hold."""
+        silent = self.silent * model.rig.width
+        return np.asarray(silent.T @ silent)
+
+    def determined(self, model: Model) -> FloatArray:
+        """(e, rank) derivatives of the residuals [mm] along the directions that the data determine, in prior widths."""
+        return np.asarray(model.jacobian(self.theta) * model.unknowns.width @ self.directions[self.known].T)
+
+    def gain(self, model: Model) -> FloatArray:
+        """(p, e) how theta follows errors of the residuals [mm], with the other sign."""
+        data, width = self.gains[0], model.unknowns.width
+        weight = np.where(data > 0, data / np.where(data > 0, self.s, 1.0), 0.0)
+        by_information = (self.directions.T * weight) @ self.directions * np.outer(width, width)
+        return np.asarray(by_information @ np.linalg.solve(self.V, model.jacobian(self.theta)).T)
+
+    @property
     def objective(self) -> float:
         """Twice the negative log posterior, constants left out: what tells one minimum from another."""
         return self.chi2 + self.nominal_misfit
@@ -117,6 +141,10 @@ def _gains(s: FloatArray, known: BoolArray, prior_everywhere: bool) -> tuple[Flo
     else:
         data, prior = np.where(known, 1.0 / np.where(known, s, 1.0), 0.0), np.where(known, 0.0, 1.0)
     return data, prior, np.hypot(data, prior)
+
+
+Refit = Callable[[FloatArray, Noise, bool], Fit]
+"""The optimum nearest to values of the unknowns, under a noise, and whether they are an optimum under hardly different weights."""
 
 
 def measurement_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.calibration.joint import Joint
 from lmeasure.calibration.refine import Fit, Whitened
 from lmeasure.calibration.unknowns import Model
 from lmeasure.lengths import count_variance
@@ -28,6 +29,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 DRAWS = 4096
+JOINT_DRAWS = 2048
 PROBABILITY = 0.95
 BENT = 3.0
 """Bend from which the reader is warned: in some direction the truth strays ten times the linear variance."""
@@ -51,6 +53,26 @@ class Regions:
 def regions(model: Model, fit: Fit, seed: int, freedom: int | None = None) -> Regions:
     """The 95 % regions of a fit. freedom: degrees of freedom of a noise level that was estimated from the residuals, None when stated."""
     rng = np.random.default_rng([seed, 11])
+    width = model.rig.width
+    xi, second, axes = _drawn_jointly(model, fit, rng) if isinstance(fit, Joint) else _drawn(model, fit, rng)
+    draws = len(xi)
+    second *= np.sqrt(fit.excess)
+    inner = np.eye(xi.shape[1]) + second.T @ second / draws
+    scale = np.sqrt(fit.excess) * width[:, None] * axes
+    covariance = scale @ inner @ scale.T
+    student = np.ones((draws, 1)) if freedom is None else np.sqrt(max(freedom, 1) / rng.chisquare(max(freedom, 1), (draws, 1)))
+    x = student * xi + student**2 * second
+    squares = np.einsum("na,na->n", x, np.linalg.solve(inner, x.T).T)
+    return Regions(
+        np.asarray((covariance + covariance.T) / 2),
+        float(np.sqrt(np.quantile(squares, PROBABILITY))),
+        np.asarray(np.quantile(np.abs(x @ scale.T), PROBABILITY, axis=0)),
+        float(np.sqrt(np.linalg.eigvalsh(inner)[-1] - 1.0)),
+    )
+
+
+def _drawn(model: Model, fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n, p) deviations of first and of second order, in units of the axes (p, p) in prior widths."""
     w = Whitened(model, fit.V)
     z = (fit.theta - model.unknowns.nominal) / model.unknowns.width
     J = w.jacobian(z)
@@ -64,19 +86,24 @@ def regions(model: Model, fit: Fit, seed: int, freedom: int | None = None) -> Re
     for k in np.flatnonzero(data > 0):
         B = np.tensordot(U[:, k], by_direction, 1) * (data[k] / sigma[k])
         second[:, k] = -0.5 * np.einsum("na,na->n", xi @ B, xi)
-    second *= np.sqrt(fit.excess)
-    inner = np.eye(len(z)) + second.T @ second / DRAWS
-    scale = np.sqrt(fit.excess) * model.unknowns.width[:, None] * axes
-    covariance = scale @ inner @ scale.T
-    student = np.ones((DRAWS, 1)) if freedom is None else np.sqrt(max(freedom, 1) / rng.chisquare(max(freedom, 1), (DRAWS, 1)))
-    x = student * xi + student**2 * second
-    squares = np.einsum("na,na->n", x, np.linalg.solve(inner, x.T).T)
-    return Regions(
-        np.asarray((covariance + covariance.T) / 2),
-        float(np.sqrt(np.quantile(squares, PROBABILITY))),
-        np.asarray(np.quantile(np.abs(x @ scale.T), PROBABILITY, axis=0)),
-        float(np.sqrt(np.linalg.eigvalsh(inner)[-1] - 1.0)),
-    )
+    return xi, second, axes
+
+
+def _drawn_jointly(model: Model, fit: Joint, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same of the rig's values, k of them beside the motions of the whole, where poses were unknown too: axes (p, k).
+
+    With r = e at the truth, d = K e + first order of what is held, and K r = 0 at the result, K J being the projector onto what the data
+    determine, the second order is -K H[d, d]/2; H[d, d] = r(x + d) + r(x - d) - 2 r(x) is taken from the residuals themselves.
+    """
+    own = len(fit.s)
+    every = fit.follows @ _noise(model, fit, rng)[:, :JOINT_DRAWS] + fit.held @ rng.normal(size=(fit.held.shape[1], JOINT_DRAWS))
+    H = np.array([model.residuals(fit.theta + d) + model.residuals(fit.theta - d) for d in every.T]).T - 2.0 * fit.residuals[:, None]
+    width, k = model.rig.width[:, None], own - fit.motions
+    first, second = every[:own] / width, -0.5 * fit.follows[:own] @ H / width
+    values, vectors = np.linalg.eigh(fit.covariance[:own, :own] / fit.excess / (width * width.T))
+    axes = vectors[:, -k:] * np.sqrt(values[-k:])
+    back = (vectors[:, -k:] / np.sqrt(values[-k:])).T
+    return (back @ first).T, (back @ second).T, axes
 
 
 def whole_counts(model: Model) -> BoolArray:

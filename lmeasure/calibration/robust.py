@@ -17,7 +17,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from lmeasure.calibration.refine import Fit, Noise, fit, residual_covariance
+from lmeasure.calibration.refine import Fit, Noise, Refit, residual_covariance
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import Validation
 from lmeasure.calibration_record import Finding
@@ -57,18 +57,18 @@ class Weights:
         return {"loss": "Tukey biweight", "constant": BIWEIGHT, "scale": self.scale, "weights": weights}
 
 
-def robust_fit(model: Model, found: Fit, noise: Noise) -> tuple[Fit, Noise, Weights]:
+def robust_fit(model: Model, found: Fit, noise: Noise, refit: Refit) -> tuple[Fit, Noise, Weights]:
     """The fit with Tukey's biweight on the poses; the noise with the variance that each pose was given, and the weights.
 
     The biweight has many optima. Begun at found, which bad poses may have pulled far away, and, with the weights it then has, at the
     nominal rig; of the two, the one that believes more of the poses.
     """
-    first = _reweighted(model, found, noise)
-    second = _reweighted(model, fit(model, model.unknowns.nominal, first[1], found.prior_everywhere), first[1])
+    first = _reweighted(model, found, noise, refit)
+    second = _reweighted(model, refit(model.unknowns.nominal, first[1], False), first[1], refit)
     return max(first, second, key=lambda result: float(result[2].weight.sum()))
 
 
-def _reweighted(model: Model, found: Fit, noise: Noise) -> tuple[Fit, Noise, Weights]:
+def _reweighted(model: Model, found: Fit, noise: Noise, refit: Refit) -> tuple[Fit, Noise, Weights]:
     poses, reference = len(model.campaign.poses), model.campaign.reference_of
     weights = Weights(np.ones(poses), 1.0)
     variance = np.zeros(poses) if noise.robust_variance_mm2 is None else noise.robust_variance_mm2
@@ -90,7 +90,7 @@ def _reweighted(model: Model, found: Fit, noise: Noise) -> tuple[Fit, Noise, Wei
         change = float(np.abs(weight - weights.weight).max())
         weights = Weights(weight, scale)
         noise = replace(noise, robust_variance_mm2=variance)
-        found = fit(model, found.theta, noise, found.prior_everywhere, near=change < NEAR)
+        found = refit(found.theta, noise, change < NEAR)
         if change < SETTLED:
             break
     return found, noise, weights

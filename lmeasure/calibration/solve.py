@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
-from lmeasure.calibration.joint import Frame, free_components, solve_jointly
+from lmeasure.calibration.joint import fit_jointly, fitted_pose, linear_objective, solve_jointly
+from lmeasure.calibration.joint_model import Frame, JointModel
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.misfit import explain_misfit
 from lmeasure.calibration.prediction import Prediction, predict
 from lmeasure.calibration.ranges import position_range
-from lmeasure.calibration.recording import held_out_entry, make_joint_record, make_record, predicted_entry
-from lmeasure.calibration.refine import Fit, Noise, fit
+from lmeasure.calibration.recording import held_out_entry, make_record, predicted_entry
+from lmeasure.calibration.refine import Fit, Noise, Refit, fit
 from lmeasure.calibration.regions import BENT, regions
 from lmeasure.calibration.robust import robust_fit
+from lmeasure.calibration.unknown_poses import counted_poses, free_components
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
-from lmeasure.calibration.validation import held_out
+from lmeasure.calibration.validation import HeldOut, held_out
 from lmeasure.calibration_record import CalibrationRecord, Finding, Unobservable
 from lmeasure.errors import CalibrationError
 from lmeasure.rig import Rig
@@ -71,71 +73,71 @@ class _Point:
     rivals: list[Fit]
 
 
+@dataclass(frozen=True)
+class _Begun:
+    """Where the least squares of everything begin: first fit and how to fit again, findings of gross slips, single points' solutions."""
+
+    model: Model
+    noise: Noise
+    first: Fit
+    refit: Refit
+    gross: list[Finding]
+    points: list[_Point]
+
+
 def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Progress | None = None) -> Calibration:
     """Calibrate the observation points of a campaign.
 
     Residuals that the model cannot explain, and directions the data cannot tell, are written into the record's warnings and unobservable;
-    the result is never a bare optimum. CalibrationError when there is nothing to solve.
+    the result is never a bare optimum. The campaign of the result has the poses found, where they were unknown. CalibrationError when
+    there is nothing to solve.
     """
     settings = settings or Settings()
     free = free_components(campaign, trusted=not settings.self_calibration)
-    if free:
-        return _calibrate_jointly(campaign, settings, free, progress)
-    kept_out = all_visits(campaign, settings.hold_out)
-    whole, campaign = campaign, without_poses(campaign, kept_out)
-    unknowns = unknowns_of(campaign, settings.solve)
-    noise = Noise.of(campaign.poses)
-    names = list(dict.fromkeys(c.from_point for c in campaign.cables))
-    points: list[_Point] = []
-    findings = [Finding(code="note", text=n) for n in campaign.notes]
-    for i, name in enumerate(names):
-        if progress:
-            progress(i, len(names) + 2)
-        points.append(_solve_point(campaign, name, settings, noise))
+    # of poses that are unknown and were not counted nothing is found
+    whole = counted_poses(campaign) if free else campaign
+    kept_out = all_visits(whole, settings.hold_out)
+    campaign = without_poses(whole, kept_out)
+    steps = 3 if free else len({c.from_point for c in campaign.cables}) + 2
+    begun = _begun_jointly(campaign, settings, free) if free else _begun(campaign, settings, progress, steps)
+    model, first, campaign = begun.model, begun.first, begun.model.campaign
     if progress:
-        progress(len(names), len(names) + 2)
-    everywhere = replace(settings, prior=True)
-    stated = {p.name: fit(p.model, p.fit.theta, noise, prior_everywhere=True) for p in points}
-    gross = diagnosis.diagnose(campaign, stated, lambda other, name: _solve_point(other, name, everywhere, noise).fit)
-    if progress:
-        progress(len(names) + 1, len(names) + 2)
-    start = unknowns.nominal.copy()
-    for point in points:
-        for value, name in zip(point.fit.theta, point.model.unknowns.names, strict=True):
-            start[unknowns.names.index(name)] = value
-    model = Model(campaign, unknowns)
-    blamed = [w.channel or w.code for w in gross]
-    first = fit(model, start, noise, settings.prior)
-    joint, final_noise, misfits = explain_misfit(model, first, noise, settings.prior, blamed)
+        progress(steps - 1, steps)
+    blamed = [w.channel or w.code for w in begun.gross]
+    found, noise, misfits = explain_misfit(model, first, begun.noise, begun.refit, blamed)
     weights = None
     if settings.robust:
         # who contradicts the others is told as without a robust loss; how large the noise is, by the poses that it leaves
-        joint, robust_noise, weights = robust_fit(model, first, noise)
-        joint, final_noise, remaining = explain_misfit(model, joint, robust_noise, settings.prior, blamed)
+        found, robust_noise, weights = robust_fit(model, first, begun.noise, begun.refit)
+        found, noise, remaining = explain_misfit(model, found, robust_noise, begun.refit, blamed)
         misfits = [w for w in misfits if w.code != "misfit"] + [w for w in remaining if w.code == "misfit"]
         misfits += weights.findings(campaign.poses.names)
-    noise = final_noise
-    findings += [*gross, *misfits, *_shape_findings(campaign, unknowns, joint, points)]
     estimated = any(w.code == "misfit" for w in misfits)
-    where = regions(model, joint, settings.seed, joint.freedom if estimated else None)
-    if where.bend > BENT and joint.rank == len(unknowns.names):
+    where = regions(model, found, settings.seed, found.freedom if estimated else None)
+    findings = [Finding(code="note", text=n) for n in campaign.notes]
+    findings += [*_poses_findings(model, found), *begun.gross, *misfits, *_shape_findings(campaign, model.rig, found, begun.points)]
+    if where.bend > BENT and not len(found.silent):
         text = (
             f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
             "that; lengths are told better than the values suggest"
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
-    rig = rig_with(campaign, unknowns, joint.theta, "calibration.json")
+    judged = _held_out(whole, model, found, noise, kept_out, settings.seed)
+    campaign = replace(campaign, poses=replace(campaign.poses, rows=model.poses(found.theta)))
+    rig = rig_with(campaign, model.rig, found.theta[: model.own], "calibration.json")
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
-    silent = observability.unobservable_directions(unknowns, joint.directions[~joint.known], sight)
-    record = make_record(campaign, model, joint, where, noise, findings, silent)
-    ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in points if p.name in _with_assumed(campaign)]
+    silent = observability.unobservable_directions(model.rig, found.silent, sight)
+    record = make_record(campaign, model, found, where, noise, findings, silent)
+    assumed = {name.split(".")[0] for name in campaign.rig.assumed}
+    ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in begun.points if p.name in assumed]
     predicted = predict(campaign, rig, record, settings.seed)
-    undetermined = _underdetermined(campaign, model, silent, predict(campaign, rig, _prior_part(record, joint, unknowns), settings.seed))
+    held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance(model).tolist()))})
+    undetermined = _underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed))
     record = record.model_copy(
         update={
             "warnings": (*record.warnings, *undetermined),
             "coarse": tuple(
-                _coarse_entry(p.name, channel, i, s) for p in points for channel, both in p.coarse.items() for i, s in enumerate(both)
+                _coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
             ),
             "ranges": tuple(
                 {"point": r.point, "low_mm": r.low.tolist(), "high_mm": r.high.tolist(), "fitting": r.fitting, "tried": r.tried}
@@ -143,43 +145,78 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
                 if r is not None
             ),
             "predicted": predicted_entry(campaign, predicted),
-            "validation": record.validation | held_out_entry(held_out(Model(whole, unknowns), joint, noise, kept_out)),
+            "validation": record.validation | held_out_entry(judged),
             "robust": {} if weights is None else weights.entry(campaign.poses.names),
             "settings": asdict(settings) | {"solve": list(settings.solve), "hold_out": list(settings.hold_out)},
         }
     )
     if progress:
-        progress(len(names) + 2, len(names) + 2)
+        progress(steps, steps)
     return Calibration(rig, record, campaign, predicted)
 
 
-def _calibrate_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...], progress: Progress | None) -> Calibration:
-    """Rig and poses together; the campaign of the result has the poses found. CalibrationError for options that need whole poses."""
-    for given, option in ((settings.robust, "--robust"), (settings.hold_out, "--hold-out")):
-        if given:
-            raise CalibrationError(f"{option}: judges by whole reference poses, and here their unknowns are estimated with the rig")
+def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, steps: int) -> _Begun:
+    """Each point alone first, at the reference poses: coarse solutions, LP-search, descent."""
+    unknowns, noise = unknowns_of(campaign, settings.solve), Noise.of(campaign.poses)
+    points: list[_Point] = []
+    for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.cables)):
+        if progress:
+            progress(i, steps)
+        points.append(_solve_point(campaign, name, settings, noise))
     if progress:
-        progress(0, 2)
-    found = solve_jointly(campaign, settings.solve, settings.prior, free, settings.frame, settings.seed)
-    if progress:
-        progress(1, 2)
-    unknowns, theta = found.model.rig, found.theta[: found.own]
-    rig = rig_with(campaign, unknowns, theta, "calibration.json")
-    sight = observability.lines_of_sight(rig, campaign.cables, found.campaign.poses)
-    silent = observability.unobservable_directions(unknowns, found.silent, sight)
-    findings = [*(Finding(code="note", text=n) for n in campaign.notes), *found.findings]
-    record = make_joint_record(found, findings, silent)
-    predicted = predict(found.campaign, rig, record, settings.seed)
-    more = {"predicted": predicted_entry(found.campaign, predicted), "settings": asdict(settings) | {"solve": list(settings.solve)}}
-    if progress:
-        progress(2, 2)
-    return Calibration(rig, record.model_copy(update=more), found.campaign, predicted)
+        progress(len(points), steps)
+    everywhere = replace(settings, prior=True)
+    stated = {p.name: fit(p.model, p.fit.theta, noise, prior_everywhere=True) for p in points}
+    gross = diagnosis.diagnose(campaign, stated, lambda other, name: _solve_point(other, name, everywhere, noise).fit)
+    start = unknowns.nominal.copy()
+    for point in points:
+        for value, name in zip(point.fit.theta, point.model.unknowns.names, strict=True):
+            start[unknowns.names.index(name)] = value
+    model = Model(campaign, unknowns)
+
+    def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
+        return fit(model, theta, noise, settings.prior, near)
+
+    return _Begun(model, noise, refit(start, noise, False), refit, gross, points)
 
 
-def _prior_part(record: CalibrationRecord, found: Fit, unknowns: Unknowns) -> CalibrationRecord:
-    """The record with that part of the covariance which only the priors hold."""
-    silent = found.directions[~found.known] * unknowns.width
-    return record.model_copy(update={"tangent_covariance": tuple(tuple(float(x) for x in row) for row in silent.T @ silent)})
+def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]) -> _Begun:
+    """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
+    model, first = solve_jointly(campaign, settings.solve, settings.prior, free, settings.frame, settings.seed)
+    noise = model.noise(campaign.poses)
+
+    def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
+        return fit_jointly(model, theta, noise, settings.prior, near)
+
+    def other(campaign: Campaign) -> JointModel:
+        return JointModel(campaign, model.rig, free, model.frame)
+
+    def judge(campaign: Campaign) -> Fit:
+        return fit_jointly(other(campaign), model.unknowns.nominal, noise, True)
+
+    stated = fit_jointly(model, first.theta, noise, True)
+    gross = diagnosis.diagnose_together(model.campaign, stated, judge, lambda campaign: linear_objective(other(campaign), noise))
+    return _Begun(model, noise, first, refit, gross, [])
+
+
+def _held_out(whole: Campaign, model: Model, found: Fit, noise: Noise, poses: tuple[str, ...], seed: int) -> list[HeldOut]:
+    """The poses that took no part, each with its own unknowns, if it has them, fitted to its own lengths."""
+    if not poses:
+        return []
+    if not isinstance(model, JointModel):
+        return held_out(Model(whole, model.rig), found.theta, found, model, noise, poses)
+    every = JointModel(replace(whole, poses=model.campaign.poses), model.rig, tuple(model.free.tolist()), model.frame)
+    theta = every.unknowns.nominal.copy()
+    theta[np.isin(every.unknowns.names, model.unknowns.names)] = found.theta
+    for name in poses:
+        pose = whole.poses.names.index(name)
+        told = int(whole.used[pose].sum())
+        if told <= model.pose_unknowns:
+            raise CalibrationError(
+                f"--hold-out: pose {name}: {told} counted cables and {model.pose_unknowns} unknowns of its own leave nothing to judge by"
+            )
+        theta = fitted_pose(every, theta, pose, seed)
+    return held_out(every, theta, found, model, noise, poses)
 
 
 def _underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable], by_prior: Prediction) -> list[Finding]:
@@ -196,10 +233,6 @@ def _underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable
         )
         out.append(Finding(code="underdetermined", text=text, value=float(len(own))))
     return out
-
-
-def _with_assumed(campaign: Campaign) -> set[str]:
-    return {name.split(".")[0] for name in campaign.rig.assumed}
 
 
 def _coarse_entry(point: str, channel: str, place: int, s: CoarseSolution) -> dict[str, Any]:
@@ -277,6 +310,24 @@ def _distinct(starts: list[FloatArray], width: FloatArray) -> list[FloatArray]:
         if all(np.abs((start - other) / width).max() > 1e-2 for other in out):
             out.append(start)
     return out[: STARTS + 1]
+
+
+def _poses_findings(model: Model, found: Fit) -> list[Finding]:
+    """What was unknown of the poses, and what holds the frame."""
+    if not isinstance(model, JointModel):
+        return []
+    n, d = len(model.at), model.pose_unknowns
+    told = f"{model.equations} equations for {model.own} values of the rig and {d} of each of {n} poses"
+    if model.frame is None:
+        return [Finding(code="note", text=f"the reference poses have no orientations: {told}; the counts tell them")]
+    held = "the nominal rig" if model.frame == "rig" else "the reference poses"
+    if found.prior_everywhere:
+        text = f"{told}; the priors of the nominal rig act everywhere, and the frame is that of least squared shifts from {held}"
+    else:
+        text = (
+            f"{told}; {found.motions} motions of rig and poses together are free, and the frame is that of least squared shifts from {held}"
+        )
+    return [Finding(code="frame", text=text, value=float(found.motions))]
 
 
 def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[_Point]) -> list[Finding]:

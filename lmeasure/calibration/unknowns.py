@@ -151,7 +151,7 @@ class Model:
 
     def __init__(self, campaign: Campaign, unknowns: Unknowns) -> None:
         self.campaign = campaign
-        self.unknowns = unknowns
+        self.unknowns = self.rig = unknowns
         self._rows = campaign.rig.cable_rows(campaign.cables)
         self._scales = campaign.rig.scales(campaign.cables)
         self._poses = np.ascontiguousarray(campaign.poses.rows)
@@ -170,6 +170,21 @@ class Model:
     def equations(self) -> int:
         """Number of residuals."""
         return len(self.pose_index)
+
+    @property
+    def own(self) -> int:
+        """How many unknowns are the rig's: they are the first, and `rig` has their names."""
+        return len(self.rig.names)
+
+    @property
+    def pose_unknowns(self) -> int:
+        """How many unknowns each pose has of its own: none, but see `calibration.joint_model`."""
+        return 0
+
+    @property
+    def places_known(self) -> bool:
+        """Whether positions of the poses are taken from the file, with the uncertainty stated there."""
+        return True
 
     def poses(self, theta: FloatArray) -> FloatArray:
         """(n, 7) poses when the unknowns are theta (p,): those of the campaign, unless they are unknown too (`calibration.joint`)."""

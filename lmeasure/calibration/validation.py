@@ -54,22 +54,25 @@ class HeldOut:
     u_mm: FloatArray
 
 
-def held_out(whole: Model, fit: Fit, noise: Noise, poses: tuple[str, ...]) -> list[HeldOut]:
-    """How the fit does at poses that it has not seen; whole is the model of all poses, these among them, with the fit's unknowns."""
-    campaign = whole.campaign
-    r, J, V = whole.residuals(fit.theta), whole.jacobian(fit.theta), residual_covariance(whole, fit.theta, noise)
+def held_out(whole: Model, theta: FloatArray, fit: Fit, model: Model, noise: Noise, poses: tuple[str, ...]) -> list[HeldOut]:
+    """How the fit of model does at poses that it has not seen. whole is the model of all poses, these among them; theta the fit's values of
+    its unknowns, with those of the poses held out, if they have unknowns of their own, fitted to their own lengths: then the errors are
+    what these leave over."""
+    campaign, names = whole.campaign, whole.unknowns.names
+    r, J, V = whole.residuals(theta), whole.jacobian(theta), residual_covariance(whole, theta, noise)
     used = ~np.isin(whole.pose_index, [campaign.poses.names.index(name) for name in poses])
+    own = np.isin(names, model.unknowns.names)
     # the error at the zero pose is in the result and in the residual: they correlate
-    data, width = fit.gains[0], whole.unknowns.width
-    weight = np.where(data > 0, data / np.where(data > 0, fit.s, 1.0), 0.0)
-    gain = (fit.directions.T * weight) @ fit.directions * np.outer(width, width) @ np.linalg.solve(V[np.ix_(used, used)], J[used]).T
-    shared = np.einsum("eu,pu,ep->e", V[:, used], gain, J)
-    u = np.sqrt(np.maximum(np.diag(V) + np.einsum("ea,ab,eb->e", J, fit.covariance, J) - 2.0 * shared, 0.0))
+    shared = V[:, used] @ (J[:, own] @ fit.gain(model)).T
+    C = V + J[:, own] @ fit.covariance @ J[:, own].T - shared - shared.T
     out = []
     for name in poses:
         rows = np.flatnonzero(whole.pose_index == campaign.poses.names.index(name))
         channels = tuple(campaign.cables[j].channel for j in whole.cable_index[rows])
-        out.append(HeldOut(name, channels, -r[rows], u[rows]))
+        fitted = J[rows][:, [n.rsplit(".", 1)[0] == f"pose {name}" for n in names]]
+        left = np.eye(len(rows)) - fitted @ np.linalg.pinv(fitted)
+        u = np.sqrt(np.maximum(np.diag(left @ C[np.ix_(rows, rows)] @ left.T), 0.0))
+        out.append(HeldOut(name, channels, -left @ r[rows], u))
     return out
 
 
@@ -78,9 +81,10 @@ class Validation:
 
     def __init__(self, model: Model, fit: Fit) -> None:
         self._model, self._fit = model, fit
-        J = model.jacobian(fit.theta) * model.unknowns.width @ fit.directions[fit.known].T
-        inverse = np.linalg.inv(fit.V)
-        self._P = inverse - inverse @ J @ np.linalg.solve(J.T @ inverse @ J, J.T @ inverse)
+        L = np.linalg.cholesky(fit.V)
+        Q, _ = np.linalg.qr(np.linalg.solve(L, fit.determined(model)))
+        left = np.linalg.inv(L) - Q @ np.linalg.solve(L.T, Q).T
+        self._P = left.T @ left
         self._seen = self._P @ fit.residuals
 
     def _statistic(self, fall: float, freedom: int) -> tuple[float, float] | None:
@@ -110,25 +114,35 @@ class Validation:
         E = self._lengths_of(poses)
         if not E.shape[1]:
             return None
-        information = E.T @ self._P @ E
-        if np.linalg.cond(information) > UNTOLD:
+        told = self._told(E.T @ self._P @ E, 1)
+        if told is None:
             return None
-        covariance = np.linalg.inv(information)
-        value = covariance @ (E.T @ self._seen)
-        covariance = covariance - extra * np.eye(len(covariance))
-        return Shift(float(value @ np.linalg.solve(covariance, value)), len(value))
+        values, vectors = told
+        shift = vectors.T @ (E.T @ self._seen) / values
+        return Shift(float(np.sum(shift**2 / (1.0 / values - extra))), len(shift))
+
+    def _told(self, information: FloatArray, poses: int) -> tuple[FloatArray, FloatArray] | None:
+        """(k,) eigenvalues and (c, k) eigenvectors of what the others say about the c lengths of so many poses: all of it, but for as many
+        combinations as these have unknowns of their own, which can make anything of them. None where the others cannot tell."""
+        lost = poses * self._model.pose_unknowns
+        values, vectors = np.linalg.eigh(information)
+        values, vectors = values[lost:], vectors[:, lost:]
+        if not len(values) or values[0] * UNTOLD < values[-1]:
+            return None
+        return values, vectors
 
     def deletion_residuals(self) -> list[tuple[str, float]]:
-        """For each pose the rms [mm] of its residuals from a fit without it and its other visits; poses that the rest cannot do without
-        are left out."""
+        """For each pose the rms [mm] of its residuals from a fit without it and its other visits; of poses with unknowns of their own, of
+        what these leave over of them, per equation left over. Poses that the rest cannot do without are left out."""
         out = []
         reference = self._model.campaign.reference_of[self._model.pose_index]
         for pose in np.unique(reference):
             rows = np.flatnonzero(reference == pose)
-            block = self._P[np.ix_(rows, rows)]
-            if np.linalg.cond(block) > UNTOLD:
+            told = self._told(self._P[np.ix_(rows, rows)], len(np.unique(self._model.pose_index[rows])))
+            if told is None:
                 continue
-            deleted = np.linalg.solve(block, self._seen[rows])
+            values, vectors = told
+            deleted = vectors.T @ self._seen[rows] / values
             out.append((self._model.campaign.poses.names[pose], float(np.sqrt(np.mean(deleted**2)))))
         return out
 

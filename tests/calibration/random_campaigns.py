@@ -22,21 +22,36 @@ class Drawn:
 
     campaign: Campaign
     truth: Rig
+    poses: FloatArray
+    """(n, 7) the true poses."""
 
 
-def draw(seed: int, *, points: int = 1, poses: int = 14, noise: str = "gaussian", u_position_mm: float = 0.0) -> Drawn:
+def draw(
+    seed: int,
+    *,
+    points: int = 1,
+    poses: int = 14,
+    noise: str = "gaussian",
+    u_position_mm: float = 0.0,
+    attachments: int = 3,
+    off: tuple[float, float] = (0.0, 0.0),
+    oriented: bool = True,
+) -> Drawn:
     """A rig of drums on a shell around the cell, a campaign in it, and a nominal rig off by its own prior uncertainties.
 
     noise: "gaussian" adds to every count what whole counts add in variance, "rounded" rounds; u_position_mm is drawn on the stated
-    reference poses.
+    reference poses. attachments: points of the tool that the cables lead to in turn, one of them its origin; off: what the reference poses
+    are wrong by beside it, unstated [mm, rad]; not oriented: their positions alone are known.
     """
     rng = np.random.default_rng([seed, points, poses])
     data = {
         "schema": "lmeasure.rig/1",
         "name": f"drawn {seed}",
         "observation_point": [_point(f"B{i + 1}", rng) for i in range(points)],
-        "tool": {f"P{i + 1}": [150 * float(np.cos(a)), 150 * float(np.sin(a)), 0.0] for i, a in enumerate(np.radians([90, 210, 330]))},
-        "cable": [{"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i % 3 + 1}"} for i in range(points)],
+        "tool": _tool(attachments),
+        "cable": [
+            {"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i % attachments + 1}"} for i in range(points)
+        ],
     }
     truth = rig_from_dict(data)
     rows = np.column_stack([rng.uniform(-300, 300, (poses, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (poses, 3))).as_quat()])
@@ -47,15 +62,26 @@ def draw(seed: int, *, points: int = 1, poses: int = 14, noise: str = "gaussian"
         counts[1:] += rng.normal(0, 1 / np.sqrt(12), (poses - 1, points))
     stated = rows.copy()
     stated[:, :3] += rng.normal(0, 1, (poses, 3)) * u_position_mm
+    if any(off):
+        stated[:, :3] += rng.normal(0, 1, (poses, 3)) * off[0]
+        stated[:, 3:] = (Rotation.from_rotvec(rng.normal(0, 1, (poses, 3)) * off[1]) * Rotation.from_quat(stated[:, 3:])).as_quat()
+    if not oriented:
+        stated[:, 3:] = 0.0, 0.0, 0.0, 1.0
     names = tuple(str(i + 1) for i in range(poses))
-    reference = Poses(names, stated, np.full(poses, u_position_mm), np.zeros(poses))
+    reference = Poses(names, stated, np.full(poses, u_position_mm), np.zeros(poses), oriented=oriented)
     nominal = truth.to_dict()
     for p in nominal["observation_point"]:
         p["position_mm"] = (np.array(p["position_mm"]) + rng.normal(0, 30, 3).clip(-75, 75)).tolist()
         for key in ("guide_alpha_deg", "guide_beta_deg"):
             p[key] = float(p[key] + np.clip(rng.normal(0, 5), -12, 12))
     campaign = Campaign(rig_from_dict(nominal), reference, truth.cable, counts, np.zeros(points, dtype=np.int64))
-    return Drawn(campaign, truth)
+    return Drawn(campaign, truth, rows)
+
+
+def _tool(attachments: int) -> dict[str, list[float]]:
+    if attachments == 1:
+        return {"P1": [0.0, 0.0, 0.0]}
+    return {f"P{i + 1}": [150 * float(np.cos(a)), 150 * float(np.sin(a)), 0.0] for i, a in enumerate(np.radians([90, 210, 330]))}
 
 
 def _point(name: str, rng: np.random.Generator) -> dict[str, object]:

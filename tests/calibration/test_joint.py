@@ -13,7 +13,10 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.joint import JointModel, _left_jacobians, _motions, _moved, free_components, solve_jointly
+from lmeasure.calibration.frame import motions, moved
+from lmeasure.calibration.joint import solve_jointly
+from lmeasure.calibration.joint_model import JointModel, left_jacobians
+from lmeasure.calibration.unknown_poses import free_components
 from lmeasure.calibration.unknowns import unknowns_of
 from lmeasure.cli import app
 from lmeasure.errors import CalibrationError
@@ -84,29 +87,29 @@ def test_left_jacobian_against_the_exponential(size: float) -> None:
     a = np.array([0.6, -0.64, 0.48]) * size
     K = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
     whole = scipy.linalg.expm(np.block([[K, np.eye(3)], [np.zeros((3, 6))]]))
-    np.testing.assert_allclose(_left_jacobians(a[None])[0], whole[:3, 3:], rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(left_jacobians(a[None])[0], whole[:3, 3:], rtol=1e-14, atol=1e-15)
 
 
 def test_derivatives_and_motions_of_the_whole() -> None:
     campaign, _ = simulated(body_rig(), 8, 5.0, 0.02)
-    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), (0, 1, 2, 3, 4, 5))
+    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), (0, 1, 2, 3, 4, 5), "rig")
     theta = model.unknowns.nominal + np.random.default_rng(1).normal(size=len(model.unknowns.names))
     J, h = model.jacobian(theta), 1e-4
     numeric = np.array([(model.residuals(theta + d) - model.residuals(theta - d)) / (2 * h) for d in h * np.eye(len(theta))]).T
     assert pytest.approx(numeric, abs=1e-6) == J
     # no length changes when everything moves together
-    assert np.abs(J @ _motions(model, theta)).max() < 1e-9
+    assert np.abs(J @ motions(model, theta)).max() < 1e-9
     campaign, _ = simulated(point_rig(offset=(10.0, -30.0, 80.0)), 8, 5.0, 0.0)
-    point = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), (3, 4, 5))
-    assert np.abs(point.jacobian(point.unknowns.nominal) @ _motions(point, point.unknowns.nominal)).max() < 1e-9
+    point = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), (3, 4, 5), "rig")
+    assert np.abs(point.jacobian(point.unknowns.nominal) @ motions(point, point.unknowns.nominal)).max() < 1e-9
 
 
 @pytest.mark.parametrize("rig", [body_rig(), point_rig(), point_rig(offset=(10.0, -30.0, 80.0))])
 def test_moved_as_a_whole_nothing_fits_worse(rig: Rig) -> None:
     campaign, _ = simulated(rig, 8, 5.0, 0.02)
-    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), free_components(campaign, trusted=False))
-    moved = _moved(model, model.unknowns.nominal, np.array([0.3, -0.2, 0.5, 100.0, -50.0, 20.0]))
-    assert model.residuals(moved) == pytest.approx(model.residuals(model.unknowns.nominal), abs=1e-9)
+    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), free_components(campaign, trusted=False), "rig")
+    there = moved(model, model.unknowns.nominal, np.array([0.3, -0.2, 0.5, 100.0, -50.0, 20.0]))
+    assert model.residuals(there) == pytest.approx(model.residuals(model.unknowns.nominal), abs=1e-9)
 
 
 @pytest.mark.parametrize("frame", ["rig", "poses"])
@@ -138,9 +141,9 @@ def test_errors_are_those_that_the_covariance_states() -> None:
     rig, ratios = body_rig(2), []
     for seed in range(4):
         campaign, true = simulated(rig, 40, 2.0, 0.01, seed, shift_mm=5.0)
-        found = solve_jointly(campaign, ("position", "guide"), False, free_components(campaign, False), "poses", 0)
-        place, _ = aligned(found.campaign.poses.rows, true)
-        own = np.arange(found.own, len(found.theta)).reshape(-1, 6)[:, 3:].ravel()
+        model, found = solve_jointly(campaign, ("position", "guide"), False, free_components(campaign, False), "poses", 0)
+        place, _ = aligned(model.poses(found.theta), true)
+        own = np.arange(model.own, len(found.theta)).reshape(-1, 6)[:, 3:].ravel()
         ratios.append(float(np.mean(place**2) / np.mean(np.diag(found.covariance)[own])))
     assert 0.3 < np.mean(ratios) < 2.0
 

@@ -108,7 +108,7 @@ def test_scale(seed: int) -> None:
     counts = drawn.campaign.counts / 1.004
     truth = drawn.truth.to_dict()
     truth["observation_point"][0]["drum"]["scale"] = 1.0
-    moved = Drawn(replace(drawn.campaign, rig=off, counts=counts), rig_from_dict(truth))
+    moved = Drawn(replace(drawn.campaign, rig=off, counts=counts), rig_from_dict(truth), drawn.poses)
     compare(moved, calibrate(moved.campaign, Settings(("position", "guide", "scale"))))
 
 

@@ -1,0 +1,124 @@
+"""Rig and poses moved as a whole: what lengths cannot tell, and the frame that is chosen instead.
+
+The frame is the one in which the squared shifts from the nominal rig, in units of their prior widths, or of the positions from the stated
+ones, are least (decision 12). With G(x) (q, 6) the derivatives of the unknowns by the six motions and x(nominal) their shifts the choice is
+the condition c = G'D(x - nominal) = 0, D the weights. A deviation dx of free length has the shift -G (C G)^-1 C dx that brings it back to
+the frame, C = dc/dx: the S-transformation (Baarda 1973). C differs from G'D by as much as the nominal rig, or the stated
+poses, are off.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration.joint_model import Frame, JointModel, left_jacobians
+from lmeasure.kernels.cable import guide_direction
+
+FloatArray = NDArray[np.float64]
+
+MAX_STEPS = 50
+SETTLED = 1e-12
+
+
+def _places(model: JointModel) -> tuple[FloatArray, FloatArray]:
+    """(q, 3) indices of the coordinates of the observation points, and (q, 2) of their guide angles, among the unknowns; both are
+    solved for."""
+    at = {name: i for i, name in enumerate(model.rig.names)}
+    points = dict.fromkeys(c.from_point for c in model.campaign.cables)
+    place = np.array([[at[f"{p}.{a}_mm"] for a in "xyz"] for p in points])
+    return place, np.array([[at[f"{p}.guide_{g}_deg"] for g in ("alpha", "beta")] for p in points])
+
+
+def _turned_guides(alpha: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(q, 3) derivatives of alpha and of beta [rad] by turns of the guide's direction about the base axes [rad]."""
+    s, c, t = np.sin(beta), np.cos(beta), np.tan(alpha)
+    zero = np.zeros_like(s)
+    return np.stack([-c, s, zero], axis=1), np.stack([-t * s, -t * c, zero - 1.0], axis=1)
+
+
+def motions(model: JointModel, theta: FloatArray) -> FloatArray:
+    """(p + d n, 6) what three turns [rad] about the base frame's origin and three shifts [mm] of rig and poses together do to the
+    unknowns, in their units. Observation points and guides move; what belongs to the tool or to a drum stays."""
+    out = np.zeros((len(theta), 6))
+    place, guide = _places(model)
+    out[place, :3] = np.cross(np.eye(3), theta[place][:, None, :]).swapaxes(1, 2)
+    out[place, 3:] = np.eye(3)
+    for i, by_turn in enumerate(_turned_guides(*np.radians(theta[guide]).T)):
+        out[guide[:, i], :3] = np.degrees(by_turn)
+    rows, shifts = model.poses(theta), model.shifts(theta)
+    every = np.zeros((len(rows), 6, 6))
+    every[:, :3, :3] = np.degrees(np.linalg.inv(left_jacobians(shifts[:, :3])))
+    every[:, 3:, :3] = np.cross(np.eye(3), (rows[:, :3] + model.arms)[:, None, :]).swapaxes(1, 2)
+    every[:, 3:, 3:] = np.eye(3)
+    out[model.own :] = every[model.at[:, None], model.free].reshape(-1, 6)
+    return out
+
+
+def moved(model: JointModel, theta: FloatArray, move: FloatArray) -> FloatArray:
+    """The unknowns when rig and poses are turned by move (3) [rad] about the base frame's origin and then shifted by move (3) [mm]."""
+    turn, shift = Rotation.from_rotvec(move[:3]), move[3:]
+    out = theta.copy()
+    place, guide = _places(model)
+    out[place] = turn.apply(theta[place]) + shift
+    for a, b in guide:
+        u = turn.apply(guide_direction(math.radians(theta[a]), math.radians(theta[b])))
+        alpha, beta = math.degrees(math.asin(max(-1.0, min(1.0, u[2])))), math.degrees(math.atan2(-u[0], -u[1]))
+        # on the branch of what it was
+        out[a], out[b] = alpha, beta + 360.0 * round((theta[b] - beta) / 360.0)
+    rows, stated = model.poses(theta), model.campaign.poses.rows
+    turned = (turn * Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(stated[:, 3:]).inv()).as_rotvec()
+    every = np.column_stack([np.degrees(turned), turn.apply(rows[:, :3] + model.arms) + shift - model.arms - stated[:, :3]])
+    out[model.own :] = every[model.at[:, None], model.free].reshape(-1)
+    return out
+
+
+def _weights(model: JointModel, frame: Frame) -> FloatArray:
+    """(p + d n,) weight of each unknown's squared shift in the choice of the frame."""
+    out = np.zeros(len(model.unknowns.names))
+    if frame == "rig":
+        out[: model.own] = model.rig.width**-2.0
+    else:
+        out[model.own :].reshape(-1, len(model.free))[:, model.free >= 3] = 1.0
+    return out
+
+
+def in_frame(model: JointModel, theta: FloatArray, frame: Frame) -> FloatArray:
+    """The same rig and poses moved as a whole to where the weighted squared shifts are least (Gauss-Newton over the six motions)."""
+    root = np.sqrt(_weights(model, frame))
+    for _ in range(MAX_STEPS):
+        G = motions(model, theta) * root[:, None]
+        size = np.linalg.norm(G, axis=0)
+        move = np.linalg.lstsq(G / size, -root * (theta - model.unknowns.nominal))[0] / size
+        theta = moved(model, theta, move)
+        if float(np.linalg.norm(move * size)) < SETTLED * max(1.0, float(np.linalg.norm(root * (theta - model.unknowns.nominal)))):
+            break
+    return theta
+
+
+def to_frame(model: JointModel, theta: FloatArray, frame: Frame) -> FloatArray:
+    """(P, P) S-transformation of deviations of the unknowns theta, which lie in the frame, P = p + d n."""
+    G, C = motions(model, theta), condition(model, theta, frame)
+    return np.asarray(np.eye(len(theta)) - G @ np.linalg.solve(C @ G, C))
+
+
+def condition(model: JointModel, theta: FloatArray, frame: Frame) -> FloatArray:
+    """(6, P) derivatives of the six conditions G'D(theta - nominal) = 0 by the unknowns, in units of the motions."""
+    weight = _weights(model, frame)
+    away = weight * (theta - model.unknowns.nominal)
+    C = (motions(model, theta) * weight[:, None]).T
+    place, guide = _places(model)
+    if frame == "poses":
+        first = model.own + np.flatnonzero(model.free == 3)[0]
+        place = first + np.arange(3) + len(model.free) * np.arange(len(model.at))[:, None]
+    # the derivative of (axis x B)'x by B is x cross axis
+    for axis in range(3):
+        C[axis, place] += np.cross(away[place], np.eye(3)[axis])
+    if frame == "rig":
+        alpha, beta = np.radians(theta[guide]).T
+        by_alpha, by_beta = away[guide].T
+        s, c, t = np.sin(beta), np.cos(beta), np.tan(alpha)
+        C[:2, guide[:, 0]] -= by_beta * (1.0 + t**2) * np.array([s, c])
+        C[:2, guide[:, 1]] += by_alpha * np.array([s, c]) + by_beta * t * np.array([-c, s])
+    return np.asarray(C)

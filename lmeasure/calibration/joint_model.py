@@ -1,0 +1,114 @@
+"""The unknowns of a campaign whose poses are unknown too: those of the rig, and behind them rotations and shifts of the poses."""
+
+import math
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.refine import Noise
+from lmeasure.calibration.unknowns import Model, Unknowns
+from lmeasure.poses import Poses
+
+FloatArray = NDArray[np.float64]
+Frame = Literal["rig", "poses"]
+
+COMPONENTS = ("rx_deg", "ry_deg", "rz_deg", "x_mm", "y_mm", "z_mm")
+ROTATIONS = (0, 1, 2)
+
+
+class JointModel(Model):
+    """A campaign whose counted poses, at, have unknowns of their own behind those of the rig.
+
+    These are rotations and shifts from the stated poses, base axes, R = Exp(rotation) R_stated; free: which of `COMPONENTS`. Nothing is
+    known of them beforehand, and what the file states about them, or about how they vary from visit to visit, takes no part: every visit
+    of a pose has unknowns of its own. frame: what chooses the place of the whole, None where positions hold it.
+    """
+
+    def __init__(self, campaign: Campaign, rig: Unknowns, free: tuple[int, ...], frame: Frame | None) -> None:
+        self.free, self.frame = np.array(free, dtype=np.int64), frame
+        self.at = np.flatnonzero(np.isfinite(campaign.counts).any(axis=1))
+        names = tuple(f"pose {campaign.poses.names[i]}.{COMPONENTS[c]}" for i in self.at for c in free)
+        none = np.full(len(names), np.inf)
+        every = Unknowns((*rig.names, *names), np.r_[rig.nominal, np.zeros(len(names))], np.r_[rig.width, none])
+        if not self.places_known:
+            campaign = replace(campaign, reference=None)
+        if campaign.u_visit is not None:
+            own = campaign.u_visit.copy()
+            own[:, self._untold] = 0.0
+            campaign = replace(campaign, u_visit=own if own.any() else None)
+        super().__init__(campaign, every)
+        self.rig = rig
+
+    @property
+    def pose_unknowns(self) -> int:
+        """How many unknowns each pose has of its own."""
+        return len(self.free)
+
+    @property
+    def places_known(self) -> bool:
+        """Whether positions of the poses are taken from the file, with the uncertainty stated there."""
+        return 3 not in self.free
+
+    @property
+    def _untold(self) -> list[int]:
+        """Components of a pose about which nothing stated counts: the free ones, and the rotation of a tool that is but one free point."""
+        return list(range(6)) if 3 in self.free else list(ROTATIONS)
+
+    def noise(self, poses: Poses) -> Noise:
+        """What the poses' file states about that which is not unknown."""
+        stated = Noise.of(poses)
+        place, turn = stated.u_position_mm.copy(), np.zeros(len(poses))
+        covariance = None if stated.covariance is None else stated.covariance.copy()
+        if covariance is not None:
+            covariance[:, self._untold] = 0.0
+            covariance[:, :, self._untold] = 0.0
+        if not self.places_known:
+            place, covariance = np.zeros(len(poses)), None
+        return Noise(place, turn, covariance)
+
+    def shifts(self, theta: FloatArray) -> FloatArray:
+        """(n, 6) rotation [rad] and shift [mm] of each pose from the stated one."""
+        out = np.zeros((len(self.campaign.poses), 6))
+        own = theta[self.own :].reshape(len(self.at), len(self.free))
+        out[np.ix_(self.at, self.free)] = np.where(self.free < 3, np.radians(own), own)
+        return out
+
+    @property
+    def arms(self) -> FloatArray:
+        """(n, 3) from the origin of a pose to the point that a motion of the whole carries along [mm, base frame]: the one attachment
+        point, where the tool itself does not turn."""
+        if 0 in self.free:
+            return np.zeros((len(self.campaign.poses), 3))
+        tool = self.campaign.rig.tool[self.campaign.cables[0].to_point]
+        return self.campaign.poses.rotation.apply(np.array(tool))
+
+    def poses(self, theta: FloatArray) -> FloatArray:
+        """(n, 7) the stated poses, shifted."""
+        shift, rows = self.shifts(theta), self.campaign.poses.rows.copy()
+        rows[:, :3] += shift[:, 3:]
+        rows[:, 3:] = (Rotation.from_rotvec(shift[:, :3]) * Rotation.from_quat(rows[:, 3:])).as_quat()
+        return np.ascontiguousarray(rows)
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """(e, p) as `Model.jacobian`, the poses' unknowns behind."""
+        J = super().jacobian(theta)
+        by_pose = self.pose_jacobian(theta)
+        by_pose[:, :, :3] = np.einsum("eni,nij->enj", by_pose[:, :, :3], left_jacobians(self.shifts(theta)[:, :3]))
+        by_pose = np.where(np.isfinite(by_pose), by_pose, 0.0)[:, self.at[:, None], self.free] * np.where(
+            self.free < 3, math.radians(1.0), 1.0
+        )
+        J[:, self.own :] = by_pose.reshape(len(J), -1)
+        return J
+
+
+def left_jacobians(turns: FloatArray) -> FloatArray:
+    """(n, 3, 3) of rotation vectors (n, 3): Exp(a + da) = Exp(J da) Exp(a) to first order."""
+    angle = np.linalg.norm(turns, axis=1)[:, None, None]
+    K = np.cross(turns[:, None, :], np.eye(3)).swapaxes(1, 2)
+    # what cancels in (angle - sin angle)/angle^3 is multiplied by the angle's square, and nothing of a double is lost
+    third = (1.0 - np.sinc(angle / np.pi)) / np.where(angle > 0.0, angle**2, 1.0)
+    return np.asarray(np.eye(3) + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * K + third * (K @ K))
