@@ -173,8 +173,8 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     counters (m, `kernels.counter.STATE`), zeros at first and moved on in place, carries the counters from one piece of a run of one pass to
     the next; without it the run is whole.
 
-    A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes are
-    shifted so that their first rising sync edges coincide with pass 1's, where both have one, and interpolated linearly.
+    A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes, which
+    must be on the clock of pass 1 (`trajectory.passes.align`), are interpolated linearly.
     """
     time_s = run.passes[0].time_s
     n, m = len(time_s), len(run.rig.cable)
@@ -255,7 +255,8 @@ def zero_temperature(lengths: Lengths, stated: float | None) -> float | None:
 
 
 def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
-    """(n, m) residuals [mm] of each cable at (n, 7) poses on the time base of pass 1: change by the counts less change by the model.
+    """(n, m) residuals [mm] of each cable at (n, 7) poses on the time base of pass 1, as `lengths_from_counts` has it: change by the counts
+    less change by the model.
 
     NaN where the pose or the count is not known.
     """
@@ -288,12 +289,7 @@ class LengthResiduals:
 
 def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) -> tuple[FloatArray, Reasons]:
     """Counts of a later pass at pass 1's times; what lies outside it, in a hole of it, or next to a sample that is not good, is flagged."""
-    first, later = run.passes[0], run.passes[passage - 1]
-    shift = 0.0
-    edges = first.rising(), later.rising()
-    if len(edges[0]) and len(edges[1]):
-        shift = float(edges[0][0] - edges[1][0])
-    source = later.time_s + shift
+    first, source = run.passes[0], run.passes[passage - 1].time_s
     if len(source) == len(first.time_s) and np.allclose(source, first.time_s, rtol=0, atol=1e-9):
         return values, reasons
     right = np.clip(np.searchsorted(source, first.time_s), 1, max(len(source) - 1, 1))

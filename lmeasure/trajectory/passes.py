@@ -61,7 +61,11 @@ def _period(counts: Counts) -> float:
 
 
 def _clock(first: FloatArray, later: FloatArray, period: float, later_period: float) -> tuple[float, float, float]:
-    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later. An edge is known to within a sampling period."""
+    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later.
+
+    An edge is known to within a sampling period. Only what scatters of that is averaged by further edges: pulses that keep step with the
+    sampling are all late by the same.
+    """
     quantum = np.hypot(period, later_period) / np.sqrt(12.0)
     if len(first) == 0:
         return 0.0, 1.0, 0.0
@@ -69,8 +73,9 @@ def _clock(first: FloatArray, later: FloatArray, period: float, later_period: fl
         return float(first[0] - later[0]), 1.0, float(quantum)
     rate, shift = np.polyfit(later, first, 1)
     scatter = first - (shift + rate * later)
-    spread = np.sqrt((scatter**2).sum() / max(len(first) - 2, 1))
-    return float(shift), float(rate), float(max(quantum, spread) / np.sqrt(max(len(first) / 2, 1)))
+    spread = (scatter**2).sum() / max(len(first) - 2, 1)
+    variance = max(quantum**2 - spread, 0.0) + spread / (len(first) / 2)
+    return float(shift), float(rate), float(np.sqrt(variance))
 
 
 def _speed(counts: Counts) -> FloatArray:

@@ -16,6 +16,7 @@ from lmeasure.poses import Poses
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.stream import Each
 from lmeasure.view.plots import log_record, log_truth
 from lmeasure.view.recording import CableSeries, FloatArray, recording
@@ -54,7 +55,7 @@ def write_recording(
         if trajectory is not None:
             lines += log_trajectory(rec, rig, trajectory, errors or {})
             if run is not None:
-                _residual_series(rec, rig).add(trajectory.time_s, length_residuals(run, trajectory.poses))
+                _residual_series(rec, rig).add(trajectory.time_s, length_residuals(align(run).run, trajectory.poses))
         if truth is not None:
             if trajectory is None and run is not None:
                 lines += log_truth(rec, rig, run, truth)

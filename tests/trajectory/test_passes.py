@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import screw
+from lmeasure.lengths import lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import reconstruct
@@ -58,6 +59,40 @@ def test_clocks_are_found_by_two_edges() -> None:
     # what is left is linear interpolation between samples
     assert position_error(trajectory.poses, truth).max() < 2e-3
     assert any("rate 0.99985" in note for note in trajectory.notes)
+
+
+def pulses_at(begins: FloatArray, t: FloatArray) -> FloatArray:
+    """Sync at the instants t: pulses of 50 ms."""
+    return np.array([float(((begins <= at) & (at < begins + 0.05)).any()) for at in t])
+
+
+@pytest.mark.parametrize("steady", [False, True])
+def test_many_edges_are_worth_more_than_the_first_unless_they_keep_step(steady: bool) -> None:
+    """Twenty pulses, each seen up to a sample late by either pass: pass 2 comes within what its clock's u says, a tenth of a sample, where
+    the first edge alone is off by four; pulses that keep step with the samples are all late by the same, and u says so."""
+    rig = rig_of_two_passes()
+    times = np.arange(4000) / 1000.0
+    late, found, alone, u = 0.00037, [], [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        own = times + rng.uniform(0, 1e-3)
+        begins = 0.1 + rng.uniform(0, 1e-3) + 0.19 * np.arange(20) + rng.uniform(0, 0.0 if steady else 0.1, 20)
+        first = replace(record(rig, times, path(times)).passes[0], sync=pulses_at(begins, times))
+        second = record(rig, own, path(own)).passes[1]
+        second = replace(second, sync=pulses_at(begins, own), time_s=own - late)
+        aligned = align(Run(rig, START, (first, second)))
+        moved = aligned.run.passes[1]
+        # a count at its true time
+        found.append(float(np.mean(moved.time_s - own)) / aligned.u_time_s[1])
+        alone.append(first.rising()[0] - second.rising()[0] - late)
+        u.append(aligned.u_time_s[1])
+        lengths = lengths_from_counts(aligned.run)
+        j = next(i for i, c in enumerate(rig.cable) if c.passage == 2)
+        exact = np.interp(times, moved.time_s, second.of(rig.cable[j].channel))
+        np.testing.assert_allclose(lengths.counts[5:-5, j], exact[5:-5] * rig.point(rig.cable[j].from_point).drum.count_sign, atol=1e-6)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1.0, abs=0.4)
+    assert np.std(alone) > 0.25e-3
+    assert bool(np.median(u) > 0.35e-3) is steady
 
 
 def test_uncertainty_of_the_clocks_is_what_late_edges_do() -> None:
