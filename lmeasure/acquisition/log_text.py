@@ -13,7 +13,9 @@ from lmeasure.acquisition.frames import CLASSIC_BYTES, FD_BYTES, Frames, frames_
 from lmeasure.acquisition.log_common import BLOCK_BYTES, Channels, LogReport, checked, frames_of, new_columns, read_into
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.frames import ODD, WIDE, Bytes, Columns
-from lmeasure.kernels.log_text import NAME_BYTES, NAMES, line_stop, scan_asc, scan_candump
+from lmeasure.kernels.log_asc import scan_asc
+from lmeasure.kernels.log_candump import NAME_BYTES, NAMES, scan_candump
+from lmeasure.kernels.log_text import line_stop
 
 if TYPE_CHECKING:
     import can

@@ -1,0 +1,244 @@
+"""Scan of ASC log lines into the columns of `lmeasure.kernels.frames`.
+
+A line that is plainly a frame is read, one that is plainly none is passed over; at anything else the scan stops with ODD and leaves the
+line to the caller. It also stops where the columns are full. What it reads is bit for bit what python-can's reader makes of it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.kernels import inline, kernel
+from lmeasure.kernels.frames import (
+    BITRATE_SWITCH,
+    DONE,
+    ERROR,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    LATEST_S,
+    ODD,
+    REMOTE,
+    SENT,
+    WIDE,
+    Bytes,
+    Columns,
+    byte,
+    i64,
+)
+from lmeasure.kernels.log_text import (
+    POWERS,
+    clear,
+    decimal,
+    integer,
+    is_blank,
+    is_digit,
+    is_line_end,
+    is_odd,
+    is_parted,
+    is_word,
+    skip_blanks,
+    skip_line,
+)
+
+LARGEST_CHANNEL = 65535
+TICKS = 10 ** np.arange(9, -1, -1)  # nanoseconds of the last digit
+
+
+@inline
+def _direction(b: Bytes, i: int) -> int:
+    """0 for Rx, SENT for Tx, -1 for anything else, at a token."""
+    if byte(b, i) == 82 and byte(b, i + 1) == 120 and is_blank(byte(b, i + 2)):
+        return 0
+    if byte(b, i) == 84 and byte(b, i + 1) == 120 and is_blank(byte(b, i + 2)):
+        return SENT
+    return -1
+
+
+@inline
+def _identifier(b: Bytes, i: int, base: int) -> tuple[int, int, int]:
+    """(end, identifier, EXTENDED or 0); the identifier is -1 where the token is none."""
+    i, value = integer(b, i, base)
+    mark = 0
+    if byte(b, i) == 120 or byte(b, i) == 88:
+        mark = EXTENDED
+        i += 1
+    if not is_blank(byte(b, i)) or value > 0x1FFFFFFF:
+        value = i64(-1)
+    return i, value, mark
+
+
+@inline
+def _data_bytes(b: Bytes, i: int, base: int, count: int, data: Bytes, row: int) -> int:
+    """count data bytes, each after a blank: the place behind them, or -1."""
+    clear(data, row)
+    for k in range(count):
+        if not is_blank(byte(b, i)):
+            return -1
+        i = skip_blanks(b, i)
+        start = i
+        i, value = integer(b, i, base)
+        if value < 0 or value > 255 or i - start > 3 or not is_parted(byte(b, i)):
+            return -1
+        data[row, k] = value
+    return i
+
+
+ERROR_FRAME = np.frombuffer(b"ErrorFrame", np.uint8)
+CAN_FD = np.frombuffer(b"CANFD", np.uint8)
+
+
+@inline
+def _classic(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[int, int, int, int]:
+    """Identifier, direction and data from i on: (end or -1, identifier, flags, length)."""
+    if is_word(b, i, ERROR_FRAME) and is_parted(byte(b, i + 10)):
+        clear(data, row)
+        return i, i64(0), ERROR | EXTENDED, 0
+    i, value, mark = _identifier(b, i, base)
+    if value < 0:
+        return -1, value, mark, 0
+    i = skip_blanks(b, i)
+    sent = _direction(b, i)
+    if sent < 0:
+        return -1, value, mark, 0
+    mark |= sent
+    i = skip_blanks(b, i + 2)
+    if byte(b, i) == 100 and is_blank(byte(b, i + 1)):
+        i, length = integer(b, skip_blanks(b, i + 1), base)
+        if length < 0 or length > 8 or not is_parted(byte(b, i)):
+            return -1, value, mark, 0
+        return _data_bytes(b, i, base, length, data, row), value, mark, length
+    if byte(b, i) == 114 and is_blank(byte(b, i + 1)):
+        i, length = integer(b, skip_blanks(b, i + 1), 10)
+        if length < 0 or length > 8 or not is_parted(byte(b, i)):
+            return -1, value, mark, 0
+        clear(data, row)
+        return i, value, mark | REMOTE, length
+    return -1, value, mark, 0
+
+
+@inline
+def _fd(b: Bytes, i: int, base: int, data: Bytes, row: int) -> tuple[int, int, int, int]:
+    """Direction, identifier and data of a CANFD line from i on: as `_classic`, the end -2 for a payload wider than data."""
+    mark = FD
+    sent = _direction(b, i)
+    if sent < 0:
+        return -1, i64(-1), mark, 0
+    mark |= sent
+    i = skip_blanks(b, i + 2)
+    if is_word(b, i, ERROR_FRAME) and is_parted(byte(b, i + 10)):
+        clear(data, row)
+        return i, i64(0), mark | ERROR | EXTENDED, 0
+    i, value, extended = _identifier(b, i, base)
+    if value < 0:
+        return -1, value, mark, 0
+    mark |= extended
+    i = skip_blanks(b, i)
+    if not is_digit(byte(b, i)):  # the message's name
+        while 32 < byte(b, i) < 127:
+            i += 1
+        if not is_blank(byte(b, i)):
+            return -1, value, mark, 0
+        i = skip_blanks(b, i)
+    for bit in (BITRATE_SWITCH, ERROR_STATE):
+        if not ((byte(b, i) == 48 or byte(b, i) == 49) and is_blank(byte(b, i + 1))):
+            return -1, value, mark, 0
+        mark |= bit if byte(b, i) == 49 else 0
+        i = skip_blanks(b, i + 1)
+    i, code = integer(b, i, base)
+    if code < 0 or code > 15 or not is_blank(byte(b, i)):
+        return -1, value, mark, 0
+    i, length = integer(b, skip_blanks(b, i), 10)
+    if length < 0 or length > 64 or not is_blank(byte(b, i)):
+        return -1, value, mark, 0
+    after = skip_blanks(b, i)
+    if is_line_end(byte(b, after)) or is_odd(byte(b, after)):
+        return -1, value, mark, 0
+    if length == 0:
+        clear(data, row)
+        return i, value, mark | REMOTE, code
+    if length > data.shape[1]:
+        return -2, value, mark, length
+    return _data_bytes(b, i, base, length, data, row), value, mark, length
+
+
+@kernel
+def scan_asc(
+    b: Bytes, start_s: float, base: int, since: int, out: Columns, places: NDArray[np.int32], places_used: int
+) -> tuple[int, int, int, int, int]:
+    """Frames of the ASC lines in b, which ends with a line end.
+
+    b (k,) uint8; base 10 or 16; start_s is added to each time; since is -1 for times from the start of the measurement, or the
+    nanoseconds reached where each time counts from the event before; out, places and places_used as for `scan_blf`. Returns (frames,
+    bytes used, status, places_used, since); where the columns are full it stops.
+    """
+    time, identifier, flags, length, data, channel = out
+    end = len(b)
+    n = 0
+    pos = 0
+    while pos < end and n < len(time):
+        line = pos
+        i = skip_blanks(b, pos)
+        c = byte(b, i)
+        if not is_digit(c):
+            # Begin and End TriggerBlock are the caller's
+            if is_odd(c) or c == 66 or c == 98 or c == 69 or c == 101:
+                return n, line, ODD, places_used, since
+            pos = skip_line(b, i) + 1
+            continue
+        i, ticks, digits = decimal(b, i)
+        if ticks < 0 or digits == 0 or not is_blank(byte(b, i)):
+            if is_odd(byte(b, i)) or digits > 0:
+                return n, line, ODD, places_used, since
+            pos = skip_line(b, i) + 1
+            continue
+        event = since
+        seconds = float(ticks) / POWERS[digits]
+        if since >= 0:
+            if digits > 9 or ticks > (1 << 61) // TICKS[digits] or since > 1 << 61:
+                return n, line, ODD, places_used, since
+            event = since + ticks * TICKS[digits]
+            seconds = float(event) / 1e9
+        if seconds > LATEST_S:
+            return n, line, ODD, places_used, since
+        i = skip_blanks(b, i)
+        c = byte(b, i)
+        number = i64(-1)
+        is_fd = False
+        if is_digit(c):
+            i, number = integer(b, i, 10)
+            if number < 0 or number > LARGEST_CHANNEL or not is_blank(byte(b, i)):
+                return n, line, ODD, places_used, since
+        elif is_word(b, i, CAN_FD) and is_blank(byte(b, i + 5)):
+            i, number = integer(b, skip_blanks(b, i + 5), 10)
+            if number < 0 or number > LARGEST_CHANNEL or not is_blank(byte(b, i)):
+                return n, line, ODD, places_used, since
+            is_fd = True
+        else:
+            while 32 < byte(b, i) < 127:
+                i += 1
+            if is_odd(byte(b, i)):
+                return n, line, ODD, places_used, since
+            since = event
+            pos = skip_line(b, i) + 1
+            continue
+        i = skip_blanks(b, i)
+        if is_fd:
+            i, value, mark, count = _fd(b, i, base, data, n)
+        else:
+            i, value, mark, count = _classic(b, i, base, data, n)
+        if i == -2:
+            return n, line, WIDE, places_used, since
+        if i < 0:
+            return n, line, ODD, places_used, since
+        if places[number] < 0:
+            places[number] = places_used
+            places_used += 1
+        time[n] = seconds + start_s
+        identifier[n] = value
+        flags[n] = mark
+        length[n] = count
+        channel[n] = places[number]
+        n += 1
+        since = event
+        pos = skip_line(b, i) + 1
+    return n, pos, DONE, places_used, since
