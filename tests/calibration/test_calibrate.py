@@ -61,8 +61,8 @@ def codes(result: Calibration) -> dict[str, Any]:
 
 
 def test_twelve_exact_poses_predict_held_out_lengths(twelve: Calibration) -> None:
-    error = held_out_errors(twelve.rig, true_rig(twelve.campaign.rig, TRUTH / "cell-12-poses"))
-    assert np.sqrt(np.mean(error**2)) < 0.004  # mm; a count is 0.012
+    error = held_out_errors(twelve.rig, true_rig(twelve.campaign.rig, TRUTH / "cell-12-poses"), 3000)
+    assert np.sqrt(np.mean(error**2)) <= 0.00251  # mm; a count is 0.012
     assert twelve.record.rank == twelve.record.unknowns == 30
     assert twelve.record.equations == 66
     assert not twelve.record.warnings
