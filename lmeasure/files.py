@@ -48,6 +48,12 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write bytes, whole or not at all."""
+    with whole(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def read_bytes(path: Path) -> bytes:
     """The file's bytes; FileFormatError when it cannot be read."""
     try:

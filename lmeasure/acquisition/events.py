@@ -46,6 +46,10 @@ class Event:
     kind: str
     text: str = ""
 
+    def __post_init__(self) -> None:
+        if self.kind not in REPAIRED and self.kind not in MARKED:
+            raise ValueError(f"{self.kind!r} is no kind of event")
+
     @property
     def repaired(self) -> bool:
         """Whether nothing was lost by it."""

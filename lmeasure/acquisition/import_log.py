@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -88,11 +88,11 @@ class ImportedLog:
 
 @dataclass(frozen=True)
 class Imported:
-    """A run made of logs, and what each of them held. dbc is the text of the DBC file that the rig's `[can]` table names, or None."""
+    """A run made of logs, what each of them held, and the files by name that the rig's `[can]` table names."""
 
     run: Run
     logs: tuple[ImportedLog, ...]
-    dbc: bytes | None = None
+    beside: Mapping[str, bytes] = field(default_factory=dict)
 
     def summary(self) -> str:
         """For people."""
@@ -105,13 +105,14 @@ def import_logs(
     start: FloatArray,
     *,
     calibration: CalibrationRecord | None = None,
+    u_start: tuple[float, ...] = (0.0, 0.0),
     folder: Path = Path(),
     bus: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Imported:
     """The n-th log as the n-th pass of a run.
 
-    start (7,) is the pose at which the counters were zeroed: logs do not hold it. folder is where the rig file stands, bus the name of the
+    start (7,) is the pose at which the counters were zeroed: logs do not hold it; u_start its uncertainty, as `Run` takes it. folder is where the rig file stands, bus the name of the
     bus to read where the counters stand on several. FileFormatError and AcquisitionError name the log and what it lacks.
     """
     logs = tuple(logs)
@@ -120,12 +121,8 @@ def import_logs(
     found = tuple(_import_log(log, rig, passage, folder, bus, progress) for passage, log in enumerate(logs, 1))
     for log in found:
         rig = as_mapped(rig, log.fields)
-    dbc = None
-    if isinstance(rig.can, DbcCan):
-        path = folder / rig.can.dbc
-        dbc = files.read_bytes(path)
-        rig = rig.model_copy(update={"can": rig.can.model_copy(update={"dbc": path.name})})
-    return Imported(Run(rig, start, tuple(log.counts for log in found), calibration), found, dbc)
+    rig, beside = with_files_beside(rig, folder)
+    return Imported(Run(rig, start, tuple(log.counts for log in found), calibration, u_start), found, beside)
 
 
 def _import_log(
@@ -185,6 +182,15 @@ def _of_one_bus(
         raise AcquisitionError(f"{log}: has no bus {bus!r}; it has {', '.join(survey.buses) or 'no frames'}")
 
 
+def with_files_beside(rig: Rig, folder: Path) -> tuple[Rig, dict[str, bytes]]:
+    """The rig, its `[can]` table's DBC or EDS file taken to stand beside it, and that file's bytes by its name; folder: where it is now."""
+    key = "dbc" if isinstance(rig.can, DbcCan) else "eds" if isinstance(rig.can, CanOpenCan) and rig.can.eds else None
+    if rig.can is None or key is None:
+        return rig, {}
+    path = folder / getattr(rig.can, key)
+    return rig.model_copy(update={"can": rig.can.model_copy(update={key: path.name})}), {path.name: files.read_bytes(path)}
+
+
 def with_dbc(rig: Rig, dbc: Path) -> Rig:
     """The rig, its counters named by this DBC file: by its own `[can]` table of decoder `dbc`, or each channel by the signal of its name.
 
@@ -212,11 +218,21 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
 
 
 def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
-    """Write the run folder, with the faults of each pass beside its counts, and where they came from under `[[recording]]` in run.toml."""
+    """Write the run folder, with the faults of each pass beside its counts, and where they came from under `[[recording]]` in run.toml.
+
+    AcquisitionError where the folder holds a recording: an import can be made again, a recording cannot.
+    """
+    if (out / "run.toml").is_file():
+        entries = files.read_toml(out / "run.toml").get("recording", [])
+        if any("frames" in entry for entry in entries if isinstance(entry, dict)):
+            raise AcquisitionError(f"{out / 'run.toml'}: is there already; nothing is written over a recording")
     recording = []
     for passage, log in enumerate(imported.logs, 1):
+        events = out / f"pass{passage}.events.csv"
         if log.events.kept:
-            files.write_table(out / f"pass{passage}.events.csv", event_columns(log.events.kept, log.start_s))
+            files.write_table(events, event_columns(log.events.kept, log.start_s))
+        else:
+            events.unlink(missing_ok=True)  # of an import before this one
         entry: dict[str, Any] = {
             "pass": passage,
             "ended": "early" if log.report.ended_early else "complete",
@@ -233,7 +249,6 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
         if log.report.notes():
             entry["why"] = "; ".join(log.report.notes())
         recording.append(entry)
-    if imported.dbc is not None and isinstance(imported.run.rig.can, DbcCan):
-        with files.whole(out / imported.run.rig.can.dbc) as temporary:
-            temporary.write_bytes(imported.dbc)
+    for name, content in imported.beside.items():
+        files.write_bytes(out / name, content)
     write_run(out, imported.run, {"recording": recording}, suffix)

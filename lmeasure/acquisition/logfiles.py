@@ -4,9 +4,12 @@ A log that breaks off gives everything up to the break, and the report says wher
 Times are those of python-can's readers with absolute times: what the log says plus the start it states (0 where it states none).
 """
 
+import gc
 import gzip
 import io
 import itertools
+import sys
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -82,15 +85,35 @@ def _library_batches(path: Path, report: LogReport) -> Iterator[Frames]:
     from can.io.player import MESSAGE_READERS
 
     reader = MESSAGE_READERS[path.suffix.lower()]
+    broken = ""
     with path.open("rb") as raw:
         file: Any = raw if reader is MF4Reader else io.TextIOWrapper(raw, encoding="utf-8")
-        try:
-            # these readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
-            messages = iter(reader(file))
-            while batch := [checked(m) for m in itertools.islice(messages, MESSAGES_AT_ONCE)]:
-                yield frames_from_messages(batch, "log", str(path))
-        except Exception as error:
-            why = " ".join(str(error).split()) or type(error).__name__
-            if report.frames == 0:
-                raise FileFormatError(f"{path}: cannot be read: {why}") from error
-            report.ended_early = f"after frame {report.frames}: {why}"
+        messages: Iterator[Any] = iter(())
+        while not broken:
+            batch: list[Any] = []
+            try:
+                # these readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
+                messages = messages if report.frames else iter(reader(file))
+                for message in itertools.islice(messages, MESSAGES_AT_ONCE):
+                    batch.append(checked(message))
+            except Exception as error:
+                broken = _told(error)
+            if not batch:
+                break
+            yield frames_from_messages(batch, "log", str(path))
+    if broken and report.frames == 0:
+        raise FileFormatError(f"{path}: cannot be read: {broken}")
+    if broken:
+        report.ended_early = f"after frame {report.frames}: {broken}"
+
+
+def _told(error: Exception) -> str:
+    """What an exception says, in one line; its frames are let go, and with them a file that asammdf could not open, whose end is not
+    worth a word."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+    return " ".join(str(error).split()) or type(error).__name__

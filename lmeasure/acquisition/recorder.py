@@ -6,8 +6,10 @@ second. run.toml is there from the first moment and says `ended = "early"` until
 
 import contextlib
 import os
+import signal
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -26,7 +28,7 @@ from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Notice, Source
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import AcquisitionError, LMeasureError
-from lmeasure.rig import Rig, write_rig
+from lmeasure.rig import Rig, read_rig, write_rig
 from lmeasure.run import SCHEMA
 
 FloatArray = NDArray[np.float64]
@@ -86,23 +88,25 @@ def record(
     passage: int = 1,
     seconds: float | None = None,
     devices: list[dict[str, Any]] | None = None,
+    beside: Mapping[str, bytes] | None = None,
     show: Callable[[Progress], None] | None = None,
     each: Callable[[Samples], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Recording:
-    """Record a pass from the source into the run folder until the time is over, the source ends, `stop` says so, or Ctrl-C.
+    """Record a pass from the source into the run folder until the time is over, the source ends, `stop` says so, or Ctrl-C (or SIGTERM).
 
     start (7,): the pose at which the counters were zeroed; that of pass 1 holds for later ones. devices: identities for the manifest.
+    beside: files that the rig names, such as its calibration, which go into the folder too.
     show gets the state of things at every turn, each the samples as soon as they are known, their times from the first one, as in the file.
-    A source that is lost, or a disk that is full, ends the recording early: what came before is kept and the text says why.
+    A source that is lost, a log that breaks, or a disk that is full, ends the recording early: what came before is kept, the text says why.
     AcquisitionError when not one sample came.
     """
-    writer = _Writer(folder, rig, fields, passage, start, source, devices or [], each)
+    writer = _Writer(folder, rig, fields, passage, start, source, devices or [], beside or {}, each)
     ended = "complete"
     begin = time.monotonic()
     try:
-        with contextlib.suppress(KeyboardInterrupt):
-            while (seconds is None or time.monotonic() - begin < seconds) and not stop():
+        with _asked_to_end() as asked:
+            while (seconds is None or time.monotonic() - begin < seconds) and not stop() and not asked():
                 if not writer.take(TURN_S):
                     break
                 if show is not None:
@@ -110,9 +114,31 @@ def record(
         writer.take(0.0)  # what has come by now
         if show is not None:
             show(writer.progress(time.monotonic() - begin))
-    except OSError as error:  # AcquisitionError is one too
+    except (OSError, LMeasureError) as error:
         ended = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
     return writer.close(ended)
+
+
+@contextlib.contextmanager
+def _asked_to_end() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C or SIGTERM came: looked at between two batches, so that none is lost or cut in two by it; a second one breaks off."""
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    came = False
+
+    def note(number: int, frame: object) -> None:
+        nonlocal came
+        if came:
+            raise KeyboardInterrupt
+        came = True
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def candump_lines(frames: Frames) -> bytes:
@@ -171,6 +197,7 @@ class _Writer:
         start: FloatArray | None,
         source: Source,
         devices: list[dict[str, Any]],
+        beside: Mapping[str, bytes],
         each: Callable[[Samples], None] | None,
     ) -> None:
         self._each = each
@@ -185,28 +212,54 @@ class _Writer:
         self._synced = time.monotonic()
         self._table = self._manifest(start, devices)
         self.assembler.feed(no_frames())  # compiles before the first frame comes
+        self._before = {self.folder / name: _content(self.folder / name) for name in ("rig.toml", "run.toml", *beside)}
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._log = _Appended(self.folder / f"pass{passage}.log")
-            self._csv = _Appended(self.folder / f"pass{passage}.csv")
+            self._log = self._begun(f"pass{passage}.log")
+            self._csv = self._begun(f"pass{passage}.csv")
             extra = ["sync"] * (rig.can_table.start_input is not None)
             extra += ["u_time_s"] * (rig.can_table.timing == "free")
             self._csv.append((",".join(["time_s", *(f.channel for f in fields), *extra]) + "\n").encode())
-        except FileExistsError as error:
-            raise AcquisitionError(f"{error.filename}: is there already; nothing is written over a recording") from error
+            for name, content in beside.items():
+                files.write_bytes(self.folder / name, content)
+            write_rig(self.folder / "rig.toml", rig)
+            files.write_toml(self.folder / "run.toml", self._table)
         except OSError as error:
-            raise AcquisitionError(f"{error.filename or folder}: cannot be written: {error.strerror or error}") from error
-        write_rig(self.folder / "rig.toml", rig)
-        files.write_toml(self.folder / "run.toml", self._table)
+            self._take_back()
+            there = isinstance(error, FileExistsError) and self.folder.is_dir()
+            what = "is there already; nothing is written over a recording" if there else f"cannot be written: {error.strerror or error}"
+            raise AcquisitionError(f"{error.filename or folder}: {what}") from error
+        except LMeasureError:
+            self._take_back()
+            raise
+
+    def _begun(self, name: str) -> "_Appended":
+        file = _Appended(self.folder / name)
+        self._before[self.folder / name] = None
+        return file
+
+    def _take_back(self) -> None:
+        """The folder as it was before: a recording without a sample leaves nothing behind, and takes nothing from an earlier pass."""
+        for path, content in self._before.items():
+            with contextlib.suppress(OSError, LMeasureError):
+                if content is None:
+                    path.unlink(missing_ok=True)
+                elif path.read_bytes() != content:
+                    files.write_bytes(path, content)
+        with contextlib.suppress(OSError):
+            self.folder.rmdir()
 
     def _manifest(self, start: FloatArray | None, devices: list[dict[str, Any]]) -> dict[str, Any]:
         path = self.folder / "run.toml"
         if self.passage > 1:
             table = files.read_toml(path)
+            earlier = read_rig(self.folder / "rig.toml")
+            if earlier.model_copy(update={"can": None}) != self.rig.model_copy(update={"can": None}):
+                raise AcquisitionError(f"{self.folder / 'rig.toml'}: is another rig than that of pass {self.passage}")
             if len(table.get("pass", [])) != self.passage - 1:
                 raise AcquisitionError(f"{path}: has {len(table.get('pass', []))} passes; pass {self.passage} cannot follow")
         else:
-            if path.exists():
+            if os.path.exists(path):
                 raise AcquisitionError(f"{path}: is there already; nothing is written over a recording")
             pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if start is None else start
             table = {
@@ -312,14 +365,7 @@ class _Writer:
         self._log.close()
         self._csv.close()
         if self.samples == 0:
-            for name in (
-                path,
-                path.with_suffix(".log"),
-                *([self.folder / "run.toml", self.folder / "rig.toml"] if self.passage == 1 else []),
-            ):
-                name.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):
-                self.folder.rmdir()
+            self._take_back()
             why = f": {ended}" if ended != "complete" else ""
             raise AcquisitionError(
                 f"{self.source.name}: {self.frames} frames, not one sample of {', '.join(f.channel for f in self.fields)}{why}"
@@ -357,6 +403,13 @@ class _Writer:
                 entry["why"] = ended
             files.write_toml(self.folder / "run.toml", self._table)
         return replace(result, faults=dict(events.tally))
+
+
+def _content(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None
 
 
 class _Appended:

@@ -53,27 +53,21 @@ class Assembler(Protocol):
 
 
 class StartLine:
-    """The start-of-counting input: the bit's last known state at any time, 0 before its first frame."""
+    """The start-of-counting input: the bit's last known state, 0 before its first frame."""
 
     def __init__(self, place: StartInput) -> None:
         self._place = place
-        self._times: list[float] = [-np.inf]
-        self._states: list[float] = [0.0]
+        self._state = 0.0
 
-    def feed(self, frames: Frames) -> None:
-        """Take note of the bit's changes."""
+    def feed(self, frames: Frames, rows: IntArray) -> FloatArray:
+        """(k,) the state before each of the frames at the rising positions rows (k,) of a batch, by the order of their coming: a host that
+        stamps late, or a clock that is set, does not part the input from the counts."""
         p = self._place
         mine = (frames.identifier == p.id) & (((frames.flags & EXTENDED) != 0) == p.extended) & ((frames.flags & (ERROR | REMOTE)) == 0)
-        rows = np.flatnonzero(mine & (frames.length > p.byte_offset))
-        for row in rows:
-            state = float((frames.data[row, p.byte_offset] >> p.bit) & 1)
-            if state != self._states[-1]:
-                self._times.append(float(frames.time_s[row]))
-                self._states.append(state)
-
-    def at(self, time_s: FloatArray) -> FloatArray:
-        """(n,) the state at each time."""
-        return np.array(self._states)[np.searchsorted(self._times, time_s, side="right") - 1]
+        told = np.flatnonzero(mine & (frames.length > p.byte_offset))
+        states = np.concatenate([[self._state], (frames.data[told, p.byte_offset] >> p.bit) & 1 if len(told) else []])
+        self._state = float(states[-1])
+        return np.asarray(states[np.searchsorted(told, rows)], np.float64)
 
 
 class SyncAssembler:
@@ -95,6 +89,7 @@ class SyncAssembler:
         self._sync_id, self._start_line = sync_id, start_line
         self._watch = NetworkWatch(fields, sync_id, events)
         self._sync_time: FloatArray = np.empty(0)
+        self._started: FloatArray = np.empty(0)
         self._window: IntArray = np.empty(0, np.int64)
         self._field: NDArray[np.int16] = np.empty(0, np.int16)
         self._value: IntArray = np.empty(0, np.int64)
@@ -108,9 +103,9 @@ class SyncAssembler:
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
         self._watch.feed(frames, self.given)
-        if self._start_line is not None:
-            self._start_line.feed(frames)
         readings = decode(frames, self.fields, self._sync_id)
+        if self._start_line is not None:
+            self._started = np.concatenate([self._started, self._start_line.feed(frames, readings.sync)])
         window = readings.window - 1 + len(self._sync_time)
         begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
         self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps
@@ -149,7 +144,7 @@ class SyncAssembler:
         settled, known = self._settled(last)
         ready = min(total if last else max(total - 2, 0), known)
         if ready == 0:
-            return Samples(np.empty(0), np.empty((0, m)))
+            return Samples(np.empty(0), np.empty((0, m)), None if self._start_line is None else np.empty(0))
         value, n = tabulate(self._window, self._field, self._value, m, total)
         for w in np.flatnonzero((n[:, : total if last else total - 1] > 1).any(axis=0)):
             self._settle(int(w), n, value, ready)
@@ -166,9 +161,10 @@ class SyncAssembler:
         keep = self._window >= ready
         self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
         self._sync_time = self._sync_time[ready:]
+        started, self._started = self._started[:ready], self._started[ready:]
         self.given += ready
         self.stamps_moved_s = max(self.stamps_moved_s, float(moved.max()))
-        return Samples(time_s, recorded, None if self._start_line is None else self._start_line.at(time_s))
+        return Samples(time_s, recorded, None if self._start_line is None else started)
 
     def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
         """Windows with several frames of a channel: late ones, early ones, duplicates, contradictions; a SYNC that did not come."""
@@ -224,6 +220,7 @@ class SyncAssembler:
         number = np.cumsum(~double) - 1
         self._window = number[self._window]
         self._sync_time = self._sync_time[~double]
+        self._started = self._started[~double] if self._start_line is not None else self._started
 
     def _settled(self, last: bool) -> tuple[FloatArray, int]:
         """The SYNCs' times, and of how many nothing that comes can change them.

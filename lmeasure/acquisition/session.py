@@ -8,19 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure import files
 from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
 from lmeasure.acquisition.canopen_objects import as_mapped
 from lmeasure.acquisition.decoders import CounterField, counter_fields
 from lmeasure.acquisition.frames import no_frames
-from lmeasure.acquisition.import_log import fields_of_log
+from lmeasure.acquisition.import_log import fields_of_log, with_files_beside
 from lmeasure.acquisition.recorder import Progress, Recording, record
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Source, open_source
 from lmeasure.can_table import CanOpenCan
 from lmeasure.errors import AcquisitionError
 from lmeasure.poses import poses_from_rows
-from lmeasure.rig import Rig, read_rig
+from lmeasure.rig import Rig
+from lmeasure.run import read_linked_rig
 
 if TYPE_CHECKING:
     import can
@@ -45,15 +47,20 @@ def record_session(
 
     start: seven numbers with commas, x, y, z [mm], qx, qy, qz, qw; options: KEY=VALUE for the interface. AcquisitionError in one line.
     """
-    rig = read_rig(rig_path)
+    rig, calibration = read_linked_rig(rig_path)
     if passage > rig.passes:
         raise AcquisitionError(f"{rig_path}: its cables need {rig.passes} pass(es); there is no pass {passage}")
     pose = None if start is None else pose_from_text(start)
-    link = connect(rig, Path(rig_path).parent, bus, passage=passage, options=options_from_text(options), paced=paced)
+    here = Path(rig_path).parent
+    link = connect(rig, here, bus, passage=passage, options=options_from_text(options), paced=paced)
     try:
         devices = [d.identity() for d in link.devices]
+        kept, beside = with_files_beside(as_mapped(rig, link.fields), here)
+        if calibration is not None and rig.calibration is not None:
+            kept = kept.model_copy(update={"calibration": Path(rig.calibration).name})
+            beside[Path(rig.calibration).name] = files.read_bytes(here / rig.calibration)
         return record(
-            as_mapped(rig, link.fields),
+            kept,
             link.source,
             link.fields,
             folder,
@@ -61,6 +68,7 @@ def record_session(
             passage=passage,
             seconds=seconds,
             devices=devices,
+            beside=beside,
             show=show,
             each=each,
         )
@@ -124,6 +132,8 @@ def pose_from_text(text: str) -> FloatArray:
     """(7,) pose from seven numbers with commas; AcquisitionError says what is wrong with them."""
     try:
         numbers = np.array([float(part) for part in text.split(",")])
+        if len(numbers) != 7:
+            raise ValueError(f"{len(numbers)} numbers")
         return np.asarray(poses_from_rows(numbers.reshape(1, 7)).rows[0])
     except ValueError as error:
         raise AcquisitionError(f"--start {text!r}: x,y,z in mm and qx,qy,qz,qw: {error}") from None

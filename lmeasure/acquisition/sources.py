@@ -114,8 +114,8 @@ class BusSource:
             except (can.CanError, OSError, ValueError, TypeError) as error:
                 try:
                     self._reopen(error)
-                except AcquisitionError as lost:
-                    self._lost = lost
+                except AcquisitionError as gone:
+                    self._lost = gone
                     return
 
     def receive(self, timeout_s: float) -> Frames | None:
@@ -252,7 +252,7 @@ class ReplaySource:
         self._report = LogReport()
         self._batches: Iterator[Frames] | None = log_batches(path, self._report)
         self._paced = paced
-        self._held = no_frames()
+        self._held = next(self._batches, no_frames())  # a log that cannot be read is refused here, before anything is written
         self._begin: float | None = None
 
     def receive(self, timeout_s: float) -> Frames | None:

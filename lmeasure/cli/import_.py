@@ -12,7 +12,7 @@ def import_(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...", help="Log of each pass: .blf, .asc, .log (also .gz), .csv, .trc, .mf4 (extra mf4).")
     ],
-    rig: Annotated[Path, typer.Option("--rig", help="rig.toml; its can table says which frames carry the counters.")],
+    rig: Annotated[Path, typer.Option("--rig", help="rig.toml; its [can] table says which frames carry the counters.")],
     out: Annotated[Path, typer.Option("--out", metavar="RUN", help="Run folder to write.")],
     start: Annotated[Path | None, typer.Option("--start", help="File with the start pose as table start, such as a run.toml.")] = None,
     position_mm: Annotated[
@@ -37,18 +37,23 @@ def import_(
     from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
     from lmeasure.cli.progress import bar
     from lmeasure.run import read_linked_rig
-    from lmeasure.start import start_of_rig
+    from lmeasure.start import start_of_rig, start_uncertainty
 
     measured, calibration = read_linked_rig(rig)
+    u_start: tuple[float, ...] = (0.0, 0.0)
     if start is not None:
-        pose = start_of_rig(files.read_toml(start).get("start"), measured, str(start))
+        table = files.read_toml(start).get("start")
+        pose = start_of_rig(table, measured, str(start))
+        u_start = start_uncertainty(table, str(start))
     else:
         table = {"position_mm": list(position_mm or ()), "quaternion_xyzw": list(quaternion_xyzw or ())}
         pose = start_of_rig(table, measured, "--position-mm, --quaternion-xyzw")
     if dbc is not None:
         measured = with_dbc(measured, dbc)
     with bar("bytes") as progress:
-        imported = import_logs(logs, measured, pose, calibration=calibration, folder=rig.parent, bus=bus, progress=progress)
+        imported = import_logs(
+            logs, measured, pose, calibration=calibration, u_start=u_start, folder=rig.parent, bus=bus, progress=progress
+        )
     write_import(out, imported, ".parquet" if parquet else ".csv")
     if rerun is not None:
         from lmeasure.view.stages import write_recording

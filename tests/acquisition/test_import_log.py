@@ -37,6 +37,31 @@ def command(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "lmeasure", *map(str, words)], capture_output=True, text=True, check=False)
 
 
+def test_a_recording_is_not_written_over_and_faults_of_an_earlier_import_go(tmp_path: Path) -> None:
+    log = counter_log(60, 5)
+    path, broken = write(tmp_path / "drive.blf", log), write(tmp_path / "broken.blf", [m for i, m in enumerate(log) if i != 100])
+    for source, faults in ((broken, True), (path, False)):
+        write_import(tmp_path / "run", import_logs([source], six_cables(), START_POSE))
+        assert (tmp_path / "run" / "pass1.events.csv").exists() == faults
+    table = files.read_toml(tmp_path / "run" / "run.toml")
+    table["recording"][0]["frames"] = "pass1.log"
+    files.write_toml(tmp_path / "run" / "run.toml", table)
+    with pytest.raises(AcquisitionError, match=r"run\.toml: is there already; nothing is written over a recording"):
+        write_import(tmp_path / "run", import_logs([path], six_cables(), START_POSE))
+
+
+def test_the_start_file_states_its_uncertainty_too(tmp_path: Path) -> None:
+    path = write(tmp_path / "drive.blf", counter_log(60, 6))
+    write_rig(tmp_path / "rig.toml", six_cables())
+    files.write_toml(
+        tmp_path / "start.toml",
+        {"start": {"position_mm": [1, 2, 3], "quaternion_xyzw": [0, 0, 0, 1], "u_position_mm": 0.25, "u_rotation_deg": 0.5}},
+    )
+    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--start", tmp_path / "start.toml")
+    assert done.returncode == 0, done.stderr
+    assert read_run(tmp_path / "run").u_start == pytest.approx((0.25, np.radians(0.5)))
+
+
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".mf4"])
 def test_every_format_gives_the_same_counts(tmp_path: Path, suffix: str) -> None:
     log = [m for m in counter_log(300, 3) if suffix != ".mf4" or not m.is_error_frame]

@@ -129,6 +129,29 @@ def test_a_cut_text_log_gives_its_whole_lines_and_says_so(tmp_path: Path, suffix
         assert (report.ended_early is not None) == (suffix == ".asc" or not whole[:size].endswith(b"\n"))
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".trc"])
+def test_a_cut_log_of_the_library_gives_its_whole_lines_too(tmp_path: Path, suffix: str) -> None:
+    plain = [m for m in messages(60, 22, fd=False) if not (m.is_error_frame or m.is_remote_frame)]
+    whole = write(tmp_path / f"whole{suffix}", plain).read_bytes()
+    complete, _ = read_rows(tmp_path / f"whole{suffix}")
+    cut = tmp_path / f"cut{suffix}"
+    for size in range(len(whole) // 2, len(whole), 37):
+        cut.write_bytes(whole[:size])
+        found, report = read_rows(cut)
+        assert found == complete[: len(found)]
+        assert len(found) >= whole[:size].count(b"\n") - len(whole.splitlines()) + len(complete)
+        assert report.ended_early is None or f"after frame {len(found)}: " in report.ended_early
+
+
+def test_a_broken_mf4_says_no_more_than_one_line(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.mf4", [m for m in messages(60, 23) if not m.is_error_frame]).read_bytes()
+    cut = tmp_path / "cut.mf4"
+    for size in (3, 50, 200, len(whole) // 2, len(whole) - 100):
+        cut.write_bytes(whole[:size])
+        with pytest.raises(FileFormatError, match="cannot be read"):
+            read_log(cut)
+
+
 def test_a_recorder_that_was_killed(tmp_path: Path) -> None:
     """python-can writes the sizes into the header when it closes the file; killed, it never does."""
     path = tmp_path / "log.blf"

@@ -142,6 +142,24 @@ def test_the_start_input_is_a_column() -> None:
     np.testing.assert_array_equal(counts.sync, np.arange(100) >= 41)
 
 
+def test_the_start_input_goes_by_the_order_of_the_frames_not_by_their_stamps() -> None:
+    """A busy host stamps 30 ms of frames at once; the SYNCs among them are brought back, and the input with them. The first batch holds no
+    sample, and the column is there all the same."""
+    import can
+
+    rig = rig_from_dict(RIG.to_dict() | {"can": RIG.can_table.model_dump() | {"start_input": {"id": 0x300}}})
+    rise = frames_from_messages([can.Message(timestamp=0.0405, arbitration_id=0x300, is_extended_id=False, data=[1])])
+    at = 41 * PER_SAMPLE
+    mixed = join([FRAMES.take(slice(0, at)), rise, FRAMES.take(slice(at, None))])
+    late = (mixed.time_s > 0.03) & (mixed.time_s < 0.06)
+    stamps = np.where(late, 0.06 - 1e-6 * np.arange(len(late))[::-1], mixed.time_s)
+    busy = replace(mixed, time_s=stamps, timestamp_source="host")
+    for batches in ([busy], [busy.take(slice(0, 3)), busy.take(slice(3, None))]):
+        counts = counts_from_frames(rig, batches, counter_fields(rig)).counts
+        assert counts.sync is not None
+        np.testing.assert_array_equal(counts.sync, np.arange(100) >= 41)
+
+
 def test_nothing_at_all_says_what_was_missed() -> None:
     with pytest.raises(AcquisitionError, match="7 frames, but no SYNC 0x80 among them"):
         counts_from_frames(RIG, [replace(FRAMES.take(slice(0, 7)), identifier=np.full(7, 0x333, np.uint32))], FIELDS)

@@ -1,5 +1,10 @@
 """`lmeasure record` as a whole: the simulated cell, replayed logs, several passes, and what the folder says of the recording."""
 
+import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +14,7 @@ import pytest
 
 from lmeasure import files
 from lmeasure.acquisition.frames import messages_from_frames
+from lmeasure.acquisition.import_log import import_logs
 from lmeasure.acquisition.logfiles import read_log
 from lmeasure.acquisition.session import record_session
 from lmeasure.errors import AcquisitionError, FileFormatError
@@ -129,3 +135,74 @@ def test_a_wrong_option_is_refused_in_one_line(asked: dict[str, Any], complaint:
     with pytest.raises(AcquisitionError, match=complaint):
         record_session(recorded / "rig.toml", f"replay:{recorded / 'run' / 'pass1.log'}", tmp_path / "run", paced=False, **asked)
     assert not (tmp_path / "run").exists()
+
+
+def test_what_the_rig_names_goes_with_the_recording(recorded: Path, tmp_path: Path) -> None:
+    """A calibration and a DBC file: the run folder can be moved, reconstructed and read again from its log."""
+    signals = "".join(f'BO_ {384 + n} M{n}: 4 A\n SG_ s{n} : 0|32@1- (1,0) [0|0] "" A\n\n' for n in range(1, 7))
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "drums.dbc").write_text(f'VERSION ""\nNS_ :\nBS_:\nBU_: A\n{signals}')
+    truth = Path(__file__).parents[1] / "authorities" / "truth"
+    done = subprocess.run(
+        [sys.executable, "-m", "lmeasure", "calibrate", str(truth / "cell-12-poses"), "--out", str(tmp_path / "files")], check=False
+    )
+    assert done.returncode == 0
+    data = files.read_toml(tmp_path / "files" / "rig.toml")
+    assert data["calibration"] == "calibration.json"
+    channels = [{"channel": f"ch{n}", "message": f"M{n}", "signal": f"s{n}"} for n in range(1, 7)]
+    data |= {"calibration": "files/calibration.json", "can": {"decoder": "dbc", "dbc": "files/drums.dbc", "channel": channels}}
+    write_rig(tmp_path / "rig.toml", rig_from_dict(data))
+    bus = f"replay:{recorded / 'run' / 'pass1.log'}"
+    record_session(tmp_path / "rig.toml", bus, tmp_path / "run", paced=False)
+    (tmp_path / "run").rename(tmp_path / "moved")
+    run = read_run(tmp_path / "moved")
+    assert run.calibration is not None
+    again = import_logs([tmp_path / "moved" / "pass1.log"], run.rig, run.start, folder=tmp_path / "moved")
+    np.testing.assert_array_equal(again.run.passes[0].recorded, run.passes[0].recorded)
+
+
+def test_a_recording_without_a_sample_leaves_everything_as_it_was(recorded: Path, tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"none\.log: cannot be read"):
+        record_session(recorded / "rig.toml", f"replay:{tmp_path / 'none.log'}", tmp_path / "run", paced=False)
+    data = cell_rig(6).to_dict()
+    for i, cable in enumerate(data["cable"]):
+        cable["pass"] = 1 + i % 2
+    write_rig(tmp_path / "rig.toml", rig_from_dict(data))
+    (tmp_path / "empty.log").write_text("(1.000000) can0 7FF#00 R\n")
+    with pytest.raises(AcquisitionError, match="1 frames, not one sample of ch1, ch3, ch5"):
+        record_session(tmp_path / "rig.toml", f"replay:{tmp_path / 'empty.log'}", tmp_path / "run", paced=False)
+    assert not (tmp_path / "run").exists()
+    log = f"replay:{recorded / 'run' / 'pass1.log'}"
+    record_session(tmp_path / "rig.toml", log, tmp_path / "run", paced=False)
+    before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()}
+    with pytest.raises(AcquisitionError, match="not one sample of ch2, ch4, ch6"):
+        record_session(tmp_path / "rig.toml", f"replay:{tmp_path / 'empty.log'}", tmp_path / "run", passage=2, paced=False)
+    data["tool"]["P1"] = [1.0, 2.0, 3.0]
+    write_rig(tmp_path / "other.toml", rig_from_dict(data))
+    with pytest.raises(AcquisitionError, match=r"rig\.toml: is another rig than that of pass 2"):
+        record_session(tmp_path / "other.toml", log, tmp_path / "run", passage=2, paced=False)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
+    record_session(tmp_path / "rig.toml", log, tmp_path / "run", passage=2, paced=False)
+    assert len(read_run(tmp_path / "run").passes) == 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_asked_to_end_it_ends_between_two_batches(number: signal.Signals, recorded: Path, tmp_path: Path) -> None:
+    (tmp_path / "scenario.toml").write_text(SCENARIO.replace('"rig.toml"', json.dumps(str(recorded / "rig.toml"))) + "dwell_s = 600.0\n")
+    words = ["record", "--rig", recorded / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run"]
+    process = subprocess.Popen([sys.executable, "-m", "lmeasure", *map(str, words)], stdout=subprocess.PIPE, text=True)
+    try:
+        counts = tmp_path / "run" / "pass1.csv"
+        while process.poll() is None and not (counts.exists() and counts.read_bytes().count(b"\n") > 100):
+            time.sleep(0.02)
+        process.send_signal(number)
+        told, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+    assert "no faults" in told
+    entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
+    assert entry["ended"] == "complete"
+    # every frame of the log is counted in the table
+    again = import_logs([tmp_path / "run" / "pass1.log"], cell_rig(6), read_run(tmp_path / "run").start)
+    np.testing.assert_array_equal(again.run.passes[0].recorded, read_run(tmp_path / "run").passes[0].recorded)
