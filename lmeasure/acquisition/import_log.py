@@ -112,8 +112,9 @@ def import_logs(
 ) -> Imported:
     """The n-th log as the n-th pass of a run.
 
-    start (7,) is the pose at which the counters were zeroed: logs do not hold it; u_start its uncertainty, as `Run` takes it. folder is where the rig file stands, bus the name of the
-    bus to read where the counters stand on several. FileFormatError and AcquisitionError name the log and what it lacks.
+    start (7,) is the pose at which the counters were zeroed: logs do not hold it; u_start its uncertainty, as `Run` takes it. folder is
+    where the rig file stands, bus the name of the bus to read where the counters stand on several. FileFormatError and AcquisitionError
+    name the log and what it lacks.
     """
     logs = tuple(logs)
     if len(logs) != rig.passes:

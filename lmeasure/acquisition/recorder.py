@@ -5,7 +5,6 @@ second. run.toml is there from the first moment and says `ended = "early"` until
 """
 
 import contextlib
-import os
 import signal
 import threading
 import time
@@ -23,7 +22,8 @@ from lmeasure import files
 from lmeasure.acquisition.assembly import mark_stalls, new_assembler
 from lmeasure.acquisition.decoders import CounterField
 from lmeasure.acquisition.events import Event, event_columns
-from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, no_frames
+from lmeasure.acquisition.frames import Frames, no_frames
+from lmeasure.acquisition.growing_files import Appended, candump_lines, count_lines
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Notice, Source
 from lmeasure.counts import Counts, read_counts, write_counts
@@ -141,50 +141,6 @@ def _asked_to_end() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def candump_lines(frames: Frames) -> bytes:
-    """The frames as lines of candump, which python-can and can-utils read."""
-    names = ["".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "can0" for name in frames.buses]
-    names = [f"can{name}" if name.isdigit() else name for name in names]
-    lines = []
-    for t, identifier, flags, length, data, channel in zip(
-        frames.time_s.tolist(),
-        frames.identifier.tolist(),
-        frames.flags.tolist(),
-        frames.length.tolist(),
-        frames.data,
-        frames.channel.tolist(),
-        strict=True,
-    ):
-        if flags & ERROR:
-            lines.append(f"({t:.6f}) {names[channel]} 20000080#\n")
-            continue
-        arbitration = f"{identifier:08X}" if flags & EXTENDED else f"{identifier:03X}"
-        direction = "T" if flags & SENT else "R"
-        if flags & REMOTE:
-            body = f"#R{length}"
-        elif flags & FD:
-            body = f"##{(1 if flags & BITRATE_SWITCH else 0) | (2 if flags & ERROR_STATE else 0):X}{data[:length].tobytes().hex().upper()}"
-        else:
-            body = f"#{data[:length].tobytes().hex().upper()}"
-        lines.append(f"({t:.6f}) {names[channel]} {arbitration}{body} {direction}\n")
-    return "".join(lines).encode("ascii")
-
-
-def count_lines(samples: Samples, origin_s: float) -> bytes:
-    """Samples as lines of a counts file; an empty cell where there is no count."""
-    times = np.round(samples.time_s - origin_s, 6).tolist()
-    columns = [samples.recorded]
-    columns += [extra[:, None] for extra in (samples.start_input, samples.u_time_s) if extra is not None]
-    rows = np.hstack(columns).tolist()
-    return "".join(f"{t!r}," + ",".join(map(_cell, row)) + "\n" for t, row in zip(times, rows, strict=True)).encode("ascii")
-
-
-def _cell(value: float) -> str:
-    if value != value:  # NaN
-        return ""
-    return str(int(value)) if value.is_integer() else repr(value)
-
-
 class _Writer:
     """The files of a recording while it grows."""
 
@@ -210,9 +166,9 @@ class _Writer:
         self._lost = 0
         self._latency: float | None = None
         self._synced = time.monotonic()
+        self._before = {self.folder / name: _content(self.folder / name) for name in ("rig.toml", "run.toml", *beside)}
         self._table = self._manifest(start, devices)
         self.assembler.feed(no_frames())  # compiles before the first frame comes
-        self._before = {self.folder / name: _content(self.folder / name) for name in ("rig.toml", "run.toml", *beside)}
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._log = self._begun(f"pass{passage}.log")
@@ -233,8 +189,8 @@ class _Writer:
             self._take_back()
             raise
 
-    def _begun(self, name: str) -> "_Appended":
-        file = _Appended(self.folder / name)
+    def _begun(self, name: str) -> "Appended":
+        file = Appended(self.folder / name)
         self._before[self.folder / name] = None
         return file
 
@@ -259,7 +215,7 @@ class _Writer:
             if len(table.get("pass", [])) != self.passage - 1:
                 raise AcquisitionError(f"{path}: has {len(table.get('pass', []))} passes; pass {self.passage} cannot follow")
         else:
-            if os.path.exists(path):
+            if self._before[path] is not None:
                 raise AcquisitionError(f"{path}: is there already; nothing is written over a recording")
             pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if start is None else start
             table = {
@@ -410,37 +366,6 @@ def _content(path: Path) -> bytes | None:
         return path.read_bytes()
     except OSError:
         return None
-
-
-class _Appended:
-    """A file that grows by whole pieces: a piece that the disk does not take is taken off again, and the file is closed to more."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("xb", buffering=0)
-        self._size = 0
-        self._full = False
-
-    def append(self, data: bytes) -> None:
-        """Write all of it; OSError when it cannot be written."""
-        if self._full:
-            return
-        view = memoryview(data)
-        try:
-            while view:
-                view = view[self._file.write(view) :]
-        except OSError as error:
-            self._full = True
-            self._file.truncate(self._size)
-            raise OSError(error.errno, error.strerror, str(self._file.name)) from error
-        self._size += len(data)
-
-    def to_disk(self) -> None:
-        """Return when the disk has it."""
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        """No more."""
-        self._file.close()
 
 
 def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:

@@ -130,11 +130,11 @@ def _warm_up(rig: Rig, fields: tuple[CounterField, ...], passage: int) -> None:
 
 def pose_from_text(text: str) -> FloatArray:
     """(7,) pose from seven numbers with commas; AcquisitionError says what is wrong with them."""
+    parts = text.split(",")
+    if len(parts) != 7:
+        raise AcquisitionError(f"--start {text!r}: x,y,z in mm and qx,qy,qz,qw are seven numbers, not {len(parts)}")
     try:
-        numbers = np.array([float(part) for part in text.split(",")])
-        if len(numbers) != 7:
-            raise ValueError(f"{len(numbers)} numbers")
-        return np.asarray(poses_from_rows(numbers.reshape(1, 7)).rows[0])
+        return np.asarray(poses_from_rows(np.array([[float(part) for part in parts]])).rows[0])
     except ValueError as error:
         raise AcquisitionError(f"--start {text!r}: x,y,z in mm and qx,qy,qz,qw: {error}") from None
 

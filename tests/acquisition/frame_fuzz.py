@@ -9,7 +9,7 @@ from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.events import EVENTS_KEPT
 from lmeasure.acquisition.frames import Frames, TimestampSource, messages_from_frames
-from lmeasure.acquisition.recorder import candump_lines, count_lines
+from lmeasure.acquisition.growing_files import candump_lines, count_lines
 from lmeasure.rig import rig_from_dict
 
 RIGS = {
