@@ -46,12 +46,15 @@ class FreeAssembler:
         self._period: list[float | None] = [None] * m
         self._scatter = np.zeros(m)
         self._given_to = -math.inf
+        self._started: tuple[FloatArray, FloatArray] = (np.full(1, -math.inf), np.zeros(1))
+        """When the start input's state was told, and which it was; the first is that before all frames."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
         self._watch.feed(frames, self.given)
         if self._start_line is not None:
-            self._start_line.feed(frames)
+            rows, states = self._start_line.told(frames)
+            self._started = np.concatenate([self._started[0], frames.time_s[rows]]), np.concatenate([self._started[1], states[1:]])
         readings = decode(frames, self.fields)
         for i, field in enumerate(self.fields):
             mine = readings.field == i
@@ -138,7 +141,12 @@ class FreeAssembler:
         if n:
             self._given_to = float(time_s[-1])
             self.given += n
-        start = None if self._start_line is None else self._start_line.at(time_s)
+        start = None
+        if self._start_line is not None:
+            times = np.maximum.accumulate(self._started[0])
+            start = self._started[1][np.searchsorted(times, time_s, side="right") - 1]
+            keep = max(int(np.searchsorted(times, horizon, side="right")) - 1, 0)
+            self._started = times[keep:], self._started[1][keep:]
         skew = math.sqrt(float(np.mean(self._scatter**2)))
         return Samples(time_s, recorded, start, np.full(n, skew))
 

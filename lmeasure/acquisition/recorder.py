@@ -114,7 +114,9 @@ def record(
         writer.take(0.0)  # what has come by now
         if show is not None:
             show(writer.progress(time.monotonic() - begin))
-    except (OSError, LMeasureError) as error:
+    except LMeasureError as error:
+        ended = str(error)
+    except OSError as error:
         ended = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
     return writer.close(ended)
 

@@ -59,15 +59,20 @@ class StartLine:
         self._place = place
         self._state = 0.0
 
-    def feed(self, frames: Frames, rows: IntArray) -> FloatArray:
-        """(k,) the state before each of the frames at the rising positions rows (k,) of a batch, by the order of their coming: a host that
-        stamps late, or a clock that is set, does not part the input from the counts."""
+    def told(self, frames: Frames) -> tuple[IntArray, FloatArray]:
+        """Positions (k,) of its frames in a batch, and the state before them and after each, (k + 1,)."""
         p = self._place
         mine = (frames.identifier == p.id) & (((frames.flags & EXTENDED) != 0) == p.extended) & ((frames.flags & (ERROR | REMOTE)) == 0)
-        told = np.flatnonzero(mine & (frames.length > p.byte_offset))
-        states = np.concatenate([[self._state], (frames.data[told, p.byte_offset] >> p.bit) & 1 if len(told) else []])
+        rows = np.flatnonzero(mine & (frames.length > p.byte_offset))
+        states = np.concatenate([[self._state], (frames.data[rows, p.byte_offset] >> p.bit) & 1 if len(rows) else []])
         self._state = float(states[-1])
-        return np.asarray(states[np.searchsorted(told, rows)], np.float64)
+        return rows, states
+
+    def before(self, frames: Frames, rows: IntArray) -> FloatArray:
+        """(n,) the state before each of the frames at the rising positions rows (n,) of a batch, by the order of their coming: a host that
+        stamps late, or a clock that is set, does not part the input from the counts."""
+        told, states = self.told(frames)
+        return np.asarray(states[np.searchsorted(told, rows)])
 
 
 class SyncAssembler:
@@ -105,7 +110,7 @@ class SyncAssembler:
         self._watch.feed(frames, self.given)
         readings = decode(frames, self.fields, self._sync_id)
         if self._start_line is not None:
-            self._started = np.concatenate([self._started, self._start_line.feed(frames, readings.sync)])
+            self._started = np.concatenate([self._started, self._start_line.before(frames, readings.sync)])
         window = readings.window - 1 + len(self._sync_time)
         begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
         self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps

@@ -42,9 +42,9 @@ def import_(
     measured, calibration = read_linked_rig(rig)
     u_start: tuple[float, ...] = (0.0, 0.0)
     if start is not None:
-        table = files.read_toml(start).get("start")
-        pose = start_of_rig(table, measured, str(start))
-        u_start = start_uncertainty(table, str(start))
+        stated = files.read_toml(start).get("start")
+        pose = start_of_rig(stated, measured, str(start))
+        u_start = start_uncertainty(stated or {}, str(start))
     else:
         table = {"position_mm": list(position_mm or ()), "quaternion_xyzw": list(quaternion_xyzw or ())}
         pose = start_of_rig(table, measured, "--position-mm, --quaternion-xyzw")

@@ -160,6 +160,23 @@ def test_the_start_input_goes_by_the_order_of_the_frames_not_by_their_stamps() -
         np.testing.assert_array_equal(counts.sync, np.arange(100) >= 41)
 
 
+def test_the_start_input_of_free_running_encoders_goes_by_time() -> None:
+    import can
+
+    table = RIG.can_table.model_dump() | {"start_input": {"id": 0x300}, "timing": "free"}
+    rig = rig_from_dict(RIG.to_dict() | {"can": table})
+    changes = [(0.0202, 1), (0.0602, 0), (0.0802, 1)]
+    told = frames_from_messages([can.Message(timestamp=t, arbitration_id=0x300, is_extended_id=False, data=[s]) for t, s in changes])
+    mixed = join([FRAMES, told])
+    mixed = mixed.take(np.argsort(mixed.time_s, kind="stable"))
+    for batches in ([mixed], [mixed.take(slice(a, a + 50)) for a in range(0, len(mixed), 50)]):
+        counts = counts_from_frames(rig, batches, counter_fields(rig)).counts
+        assert counts.sync is not None
+        expected = (counts.time_s >= 0.0202) & ~((counts.time_s >= 0.0602) & (counts.time_s < 0.0802))
+        np.testing.assert_array_equal(counts.sync, expected)
+        assert 55 < counts.sync.sum() < 65
+
+
 def test_nothing_at_all_says_what_was_missed() -> None:
     with pytest.raises(AcquisitionError, match="7 frames, but no SYNC 0x80 among them"):
         counts_from_frames(RIG, [replace(FRAMES.take(slice(0, 7)), identifier=np.full(7, 0x333, np.uint32))], FIELDS)
