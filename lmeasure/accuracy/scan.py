@@ -8,6 +8,8 @@ import hashlib
 import importlib
 import itertools
 import os
+import re
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
@@ -29,6 +31,7 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[int, int], None]
 
 POSES_PER_CHUNK = 1_000_000
+ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/:]+:\d{1,5}|(tcp|tls)://\[[0-9a-fA-F:]+\]:\d{1,5}")
 
 
 def digest_of(arrays: Mapping[str, Any]) -> str:
@@ -239,10 +242,12 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise AccuracyError("--scheduler needs dask: install lmeasure with the extra [cluster]") from None
+    if not ADDRESS.fullmatch(scheduler):  # a client of a wrong one does not go without a quarrel
+        raise AccuracyError(f"--scheduler {scheduler!r}: is no address such as tcp://192.168.0.7:8786")
     try:
         client = distributed.Client(scheduler, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise AccuracyError(f"{scheduler}: no dask scheduler answers there: {error}") from error
+        raise AccuracyError(f"{scheduler}: no dask scheduler answers there: {_one_line(error)}") from error
     with client:
         # each task carries its own nodes: nothing is lost with a worker that could not be sent again
         key = plan.digest()[:16]
@@ -252,6 +257,10 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
         ]
         for future in distributed.as_completed(futures, loop=client.loop):
             yield future.result()
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _numbered_chunk(part: Plan, number: int) -> tuple[int, tuple[FloatArray, IntArray]]:
@@ -281,8 +290,11 @@ class _Kept:
         path = self._path(number)
         if not path.exists():
             return None
-        with np.load(path, allow_pickle=False) as stored:
-            return stored["figures"], stored["flags"]
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                return stored["figures"], stored["flags"]
+        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise AccuracyError(f"{path}: is no chunk of a scan ({_one_line(error)}); remove it, and it is done again") from error
 
     def put(self, number: int, result: tuple[FloatArray, IntArray]) -> None:
         """Keep a chunk, whole or not at all."""

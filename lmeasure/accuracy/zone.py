@@ -17,6 +17,7 @@ from lmeasure.accuracy.refinement import refined_volume
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.errors import AccuracyError, GeometryError
 from lmeasure.kernels import zone as kernels
 from lmeasure.lengths import cable_covariance, count_variance, span_lengths
@@ -25,10 +26,13 @@ from lmeasure.rig import Rig
 FloatArray = NDArray[np.float64]
 
 MAX_NODES = 100_000_000
+MAX_ORIENTATIONS = 100_000
 
 
 def axis(start: float, stop: float, step: float) -> FloatArray:
-    """Nodes from start to stop, both included; AccuracyError when the step does not divide the way."""
+    """Nodes from start to stop, both included; AccuracyError when the step does not divide the way, or it leads beyond a kilometre."""
+    if max(abs(start), abs(stop)) > MAX_LENGTH_MM:
+        raise AccuracyError(f"{start:g}:{stop:g}:{step:g}: lies beyond {MAX_LENGTH_MM:g}")
     if not (math.isfinite(start) and math.isfinite(stop) and math.isfinite(step) and step > 0.0 and stop >= start):
         raise AccuracyError(f"{start:g}:{stop:g}:{step:g}: must be finite, with start <= stop and step > 0")
     steps = (stop - start) / step
@@ -39,10 +43,12 @@ def axis(start: float, stop: float, step: float) -> FloatArray:
 
 def tilts(tilt_rad: float, steps: int, base: Rotation | None = None) -> Rotation:
     """Orientations Exp(a, b, c) R0: each component of the rotation vector [rad, base frame] over equal steps from -tilt to +tilt; one
-    step means 0. R0 defaults to the identity."""
+    step means 0, as a tilt of 0 does. R0 defaults to the identity."""
     if steps < 1 or not 0.0 <= tilt_rad <= math.pi:
         raise AccuracyError(f"tilts of {tilt_rad:g} rad in {steps} steps: the tilt must lie in [0, pi] and there must be a step")
-    values = np.linspace(-tilt_rad, tilt_rad, steps) if steps > 1 else np.zeros(1)
+    if steps**3 > MAX_ORIENTATIONS:
+        raise AccuracyError(f"{steps} steps of each tilt make {steps**3} orientations; at most {MAX_ORIENTATIONS} are tried")
+    values = np.linspace(-tilt_rad, tilt_rad, steps) if steps > 1 and tilt_rad > 0.0 else np.zeros(1)
     vectors = np.stack(np.meshgrid(values, values, values, indexing="ij"), axis=-1).reshape(-1, 3)
     turned = Rotation.from_rotvec(vectors)
     return turned if base is None else turned * base
@@ -103,6 +109,8 @@ def scan_zone(
     limits = limits or Limits(limit_deg, length_limits)
     axes = [np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (x, y, z)]
     _check(axes)
+    if refine is not None and not 0.0 < refine < 1.0:
+        raise AccuracyError(f"refine = {refine:g}: the relative change at which to stop must lie between 0 and 1")
     spacing = _spacing(axes, spacing_mm)
     full = full or limits.needs_all
     if start is None:

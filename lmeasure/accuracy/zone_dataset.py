@@ -79,8 +79,9 @@ def summary(zone: xr.Dataset) -> str:
         lines_refined = []
     best = np.unravel_index(int(np.argmin(angle.values)), angle.shape)
     where = ", ".join(f"{name} {float(zone[name][i]):g}" for name, i in zip("xyz", best, strict=True))
+    turns = zone.sizes["orientation"]
     lines = [
-        f"{inside.sum()} of {inside.size} nodes are in the zone ({zone.sizes['orientation']} orientations each, within "
+        f"{inside.sum()} of {inside.size} nodes are in the zone ({turns} orientation{'s' * (turns > 1)} each, within "
         f"{zone.attrs['limit_deg']:g} deg): {zone.attrs['zone_volume_mm3'] / 1e9:.6g} m^3",
         *lines_refined,
         f"smallest worst pressure angle {float(angle.values[best]):.2f} deg at {where} mm",
@@ -97,8 +98,8 @@ def summary(zone: xr.Dataset) -> str:
 
 def write_zone(path: Path, zone: xr.Dataset) -> None:
     """Write netCDF-4, whole or not at all."""
-    with files.whole(path) as temporary:
-        zone.to_netcdf(temporary, engine="h5netcdf", format="NETCDF4")
+    # the image in memory first: on a full disk HDF5 does not end, it crashes
+    files.write_bytes(path, bytes(zone.to_netcdf(engine="h5netcdf", format="NETCDF4")))
 
 
 def read_zone(path: Path) -> xr.Dataset:

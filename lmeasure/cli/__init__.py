@@ -87,6 +87,9 @@ def main() -> None:
     except LMeasureError as error:
         print(f"lmeasure: {' '.join(str(error).split())}", file=sys.stderr)
         raise SystemExit(1) from None
+    except MemoryError as error:
+        print(f"lmeasure: this machine's memory is not enough for what was asked: {' '.join(str(error).split())}", file=sys.stderr)
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
         print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr)
         raise SystemExit(130) from None

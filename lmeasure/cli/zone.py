@@ -1,5 +1,6 @@
 """`lmeasure zone`: where in the cell the instrument can be believed."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -93,6 +94,8 @@ def zone(
         one_assembly,
         singularity,
     )
+    if (o or a or t) and (tilt_rad or quaternion):
+        raise typer.BadParameter("give either --o, --a and --t or --tilt-rad and --quaternion", param_hint="--tilt-rad")
     linked, calibration = read_linked_rig(rig)
     program = None if path is None else read_program(path)
     options: dict[str, Any] = {
@@ -142,6 +145,7 @@ def _tilts(tilt_rad: float, steps: int, quaternion: str | None) -> "Rotation":
 def _oat(*texts: str | None) -> "Rotation":
     import numpy as np
 
+    from lmeasure.accuracy.zone import MAX_ORIENTATIONS
     from lmeasure.conventions import rotation_from_angles
 
     values = []
@@ -149,6 +153,8 @@ def _oat(*texts: str | None) -> "Rotation":
         if text is None:
             raise typer.BadParameter("give --o, --a and --t together", param_hint=name)
         values.append(_axis(name, _numbers(name, text, ":", 3)))
+    if math.prod(map(len, values)) > MAX_ORIENTATIONS:
+        raise typer.BadParameter(f"more than {MAX_ORIENTATIONS} orientations", param_hint="--o")
     return rotation_from_angles("puma-oat", np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3))
 
 

@@ -90,6 +90,10 @@ def findings(zone: xr.Dataset, found: Extent) -> list[str]:
             f"There a measured position lies within {u95.max():.3g} mm of the true one in 95 of 100 cases at the worst place and "
             f"orientation, within {u95.min():.3g} mm at the best place."
         )
+    if any(zone["in_zone"].isel({name: end}).values.any() for name in "xyz" for end in (0, -1)):
+        lines.append(
+            "The zone reaches faces of the scanned box and may go on beyond them; the volume counts half a step beyond each such face."
+        )
     if attrs["assemblies_in_zone"] > 1:
         lines.append("The zone holds more than one assembly: between its parts the cables do not determine the pose.")
     return [*lines, f"The 95 % radius covers {attrs['u95_covers']}."]

@@ -1,5 +1,8 @@
 """`lmeasure zone` as a user types it."""
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -56,6 +59,9 @@ def test_thesis_scan_by_its_own_angles(tmp_path: Path) -> None:
         ["--length-mm", "700"],
         ["--o", "0:0:1"],
         ["--tilt-steps", "0"],
+        ["--x", "0:1e300:1e299"],
+        ["--tilt-rad", "0.1", "--o", "0:0:1", "--a", "0:0:1", "--t", "0:0:1"],
+        ["--o", "0:100:1", "--a", "0:100:1", "--t", "0:100:1"],
     ],
 )
 def test_wrong_usage_is_exit_2_and_writes_nothing(rig_file: Path, wrong: list[str]) -> None:
@@ -106,6 +112,10 @@ def test_every_limit_and_way_of_computing_by_options(rig_file: Path) -> None:
         (["--u95-mm", "-1"], "u95_mm"),
         (["--bodies", "nowhere.toml"], "nowhere.toml"),
         (["--length-mm", "5:1"], "5 to 1 mm"),
+        (["--refine", "nan"], "refine = nan"),
+        (["--refine", "-1"], "refine = -1"),
+        (["--tilt-rad", "0.1", "--tilt-steps", "1000"], "1000000000 orientations"),
+        (["--scheduler", "nonsense"], "'nonsense': is no address such as tcp://"),
     ],
 )
 def test_limits_that_make_no_sense_are_one_line(rig_file: Path, wrong: list[str], said: str) -> None:
@@ -114,3 +124,24 @@ def test_limits_that_make_no_sense_are_one_line(rig_file: Path, wrong: list[str]
     assert isinstance(result.exception, LMeasureError)
     assert said in str(result.exception)
     assert not out.exists()
+
+
+def test_a_full_disk_is_one_line_and_leaves_no_file(rig_file: Path) -> None:
+    """HDF5 crashes when its file cannot grow."""
+    words = ["zone", str(rig_file), *box("-100:100:50"), "--out", str(rig_file.with_name("zone.nc"))]
+    limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000)); from lmeasure.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", limited, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    assert re.fullmatch(r"lmeasure: \S+zone\.nc: cannot be written: File too large\n", done.stderr)
+    assert [path.name for path in rig_file.parent.iterdir() if "zone" in path.name] == []
+
+
+def test_a_broken_chunk_is_named(rig_file: Path) -> None:
+    kept = rig_file.with_name("kept")
+    words = ["zone", str(rig_file), *box("0:0:1"), "--out", str(rig_file.with_name("zone.nc")), "--checkpoint", str(kept)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    for content in (b"", b"garbage", (kept / "chunk-000000.npz").read_bytes()[:300]):
+        (kept / "chunk-000000.npz").write_bytes(content)
+        result = CliRunner().invoke(app, words)
+        assert isinstance(result.exception, LMeasureError)
+        assert "chunk-000000.npz: is no chunk of a scan" in str(result.exception)
