@@ -238,8 +238,8 @@ class NoErrors:
 
     def at(self, trajectory: Trajectory, samples: NDArray[np.int64]) -> tuple[PoseErrors, str]:
         """Zeros."""
-        none = np.zeros((len(samples), 6, 0))
-        return PoseErrors(np.zeros((len(samples), 6, 6)), none, none), "nothing"
+        n = len(samples)
+        return PoseErrors.of(np.zeros((n, 6, 6)), np.zeros((n, 6, 0))), "nothing"
 
 
 class Instrument:

@@ -23,7 +23,7 @@ class StatedErrors:
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `lmeasure.certification.ErrorModel`."""
         n = len(samples)
-        return PoseErrors(np.tile(self.random, (n, 1, 1)), np.zeros((n, 6, 0)), np.tile(self.shared, (n, 1, 1))), "as stated"
+        return PoseErrors.of(np.tile(self.random, (n, 1, 1)), np.tile(self.shared, (n, 1, 1))), "as stated"
 
 
 def trajectory_of(time_s: FloatArray, position: FloatArray, turn: FloatArray | None = None, angle_deg: float = 30.0) -> Trajectory:

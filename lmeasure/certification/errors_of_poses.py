@@ -18,20 +18,38 @@ IntArray = NDArray[np.int64]
 class PoseErrors:
     """Errors (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, of n poses of one part of the program.
 
-    random (n, 6, 6): covariance of what is independent of other poses. own (n, 6, L), shared (n, 6, K): factors of what poses have in
-    common; error = own z + shared s with standard normal z (L,), drawn once for this part, and s (K,), drawn once for the run.
+    random (n, 6, 6): covariance of what is independent of other poses. local (n, 6, 6), shared (n, 6, K): factors of what poses have in
+    common; error = local z + shared s with standard normal z (6,), drawn once for each place of this part, and s (K,), drawn once for the
+    run. place (n,): numbers of the places, from 0.
     """
 
     random: FloatArray
-    own: FloatArray
+    local: FloatArray
+    place: IntArray
     shared: FloatArray
+
+    @classmethod
+    def of(cls, random: FloatArray, shared: FloatArray) -> "PoseErrors":
+        """Errors that poses at one place have no more in common than others."""
+        return cls(random, np.zeros_like(random), np.zeros(len(random), dtype=np.int64), shared)
 
     def moved(self, matrices: FloatArray) -> "PoseErrors":
         """The errors of T delta, T (n, 6, 6)."""
-        return PoseErrors(matrices @ self.random @ matrices.transpose(0, 2, 1), matrices @ self.own, matrices @ self.shared)
+        random = matrices @ self.random @ matrices.transpose(0, 2, 1)
+        return PoseErrors(random, matrices @ self.local, self.place, matrices @ self.shared)
 
     def __getitem__(self, index: IntArray) -> "PoseErrors":
-        return PoseErrors(self.random[index], self.own[index], self.shared[index])
+        return PoseErrors(self.random[index], self.local[index], self.place[index], self.shared[index])
+
+    @property
+    def factors(self) -> FloatArray:
+        """(n, 6, L) factors of all that poses have in common, with a standard normal variable (L,) for each column."""
+        if not self.local.any():
+            return self.shared
+        n, places = len(self.local), int(self.place.max()) + 1
+        own = np.zeros((n, 6, places, 6))
+        own[np.arange(n), :, self.place] = self.local
+        return np.concatenate([own.reshape(n, 6, -1), self.shared], axis=2)
 
 
 def roots(covariance: FloatArray) -> FloatArray:
@@ -65,7 +83,7 @@ class ErrorsOfRun:
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
-        errors = PoseErrors(np.nan_to_num(found.random), np.zeros((len(samples), 6, 0)), np.nan_to_num(found.factors))
+        errors = PoseErrors.of(np.nan_to_num(found.random), np.nan_to_num(found.factors))
         sources = ["the resolution of the counts", *dict.fromkeys(found.sources)]
         missing = "" if "calibration" in sources else "; not the calibration: the rig links none"
         return errors, ", ".join(sources) + missing
@@ -88,8 +106,8 @@ class ErrorsOfFile:
         covariance, none = np.nan_to_num(trajectory.random[samples] + trajectory.systematic[samples]), np.zeros((n, 6, 0))
         covers = "the uncertainties of the trajectory, taken as common to the cycles of a pose or as independent, whichever is worse"
         if not self.together:
-            return PoseErrors(covariance, none, none), covers
-        return PoseErrors(np.zeros((n, 6, 6)), roots(covariance), none), covers
+            return PoseErrors.of(covariance, none), covers
+        return PoseErrors(np.zeros((n, 6, 6)), roots(covariance), np.zeros(n, dtype=np.int64), none), covers
 
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Figures: what is certified of which part of the program, as functions of the parts' states; and those of clause 7 and 10."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -95,12 +95,11 @@ class PosePart:
 
     def __post_init__(self) -> None:
         a, e = self.attained, self.errors
-        common = np.concatenate([e.own, e.shared], axis=2).mean(axis=0)
-        random = e.random.mean(axis=0)
+        common, random = e.factors.mean(axis=0), e.random.mean(axis=0)
         laws = [random, random / len(a.poses) + common @ common.T]
         for group in range(int(self.groups.max()) + 1):
-            own = e.own[self.groups == group].mean(axis=0)
-            laws.append(random / np.sum(self.groups == group) + own @ own.T)
+            local = replace(e, shared=e.shared[:, :, :0])[self.groups == group].factors.mean(axis=0)
+            laws.append(random / np.sum(self.groups == group) + local @ local.T)
         turn, angles = self._orientation()
         position = a.poses[:, :3]
         self._states[False] = Cycles(position, angles, turn)

@@ -27,7 +27,7 @@ from lmeasure.certification.figures import (
 )
 from lmeasure.certification.path_figures import CornerPart, PathPart, at_corner, corner_figures, corners_of, path_figures
 from lmeasure.certification.paths import crossings
-from lmeasure.certification.rounding import of_dwells
+from lmeasure.certification.rounding import of_crossings, of_dwells
 from lmeasure.certification.settings import Settings
 from lmeasure.certification.uncertainty import Moving, Part
 from lmeasure.errors import CertificationError
@@ -135,6 +135,8 @@ class Gathered:
             key, commanded = f"path {path.name}", crossed.line.orientation(crossed.way_mm)
             convention = None if commanded is None else self.convention_at(key, commanded)
             errors = self.at(every, crossed.samples.ravel())
+            if rounded:
+                errors = of_crossings(errors, crossed.part, crossed.step, crossed.between)
             parts[key] = part_of_path = PathPart(crossed, errors, convention)
             figures += path_figures(key, part_of_path, path)
             for corner, found in self.corners[path.name]:
@@ -202,7 +204,7 @@ class Gathered:
             if radius is None or (kind, name) in self.excluded or f"{kind} {name}" not in parts:
                 continue
             e = parts[f"{kind} {name}"].errors
-            factors = np.concatenate([e.own, e.shared], axis=2)
+            factors = np.concatenate([e.local, e.shared], axis=2)
             covariance = np.nan_to_num(e.random + factors @ factors.transpose(0, 2, 1))[:, 3:, 3:]
             largest = covariance[int(np.argmax(np.trace(covariance, axis1=1, axis2=2)))]
             u95 = exact_radius_95(np.linalg.eigvalsh(largest))

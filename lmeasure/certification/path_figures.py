@@ -13,16 +13,13 @@ from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
 from lmeasure.certification.paths import Crossings, Cycle
-from lmeasure.certification.uncertainty import reduction, reduction_of_mean
+from lmeasure.certification.waves import cosines, reduced
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
-SHARP_DEG = 20.0
-"""A path of points turns a corner where its direction changes by more."""
-NEIGHBOURS = 2
-"""Planes on either side over which the likely deviations are averaged."""
 CENTRAL = 0.5
 """Of the path's length: velocities are taken in its middle (8.6.1)."""
 
@@ -49,33 +46,41 @@ class PathPart:
     _rates: list[FloatArray] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        c, e = self.crossings, self.errors
-        m, n = c.time_s.shape
+        c = self.crossings
+        m, stretch = len(c.way_mm), c.stretch
+        planes, unit = np.eye(m), np.tile(np.degrees(np.eye(3)), (m, 1, 1))
+        none = np.zeros_like(unit)
         across = self._across()
-        random = e.random.reshape(m, n, 6, 6).mean(axis=1)
-        factors = np.concatenate([e.own, e.shared], axis=2).reshape(m, n, 6, -1).mean(axis=1)
-        of_mean = random / n + factors @ factors.transpose(0, 2, 1)
         position = np.einsum("mij,mnj->mni", across, c.attained[:, :, :3] - c.commanded[:, None])
-        noise = across @ random[:, 3:, 3:] @ across
-        mean_noise = across @ of_mean[:, 3:, 3:] @ across
-        less = _reduced(position, np.trace(noise, axis1=1, axis2=2), np.trace(mean_noise, axis1=1, axis2=2))
+        less = self._likely(position, stretch, planes, np.concatenate([none, across], axis=2))
+        less = np.einsum("mij,mnj->mni", across, less)
         turn, angles = self._orientation()
         less_turn = less_angles = None
         if turn is not None:
-            unit = np.degrees(1.0) ** 2
-            of = (unit * np.trace(x[:, :3, :3], axis1=1, axis2=2) for x in (random, of_mean))
-            less_turn = _reduced(turn, *of)
+            less_turn = self._likely(turn, stretch, planes, np.concatenate([unit, none], axis=2))
         if angles is not None:
-            unit = 1.0
-            blocks = [self._rates[0] @ x[:, :3, :3] @ self._rates[0].transpose(0, 2, 1) for x in (random, of_mean)]
-            less_angles = _reduced(angles, *(np.trace(b, axis1=1, axis2=2) for b in blocks))
-        speed = c.speed_mm_s[:, self._middle]
-        along = np.einsum("mi,mij,mj->m", c.tangent, random[:, 3:, 3:], c.tangent)
-        added = 2.0 * along.mean() / np.mean(np.diff(c.way_mm)) ** 2 * np.mean(speed) ** 2
-        mean_speed = speed.mean(axis=1, keepdims=True)
-        less_speed = mean_speed + reduction(((speed - mean_speed) ** 2).mean(), added) * (speed - mean_speed)
+            less_angles = self._likely(angles, stretch, planes, np.concatenate([self._rates[0], none], axis=2))
+        middle = self._middle
+        speed = c.speed_mm_s[:, middle]
+        rows = (np.diff(planes, axis=0) / np.diff(c.way_mm)[:, None])[middle] * speed.mean()
+        along = np.concatenate([none[:, :1], c.tangent[:, None, :]], axis=2)
+        less_speed = self._likely(speed.T[:, :, None], stretch[middle], rows, along)[:, :, 0].T
         self._states[False] = Planes(position, angles, turn, speed)
         self._states[True] = Planes(less, less_angles, less_turn, less_speed)
+
+    def _likely(self, values: FloatArray, stretch: IntArray, rows: FloatArray, to: FloatArray) -> FloatArray:
+        """Values as likely as those measured (q, n, c), at places in stretches (q,); they err by rows (q, m) of what to (m, c, 6) makes
+        of the errors at the planes. Of means over cycles the errors have another power than of what cycles differ by."""
+        m, n = self.crossings.time_s.shape
+        random = self.errors.random.reshape(m, n, 6, 6).mean(axis=1)
+        factors = self.errors.factors.reshape(m, n, 6, -1).mean(axis=1)
+        along = cosines(stretch)
+        added = (along @ rows) ** 2 @ np.einsum("mci,mij,mcj->mc", to, random, to)
+        common = np.einsum("qm,mcl->qcl", along @ rows, to @ factors)
+        waves = np.einsum("pq,qnc->pnc", along, values)
+        mean = waves.mean(axis=1, keepdims=True)
+        likely = reduced(mean, added / n + (common**2).sum(axis=2), 1) + reduced(waves - mean, added, max(n - 1, 1))
+        return np.einsum("pq,pnc->qnc", along, likely)
 
     def _across(self) -> FloatArray:
         """(m, 3, 3) projectors onto the planes: along the path a crossing has no deviation."""
@@ -83,11 +88,13 @@ class PathPart:
         return np.asarray(np.eye(3) - t[:, :, None] * t[:, None, :])
 
     @property
-    def _middle(self) -> slice:
-        """Of the pieces between planes, those in the middle of the path."""
+    def _middle(self) -> IntArray:
+        """(k,) numbers of the pieces between planes in the middle of the path; pieces with a corner in them have no direction."""
         pieces = len(self.crossings.way_mm) - 1
         edge = round(pieces * (1.0 - CENTRAL) / 2.0)
-        return slice(edge, pieces - edge)
+        middle, stretch = np.arange(edge, pieces - edge), self.crossings.stretch
+        straight = middle[stretch[middle] == stretch[middle + 1]]
+        return straight if len(straight) else middle
 
     def _orientation(self) -> tuple[FloatArray | None, FloatArray | None]:
         c = self.crossings
@@ -118,22 +125,6 @@ class PathPart:
             None if state.turn_deg is None else state.turn_deg + np.degrees(turned),
             state.speed_mm_s * (1.0 + stretch),
         )
-
-
-def _reduced(values: FloatArray, added: FloatArray, added_to_mean: FloatArray) -> FloatArray:
-    """Deviations (m, n, 3) with their scatter and their means reduced by what errors have added (m,).
-
-    First they are averaged over neighbouring planes, which takes what rounding has added to each of them and leaves what the robot does
-    over several: of scaled deviations the largest would still be those that rounding made the largest.
-    """
-    m, n, _ = values.shape
-    at = np.clip(np.arange(m)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, m - 1)
-    values, left = values[at].mean(axis=1), 1.0 / at.shape[1]
-    mean = values.mean(axis=1, keepdims=True)
-    away = values - mean
-    freedom = max(n - 1, 1)
-    scatter = reduction((away**2).sum() / freedom, left * added.sum(), freedom)
-    return np.asarray(reduction_of_mean((mean[:, 0] ** 2).sum(axis=1), added_to_mean)[:, None, None] * mean + scatter * away)
 
 
 def path_figures(key: str, part: PathPart, path: CommandedPath) -> list[Figure]:
@@ -182,18 +173,15 @@ class Corner:
 
 
 def corners_of(crossings: Crossings) -> list[Corner]:
-    """The corners between the straight lines of a path; a closed path's start is none."""
-    if crossings.line.path.kind == "circular":
+    """The corners between the straight lines of a path."""
+    turns = crossings.line.turns()
+    if not turns:
         return []
     points, arc = crossings.line.corners, crossings.line.arc
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
-    turned = np.degrees(np.arccos(np.clip((units[1:] * units[:-1]).sum(axis=1), -1.0, 1.0)))
-    return [
-        Corner(i + 1, points[i + 1], units[i], units[i + 1], float(arc[i + 1]), float(lengths[i]), float(lengths[i + 1]))
-        for i in np.flatnonzero((turned > SHARP_DEG) & (turned < 180.0 - 1e-6)).tolist()
-    ]
+    return [Corner(i, points[i], units[i - 1], units[i], float(arc[i]), float(lengths[i - 1]), float(lengths[i])) for i in turns]
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,13 @@
 """Attained paths: what a trajectory's samples are on a commanded path, and where they cross planes normal to it."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from lmeasure.certification.attained import Frame, window
+from lmeasure.certification.attained import Frame, scatter, window
 from lmeasure.errors import CertificationError
 from lmeasure.kernels.polyline import follow
 from lmeasure.program import CommandedPath
@@ -15,6 +16,8 @@ from lmeasure.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+SHARP_DEG = 20.0
+"""A path of points turns a corner where its direction changes by more."""
 LEAST_SAMPLES = 20
 SAMPLES_PER_PLANE = 2
 BACKWARDS = 0.02
@@ -33,6 +36,21 @@ class Line:
         else:
             self.arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
             self.length = float(self.arc[-1])
+
+    def turns(self) -> list[int]:
+        """Numbers of the points of the path at which it turns a corner; none where it turns back, and a closed path's start is none."""
+        if self.path.kind == "circular":
+            return []
+        steps = np.diff(self.corners, axis=0)
+        units = steps / np.linalg.norm(steps, axis=1)[:, None]
+        turned = np.degrees(np.arccos(np.clip((units[1:] * units[:-1]).sum(axis=1), -1.0, 1.0)))
+        return [int(i) + 1 for i in np.flatnonzero((turned > SHARP_DEG) & (turned < 180.0 - 1e-6))]
+
+    def planes(self, number: int) -> FloatArray:
+        """(m,) ways [mm] of about as many planes: in the middles of equal pieces from corner to corner, where the path has a direction."""
+        ends = [0.0, *(float(self.arc[i]) for i in self.turns()), self.length]
+        pieces = [(a, b - a, max(1, round(number * (b - a) / self.length))) for a, b in itertools.pairwise(ends)]
+        return np.concatenate([start + (np.arange(k) + 0.5) / k * way for start, way, k in pieces])
 
     def way(self, positions: FloatArray) -> FloatArray:
         """(n,) way along the path [mm] of the nearest point to each of consecutive positions (n, 3)."""
@@ -74,7 +92,11 @@ class Cycle:
 @dataclass(frozen=True)
 class Crossings:
     """A path's cycles at m planes normal to it, way_mm (m,) along it: commanded (m, 3) and tangent (m, 3); attained poses (m, n, 7), when
-    they were crossed time_s (m, n), and the nearest samples (m, n). cycles: the runs themselves; angle_deg: worst pressure angle on them.
+    they were crossed time_s (m, n), and the nearest samples (m, n).
+
+    A plane is crossed at part (m, n) of the step (m, n, 6), rotation [rad] and position [mm], from the sample before it to the one behind;
+    between (m, 6, 6): covariance of the nearest samples' poses over cycles. cycles: the runs themselves; angle_deg: worst pressure angle on
+    them.
     """
 
     line: Line
@@ -84,8 +106,17 @@ class Crossings:
     attained: FloatArray
     time_s: FloatArray
     samples: IntArray
+    part: FloatArray
+    step: FloatArray
+    between: FloatArray
     cycles: tuple[Cycle, ...]
     angle_deg: float
+
+    @property
+    def stretch(self) -> IntArray:
+        """(m,) numbers of the stretches between corners in which the planes stand."""
+        turns = self.line.turns()
+        return np.asarray(np.searchsorted(self.line.arc[turns], self.way_mm) if turns else np.zeros(len(self.way_mm), dtype=np.int64))
 
     @property
     def speed_mm_s(self) -> FloatArray:
@@ -96,7 +127,7 @@ class Crossings:
 def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: Frame) -> Crossings:
     """The cycles of a path, one per window, in the frame and at the point of the tool that are certified.
 
-    The planes stand in the middles of as many equal pieces. CertificationError names the window that does not run along the path.
+    CertificationError names the window that does not run along the path.
     """
     line = Line(path)
     cycles, worst = [], 0.0
@@ -113,15 +144,16 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
         cycles.append(cycle)
         worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
     moving = min(int(((c.way_mm > 0.01 * line.length) & (c.way_mm < 0.99 * line.length)).sum()) for c in cycles)
-    m = min(planes, moving // SAMPLES_PER_PLANE)
-    if m < LEAST_SAMPLES // SAMPLES_PER_PLANE:
+    if moving < LEAST_SAMPLES:
         raise CertificationError(f"path {path.name}: a cycle has {moving} samples on the way; at least {LEAST_SAMPLES}")
-    ways = (np.arange(m) + 0.5) / m * line.length
+    ways = line.planes(min(planes, moving // SAMPLES_PER_PLANE))
+    m = len(ways)
     commanded, tangent = line.at(ways)
-    attained, times, samples = np.empty((m, len(cycles), 7)), np.empty((m, len(cycles))), np.empty((m, len(cycles)), np.int64)
-    for j, cycle in enumerate(cycles):
-        attained[:, j], times[:, j], samples[:, j] = _cross(cycle, ways, f"path {path.name}, cycle {j + 1}")
-    return Crossings(line, ways, commanded, tangent, attained, times, samples, tuple(cycles), worst)
+    crossed = [_cross(cycle, ways, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
+    attained, times, samples, part, step = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
+    near = frame.of(trajectory.poses[samples.ravel()]).reshape(m, -1, 7)
+    between = np.array([scatter(poses) for poses in near])
+    return Crossings(line, ways, commanded, tangent, attained, times, samples, part, step, between, tuple(cycles), worst)
 
 
 def _runs_along(cycle: Cycle, length: float, what: str) -> None:
@@ -135,8 +167,9 @@ def _runs_along(cycle: Cycle, length: float, what: str) -> None:
         )
 
 
-def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Poses (m, 7), times (m,) and samples (m,) where the planes are crossed, straight between the two samples about each."""
+def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+    """Poses (m, 7), times (m,) and samples (m,) where the planes are crossed, straight between the two samples about each; at which part
+    (m,) of the step (m, 6) between them."""
     forward = np.maximum.accumulate(cycle.way_mm)
     after = np.searchsorted(forward, ways, side="left")
     if after[0] == 0:
@@ -151,4 +184,8 @@ def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, Float
     pose = one + part * (other * np.concatenate([np.ones((len(one), 3)), np.tile(same_side[:, None], 4)], axis=1) - one)
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1)[:, None]
     times = cycle.time_s[before] + part[:, 0] * (cycle.time_s[after] - cycle.time_s[before])
-    return pose, times, cycle.samples[np.where(part[:, 0] < 0.5, before, after)]
+    step = np.zeros((len(ways), 6))
+    if not np.isnan(one[0, 3]):
+        step[:, :3] = (Rotation.from_quat(other[:, 3:]) * Rotation.from_quat(one[:, 3:]).inv()).as_rotvec()
+    step[:, 3:] = other[:, :3] - one[:, :3]
+    return pose, times, cycle.samples[np.where(part[:, 0] < 0.5, before, after)], part[:, 0], step

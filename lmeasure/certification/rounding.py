@@ -11,7 +11,6 @@ count, 0.02 at three tenths. That fraction of the variance is not averaged away 
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from lmeasure.certification.errors_of_poses import PoseErrors, roots
 
@@ -21,34 +20,36 @@ IntArray = NDArray[np.int64]
 _TERMS = np.arange(1, 200)
 
 
-def kept(sigma_counts: float) -> float:
-    """Correlation of the rounding errors of two lengths that scatter by sigma_counts."""
-    if sigma_counts == 0.0:
-        return 1.0
-    return float(6.0 / np.pi**2 * np.sum(np.exp(-4.0 * (np.pi * _TERMS * sigma_counts) ** 2) / _TERMS**2))
+def kept(sigma_counts: FloatArray | float) -> FloatArray:
+    """Correlation (...) of the rounding errors of two lengths that scatter by sigma_counts (...)."""
+    sigma = np.asarray(sigma_counts, dtype=np.float64)
+    series = 6.0 / np.pi**2 * np.sum(np.exp(-4.0 * (np.pi * _TERMS * sigma[..., None]) ** 2) / _TERMS**2, axis=-1)
+    return np.where(sigma == 0.0, 1.0, series)
 
 
-def scatter_counts(observed: float) -> float:
-    """Standard deviation of lengths [counts] whose rounded counts have the observed variance in units of 1/12, what one rounding has.
-
-    Solves 12 sigma^2 + 1 - kept(sigma) = observed.
-    """
-    if observed <= 0.0:
-        return 0.0
-    return float(brentq(lambda s: 12.0 * s * s + 1.0 - kept(s) - observed, 0.0, np.sqrt(observed / 12.0) + 1.0, xtol=1e-9))
+_SCATTER = np.linspace(0.0, 1.0, 2001)
+_OBSERVED = 12.0 * _SCATTER**2 + 1.0 - kept(_SCATTER)
 
 
-def whitened_variance(covariance: FloatArray, of_one: FloatArray) -> float:
-    """Mean variance of poses' scatter (6, 6) in units of what one rounding makes, of_one (6, 6), over the directions that have it."""
-    size = np.sqrt(np.maximum(np.diag(of_one), 0.0))
-    measured = size > 0
-    if not measured.any():
-        return 0.0
-    scale = np.outer(size[measured], size[measured])
-    scaled = of_one[np.ix_(measured, measured)] / scale
-    inverse = np.linalg.pinv(scaled, rcond=1e-9, hermitian=True)
-    rank = int(np.linalg.matrix_rank(scaled, tol=1e-9, hermitian=True))
-    return float(np.trace(inverse @ (covariance[np.ix_(measured, measured)] / scale)) / rank)
+def scatter_counts(observed: FloatArray | float) -> FloatArray:
+    """Standard deviation (...) of lengths [counts] whose rounded counts have the observed variance (...) in units of 1/12, what one
+    rounding has: the solution of 12 sigma^2 + 1 - kept(sigma) = observed."""
+    observed = np.asarray(observed, dtype=np.float64)
+    # beyond the table kept is nothing
+    far = np.sqrt(np.maximum(observed - 1.0, 0.0) / 12.0)
+    return np.where(observed < _OBSERVED[-1], np.interp(observed, _OBSERVED, _SCATTER), far)
+
+
+def whitened_variance(covariance: FloatArray, of_one: FloatArray) -> FloatArray:
+    """Mean variance (...) of poses' scatter (..., 6, 6) in units of what one rounding makes, of_one (..., 6, 6), over the directions that
+    have it; zero where none has."""
+    size = np.sqrt(np.maximum(np.diagonal(of_one, axis1=-2, axis2=-1), 0.0))
+    per = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    scale = per[..., :, None] * per[..., None, :]
+    inverse = np.linalg.pinv(of_one * scale, rcond=1e-9, hermitian=True)
+    rank = np.linalg.matrix_rank(of_one * scale, tol=1e-9, hermitian=True)
+    total = np.einsum("...ij,...ji->...", inverse, covariance * scale)
+    return np.asarray(total / np.maximum(rank, 1))
 
 
 def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readings: IntArray, groups: IntArray) -> PoseErrors:
@@ -60,13 +61,32 @@ def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readi
     the whole of it stays.
     """
     random = np.nan_to_num(errors.random)
-    factor = np.empty(len(random))
-    for j, one in enumerate(random):
-        share = kept(scatter_counts(whitened_variance(np.nan_to_num(within[j]), one))) if within[j].any() else 1.0
-        factor[j] = share + (1.0 - share) / readings[j]
+    share = kept(scatter_counts(whitened_variance(np.nan_to_num(within), random)))
+    factor = share + (1.0 - share) / readings
     mean = random.mean(axis=0)
-    share = kept(scatter_counts(whitened_variance(np.nan_to_num(between), mean)))
-    common = np.sqrt(share) * roots((mean * factor.mean())[None])[0]
-    several = [group for group, size in zip(*np.unique(groups, return_counts=True), strict=True) if size > 1]
-    own = [np.where((groups == group)[:, None, None], common, 0.0) for group in several]
-    return PoseErrors(random * factor[:, None, None], np.concatenate([errors.own, *own], axis=2), errors.shared)
+    common = kept(scatter_counts(whitened_variance(np.nan_to_num(between), mean)))
+    local = np.sqrt(common) * roots(mean * factor.mean())
+    several = np.bincount(groups)[groups] > 1
+    return PoseErrors(random * factor[:, None, None], np.where(several[:, None, None], local, 0.0), groups, errors.shared)
+
+
+def of_crossings(errors: PoseErrors, part: FloatArray, step: FloatArray, between: FloatArray) -> PoseErrors:
+    """Errors where n cycles cross m planes, plane by plane, from those of single samples.
+
+    A crossing lies at part (m, n) of the step (m, n, 6) between two samples, straight between them: with p and 1 - p of their errors it has
+    (1 - p)^2 + p^2 of the variance of one, two thirds on average, if rounding keeps nothing over the step. Cycles in which the same samples
+    are taken within a count of each other, between (m, 6, 6), are rounded alike: that is common to a plane. The scatter that rounding hides
+    is not, and the whole of it stays.
+    """
+    m, n = part.shape
+    random = np.nan_to_num(errors.random)
+    p, way = part.ravel(), step.reshape(m * n, 6)
+    # lengths that scatter by sigma are sqrt(2) sigma apart
+    apart = np.sqrt(whitened_variance(way[:, :, None] * way[:, None, :], random) / 12.0)
+    factor = 1.0 - 2.0 * p * (1.0 - p) * (1.0 - kept(apart / np.sqrt(2.0)))
+    random = random * factor[:, None, None]
+    if n == 1:
+        return PoseErrors.of(random, errors.shared)
+    common = kept(scatter_counts(whitened_variance(between, errors.random.reshape(m, n, 6, 6).mean(axis=1))))
+    local = np.sqrt(common)[:, None, None] * roots(random.reshape(m, n, 6, 6).mean(axis=1))
+    return PoseErrors(random, np.repeat(local, n, axis=0), np.repeat(np.arange(m), n), errors.shared)

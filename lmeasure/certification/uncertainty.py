@@ -84,18 +84,17 @@ class _Law:
     """The errors of a part, ready to be drawn."""
 
     root: FloatArray
-    own: FloatArray
-    shared: FloatArray
+    errors: PoseErrors
     rng: np.random.Generator
 
     def draw(self, common: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Random and systematic errors (trials, n, 6) each, with the run's own draws common (trials, K)."""
-        trials, n = len(common), len(self.root)
-        normals = self.rng.standard_normal((trials, n + 1, max(6, self.own.shape[2])))
-        random = np.einsum("nij,tnj->tni", self.root, normals[:, 1:, :6], optimize=True)
-        systematic = (common @ self.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
-        if self.own.shape[2]:
-            systematic += (normals[:, 0, : self.own.shape[2]] @ self.own.reshape(n * 6, -1).T).reshape(trials, n, 6)
+        e, trials, n = self.errors, len(common), len(self.root)
+        random = np.einsum("nij,tnj->tni", self.root, self.rng.standard_normal((trials, n, 6)), optimize=True)
+        systematic = (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
+        if e.local.any():
+            drawn = self.rng.standard_normal((trials, int(e.place.max()) + 1, 6))
+            systematic += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
         return random, systematic
 
 
@@ -116,10 +115,7 @@ def propagate(
     at_once = int(np.clip(POINTS_AT_ONCE // points, 1, trials))
     sources = max((p.errors.shared.shape[2] for p in parts.values()), default=0)
     streams = np.random.default_rng(seed).spawn(len(parts) + 1)
-    laws = {
-        name: _Law(roots(p.errors.random), p.errors.own, p.errors.shared, rng)
-        for (name, p), rng in zip(parts.items(), streams[1:], strict=True)
-    }
+    laws = {name: _Law(roots(p.errors.random), p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:], strict=True)}
     still = {name: np.zeros((len(p.errors.random), 6)) for name, p in parts.items()}
 
     def values(errors: dict[str, FloatArray], reduced: bool) -> list[FloatArray]:
