@@ -1,23 +1,24 @@
-"""Figures that are read from the motion itself: settling (7.4, 7.5), stabilisation length (8.5), posing time (9), weaving (11).
+"""Figures that are read from the motion itself: settling (7.4, 7.5), stabilisation length (8.5) and posing time (9).
 
 Their limits are crossed or their extremes taken among thousands of samples. U95 is found by moving the limit: what the figure would be if
 the distance that is compared with it were off by its own U95, up or down; the larger change counts. Errors common to the run cancel in
 distances of a few millimetres; each of two positions has the rounding of its counts.
 """
 
-import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from lmeasure.certification import iso9283_path, iso9283_time
 from lmeasure.certification.attained import Frame, window
 from lmeasure.certification.characteristic import Characteristic
-from lmeasure.certification.errors_of_poses import PoseErrors
+from lmeasure.certification.errors_of_poses import PoseErrors, roots
 from lmeasure.certification.path_figures import Corner, at_corner
 from lmeasure.certification.paths import Crossings
-from lmeasure.certification.uncertainty import NORMAL_95
+from lmeasure.certification.uncertainty import COVERAGE, NORMAL_95, reduction
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, CommandedPose, Posing, Program
 from lmeasure.trajectory import Trajectory
@@ -32,13 +33,25 @@ class NotReachedError(CertificationError):
 
 AT_REST = 0.1
 """Of a window: its last part, in which the robot is taken to rest."""
+SMOOTHED = 7  # samples
+DRAWN_AT_ONCE = 1_000_000  # distances
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A window in which the robot comes to rest: its samples, times (k,) [s], positions (k, 3) [mm] and where it rests at the end (3,)."""
+
+    samples: IntArray
+    time_s: FloatArray
+    positions: FloatArray
+    rest: FloatArray
 
 
 class Motion:
     """A trajectory in the frame and at the point that are certified, with the errors at its samples by each law that may hold."""
 
-    def __init__(self, trajectory: Trajectory, frame: Frame, errors: Callable[[IntArray], Sequence[PoseErrors]]) -> None:
-        self.trajectory, self.frame, self._errors = trajectory, frame, errors
+    def __init__(self, trajectory: Trajectory, frame: Frame, errors: Callable[[IntArray], Sequence[PoseErrors]], trials: int, seed: int) -> None:
+        self.trajectory, self.frame, self._errors, self.trials, self._seed = trajectory, frame, errors, trials, seed
 
     def u95_of_distance(self, samples: Sequence[int]) -> float:
         """U95 [mm] of a short distance between two positions near these samples: the worst direction of both roundings."""
@@ -46,11 +59,67 @@ class Motion:
         largest = max(float(np.linalg.eigvalsh(e.random[:, 3:, 3:])[:, -1].max()) for e in found)
         return NORMAL_95 * float(np.sqrt(2.0 * largest))
 
-    def arrival(self, start: float, end: float, what: str) -> tuple[slice, FloatArray, FloatArray, FloatArray]:
-        """Samples of a window, their times (k,) [s] and positions (k, 3), and where the robot rests at its end."""
+    def arrival(self, start: float, end: float, what: str) -> Arrival:
+        """A window, and what happens in it."""
         part = window(self.trajectory, start, end, what)
         positions = self.frame.of(self.trajectory.poses[part])[:, :3]
-        return part, self.trajectory.time_s[part], positions, positions[-max(1, int(AT_REST * len(positions))) :].mean(axis=0)
+        rest = positions[-max(1, int(AT_REST * len(positions))) :].mean(axis=0)
+        return Arrival(np.arange(part.start, part.stop), self.trajectory.time_s[part], positions, rest)
+
+    def draws(self, came: Arrival, figure: Callable[[FloatArray, FloatArray], FloatArray]) -> list[FloatArray]:
+        """Figures (1 + trials, ...) by each law of the errors, the first without any; figure: of distances (trials, k) from the first
+        position and from the rest, where they are likely to be: smoothed over a few samples.
+
+        Rounding errs anew when the robot has gone on by a count, and where it stands it errs alike. What is common to the run cancels.
+        """
+        out = []
+        likely = came.positions
+        if len(likely) >= SMOOTHED:
+            likely = savgol_filter(likely, SMOOTHED, 2, axis=0)
+        away = likely - np.stack([came.positions[0], came.rest])[:, None]
+        distance = np.linalg.norm(away, axis=2)
+        unit = np.divide(away, distance[:, :, None], out=np.zeros_like(away), where=distance[:, :, None] > 0.0)
+        steps = np.linalg.norm(np.diff(came.positions, axis=0), axis=1)
+        for law in self._errors(came.samples[[0, -1]]):
+            root = roots(law.random[:, 3:, 3:])
+            count = float(np.sqrt(12.0 * np.trace(law.random[:, 3:, 3:], axis1=1, axis2=2).max() / 3.0))
+            reading = np.concatenate([[0], np.cumsum(steps) // count]).astype(np.int64) if count > 0.0 else np.zeros(len(steps) + 1, np.int64)
+            reading = np.unique(reading, return_inverse=True)[1]
+            rng = np.random.default_rng([self._seed, int(came.samples[0])])
+            found, at_once = [figure(distance[:1], distance[1:])], max(1, DRAWN_AT_ONCE // len(reading))
+            for first in range(0, self.trials, at_once):
+                normals = rng.standard_normal((min(at_once, self.trials - first), int(reading[-1]) + 1, 3))
+                # where the robot stands at the window's ends it is read as there
+                own = (normals @ root[1])[:, reading]
+                still = np.stack([normals[:, 0] @ root[1], normals[:, -1] @ root[1]], axis=1)
+                moved = [np.abs(distance[i] + np.einsum("tkc,kc->tk", own - still[:, i, None], unit[i])) for i in (0, 1)]
+                found.append(figure(moved[0], moved[1]))
+            out.append(np.concatenate(found))
+        return out
+
+
+def _u95(draws: Sequence[Sequence[FloatArray]], over: Callable[..., FloatArray]) -> float:
+    """U95 of a figure that is taken over cycles, draws[cycle][law] (1 + trials,); the larger of the laws'.
+
+    What errors have added to the scatter of the cycles is taken away, lest the largest of them be the one that erred most.
+    """
+    out = []
+    for of_law in zip(*draws, strict=True):
+        base, errors = np.array([d[0] for d in of_law]), np.stack([d[1:] - d[0] for d in of_law])
+        scatter, freedom = base - base.mean(), max(len(base) - 1, 1)
+        likely = base.mean() + reduction((scatter**2).sum() / freedom, errors.var(axis=1).mean(), freedom) * scatter
+        out.append(float(np.quantile(np.abs(over(likely[:, None] + errors, axis=0) - over(likely)), COVERAGE)))
+    return max(out)
+
+
+def _bend(time_s: FloatArray, distance: FloatArray, i: int) -> float:
+    """How far [s] the crossing of a limit between samples i - 1 and i may be from where a straight line has it: by an eighth of the second
+    difference of the distance (k,), over its slope."""
+    about = distance[max(i - 2, 0) : i + 2]
+    if i == 0 or i == len(distance) or len(about) < 3:
+        return 0.0
+    bend, fall = float(np.abs(np.diff(about, 2)).max()), float(abs(distance[i] - distance[i - 1]))
+    return float(time_s[i] - time_s[i - 1]) * min(bend / 8.0 / fall, 1.0) if fall > 0.0 else 0.0
 
 
 def samples_of(program: Program, trajectory: Trajectory) -> IntArray:
@@ -77,25 +146,32 @@ def settling(pose: CommandedPose, band_mm: float | None, motion: Motion) -> list
     band = pose.limit_band_mm or band_mm
     if band is None:
         raise CertificationError(f"pose {pose.name}: settling_s needs limit_band_mm, or two cycles for the pose's repeatability")
-    times, overshoots, u = [], [], 0.0
+    times, overshoots, drawn_times, drawn_overshoots, bends = [], [], [], [], []
     for cycle, (start, end) in enumerate(pose.settling_s, 1):
         what = f"pose {pose.name}, settling {cycle}"
-        part, time_s, positions, rest = motion.arrival(start, end, what)
-        distance = np.linalg.norm(positions - rest, axis=1)
-        u = motion.u95_of_distance([part.stop - 1])
-        step = float(np.max(np.diff(time_s), initial=0.0))
-        value, u_time = _bounds(lambda b, t=time_s, d=distance: iso9283_time.stabilisation_time(t, d, b), band, u, end - start)  # type: ignore[misc]
-        if not np.isfinite(value):
+        came = motion.arrival(start, end, what)
+        distance = np.linalg.norm(came.positions - came.rest, axis=1)
+        times.append(float(iso9283_time.stabilisation_time(came.time_s, distance, band)))
+        if not np.isfinite(times[-1]):
             raise NotReachedError(f"{what}: the robot does not come to rest within {band:.4g} mm in the window [{start:g}, {end:g}] s")
-        times.append((value, u_time + step))
-        overshoots.append(_bounds(lambda b, d=distance: iso9283_time.overshoot(d, b), band, u, float(distance.max())))  # type: ignore[misc]
-    n = len(times)
-    t, of_t = np.array(times).mean(axis=0)
-    worst, of_worst = max(overshoots)
+        overshoots.append(float(iso9283_time.overshoot(distance, band)))
+
+        def both(_: FloatArray, to_end: FloatArray, t: FloatArray = came.time_s, longest: float = end - start) -> FloatArray:
+            # a draw that does not come to rest: no shorter than the window
+            time = np.nan_to_num(iso9283_time.stabilisation_time(t, to_end, band), nan=longest)
+            return np.stack([time, np.nan_to_num(iso9283_time.overshoot(to_end, band), nan=np.inf)], axis=1)
+
+        drawn = motion.draws(came, both)
+        drawn_times.append([d[:, 0] for d in drawn])
+        drawn_overshoots.append([d[:, 1] for d in drawn])
+        ends = int(iso9283_time.first_arrival(distance, band)), int(iso9283_time.last_arrival(distance, band))
+        bends.append(sum(_bend(came.time_s, distance, i) for i in ends))
+    n, t, worst = len(times), float(np.mean(times)), max(overshoots)
+    u_time = _u95(drawn_times, np.mean) + float(np.mean(bends))
     note = f"limit band {band:.4g} mm" + ("" if pose.limit_band_mm else ", the pose's repeatability")
     return [
-        Characteristic("t_s", "7.4", float(t), "s", float(of_t), False, n, pose=pose.name, note=note),
-        Characteristic("OV", "7.5", worst, "mm", max(of_worst, u), False, n, pose=pose.name, note=note),
+        Characteristic("t_s", "7.4", t, "s", u_time, False, n, pose=pose.name, note=note),
+        Characteristic("OV", "7.5", worst, "mm", _u95(drawn_overshoots, np.max), False, n, pose=pose.name, note=note),
     ]
 
 
@@ -104,23 +180,25 @@ def posing(asked: Posing, band_mm: float | None, motion: Motion) -> list[Charact
     band = asked.limit_band_mm or band_mm
     if band is None:
         raise CertificationError(f"posing {asked.name}: needs limit_band_mm, or two cycles of {asked.to_pose} for its repeatability")
-    times = []
+    times, drawn, bends = [], [], []
     for cycle, (start, end) in enumerate(asked.windows_s, 1):
         what = f"posing {asked.name}, cycle {cycle}"
-        part, time_s, positions, rest = motion.arrival(start, end, what)
-        from_start, to_end = np.linalg.norm(positions - positions[0], axis=1), np.linalg.norm(positions - rest, axis=1)
-        u = motion.u95_of_distance([part.start, part.stop - 1])
+        came = motion.arrival(start, end, what)
+        from_start, to_end = (np.linalg.norm(came.positions - place, axis=1) for place in (came.positions[0], came.rest))
 
-        def figure(b: float, t: FloatArray = time_s, a: FloatArray = from_start, z: FloatArray = to_end) -> float:
-            return iso9283_time.posing_time(t, a, z, b)
+        def figure(a: FloatArray, z: FloatArray, t: FloatArray = came.time_s, longest: float = end - start) -> FloatArray:
+            return np.nan_to_num(iso9283_time.posing_time(t, a, z, band), nan=longest)
 
-        value, of_value = _bounds(figure, band, u, end - start)
-        if not np.isfinite(value):
+        times.append(float(iso9283_time.posing_time(came.time_s, from_start, to_end, band)))
+        if not np.isfinite(times[-1]):
             raise NotReachedError(f"{what}: the window [{start:g}, {end:g}] s holds no move from rest to rest within {band:.4g} mm")
-        times.append((value, of_value + float(np.max(np.diff(time_s), initial=0.0))))
-    mean, of_mean = np.array(times).mean(axis=0)
+        drawn.append(motion.draws(came, figure))
+        leaves, arrives = int((from_start > band).argmax()), int(iso9283_time.last_arrival(to_end, band))
+        bends.append(_bend(came.time_s, from_start, leaves) + _bend(came.time_s, to_end, arrives))
+    mean = float(np.mean(times))
+    u95 = _u95(drawn, np.mean) + float(np.mean(bends))
     note = f"limit band {band:.4g} mm; from the beginning of the motion, not from the command"
-    return [Characteristic("t_min", "9", float(mean), "s", float(of_mean), False, len(times), pose=asked.name, note=note)]
+    return [Characteristic("t_min", "9", mean, "s", u95, False, len(times), pose=asked.name, note=note)]
 
 
 def stabilisation(crossed: Crossings, corner: Corner, path: CommandedPath, motion: Motion) -> list[Characteristic]:
@@ -146,58 +224,3 @@ def stabilisation(crossed: Crossings, corner: Corner, path: CommandedPath, motio
     part = f"corner {corner.number}"
     note = f"back within {limit:g} mm"
     return [Characteristic("SPL", "8.5", float(mean), "mm", float(of_mean), False, len(found), path=path.name, part=part, note=note)]
-
-
-def weaving(crossed: Crossings, path: CommandedPath, motion: Motion) -> list[Characteristic]:
-    """WS, and WF where a speed is commanded, of a linear path with weave_stroke_mm and weave_distance_mm.
-
-    The weave is taken in the direction across the path in which the deviation is largest; strokes run from one side of the middle line to
-    the other, so that a cycle needs at least two; CertificationError otherwise.
-    """
-    stroke, distance = path.weave_stroke_mm, path.weave_distance_mm
-    assert stroke is not None
-    assert distance is not None
-    strokes, rates, u_strokes, u_ways = [], [], [], []
-    for number, cycle in enumerate(crossed.cycles, 1):
-        inside = (cycle.way_mm > 0.0) & (cycle.way_mm < crossed.line.length)
-        way, time_s = cycle.way_mm[inside], cycle.time_s[inside]
-        points, tangent = crossed.line.at(way)
-        away = cycle.poses[inside, :3] - points
-        away = away - (away * tangent).sum(axis=1)[:, None] * tangent
-        y = away @ np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][0]
-        u = motion.u95_of_distance([int(crossed.samples[len(crossed.samples) // 2, number - 1])])
-        middle = y - 0.5 * (y.max() + y.min())
-        turns = _crossings_of_zero(way, middle, max(u, 0.1 * (y.max() - y.min())))
-        if len(turns) < 3:
-            raise CertificationError(f"path {path.name}, cycle {number}: has {max(len(turns) - 1, 0)} strokes across the path; at least 2")
-        edges = np.searchsorted(way, turns)
-        tops = np.array([middle[a:b][np.argmax(np.abs(middle[a:b]))] for a, b in itertools.pairwise(edges)])
-        strokes.append(float(np.abs(np.diff(tops)).mean()))
-        length = 2.0 * (turns[-1] - turns[0]) / (len(turns) - 1)
-        seconds = np.interp(turns[[0, -1]], way, time_s)
-        rates.append(float((turns[-1] - turns[0]) / (seconds[1] - seconds[0]) / length))
-        u_strokes.append(np.sqrt(2.0) * u)
-        # the slope at the middle line is at least that of a triangle
-        u_ways.append(u * (1.0 + length / (2.0 * strokes[-1])) / (turns[-1] - turns[0]))
-    common = {"unit": "%", "capable": False, "cycles": len(strokes), "path": path.name}
-    value = float(iso9283_path.weaving_stroke_error(np.array(strokes), stroke))
-    out = [Characteristic(name="WS", clause="11", value=value, u95=float(100.0 * max(u_strokes) / stroke), **common)]  # type: ignore[arg-type]
-    if path.speed_mm_s is not None:
-        commanded = path.speed_mm_s / distance
-        value = float(iso9283_path.weaving_frequency_error(np.array(rates), commanded))
-        u95 = float(100.0 * max(u_ways) * np.mean(rates) / commanded)
-        out.append(Characteristic(name="WF", clause="11", value=value, u95=u95, **common))  # type: ignore[arg-type]
-    return out
-
-
-def _crossings_of_zero(way: FloatArray, y: FloatArray, least: float) -> FloatArray:
-    """Ways (k,) at which y goes through zero, between excursions of at least `least` to either side."""
-    far = np.flatnonzero(np.abs(y) >= least)
-    sides = np.sign(y[far])
-    out = []
-    for i in np.flatnonzero(sides[1:] != sides[:-1]):
-        a, b = far[i], far[i + 1]
-        # the last change of sign between them
-        k = a + int(np.flatnonzero(np.sign(y[a:b]) != np.sign(y[a + 1 : b + 1]))[-1])
-        out.append(way[k] - y[k] * (way[k + 1] - way[k]) / (y[k + 1] - y[k]))
-    return np.array(out)

@@ -30,6 +30,7 @@ from lmeasure.certification.paths import crossings
 from lmeasure.certification.rounding import of_crossings, of_dwells
 from lmeasure.certification.settings import Settings
 from lmeasure.certification.uncertainty import Moving, Part
+from lmeasure.certification.weaving import WeavePart, weaves, weaving_figures
 from lmeasure.errors import CertificationError
 from lmeasure.program import Distance, Program
 from lmeasure.trajectory import Trajectory
@@ -67,6 +68,7 @@ class Gathered:
             ]
             for name, crossed in self.paths.items()
         }
+        self.weaves = {p.name: tuple(weaves(self.paths[p.name])) for p in program.path if p.weave_stroke_mm and p.windows_s}
         self.excluded: dict[tuple[str, str], str] = {}
         self.samples = self._samples()
 
@@ -89,6 +91,7 @@ class Gathered:
         """All samples whose errors are asked for, in order."""
         asked = [p.samples for p in (*self.poses, *self.loaded)] + [c.samples.ravel() for c in self.paths.values()]
         asked += [np.array([f[2] for f in found], dtype=np.int64) for corners in self.corners.values() for _, found in corners]
+        asked += [WeavePart.samples(cycles) for cycles in self.weaves.values()]
         return np.unique(np.concatenate([*asked, direct.samples_of(self.program, self.trajectory)]))
 
     def errors_of(self, model: ErrorModel) -> tuple[PoseErrors, str]:
@@ -144,6 +147,10 @@ class Gathered:
                 name = f"{key} corner {corner.number}"
                 parts[name] = CornerPart(np.array([f[0] for f in found]), np.array([f[1] for f in found]), of_corner)
                 figures += corner_figures(name, corner, path, len(found))
+            if path.name in self.weaves:
+                cycles = self.weaves[path.name]
+                parts[f"{key} weave"] = woven = WeavePart.of(cycles, self.at(every, WeavePart.samples(cycles)), rounded)
+                figures += weaving_figures(f"{key} weave", woven, path)
         return parts, figures
 
     def distances(self, poses: dict[str, PosePart]) -> list[Figure]:
@@ -176,7 +183,9 @@ class Gathered:
         for name, crossed in self.paths.items():
             places[f"path {name}"] = crossed.attained[:, :, :3].reshape(-1, 3)
             for corner, _ in self.corners[name]:
-                places[f"path {name} corner {corner.number}"] = np.tile(corner.place, (len(crossed.cycles), 1))
+                key = f"path {name} corner {corner.number}"
+                places[key] = np.tile(corner.place, (len(parts[key].errors.random), 1))
+        places |= {f"path {name} weave": WeavePart.positions(cycles) for name, cycles in self.weaves.items()}
         keys = [f"pose {p.name}" for p in self.poses]
         means = np.array([places[k].mean(axis=0) for k in keys])
         inverse = np.linalg.pinv(np.concatenate([_displacement(m[None])[0, 3:] for m in means]))
@@ -229,7 +238,7 @@ class Gathered:
     def from_motion(self, values: dict[tuple[str, str | None], float], laws: Sequence[PoseErrors]) -> list[Characteristic]:
         """Figures that are read from the motion itself; values: the repeatabilities, for want of limit bands."""
         out: list[Characteristic] = []
-        motion = direct.Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws])
+        motion = direct.Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws], self.settings.trials, self.settings.seed)
         for pose in self.program.pose:
             if pose.settling_s:
                 found = self.reached(direct.settling, pose, values.get(("RP_l", pose.name)), motion)
@@ -241,8 +250,6 @@ class Gathered:
             if path.name not in self.paths:
                 continue
             crossed, found = self.paths[path.name], []
-            if path.weave_stroke_mm is not None:
-                found += direct.weaving(crossed, path, motion)
             if path.stabilisation_mm is not None:
                 for corner, _ in self.corners[path.name]:
                     found += self.reached(direct.stabilisation, crossed, corner, path, motion)

@@ -90,3 +90,13 @@ def of_crossings(errors: PoseErrors, part: FloatArray, step: FloatArray, between
     common = kept(scatter_counts(whitened_variance(between, errors.random.reshape(m, n, 6, 6).mean(axis=1))))
     local = np.sqrt(common)[:, None, None] * roots(random.reshape(m, n, 6, 6).mean(axis=1))
     return PoseErrors(random, np.repeat(local, n, axis=0), np.repeat(np.arange(m), n), errors.shared)
+
+
+def of_neighbours(errors: PoseErrors, step_mm: FloatArray, row: IntArray) -> PoseErrors:
+    """Errors of samples that follow each other in rows, row (n,) their number from 0, from those of single samples: what rounding keeps
+    over steps (n,) [mm] from one to the next is common to a row."""
+    random = np.nan_to_num(errors.random)
+    of_count = np.sqrt(12.0 * np.trace(random[:, 3:, 3:], axis1=1, axis2=2) / 3.0)
+    counts = np.divide(step_mm, of_count, out=np.zeros_like(step_mm), where=of_count > 0.0)
+    share = kept(counts / np.sqrt(2.0))[:, None, None]
+    return PoseErrors((1.0 - share) * random, np.sqrt(share) * roots(random), row, errors.shared)

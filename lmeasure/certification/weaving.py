@@ -1,0 +1,156 @@
+"""Figures of clause 11, weaving, from the strokes that each cycle makes across its path."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.certification import iso9283_path as iso
+from lmeasure.certification.errors_of_poses import PoseErrors
+from lmeasure.certification.figures import Figure
+from lmeasure.certification.paths import Crossings
+from lmeasure.certification.rounding import of_neighbours
+from lmeasure.errors import CertificationError
+from lmeasure.program import CommandedPath
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+FAR = 0.1
+"""Of what a cycle sways: an excursion to a side, not noise about the middle."""
+ABOUT, PART = 7, 6
+"""Samples on either side of the farthest that may be the farthest in truth: so many at most, and a sixth of the stroke's."""
+
+
+@dataclass(frozen=True)
+class Weave:
+    """A cycle's way across its path, in the direction (3,) in which it sways most: rows of samples (q, k) about the farthest of each stroke
+    and, the last two, of all; y (q, k) and side (q,) of the middle; samples (2, 2) before and behind the first and the last crossing of
+    the middle, at times edge_s (2, 2), y there edge_y (2, 2) [mm, s]. step (6,): rotation [rad] and position from sample to sample."""
+
+    direction: FloatArray
+    samples: IntArray
+    positions: FloatArray
+    y: FloatArray
+    side: FloatArray
+    edges: IntArray
+    edge_positions: FloatArray
+    edge_y: FloatArray
+    edge_s: FloatArray
+
+    @property
+    def strokes(self) -> int:
+        """How many strokes lie between the crossings of the middle."""
+        return len(self.y) - 2
+
+
+def weaves(crossed: Crossings) -> list[Weave]:
+    """Each cycle's strokes, from one side of the middle line to the other; CertificationError when there are fewer than two."""
+    out = []
+    for number, cycle in enumerate(crossed.cycles, 1):
+        inside = (cycle.way_mm > 0.0) & (cycle.way_mm < crossed.line.length)
+        samples, time_s, positions = cycle.samples[inside], cycle.time_s[inside], cycle.poses[inside, :3]
+        points, tangent = crossed.line.at(cycle.way_mm[inside])
+        away = positions - points
+        away = away - (away * tangent).sum(axis=1)[:, None] * tangent
+        direction = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][0]
+        y = away @ direction
+        middle = y - 0.5 * (y.max() + y.min())
+        before = _before_crossings(middle, FAR * (y.max() - y.min()))
+        if len(before) < 3:
+            what = f"path {crossed.line.path.name}, cycle {number}"
+            raise CertificationError(f"{what}: has {max(len(before) - 1, 0)} strokes across the path; at least 2")
+        begin, end = before[:-1] + 1, before[1:] + 1
+        top = np.array([a + int(np.argmax(np.abs(middle[a:b]))) for a, b in zip(begin, end, strict=True)])
+        width = int(np.clip(np.min(end - begin) // PART, 1, ABOUT))
+        every = np.concatenate([top, [int(np.argmax(y)), int(np.argmin(y))]])
+        about = np.clip(every[:, None] + np.arange(-width, width + 1), 0, len(y) - 1)
+        edges = before[[0, -1], None] + np.arange(2)
+        side = np.concatenate([np.sign(middle[top]), [1.0, -1.0]])
+        out.append(
+            Weave(direction, samples[about], positions[about], y[about], side, samples[edges], positions[edges], y[edges], time_s[edges])
+        )
+    return out
+
+
+def _before_crossings(y: FloatArray, least: float) -> IntArray:
+    """(k,) samples behind which y goes through zero, between excursions of at least `least` to either side."""
+    far = np.flatnonzero(np.abs(y) >= least)
+    changed = np.flatnonzero(np.sign(y[far[1:]]) != np.sign(y[far[:-1]]))
+    # the last change of sign between two excursions
+    pairs = [(far[i], far[i + 1]) for i in changed]
+    return np.array([a + np.flatnonzero(np.sign(y[a:b]) != np.sign(y[a + 1 : b + 1]))[-1] for a, b in pairs], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class WeavePart:
+    """The weaves of a path's cycles with the law of the errors of their samples (n,); see `uncertainty.Part`."""
+
+    cycles: tuple[Weave, ...]
+    errors: PoseErrors
+
+    @staticmethod
+    def samples(cycles: tuple[Weave, ...]) -> IntArray:
+        """(n,) the samples of the law, cycle by cycle: rows, then edges."""
+        return np.concatenate([np.concatenate([c.samples.ravel(), c.edges.ravel()]) for c in cycles])
+
+    @staticmethod
+    def positions(cycles: tuple[Weave, ...]) -> FloatArray:
+        """(n, 3) where they were taken [mm]."""
+        return np.concatenate([np.concatenate([c.positions.reshape(-1, 3), c.edge_positions.reshape(-1, 3)]) for c in cycles])
+
+    @classmethod
+    def of(cls, cycles: tuple[Weave, ...], errors: PoseErrors, rounded: bool) -> "WeavePart":
+        """With the errors of single samples; rounded: they are rounded counts, which samples near each other have in common."""
+        if not rounded:
+            return cls(cycles, errors)
+        step, row, first = [], [], 0
+        for c in cycles:
+            for rows in (c.positions, c.edge_positions):
+                q, k, _ = rows.shape
+                each = np.linalg.norm(np.diff(rows, axis=1), axis=2).max(axis=1)
+                step.append(np.repeat(each, k))
+                row.append(np.repeat(first + np.arange(q), k))
+                first += q
+        return cls(cycles, of_neighbours(errors, np.concatenate(step), np.concatenate(row)))
+
+    def state(self, errors: FloatArray, reduced: bool) -> tuple[list[FloatArray], list[FloatArray]]:
+        """See `uncertainty.Part`: farthest (..., q) [mm] of each cycle's rows, and times (..., 2) [s] at which it crosses the middle first
+        and last; likely are the parabolas through the rows."""
+        far, times, first = [], [], 0
+        for c in self.cycles:
+            y = c.y
+            if reduced:
+                powers = np.linspace(-1.0, 1.0, y.shape[1])[:, None] ** np.arange(3)
+                y = y @ (powers @ np.linalg.pinv(powers)).T
+            moved = errors[..., first : first + y.size + 4, 3:] @ c.direction
+            first += y.size + 4
+            rows = y + moved[..., : y.size].reshape(*moved.shape[:-1], *y.shape)
+            farthest = c.side * (c.side[:, None] * rows).max(axis=-1)
+            level = 0.5 * (farthest.max(axis=-1) + farthest.min(axis=-1))[..., None]
+            edge = c.edge_y + moved[..., y.size :].reshape(*moved.shape[:-1], 2, 2)
+            part = (edge[..., 0] - level) / (edge[..., 0] - edge[..., 1])
+            times.append(c.edge_s[:, 0] + part * (c.edge_s[:, 1] - c.edge_s[:, 0]))
+            far.append(farthest)
+        return far, times
+
+
+def weaving_figures(key: str, part: WeavePart, path: CommandedPath) -> list[Figure]:
+    """WS, and WF where a speed is commanded, of a path with weave_stroke_mm and weave_distance_mm."""
+    stroke, distance = path.weave_stroke_mm, path.weave_distance_mm
+    assert stroke is not None
+    assert distance is not None
+    common: dict[str, Any] = {"clause": "11", "unit": "%", "cycles": len(part.cycles), "needs": (f"path {path.name}",), "path": path.name}
+
+    def strokes(far: list[FloatArray]) -> FloatArray:
+        return np.stack([np.abs(np.diff(f[..., :-2], axis=-1)).mean(axis=-1) for f in far], axis=-1)
+
+    def rates(times: list[FloatArray]) -> FloatArray:
+        return np.stack([0.5 * c.strokes / (t[..., 1] - t[..., 0]) for c, t in zip(part.cycles, times, strict=True)], axis=-1)
+
+    out = [Figure("WS", of=lambda s: iso.weaving_stroke_error(strokes(s[key][0]), stroke), **common)]
+    if path.speed_mm_s is not None:
+        commanded = path.speed_mm_s / distance
+        out.append(Figure("WF", of=lambda s: iso.weaving_frequency_error(rates(s[key][1]), commanded), **common))
+    return out
