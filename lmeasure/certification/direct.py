@@ -18,6 +18,7 @@ from lmeasure.certification.characteristic import Characteristic
 from lmeasure.certification.errors_of_poses import PoseErrors, roots
 from lmeasure.certification.path_figures import Corner, at_corner
 from lmeasure.certification.paths import Crossings
+from lmeasure.certification.settings import Settings
 from lmeasure.certification.uncertainty import COVERAGE, NORMAL_95, reduction
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, CommandedPose, Posing, Program
@@ -50,8 +51,10 @@ class Arrival:
 class Motion:
     """A trajectory in the frame and at the point that are certified, with the errors at its samples by each law that may hold."""
 
-    def __init__(self, trajectory: Trajectory, frame: Frame, errors: Callable[[IntArray], Sequence[PoseErrors]], trials: int, seed: int) -> None:
-        self.trajectory, self.frame, self._errors, self.trials, self._seed = trajectory, frame, errors, trials, seed
+    def __init__(
+        self, trajectory: Trajectory, frame: Frame, errors: Callable[[IntArray], Sequence[PoseErrors]], settings: Settings
+    ) -> None:
+        self.trajectory, self.frame, self._errors, self._settings = trajectory, frame, errors, settings
 
     def u95_of_distance(self, samples: Sequence[int]) -> float:
         """U95 [mm] of a short distance between two positions near these samples: the worst direction of both roundings."""
@@ -72,7 +75,7 @@ class Motion:
 
         Rounding errs anew when the robot has gone on by a count, and where it stands it errs alike. What is common to the run cancels.
         """
-        out = []
+        trials, out = self._settings.trials, []
         likely = came.positions
         if len(likely) >= SMOOTHED:
             likely = savgol_filter(likely, SMOOTHED, 2, axis=0)
@@ -82,13 +85,13 @@ class Motion:
         steps = np.linalg.norm(np.diff(came.positions, axis=0), axis=1)
         for law in self._errors(came.samples[[0, -1]]):
             root = roots(law.random[:, 3:, 3:])
-            count = float(np.sqrt(12.0 * np.trace(law.random[:, 3:, 3:], axis1=1, axis2=2).max() / 3.0))
-            reading = np.concatenate([[0], np.cumsum(steps) // count]).astype(np.int64) if count > 0.0 else np.zeros(len(steps) + 1, np.int64)
-            reading = np.unique(reading, return_inverse=True)[1]
-            rng = np.random.default_rng([self._seed, int(came.samples[0])])
+            # an exact instrument reads anew as soon as the robot moves
+            count = max(float(np.sqrt(12.0 * np.trace(law.random[:, 3:, 3:], axis1=1, axis2=2).max() / 3.0)), 1e-12)
+            reading = np.unique(np.concatenate([[0], np.cumsum(steps) // count]), return_inverse=True)[1]
+            rng = np.random.default_rng([self._settings.seed, int(came.samples[0])])
             found, at_once = [figure(distance[:1], distance[1:])], max(1, DRAWN_AT_ONCE // len(reading))
-            for first in range(0, self.trials, at_once):
-                normals = rng.standard_normal((min(at_once, self.trials - first), int(reading[-1]) + 1, 3))
+            for first in range(0, trials, at_once):
+                normals = rng.standard_normal((min(at_once, trials - first), int(reading[-1]) + 1, 3))
                 # where the robot stands at the window's ends it is read as there
                 own = (normals @ root[1])[:, reading]
                 still = np.stack([normals[:, 0] @ root[1], normals[:, -1] @ root[1]], axis=1)

@@ -68,7 +68,9 @@ class Gathered:
             ]
             for name, crossed in self.paths.items()
         }
-        self.weaves = {p.name: tuple(weaves(self.paths[p.name])) for p in program.path if p.weave_stroke_mm and p.windows_s}
+        self.weaves = {
+            p.name: tuple(weaves(self.paths[p.name], p.weave_stroke_mm)) for p in program.path if p.weave_stroke_mm and p.windows_s
+        }
         self.excluded: dict[tuple[str, str], str] = {}
         self.samples = self._samples()
 
@@ -238,7 +240,7 @@ class Gathered:
     def from_motion(self, values: dict[tuple[str, str | None], float], laws: Sequence[PoseErrors]) -> list[Characteristic]:
         """Figures that are read from the motion itself; values: the repeatabilities, for want of limit bands."""
         out: list[Characteristic] = []
-        motion = direct.Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws], self.settings.trials, self.settings.seed)
+        motion = direct.Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws], self.settings)
         for pose in self.program.pose:
             if pose.settling_s:
                 found = self.reached(direct.settling, pose, values.get(("RP_l", pose.name)), motion)

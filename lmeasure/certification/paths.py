@@ -150,10 +150,10 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     m = len(ways)
     commanded, tangent = line.at(ways)
     crossed = [_cross(cycle, ways, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
-    attained, times, samples, part, step = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
+    attained, times, samples, parts, steps = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
     near = frame.of(trajectory.poses[samples.ravel()]).reshape(m, -1, 7)
     between = np.array([scatter(poses) for poses in near])
-    return Crossings(line, ways, commanded, tangent, attained, times, samples, part, step, between, tuple(cycles), worst)
+    return Crossings(line, ways, commanded, tangent, attained, times, samples, parts, steps, between, tuple(cycles), worst)
 
 
 def _runs_along(cycle: Cycle, length: float, what: str) -> None:

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 FAR = 0.1
-"""Of what a cycle sways: an excursion to a side, not noise about the middle."""
+"""Of what a cycle sways, or of the commanded stroke: an excursion to a side, not noise about the middle."""
 ABOUT, PART = 7, 6
 """Samples on either side of the farthest that may be the farthest in truth: so many at most, and a sixth of the stroke's."""
 
@@ -26,8 +26,8 @@ ABOUT, PART = 7, 6
 @dataclass(frozen=True)
 class Weave:
     """A cycle's way across its path, in the direction (3,) in which it sways most: rows of samples (q, k) about the farthest of each stroke
-    and, the last two, of all; y (q, k) and side (q,) of the middle; samples (2, 2) before and behind the first and the last crossing of
-    the middle, at times edge_s (2, 2), y there edge_y (2, 2) [mm, s]. step (6,): rotation [rad] and position from sample to sample."""
+    and, the last two, of all; y (q, k) [mm] and side (q,) of the middle; edges (2, 2): samples before and behind the first and the last
+    crossing of the middle, at times edge_s (2, 2) [s] and edge_y (2, 2) [mm]; positions (q, k, 3) and edge_positions (2, 2, 3) [mm]."""
 
     direction: FloatArray
     samples: IntArray
@@ -45,7 +45,7 @@ class Weave:
         return len(self.y) - 2
 
 
-def weaves(crossed: Crossings) -> list[Weave]:
+def weaves(crossed: Crossings, stroke_mm: float) -> list[Weave]:
     """Each cycle's strokes, from one side of the middle line to the other; CertificationError when there are fewer than two."""
     out = []
     for number, cycle in enumerate(crossed.cycles, 1):
@@ -57,7 +57,7 @@ def weaves(crossed: Crossings) -> list[Weave]:
         direction = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][0]
         y = away @ direction
         middle = y - 0.5 * (y.max() + y.min())
-        before = _before_crossings(middle, FAR * (y.max() - y.min()))
+        before = _before_crossings(middle, FAR * max(float(y.max() - y.min()), stroke_mm))
         if len(before) < 3:
             what = f"path {crossed.line.path.name}, cycle {number}"
             raise CertificationError(f"{what}: has {max(len(before) - 1, 0)} strokes across the path; at least 2")

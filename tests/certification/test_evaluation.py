@@ -407,6 +407,47 @@ def test_settling_posing_and_compliance_of_a_trajectory() -> None:
     assert any("does not come to rest" in note for note in left.notes)
 
 
+def test_the_u95_of_times_holds_what_it_says() -> None:
+    t = np.arange(0, 1.5, 1e-3)
+
+    # 100 mm in 0.3 s, then a swing of 4 mm that dies down
+    def way(t: FloatArray) -> FloatArray:
+        part = np.clip((t - 0.3) / 0.3, 0.0, 1.0)
+        swing = np.where(t > 0.6, 4.0 * np.exp(-(t - 0.6) / 0.1) * np.sin(2 * np.pi * 8 * (t - 0.6)), 0.0)
+        return np.asarray(100.0 * part**3 * (10.0 + part * (6.0 * part - 15.0)) + swing)
+
+    program = Program.model_validate(
+        {
+            "schema": "lmeasure.program/1",
+            "pose": [
+                {"name": "P1", "position_mm": (0.0, 0.0, 0.0), "quaternion_xyzw": UNIT},
+                {"name": "P2", "position_mm": (100.0, 0, 0), "quaternion_xyzw": UNIT, "settling_s": [(0.5, 1.499)], "limit_band_mm": 0.5},
+            ],
+            "posing": [{"from": "P1", "to": "P2", "windows_s": [(0.1, 1.499)], "limit_band_mm": 0.5}],
+        }
+    )
+    rest = way(np.array([1.45]))[0]
+    fine = np.arange(0, 1.5, 1e-6)
+    away = np.abs(way(fine) - rest)
+    first, last, leaves = fine[np.argmax(away < 0.5)], fine[np.flatnonzero(away > 0.5)[-1]], fine[np.argmax(way(fine) > 0.5)]
+    true = {"t_s": last - first, "t_min": last - leaves, "OV": away[fine > first].max()}
+    count, inside = 0.02, []
+    random = np.zeros((6, 6))
+    random[3:, 3:] = count**2 / 12.0 * np.eye(3)
+    for seed in range(60):
+        # counts of a cable that lies along the move, from wherever counting began
+        begin = np.random.default_rng(seed).uniform()
+        read = count * (np.rint(way(t) / count + begin) - begin)
+        position = np.column_stack([read, 0 * t, 0 * t])
+        found = by_name(evaluate(trajectory_of(t, position), program, StatedErrors(random), settings=Settings(trials=300)))
+        every = [found["t_s", "P2"], found["t_min", "P1-P2"], found["OV", "P2"]]
+        inside.append([abs(c.value - true[c.name]) <= c.u95 for c in every])
+        assert every[0].u95 < 2e-3
+        assert every[1].u95 < 2e-3
+        assert every[2].u95 < 2.5 * count
+    assert np.mean(inside, axis=0).min() >= 0.9
+
+
 def test_angles_where_a_convention_is_singular() -> None:
     trajectory, program = campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
     plain = evaluate(trajectory, Program.model_validate(program), EXACT)

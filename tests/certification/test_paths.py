@@ -117,6 +117,73 @@ def test_corners_cut_and_overshot() -> None:
     assert all(c.excluded is not None and not c.capable for c in every.characteristics)
 
 
+def test_no_plane_stands_at_a_corner() -> None:
+    square = Line(CommandedPath.model_validate(SQUARE))
+    np.testing.assert_allclose(square.planes(16), np.arange(25.0, 800.0, 50.0))
+    # thirty in four equal sides: eight each, 12.5 mm from the corners
+    np.testing.assert_allclose(square.planes(30)[[0, 7, 8, -1]], [12.5, 187.5, 212.5, 787.5])
+    assert len(Line(CommandedPath.model_validate(LINE)).planes(30)) == 30
+    zigzag = {"name": "z", "kind": "points", "points_mm": [(10.0 * i, 3.0 * (i % 2), 0.0) for i in range(30)]}
+    assert len(Line(CommandedPath.model_validate(zigzag)).planes(10)) == 29
+
+
+def test_a_fitted_frame_takes_corners_and_weaves_along() -> None:
+    way = np.arange(-5.0, 205.0, 0.1)
+    weave = np.column_stack([way, 4.0 * np.sin(2 * np.pi * way / 10.0), np.zeros(len(way))])
+    corners = np.array([[-10.0, 0, 0], [200, 0, 0], [200, 200, 0], [0, 200, 0], [0, -10, 0]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    around = np.column_stack([np.interp(np.arange(0.0, arc[-1], 0.1), arc, corners[:, i]) for i in range(3)])
+    places = np.array([[0.0, 0.0, 0.0], [200.0, 0.0, 0.0], [0.0, 200.0, 0.0]])
+    pieces = [*(np.tile(p, (300, 1)) for p in places), weave, around]
+    ends = np.cumsum([len(p) for p in pieces])
+    time_s = np.arange(ends[-1]) / 1000.0
+    windows = [(time_s[b - len(p)], time_s[b - 1]) for p, b in zip(pieces, ends, strict=True)]
+    line = {"kind": "linear", "start_mm": (0.0, 0.0, 0.0), "end_mm": (200.0, 0.0, 0.0), "speed_mm_s": 100.0}
+    program = Program.model_validate(
+        {
+            "schema": "lmeasure.program/1",
+            "pose": [
+                {"name": f"P{i}", "position_mm": tuple(p), "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "windows_s": [windows[i]]}
+                for i, p in enumerate(places)
+            ],
+            "path": [
+                line | {"name": "w", "weave_stroke_mm": 8.0, "weave_distance_mm": 10.0, "windows_s": [windows[3]]},
+                SQUARE | {"windows_s": [windows[4]]},
+            ],
+        }
+    )
+    # a displacement of everything moves the frame that is fitted to the poses, and no figure in it
+    shared = np.zeros((6, 3))
+    shared[3:] = 0.5 * np.eye(3)
+    found = evaluate(trajectory_of(time_s, np.concatenate(pieces)), program, StatedErrors(shared=shared), settings=Settings(align=True))
+    names = {c.name for c in found.characteristics}
+    assert {"CR", "CO", "WS", "WF", "AT_p"} <= names
+    assert max(c.u95 for c in found.characteristics) < 1e-6
+
+
+def test_the_u95_of_a_weave_holds_what_it_says() -> None:
+    way = np.arange(-5.0, 105.0, 0.2)
+    path = {"name": "w", "kind": "linear", "start_mm": (0.0, 0.0, 0.0), "end_mm": (100.0, 0.0, 0.0), "speed_mm_s": 100.0}
+    path |= {"weave_stroke_mm": 8.0, "weave_distance_mm": 10.0}
+    place = np.column_stack([way, 4.0 * np.sin(2 * np.pi * way / 10.0), np.zeros(len(way))])
+    random = np.zeros((6, 6))
+    random[3:, 3:] = 0.005**2 * np.eye(3)
+    trajectory, windows = runs(way, [place, place])
+    program = program_of(path, windows)
+    true = figures(trajectory, program)
+    inside = []
+    for seed in range(60):
+        noisy = trajectory.poses.copy()
+        noisy[:, :3] += 0.005 * np.random.default_rng(seed).normal(size=(len(noisy), 3))
+        found = evaluate(replace(trajectory, poses=noisy), program, StatedErrors(random), settings=Settings(trials=300, planes=20))
+        inside.append([abs(c.value - true[c.name, None]) <= c.u95 for c in found.characteristics if c.name in ("WS", "WF")])
+        ws = next(c for c in found.characteristics if c.name == "WS")
+        assert ws.u95 < 0.12  # 0.005 mm by which the largest of noisy samples are larger, at both ends of a stroke
+    share = np.mean(inside, axis=0)
+    assert share.shape == (2,)
+    assert share.min() >= 0.9
+
+
 def test_a_weave() -> None:
     way = np.arange(-5.0, 205.0, 0.05)
     place = np.column_stack([way, 4.1 * np.sin(2 * np.pi * way / 9.8), np.zeros(len(way))])

@@ -96,7 +96,7 @@ def test_a_crossing_errs_by_parts_of_two_samples(step: float) -> None:
 def test_cycles_that_are_sampled_at_the_same_places_are_rounded_alike(apart: float) -> None:
     errors, stated = crossed(np.array([40.0, 55.5, 70.3]), apart, 6, seed=2)
     together = np.mean([np.mean(errors[:, :, i] * errors[:, :, j]) for i in range(6) for j in range(i)])
-    # rather too much: the scatter is estimated from eighteen numbers, and what is kept of it is bent upwards
+    # rather too much: the scatter is estimated from fifteen numbers, and what is kept of it is bent upwards
     assert -0.02 < (stated[1] - together) / (COUNT**2 / 12.0) < 0.12
     # each cycle has the whole of its own besides: what rounding hides of the scatter is not known
     assert stated[0] == pytest.approx(0.625 * COUNT**2 / 12.0, rel=0.01)
