@@ -117,15 +117,13 @@ class WeavePart:
 
     def state(self, errors: FloatArray, reduced: bool) -> tuple[list[FloatArray], list[FloatArray]]:
         """See `uncertainty.Part`: farthest (..., q) [mm] of each cycle's rows, and times (..., 2) [s] at which it crosses the middle first
-        and last; likely are the parabolas through the rows, of one shape."""
+        and last; likely are the parabolas through the rows."""
         far, times, first = [], [], 0
         for c in self.cycles:
             y = c.y
             if reduced:
                 powers = np.linspace(-1.0, 1.0, y.shape[1])[:, None] ** np.arange(3)
-                height, *shape = np.linalg.pinv(powers) @ y.T
-                # strokes are alike: one shape for all
-                y = height[:, None] + c.side[:, None] * (powers[:, 1:] @ (shape @ c.side / len(c.side)))
+                y = y @ (powers @ np.linalg.pinv(powers)).T
             moved = errors[..., first : first + y.size + 4, 3:] @ c.direction
             first += y.size + 4
             rows = y + moved[..., : y.size].reshape(*moved.shape[:-1], *y.shape)

@@ -165,7 +165,7 @@ def test_the_u95_of_a_weave_holds_what_it_says() -> None:
     way = np.arange(-5.0, 105.0, 0.2)
     path = {"name": "w", "kind": "linear", "start_mm": (0.0, 0.0, 0.0), "end_mm": (100.0, 0.0, 0.0), "speed_mm_s": 100.0}
     path |= {"weave_stroke_mm": 8.0, "weave_distance_mm": 10.0}
-    place = np.column_stack([way, 4.0 * np.sin(2 * np.pi * way / 10.0), np.zeros(len(way))])
+    place = np.column_stack([way, 4.0 * np.sin(2 * np.pi * way / 9.73), np.zeros(len(way))])
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.005**2 * np.eye(3)
     trajectory, windows = runs(way, [place, place])
