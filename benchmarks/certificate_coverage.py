@@ -24,6 +24,7 @@ from scipy.stats import binom
 
 from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.certification import Evaluation, PoseErrors, Settings, evaluate
+from lmeasure.certification.uncertainty import NORMAL_95
 from lmeasure.counts import Counts
 from lmeasure.kernels import screw
 from lmeasure.lengths import counts_from_poses, lengths_from_counts, recorded_from_counts
@@ -48,9 +49,8 @@ CYCLES, DRIFT_CYCLES, PATH_CYCLES, FEW = 30, 10, 5, 3
 RATE_HZ = 250.0
 PER_INSTRUMENT = 4
 """Campaigns measured by an instrument before the next one is calibrated, which takes as long as a campaign."""
-FINER = 10
-"""True poses to a sample where times are read from the motion."""
 SPEED = 250.0
+READ = ("t_s", "OV", "t_min")
 TURN = Rotation.from_rotvec([0.0, 0.0, 0.15])
 
 
@@ -87,20 +87,18 @@ def draw_robot(rng: np.random.Generator) -> Robot:
 
 
 class Motion:
-    """A motion as it is put together, with windows as pieces are added: times and true poses at them, and which are sampled."""
+    """Samples of a motion as it is put together: times and true poses, with windows as pieces are added."""
 
     def __init__(self) -> None:
         self.times: list[FloatArray] = [np.zeros(1)]
         self.poses: list[FloatArray] = [START[None, :]]
-        self.sampled: list[NDArray[np.bool_]] = [np.ones(1, dtype=np.bool_)]
         self.now = 0.0
 
-    def add(self, poses: FloatArray, finer: int = 1) -> tuple[float, float]:
-        """A piece, two seconds after the last, with as many times more poses as are sampled at the rate; the window that holds it."""
-        times = self.now + 2.0 + np.arange(len(poses)) / (finer * RATE_HZ)
+    def add(self, poses: FloatArray) -> tuple[float, float]:
+        """A piece sampled at the rate, two seconds after the last; the window that holds it."""
+        times = self.now + 2.0 + np.arange(len(poses)) / RATE_HZ
         self.times.append(times)
         self.poses.append(poses)
-        self.sampled.append(np.arange(len(poses)) % finer == 0)
         self.now = float(times[-1])
         return float(times[0]), float(times[-1])
 
@@ -110,8 +108,8 @@ def posed(position: FloatArray, turn: FloatArray) -> FloatArray:
     return np.column_stack([position, Rotation.from_rotvec(turn).as_quat()])
 
 
-def robot_motion(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], Program]:
-    """Times, true poses (n, 7), which are sampled, and the program with its windows, of one campaign of a robot."""
+def robot_motion(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, Program]:
+    """Times, true poses (n, 7) and the program with its windows, of one campaign of a robot."""
     motion = Motion()
     poses, dwell = [], np.ones((3, 1))
     offsets = {name: (robot.offset_mm * rng.normal(size=3), robot.offset_rad * rng.normal(size=3)) for name in CUBE}
@@ -132,14 +130,13 @@ def robot_motion(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, Fl
     settling, posings = [], []
     for _ in range(FEW):
         place, turn = attained("P2", np.zeros(3))
-        # times are read from between the samples, and err by that too
-        t = np.arange(FINER * int(0.6 * RATE_HZ) - FINER + 1) / (FINER * RATE_HZ)
+        t = np.arange(int(0.6 * RATE_HZ)) / RATE_HZ
         swing = robot.swing_mm * np.exp(-t / 0.06) * np.cos(2 * np.pi * 9.0 * t)
         move = np.clip((t - 0.05) / 0.1, 0.0, 1.0)
-        settling.append(motion.add(posed(place + np.array([1.0, 0.4, 0.0]) * (5.0 * swing)[:, None], np.tile(turn, (len(t), 1))), FINER))
+        settling.append(motion.add(posed(place + np.array([1.0, 0.4, 0.0]) * (5.0 * swing)[:, None], np.tile(turn, (len(t), 1)))))
         far = move**3 * (10.0 + move * (6.0 * move - 15.0))
         other, _ = attained("P3", np.zeros(3))
-        posings.append(motion.add(posed(place + far[:, None] * (other - place), np.tile(turn, (len(t), 1))), FINER))
+        posings.append(motion.add(posed(place + far[:, None] * (other - place), np.tile(turn, (len(t), 1)))))
     forces = np.array([[f if a == i else 0.0 for i in range(3)] for a in range(3) for f in (-50.0, 0.0, 50.0)])
     stiff = robot.compliance * (np.eye(3) + 0.1 * rng.normal(size=(3, 3)))
     loads = []
@@ -164,7 +161,7 @@ def robot_motion(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, Fl
             "compliance": [{"pose": "P1", "windows_s": loads, "force_n": [tuple(f) for f in forces.tolist()]}],
         }
     )
-    return np.concatenate(motion.times), np.concatenate(motion.poses), np.concatenate(motion.sampled), program
+    return np.concatenate(motion.times), np.concatenate(motion.poses), program
 
 
 def waves(robot: Robot, rng: np.random.Generator, ways: FloatArray) -> Callable[[], FloatArray]:
@@ -278,15 +275,10 @@ class Instrument:
         run = replace(self.run, passes=(counts,))
         lengths = lengths_from_counts(run)
         found = self.solver.solve(self.solver.scheme.rows, self.solver.start, lengths.change_mm, lengths.flags)
-        return run, trajectory_of(time_s, found)
-
-
-def trajectory_of(time_s: FloatArray, poses: FloatArray) -> Trajectory:
-    """A trajectory of poses (n, 7) and nothing else."""
-    n, none = len(poses), np.zeros((len(poses), 6, 6))
-    status, text = np.where(np.isnan(poses[:, 0]), screw.NOT_CONVERGED, screw.OK), np.full(n, "", dtype=np.object_)
-    zero = np.zeros(n)
-    return Trajectory(time_s, poses, zero, zero.astype(np.int64), status, text, text, zero, none, none, "counts only")
+        n, none = len(found), np.zeros((len(found), 6, 6))
+        status, text = np.where(np.isnan(found[:, 0]), screw.NOT_CONVERGED, screw.OK), np.full(n, "", dtype=np.object_)
+        zero = np.zeros(n)
+        return run, Trajectory(time_s, found, zero, zero.astype(np.int64), status, text, text, zero, none, none, "counts only")
 
 
 def key(evaluation: Evaluation) -> list[tuple[str, str]]:
@@ -295,19 +287,25 @@ def key(evaluation: Evaluation) -> list[tuple[str, str]]:
 
 
 def campaign(instrument: Instrument, seed: int, trials: int) -> tuple[list[str], FloatArray, FloatArray, FloatArray]:
-    """Names of the characteristics, errors, U95 and true values (n,) each of one campaign."""
+    """Names of the characteristics, errors, U95 and true values (n,) each of one campaign. Figures that are read from samples come again
+    with the U95 of the counts alone, without the bound on what lies between two samples: the truth is of the same samples."""
     rng = np.random.default_rng(seed)
     robot = draw_robot(rng)
-    time_s, poses, sampled, program = robot_motion(robot, rng)
-    run, trajectory = instrument.measure(time_s[sampled], poses[sampled])
+    time_s, poses, program = robot_motion(robot, rng)
+    run, trajectory = instrument.measure(time_s, poses)
     settings = Settings(trials=trials, seed=seed, limit_angle_deg=None, planes=30)
     found = evaluate(trajectory, program, run=run, settings=settings)
-    truth = evaluate(trajectory_of(time_s, poses), program, NoErrors(), settings=replace(settings, trials=1))
+    truth = evaluate(replace(trajectory, poses=poses), program, NoErrors(), settings=replace(settings, trials=1))
     if key(found) != key(truth):
         raise SystemExit(f"campaign {seed}: other figures of the truth than of the measurement: {found.notes}, {truth.notes}")
     true = np.array([c.value for c in truth.characteristics])
     value = np.array([c.value for c in found.characteristics])
-    return [c.name for c in found.characteristics], value - true, np.array([c.u95 for c in found.characteristics]), true
+    u95 = np.array([c.u95 for c in found.characteristics])
+    read = [i for i, c in enumerate(found.characteristics) if c.name in READ]
+    of_counts = np.array([NORMAL_95 * (found.characteristics[i].u_random or 0.0) for i in read])
+    names = [c.name for c in found.characteristics] + [f"{found.characteristics[i].name}, counts alone" for i in read]
+    every = [*range(len(true)), *read]
+    return names, (value - true)[every], np.concatenate([u95, of_counts]), true[every]
 
 
 def results(pieces: list[Path]) -> str:

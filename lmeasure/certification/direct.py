@@ -1,12 +1,13 @@
 """Figures that are read from the motion itself: settling (7.4, 7.5), stabilisation length (8.5) and posing time (9).
 
-Their limits are crossed or their extremes taken among thousands of samples. U95 is found by moving the limit: what the figure would be if
-the distance that is compared with it were off by its own U95, up or down; the larger change counts. Errors common to the run cancel in
-distances of a few millimetres; each of two positions has the rounding of its counts.
+Their limits are crossed or their extremes taken among thousands of samples. Of times and overshoots the errors of the counts are drawn:
+errors common to the run cancel in distances of a few millimetres, and each of two positions has the rounding of its counts, which is new
+when the robot has gone on by a count. To their U95 comes a bound on what lies between two samples, by the second difference there. The
+U95 of a stabilisation length is found by moving its limit by the U95 of such a distance, up and down; the larger change counts.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +126,17 @@ def _bend(time_s: FloatArray, distance: FloatArray, i: int) -> float:
     return float(time_s[i] - time_s[i - 1]) * min(bend / 8.0 / fall, 1.0) if fall > 0.0 else 0.0
 
 
+def _above(distance: FloatArray) -> float:
+    """By how much [mm] the top between samples may be above the largest of them (k,): an eighth of the second difference there."""
+    i = int(distance.argmax())
+    return float(np.abs(np.diff(distance[i - 1 : i + 2], 2))[0]) / 8.0 if 0 < i < len(distance) - 1 else 0.0
+
+
+def _of_samples(c: Characteristic, of_counts: float, between: float) -> Characteristic:
+    """With the U95 of the counts' errors, and a bound on what lies between two samples."""
+    return replace(c, u95=of_counts + between, u_random=of_counts / NORMAL_95, u_systematic=between / np.sqrt(3.0))
+
+
 def samples_of(program: Program, trajectory: Trajectory) -> IntArray:
     """(k,) samples at whose errors `settling` and `posing` look: first and last of their windows."""
     asked = [(f"pose {p.name}, settling", w) for p in program.pose for w in p.settling_s]
@@ -149,7 +161,7 @@ def settling(pose: CommandedPose, band_mm: float | None, motion: Motion) -> list
     band = pose.limit_band_mm or band_mm
     if band is None:
         raise CertificationError(f"pose {pose.name}: settling_s needs limit_band_mm, or two cycles for the pose's repeatability")
-    times, overshoots, drawn_times, drawn_overshoots, bends = [], [], [], [], []
+    times, overshoots, drawn, bends, tops = [], [], [], [], []
     for cycle, (start, end) in enumerate(pose.settling_s, 1):
         what = f"pose {pose.name}, settling {cycle}"
         came = motion.arrival(start, end, what)
@@ -164,17 +176,17 @@ def settling(pose: CommandedPose, band_mm: float | None, motion: Motion) -> list
             time = np.nan_to_num(iso9283_time.stabilisation_time(t, to_end, band), nan=longest)
             return np.stack([time, np.nan_to_num(iso9283_time.overshoot(to_end, band), nan=np.inf)], axis=1)
 
-        drawn = motion.draws(came, both)
-        drawn_times.append([d[:, 0] for d in drawn])
-        drawn_overshoots.append([d[:, 1] for d in drawn])
+        drawn.append(motion.draws(came, both))
         ends = int(iso9283_time.first_arrival(distance, band)), int(iso9283_time.last_arrival(distance, band))
         bends.append(sum(_bend(came.time_s, distance, i) for i in ends))
+        tops.append(_above(distance[ends[0] :]) if overshoots[-1] > 0.0 else 0.0)
     n, t, worst = len(times), float(np.mean(times)), max(overshoots)
-    u_time = _u95(drawn_times, np.mean) + float(np.mean(bends))
+    u_time = _u95([[of_law[:, 0] for of_law in d] for d in drawn], np.mean)
+    u_worst = _u95([[of_law[:, 1] for of_law in d] for d in drawn], np.max)
     note = f"limit band {band:.4g} mm" + ("" if pose.limit_band_mm else ", the pose's repeatability")
     return [
-        Characteristic("t_s", "7.4", t, "s", u_time, False, n, pose=pose.name, note=note),
-        Characteristic("OV", "7.5", worst, "mm", _u95(drawn_overshoots, np.max), False, n, pose=pose.name, note=note),
+        _of_samples(Characteristic("t_s", "7.4", t, "s", 0.0, False, n, pose=pose.name, note=note), u_time, float(np.mean(bends))),
+        _of_samples(Characteristic("OV", "7.5", worst, "mm", 0.0, False, n, pose=pose.name, note=note), u_worst, max(tops)),
     ]
 
 
@@ -199,9 +211,9 @@ def posing(asked: Posing, band_mm: float | None, motion: Motion) -> list[Charact
         leaves, arrives = int((from_start > band).argmax()), int(iso9283_time.last_arrival(to_end, band))
         bends.append(_bend(came.time_s, from_start, leaves) + _bend(came.time_s, to_end, arrives))
     mean = float(np.mean(times))
-    u95 = _u95(drawn, np.mean) + float(np.mean(bends))
     note = f"limit band {band:.4g} mm; from the beginning of the motion, not from the command"
-    return [Characteristic("t_min", "9", mean, "s", u95, False, len(times), pose=asked.name, note=note)]
+    out = Characteristic("t_min", "9", mean, "s", 0.0, False, len(times), pose=asked.name, note=note)
+    return [_of_samples(out, _u95(drawn, np.mean), float(np.mean(bends)))]
 
 
 def stabilisation(crossed: Crossings, corner: Corner, path: CommandedPath, motion: Motion) -> list[Characteristic]:
