@@ -24,6 +24,7 @@ from scipy.stats import binom
 
 from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.certification import Evaluation, PoseErrors, Settings, evaluate
+from lmeasure.certification.direct import OF_SAMPLES
 from lmeasure.certification.uncertainty import NORMAL_95
 from lmeasure.counts import Counts
 from lmeasure.kernels import screw
@@ -50,7 +51,6 @@ RATE_HZ = 250.0
 PER_INSTRUMENT = 4
 """Campaigns measured by an instrument before the next one is calibrated, which takes as long as a campaign."""
 SPEED = 250.0
-READ = ("t_s", "OV", "t_min")
 TURN = Rotation.from_rotvec([0.0, 0.0, 0.15])
 
 
@@ -301,7 +301,7 @@ def campaign(instrument: Instrument, seed: int, trials: int) -> tuple[list[str],
     true = np.array([c.value for c in truth.characteristics])
     value = np.array([c.value for c in found.characteristics])
     u95 = np.array([c.u95 for c in found.characteristics])
-    read = [i for i, c in enumerate(found.characteristics) if c.name in READ]
+    read = [i for i, c in enumerate(found.characteristics) if c.name in OF_SAMPLES]
     of_counts = np.array([NORMAL_95 * (found.characteristics[i].u_random or 0.0) for i in read])
     names = [c.name for c in found.characteristics] + [f"{found.characteristics[i].name}, counts alone" for i in read]
     every = [*range(len(true)), *read]

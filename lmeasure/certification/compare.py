@@ -15,6 +15,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from lmeasure.certification.direct import OF_SAMPLES
 from lmeasure.certification.verify import label
 from lmeasure.errors import CertificationError, LMeasureError
 
@@ -159,7 +160,13 @@ def _pair(first_name: str, first: dict[str, Any], name: str, later: dict[str, An
     shared = shared_systematic(first, later)
     old, new = ({label(c): c for c in content["characteristics"]} for content in (first, later))
     changes = tuple(
-        Change(key, a["unit"], float(a["value"]), float(new[key]["value"]), _u95_of_difference(a, new[key], shared))
+        Change(
+            key,
+            a["unit"],
+            float(a["value"]),
+            float(new[key]["value"]),
+            _u95_of_difference(a, new[key], shared and a["name"] not in OF_SAMPLES),
+        )
         for key, a in old.items()
         if key in new and a["unit"] == new[key]["unit"]
     )

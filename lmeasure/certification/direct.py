@@ -33,6 +33,8 @@ class NotReachedError(CertificationError):
     """A limit that the robot does not reach: its figure is left out of the certificate, and the certificate says so."""
 
 
+OF_SAMPLES = ("t_s", "OV", "t_min")
+"""Figures read from samples: their systematic part is a bound on what lies between two of them, another in every run."""
 AT_REST = 0.1
 """Of a window: its last part, in which the robot is taken to rest."""
 SMOOTHED = 7  # samples
