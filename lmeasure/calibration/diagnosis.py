@@ -29,7 +29,7 @@ EVIDENCE = 16.0
 ALARM = 1e-4
 """Probability under which a misfit is no chance."""
 
-SCREENED = 4
+SCREENED = 6
 """Hypotheses that are fitted in full, of those that a linear guess prefers."""
 
 MOST_SLIPS = 3
@@ -85,14 +85,14 @@ def diagnose(campaign: Campaign, stated: dict[str, Fit], judge: Judge) -> list[F
 
 
 def diagnose_together(
-    campaign: Campaign, stated: Fit, judge: Callable[[Campaign], Fit], screen: Callable[[Campaign], float]
+    campaign: Campaign, stated: Fit, judge: Callable[[Campaign], Fit], screen: Callable[[Campaign], float], places_known: bool
 ) -> list[Finding]:
     """`diagnose` where points cannot be judged one by one, because the poses are unknown: one slip after another, each judged by the fit of
-    everything. screen: a cheap guess of `Fit.objective`, by which the hypotheses that are worth a fit are chosen. Poses' angles take no
-    part: they are not known, or not trusted."""
+    everything. screen: a cheap guess of `Fit.objective`, by which the hypotheses that are worth a fit are chosen. places_known: whether
+    stated positions may be to blame for residuals. Poses' angles take no part: they are not known, or not trusted."""
     points = list(dict.fromkeys(c.from_point for c in campaign.cables))
     findings: list[Finding] = []
-    while gross(stated) and len(findings) < MOST_SLIPS:
+    while (gross(stated) or not (places_known or _credible(stated))) and len(findings) < MOST_SLIPS:
         hypotheses = [*_swaps(campaign, points), *(h for name in points for h in _channels(campaign, name))]
         best = sorted(hypotheses, key=lambda h: screen(h.campaign))[:SCREENED]
         tested = [(h, fit, (stated.objective - fit.objective) / _noise([fit])) for h, fit in ((h, judge(h.campaign)) for h in best)]
@@ -102,6 +102,13 @@ def diagnose_together(
         findings.append(_finding(h, gain))
         campaign, stated = h.campaign, fit
     return findings
+
+
+def _credible(fit: Fit) -> bool:
+    """Whether counts and priors alone may have made the misfit: prior and data together are chi-squared, one degree of freedom per equation
+    that the poses leave over."""
+    freedom = len(fit.residuals) - (len(fit.theta) - len(fit.s))
+    return bool(scipy.stats.chi2.sf(fit.objective, freedom) >= ALARM)
 
 
 def _finding(h: Hypothesis, gain: float) -> Finding:

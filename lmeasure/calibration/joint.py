@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 import scipy.stats
 from numpy.typing import NDArray
 
@@ -24,17 +23,18 @@ from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.frame import in_frame, motions, to_frame
 from lmeasure.calibration.joint_model import ROTATIONS, Frame, JointModel
 from lmeasure.calibration.refine import SETTLED, UNDECIDED, WALL, Fit, Noise, residual_covariance
-from lmeasure.calibration.unknown_poses import check_equations, oriented, starting_turns
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.unknown_poses import check_equations, fit_pose, oriented
+from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
 from lmeasure.errors import CalibrationError
+from lmeasure.kernels.cable import span_lengths
 
 FloatArray = NDArray[np.float64]
 
-MAX_STEPS = 200
+MAX_STEPS = 50
 RANK = 1e-10  # of the largest singular value of a pose's derivatives, under which the counts do not tell all of it
 FINE = 0.1 * SETTLED  # of a standard uncertainty: what remains when the steps end
 MISFIT = 1e-3  # probability under which other starts are tried
-RESTARTS = 4
+RESTARTS = 2
 IN_SPAN = 0.99  # cosine from which a direction is a motion of the whole
 
 
@@ -81,12 +81,17 @@ def solve_jointly(
     if not trusted and not {"position", "guide"} <= set(solve):
         raise CalibrationError("--self: needs position and guide in --solve, or what is taken as exact would hold the frame")
     check_equations(campaign, rig, free)
+    model, begun = begun_jointly(campaign, rig, free, frame, seed)
+    noise = model.noise(campaign.poses)
+    return model, _restarted(model, begun if prior else fit_jointly(model, begun.theta, noise, prior, near=True), prior, seed)
+
+
+def begun_jointly(campaign: Campaign, rig: Unknowns, free: tuple[int, ...], frame: Frame, seed: int) -> tuple[JointModel, Joint]:
+    """The fit from the nominal rig with the prior on every direction; of orientations to begin with, where none is known, from the best."""
     starts = oriented(campaign, seed) if 0 in free and not campaign.poses.oriented else [campaign]
-    models = [JointModel(start, rig, free, None if trusted else frame) for start in starts]
-    model, noise = models[0], models[0].noise(campaign.poses)
-    if len(models) > 1:
-        model = min(models, key=lambda m: fit_jointly(m, m.unknowns.nominal, noise, True).objective)
-    return model, _restarted(model, fit_jointly(model, model.unknowns.nominal, noise, prior), prior, seed)
+    models = [JointModel(start, rig, free, None if free == ROTATIONS else frame) for start in starts]
+    noise = models[0].noise(campaign.poses)
+    return min(((m, fit_jointly(m, m.unknowns.nominal, noise, True)) for m in models), key=lambda found: found[1].objective)
 
 
 def linear_objective(model: JointModel, noise: Noise) -> float:
@@ -99,41 +104,44 @@ def linear_objective(model: JointModel, noise: Noise) -> float:
 
 
 def fitted_pose(model: JointModel, theta: FloatArray, pose: int, seed: int) -> FloatArray:
-    """theta with the pose's own unknowns fitted to its own lengths, all others as they are."""
+    """theta with the pose's own unknowns fitted to its own lengths, all others as they are. The pose is no zero pose."""
     at = int(np.flatnonzero(model.at == pose)[0])
     own = model.own + model.pose_unknowns * at + np.arange(model.pose_unknowns)
-    rows = np.flatnonzero(model.pose_index == pose)
-    starts = [np.zeros(len(own))]
-    if not model.campaign.poses.oriented or model.places_known:
-        starts += list(starting_turns(seed))
-
-    def with_own(values: FloatArray) -> FloatArray:
-        out = theta.copy()
-        out[own] = values
-        return out
-
-    found = [
-        scipy.optimize.least_squares(
-            lambda v: model.residuals(with_own(v))[rows],
-            start,
-            jac=lambda v: model.jacobian(with_own(v))[rows][:, own],
-            method="lm",
-            ftol=1e-12,
-            xtol=1e-12,
-        )
-        for start in starts
-    ]
-    return with_own(min(found, key=lambda f: f.cost).x)
+    mine = model.pose_index == pose
+    cables, now = model.cable_index[mine], model.poses(theta)[pose]
+    rows = np.ascontiguousarray(model.cables(theta)[0][cables])
+    # what the free spans must measure there
+    length = span_lengths(rows, now[None])[0] - model.residuals(theta)[mine]
+    out = theta.copy()
+    out[own] = fit_pose(rows, length, model.campaign.poses.rows[pose], model.free, theta[own], seed)
+    return out
 
 
 def _restarted(model: JointModel, found: Joint, prior: bool, seed: int) -> Joint:
-    """The best of other starts too, where the residuals say that this may be another minimum."""
-    if found.freedom < 1 or scipy.stats.chi2.sf(found.chi2, found.freedom) > MISFIT:
-        return found
-    rng, noise = np.random.default_rng([seed, 23]), model.noise(model.campaign.poses)
+    """The best of other starts too, where the residuals say that this may be another minimum: single poses that stand otherwise between the
+    same lengths, and other rigs within the priors."""
+    noise = model.noise(model.campaign.poses)
+
+    def improbable() -> bool:
+        return found.freedom > 0 and bool(scipy.stats.chi2.sf(found.chi2, found.freedom) < MISFIT)
+
+    others = [int(i) for i in model.at if i not in model.campaign.zero]
+    for _ in range(RESTARTS if 0 in model.free else 0):
+        if not improbable():
+            break
+        start = found.theta
+        for pose in others:
+            start = fitted_pose(model, start, pose, seed)
+        other = fit_jointly(model, start, noise, prior)
+        if other.objective > found.objective - found.freedom:
+            break
+        found = other
+    rng = np.random.default_rng([seed, 23])
     for _ in range(RESTARTS):
-        start = model.unknowns.nominal.copy()
-        start[: model.own] += model.rig.width * rng.normal(size=model.own)
+        if not improbable():
+            break
+        start = found.theta.copy()
+        start[: model.own] = model.rig.nominal + model.rig.width * rng.normal(size=model.own)
         other = fit_jointly(model, start, noise, prior)
         if other.objective < found.objective:
             found = other

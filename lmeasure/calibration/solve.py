@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
-from lmeasure.calibration.joint import fit_jointly, fitted_pose, linear_objective, solve_jointly
+from lmeasure.calibration.joint import begun_jointly, fit_jointly, fitted_pose, linear_objective, solve_jointly
 from lmeasure.calibration.joint_model import Frame, JointModel
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.misfit import explain_misfit
@@ -188,14 +188,14 @@ def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]
     def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
         return fit_jointly(model, theta, noise, settings.prior, near)
 
-    def other(campaign: Campaign) -> JointModel:
-        return JointModel(campaign, model.rig, free, model.frame)
+    def judge(other: Campaign) -> Fit:
+        return begun_jointly(replace(other, poses=campaign.poses), model.rig, free, settings.frame, settings.seed)[1]
 
-    def judge(campaign: Campaign) -> Fit:
-        return fit_jointly(other(campaign), model.unknowns.nominal, noise, True)
+    def screen(other: Campaign) -> float:
+        return linear_objective(JointModel(other, model.rig, free, model.frame), noise)
 
     stated = fit_jointly(model, first.theta, noise, True)
-    gross = diagnosis.diagnose_together(model.campaign, stated, judge, lambda campaign: linear_objective(other(campaign), noise))
+    gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, model.places_known)
     return _Begun(model, noise, first, refit, gross, [])
 
 

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.joint_model import ROTATIONS, JointModel
+from lmeasure.calibration.joint_model import ROTATIONS, JointModel, left_jacobians
 from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.errors import CalibrationError
+from lmeasure.kernels.cable import span_lengths, span_rows
 
 FloatArray = NDArray[np.float64]
 
+TURNS = 512  # orientations of a single pose that are looked at
+FOLLOWED = 4  # and of these, followed up
 CANDIDATES = 3  # orientations of all poses that are followed up
 
 
@@ -113,11 +116,12 @@ def check_equations(campaign: Campaign, rig: Unknowns, free: tuple[int, ...]) ->
 
 def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     """The campaign with orientations that the counts fit best at the nominal rig, from several orientations of all poses at first."""
+    spread = Rotation.concatenate([Rotation.create_group("O"), Rotation.random(12, rng=np.random.default_rng([seed, 17]))])
     model = JointModel(campaign, Unknowns((), np.zeros(0), np.zeros(0)), ROTATIONS, None)
     found = []
-    for turn in starting_turns(seed):
+    for turn in np.degrees(spread.as_rotvec()):
         done = scipy.optimize.least_squares(
-            model.residuals, np.tile(turn, len(model.at)), jac=model.jacobian, method="lm", ftol=1e-6, xtol=1e-6, max_nfev=60
+            model.residuals, np.tile(turn, len(model.at)), jac=model.jacobian, method="lm", ftol=1e-6, xtol=1e-6, max_nfev=30
         )
         found.append((float(done.cost), done.x))
     found.sort(key=lambda pair: pair[0])
@@ -129,7 +133,38 @@ def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     return [replace(campaign, poses=replace(campaign.poses, rows=rows, oriented=True)) for rows in chosen[:CANDIDATES]]
 
 
-def starting_turns(seed: int) -> FloatArray:
-    """(36, 3) rotation vectors [deg] from one of which every orientation is found."""
-    spread = [Rotation.create_group("O"), Rotation.random(12, rng=np.random.default_rng([seed, 17]))]
-    return np.asarray(np.degrees(Rotation.concatenate(spread).as_rotvec()))
+def fit_pose(
+    rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: NDArray[np.int64], begun: FloatArray, seed: int
+) -> FloatArray:
+    """The free components (d,) [deg, mm] of a pose's shift from the stated one (7,) at which the free spans of the cables, rows (m,
+    CABLE_COLUMNS), are of the given lengths (m,) in the least squares sense: the best that begun (d,) and, where orientations are free,
+    those of many that miss the lengths least lead to."""
+    unit = np.where(free < 3, math.radians(1.0), 1.0)
+
+    def shift(v: FloatArray) -> FloatArray:
+        out = np.zeros(6)
+        out[free] = v * unit
+        return out
+
+    def pose(v: FloatArray) -> FloatArray:
+        s = shift(v)
+        turned = Rotation.from_rotvec(s[:3]) * Rotation.from_quat(stated[3:])
+        return np.concatenate([stated[:3] + s[3:], turned.as_quat()])
+
+    def residuals(v: FloatArray) -> FloatArray:
+        return np.nan_to_num(span_lengths(rows, pose(v)[None])[0] - length_mm, nan=1e6)
+
+    def jacobian(v: FloatArray) -> FloatArray:
+        J = np.nan_to_num(span_rows(rows, pose(v)))
+        J[:, :3] = J[:, :3] @ left_jacobians(shift(v)[None, :3])[0]
+        return np.asarray(J[:, free] * unit)
+
+    starts = [begun]
+    if 0 in free:
+        turns = Rotation.random(TURNS, rng=np.random.default_rng([seed, 29]))
+        there = np.column_stack([np.tile(stated[:3], (TURNS, 1)), (turns * Rotation.from_quat(stated[3:])).as_quat()])
+        miss = np.sum(np.nan_to_num(span_lengths(rows, there) - length_mm, nan=1e6) ** 2, axis=1)
+        nearest = np.degrees(turns[np.argsort(miss)[:FOLLOWED]].as_rotvec())
+        starts += [np.r_[turn, np.zeros(len(free) - 3)] for turn in nearest]
+    found = [scipy.optimize.least_squares(residuals, v, jac=jacobian, method="lm", ftol=1e-12, xtol=1e-12, max_nfev=50) for v in starts]
+    return np.asarray(min(found, key=lambda f: f.cost).x)

@@ -36,12 +36,13 @@ def draw(
     attachments: int = 3,
     off: tuple[float, float] = (0.0, 0.0),
     oriented: bool = True,
+    spread: tuple[float, float] = (300.0, 0.3),
 ) -> Drawn:
     """A rig of drums on a shell around the cell, a campaign in it, and a nominal rig off by its own prior uncertainties.
 
     noise: "gaussian" adds to every count what whole counts add in variance, "rounded" rounds; u_position_mm is drawn on the stated
     reference poses. attachments: points of the tool that the cables lead to in turn, one of them its origin; off: what the reference poses
-    are wrong by beside it, unstated [mm, rad]; not oriented: their positions alone are known.
+    are wrong by beside it, unstated [mm, rad]; not oriented: their positions alone are known; spread: of the poses [mm, rad].
     """
     rng = np.random.default_rng([seed, points, poses])
     data = {
@@ -54,7 +55,8 @@ def draw(
         ],
     }
     truth = rig_from_dict(data)
-    rows = np.column_stack([rng.uniform(-300, 300, (poses, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (poses, 3))).as_quat()])
+    half, tilt = spread
+    rows = np.column_stack([rng.uniform(-half, half, (poses, 3)), Rotation.from_rotvec(rng.uniform(-tilt, tilt, (poses, 3))).as_quat()])
     counts = counts_from_poses(truth, rows, rows[0])
     if noise == "rounded":
         counts = np.rint(counts)

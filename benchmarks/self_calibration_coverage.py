@@ -1,0 +1,213 @@
+"""Slow study over random rigs whose poses are found with them: do calibrations reach the Cramer-Rao bound, do their regions hold the truth?
+
+    python benchmarks/self_calibration_coverage.py --case all --first 0 --campaigns 100 --out self.csv
+    python benchmarks/self_calibration_coverage.py --table self.csv
+
+The campaign is the unit; its number is the seed. Self-calibrations have no frame of the truth: the true rig and poses are moved as a whole
+to where the choice of the frame puts them, and lengths are compared along motions that start from each one's own zero pose. The bound is
+the inverse of the information at the truth, bordered with the frame's conditions, all poses unknown: not the estimator's own way.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import scipy.stats
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.calibration import Calibration, Settings, calibrate
+from lmeasure.calibration.frame import condition, in_frame
+from lmeasure.calibration.joint import Joint, fit_jointly
+from lmeasure.calibration.joint_model import JointModel
+from lmeasure.calibration.refine import residual_covariance
+from lmeasure.calibration.unknown_poses import free_components
+from lmeasure.calibration.unknowns import rig_with, unknowns_of
+from lmeasure.lengths import span_lengths
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
+from random_campaigns import Drawn, draw, true_values
+
+FloatArray = NDArray[np.float64]
+
+BODY = {"points": 10, "poses": 40, "off": (3.0, 0.01), "spread": (500.0, 0.6)}
+POINT = {"points": 6, "poses": 40, "attachments": 1, "off": (3.0, 0.0), "spread": (500.0, 0.3)}
+XYZ = {"points": 6, "poses": 36, "oriented": False, "u_position_mm": 0.02, "spread": (500.0, 0.4)}
+CASES = {
+    "body, frame rig, gaussian": (BODY | {"noise": "gaussian"}, Settings(self_calibration=True)),
+    "body, frame poses, rounded": (BODY | {"noise": "rounded"}, Settings(self_calibration=True, frame="poses")),
+    "point, frame rig, rounded": (POINT | {"noise": "rounded"}, Settings(self_calibration=True)),
+    "point, frame poses, gaussian": (POINT | {"noise": "gaussian"}, Settings(self_calibration=True, frame="poses")),
+    "positions alone, gaussian": (XYZ | {"noise": "gaussian"}, Settings()),
+    "positions alone, rounded": (XYZ | {"noise": "rounded"}, Settings()),
+}
+"""How campaigns are drawn, and the options of their calibration."""
+
+STRAIGHT = 0.3  # bend up to which the linear bound is what can be reached
+SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapped", "outlier", "slip"}
+
+
+def true_unknowns(model: JointModel, drawn: Drawn) -> FloatArray:
+    """(P,) the true values of the unknowns, in the frame."""
+    theta = shifts(model, true_values(drawn, list(model.rig.names)), drawn.poses)
+    return theta if model.frame is None else in_frame(model, theta, model.frame)
+
+
+def found_again(drawn: Drawn, result: Calibration, settings: Settings, free: tuple[int, ...]) -> tuple[JointModel, Joint]:
+    """The model and the fit behind a result, begun where it ended."""
+    campaign = drawn.campaign if drawn.campaign.poses.oriented else replace(drawn.campaign, poses=result.campaign.poses)
+    rig = unknowns_of(campaign, settings.solve)
+    model = JointModel(campaign, rig, free, settings.frame if settings.self_calibration else None)
+    theta = shifts(model, np.array([p.value for p in result.record.parameters]), result.campaign.poses.rows)
+    return model, fit_jointly(model, theta, model.noise(drawn.campaign.poses), False, near=True)
+
+
+def shifts(model: JointModel, values: FloatArray, rows: FloatArray) -> FloatArray:
+    """(P,) the unknowns at values (p,) of the rig and poses (n, 7)."""
+    stated = model.campaign.poses.rows
+    turn = (Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(stated[:, 3:]).inv()).as_rotvec()
+    every = np.column_stack([np.degrees(turn), rows[:, :3] - stated[:, :3]])
+    return np.r_[values, every[:, model.free].reshape(-1)]
+
+
+def bound(model: JointModel, theta: FloatArray, V: FloatArray) -> FloatArray:
+    """(P, P) Cramer-Rao bound in the frame."""
+    J = model.jacobian(theta)
+    M = J.T @ np.linalg.solve(V, J)
+    scale = 1.0 / np.sqrt(np.diag(M))
+    M = M * np.outer(scale, scale)
+    if model.frame is None:
+        return np.asarray(scale[:, None] * np.linalg.inv(M) * scale)
+    C = condition(model, theta, model.frame) * scale
+    C /= np.linalg.norm(C, axis=1)[:, None]
+    bordered = np.linalg.inv(np.block([[M, C.T], [C, np.zeros((6, 6))]]))[: len(M), : len(M)]
+    return np.asarray(scale[:, None] * bordered * scale)
+
+
+def lengths(model: JointModel, theta: FloatArray, rows: FloatArray) -> FloatArray:
+    """(n m,) changes of length [mm] along motions (n, 7) of the tool from the zero pose, or, where positions hold the frame, at poses."""
+    rig = rig_with(model.campaign, model.rig, theta[: model.own], None)
+    start = model.poses(theta)[0] if model.frame is not None else np.array([0.0, 0, 0, 0, 0, 0, 1])
+    R = Rotation.from_quat(start[3:])
+    there = np.column_stack([start[:3] + R.apply(rows[:, :3]), (R * Rotation.from_quat(rows[:, 3:])).as_quat()])
+    found = span_lengths(rig, np.vstack([start, there]))
+    return np.asarray((found[1:] - found[0]).reshape(-1))
+
+
+def study(case: str, seed: int) -> dict[str, object]:
+    """One campaign, drawn and calibrated."""
+    given, settings = CASES[case]
+    drawn = draw(seed, **given)  # type: ignore[arg-type]
+    result = calibrate(drawn.campaign, settings)
+    record = result.record
+    free = free_components(drawn.campaign, trusted=not settings.self_calibration)
+    model, first = found_again(drawn, result, settings, free)
+    noise, silent = model.noise(drawn.campaign.poses), len(first.silent)
+    codes = {w.code for w in record.warnings}
+    truth = true_unknowns(model, drawn)
+    own = model.own
+    error = np.array([p.value for p in record.parameters]) - truth[:own]
+    angle = np.array([name.endswith("_deg") for name in model.rig.names])
+    error = np.where(angle, (error + 180.0) % 360.0 - 180.0, error)
+    covariance = record.covariance_matrix()
+    values, vectors = np.linalg.eigh(covariance / np.outer(model.rig.width, model.rig.width))
+    k = own - first.motions
+    square = float(np.sum((vectors[:, -k:].T @ (error / model.rig.width)) ** 2 / values[-k:]))
+    reached = fit_jointly(model, truth, noise, False)
+    apart = first.theta[:own] - reached.theta[:own]
+    apart = np.where(angle, (apart + 180.0) % 360.0 - 180.0, apart) / model.rig.width
+    elsewhere = float(np.linalg.norm((reached.s * (reached.directions @ apart))[reached.known])) > 0.3
+    r = model.residuals(truth)
+    at_truth = float(r @ np.linalg.solve(reached.V, r)) - reached.chi2
+    rng = np.random.default_rng(9)
+    if model.frame is None:
+        rows = np.column_stack([rng.uniform(-500, 500, (60, 3)), Rotation.from_rotvec(rng.uniform(-0.6, 0.6, (60, 3))).as_quat()])
+    else:
+        turns = np.zeros((60, 3)) if len(free) == 3 else rng.uniform(-0.3, 0.3, (60, 3))
+        rows = np.column_stack([rng.uniform(-250, 250, (60, 3)), Rotation.from_rotvec(turns).as_quat()])
+    wrong = lengths(model, first.theta, rows) - lengths(model, truth, rows)
+    told = np.arange(own + len(free))
+    h = np.where(told < own, 1e-4, 1e-5)
+    h = np.diag(np.r_[h, np.zeros(len(truth) - len(told))])[: len(told)]
+    g = np.array([lengths(model, first.theta + d, rows) - lengths(model, first.theta - d, rows) for d in h]).T / (2 * h.max(axis=1))
+    stated = np.sqrt(np.einsum("na,ab,nb->n", g, first.covariance[np.ix_(told, told)], g))
+    out: dict[str, object] = {
+        "case": case,
+        "seed": seed,
+        "silent": silent,
+        "said": bool(codes & SAID),
+        "bend": record.region["bend"],
+        "chi2": first.chi2 / first.freedom,
+        "inside": square <= record.region["factor"] ** 2,
+        "inside_gaussian": square <= scipy.stats.chi2.ppf(0.95, k),
+        "values_inside": float(np.mean([abs(e) <= p.U95 for e, p in zip(error, record.parameters, strict=True)])),
+        "lengths_inside": float(np.mean(np.abs(wrong) <= 1.959964 * stated)),
+        "wrong": elsewhere or at_truth > scipy.stats.chi2.isf(1e-6, first.rank),
+    }
+    if silent:
+        return out
+    C = bound(model, truth, residual_covariance(model, truth, noise))
+    best = np.sqrt(np.einsum("na,ab,nb->n", g, C[np.ix_(told, told)], g))
+    least, axes = np.linalg.eigh(C[:own, :own] / np.outer(model.rig.width, model.rig.width))
+    return out | {
+        "values_to_bound": float(np.mean(error**2 / np.diag(C)[:own])),
+        "joint_to_bound": float(np.sum((axes[:, -k:].T @ (error / model.rig.width)) ** 2 / least[-k:])) / k,
+        "lengths_to_bound": float(np.mean((wrong / best) ** 2)),
+    }
+
+
+def table(data: pd.DataFrame) -> None:
+    """The study's table, one line a case."""
+    header = (
+        "case", "campaigns", "determined", "values / bound", "lengths / bound", "of these straight", "joint / bound",
+        "in 95 % region", "p", "Gaussian region", "values in U95", "lengths in 1.96 u", "another minimum, said", "unsaid",
+    )  # fmt: skip
+    print("| " + " | ".join(header) + " |\n" + "|" + "---|" * len(header))
+    for case in CASES:
+        own = data[data["case"] == case]
+        if own.empty:
+            continue
+        known = own[own["silent"] == 0]
+        straight = known[known["bend"] < STRAIGHT]
+        inside = int(own["inside"].sum())
+        p = scipy.stats.binomtest(inside, len(own), 0.95).pvalue
+        wrong = own["wrong"].astype(bool)
+
+        def root(column: str, rows: pd.DataFrame) -> str:
+            if len(rows) < 2:
+                return "-"
+            m = rows[column].astype(float)
+            return f"{np.sqrt(m.mean()):.3f} ± {m.std() / np.sqrt(len(m)) / 2 / np.sqrt(m.mean()):.3f}"
+
+        row = (
+            case, len(own), len(known), root("values_to_bound", known), root("lengths_to_bound", known), len(straight),
+            root("joint_to_bound", straight), f"{100 * inside / len(own):.1f} %", f"{p:.3f}",
+            f"{100 * own['inside_gaussian'].mean():.1f} %", f"{100 * own['values_inside'].mean():.1f} %",
+            f"{100 * own['lengths_inside'].mean():.1f} %", int((wrong & own["said"]).sum()), int((wrong & ~own["said"]).sum()),
+        )  # fmt: skip
+        print("| " + " | ".join(str(c) for c in row) + " |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", default="all", choices=["all", *CASES])
+    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first campaign of each case")
+    parser.add_argument("--campaigns", type=int, default=100, help="campaigns of each case")
+    parser.add_argument("--out", type=Path, default=Path("self.csv"))
+    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
+    arguments = parser.parse_args()
+    if arguments.table:
+        table(pd.read_csv(arguments.table).drop_duplicates(["case", "seed"]))
+        return
+    for case in CASES if arguments.case == "all" else [arguments.case]:
+        for seed in range(arguments.first, arguments.first + arguments.campaigns):
+            before = [pd.read_csv(arguments.out)] if arguments.out.exists() else []
+            pd.concat([*before, pd.DataFrame([study(case, seed)])]).to_csv(arguments.out, index=False)
+    table(pd.read_csv(arguments.out).drop_duplicates(["case", "seed"]))
+
+
+if __name__ == "__main__":
+    main()
