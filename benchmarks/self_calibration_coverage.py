@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, Settings, calibrate
-from lmeasure.calibration.frame import condition, in_frame
+from lmeasure.calibration.frame import condition
 from lmeasure.calibration.joint import Joint, fit_jointly
 from lmeasure.calibration.joint_model import JointModel
 from lmeasure.calibration.refine import residual_covariance
@@ -29,7 +29,7 @@ from lmeasure.calibration.unknowns import rig_with, unknowns_of
 from lmeasure.lengths import span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
-from random_campaigns import Drawn, draw, true_values
+from random_campaigns import Drawn, draw, errors, shifted, square_of, true_unknowns
 
 FloatArray = NDArray[np.float64]
 
@@ -50,27 +50,13 @@ STRAIGHT = 0.3  # bend up to which the linear bound is what can be reached
 SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapped", "outlier", "slip"}
 
 
-def true_unknowns(model: JointModel, drawn: Drawn) -> FloatArray:
-    """(P,) the true values of the unknowns, in the frame."""
-    theta = shifts(model, true_values(drawn, list(model.rig.names)), drawn.poses)
-    return theta if model.frame is None else in_frame(model, theta, model.frame)
-
-
 def found_again(drawn: Drawn, result: Calibration, settings: Settings, free: tuple[int, ...]) -> tuple[JointModel, Joint]:
     """The model and the fit behind a result, begun where it ended."""
     campaign = drawn.campaign if drawn.campaign.poses.oriented else replace(drawn.campaign, poses=result.campaign.poses)
     rig = unknowns_of(campaign, settings.solve)
     model = JointModel(campaign, rig, free, settings.frame if settings.self_calibration else None)
-    theta = shifts(model, np.array([p.value for p in result.record.parameters]), result.campaign.poses.rows)
+    theta = shifted(model, np.array([p.value for p in result.record.parameters]), result.campaign.poses.rows)
     return model, fit_jointly(model, theta, model.noise(drawn.campaign.poses), False, near=True)
-
-
-def shifts(model: JointModel, values: FloatArray, rows: FloatArray) -> FloatArray:
-    """(P,) the unknowns at values (p,) of the rig and poses (n, 7)."""
-    stated = model.campaign.poses.rows
-    turn = (Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(stated[:, 3:]).inv()).as_rotvec()
-    every = np.column_stack([np.degrees(turn), rows[:, :3] - stated[:, :3]])
-    return np.r_[values, every[:, model.free].reshape(-1)]
 
 
 def bound(model: JointModel, theta: FloatArray, V: FloatArray) -> FloatArray:
@@ -109,15 +95,11 @@ def study(case: str, seed: int) -> dict[str, object]:
     codes = {w.code for w in record.warnings}
     truth = true_unknowns(model, drawn)
     own = model.own
-    error = np.array([p.value for p in record.parameters]) - truth[:own]
-    angle = np.array([name.endswith("_deg") for name in model.rig.names])
-    error = np.where(angle, (error + 180.0) % 360.0 - 180.0, error)
-    covariance = record.covariance_matrix()
-    values, vectors = np.linalg.eigh(covariance / np.outer(model.rig.width, model.rig.width))
-    k = own - first.motions
-    square = float(np.sum((vectors[:, -k:].T @ (error / model.rig.width)) ** 2 / values[-k:]))
+    error, k = errors(drawn, record, settings), own - first.motions
+    square = square_of(record, error)
     reached = fit_jointly(model, truth, noise, False)
     apart = first.theta[:own] - reached.theta[:own]
+    angle = np.array([name.endswith("_deg") for name in model.rig.names])
     apart = np.where(angle, (apart + 180.0) % 360.0 - 180.0, apart) / model.rig.width
     elsewhere = float(np.linalg.norm((reached.s * (reached.directions @ apart))[reached.known])) > 0.3
     r = model.residuals(truth)
@@ -170,11 +152,12 @@ def table(data: pd.DataFrame) -> None:
         own = data[data["case"] == case]
         if own.empty:
             continue
-        known = own[own["silent"] == 0]
+        known = own[(own["silent"] == 0) & ~own["said"].astype(bool)]
         straight = known[known["bend"] < STRAIGHT]
-        inside = int(own["inside"].sum())
-        p = scipy.stats.binomtest(inside, len(own), 0.95).pvalue
         wrong = own["wrong"].astype(bool)
+        plain = own[~own["said"].astype(bool)]
+        inside = int(plain["inside"].sum())
+        p = scipy.stats.binomtest(inside, len(plain), 0.95).pvalue
 
         def root(column: str, rows: pd.DataFrame) -> str:
             if len(rows) < 2:
@@ -184,9 +167,9 @@ def table(data: pd.DataFrame) -> None:
 
         row = (
             case, len(own), len(known), root("values_to_bound", known), root("lengths_to_bound", known), len(straight),
-            root("joint_to_bound", straight), f"{100 * inside / len(own):.1f} %", f"{p:.3f}",
-            f"{100 * own['inside_gaussian'].mean():.1f} %", f"{100 * own['values_inside'].mean():.1f} %",
-            f"{100 * own['lengths_inside'].mean():.1f} %", int((wrong & own["said"]).sum()), int((wrong & ~own["said"]).sum()),
+            root("joint_to_bound", straight), f"{100 * inside / len(plain):.1f} %", f"{p:.3f}",
+            f"{100 * plain['inside_gaussian'].mean():.1f} %", f"{100 * plain['values_inside'].mean():.1f} %",
+            f"{100 * plain['lengths_inside'].mean():.1f} %", int((wrong & own["said"]).sum()), int((wrong & ~own["said"]).sum()),
         )  # fmt: skip
         print("| " + " | ".join(str(c) for c in row) + " |")
 

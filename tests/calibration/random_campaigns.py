@@ -6,7 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration import Campaign
+from lmeasure.calibration import Campaign, Settings
+from lmeasure.calibration.frame import in_frame
+from lmeasure.calibration.joint_model import JointModel
+from lmeasure.calibration.unknown_poses import free_components
+from lmeasure.calibration.unknowns import unknowns_of
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig, rig_from_dict
@@ -117,6 +122,40 @@ def true_values(drawn: Drawn, names: list[str]) -> FloatArray:
         holder = p if hasattr(p, key) else p.drum
         out.append(p.position_mm["xyz".index(key[0])] if key in ("x_mm", "y_mm", "z_mm") else float(getattr(holder, key)))
     return np.array(out)
+
+
+def true_unknowns(model: JointModel, drawn: Drawn) -> FloatArray:
+    """(P,) the true values of the unknowns of rig and poses, moved as a whole to where the choice of the frame puts them."""
+    theta = shifted(model, true_values(drawn, list(model.rig.names)), drawn.poses)
+    return theta if model.frame is None else in_frame(model, theta, model.frame)
+
+
+def shifted(model: JointModel, values: FloatArray, rows: FloatArray) -> FloatArray:
+    """(P,) the unknowns at values (p,) of the rig and poses (n, 7)."""
+    stated = model.campaign.poses.rows
+    turn = (Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(stated[:, 3:]).inv()).as_rotvec()
+    every = np.column_stack([np.degrees(turn), rows[:, :3] - stated[:, :3]])
+    return np.r_[values, every[:, model.free].reshape(-1)]
+
+
+def errors(drawn: Drawn, record: CalibrationRecord, settings: Settings) -> FloatArray:
+    """(p,) errors of the record's values, the truth in the frame of the result where that was chosen."""
+    names = [p.name for p in record.parameters]
+    truth = true_values(drawn, names)
+    if settings.self_calibration:
+        free = free_components(drawn.campaign, trusted=False)
+        model = JointModel(drawn.campaign, unknowns_of(drawn.campaign, settings.solve), free, settings.frame)
+        truth = true_unknowns(model, drawn)[: model.own]
+    error = np.array([p.value for p in record.parameters]) - truth
+    return np.where([n.endswith("_deg") for n in names], (error + 180.0) % 360.0 - 180.0, error)
+
+
+def square_of(record: CalibrationRecord, error: FloatArray) -> float:
+    """The square of an error (p,) in units of the record's covariance, which knows nothing of motions of the whole."""
+    width = np.array([p.prior_u for p in record.parameters])
+    values, vectors = np.linalg.eigh(record.covariance_matrix() / np.outer(width, width))
+    told = len(error) - sum(d["point"] == "frame" for d in record.spectrum)
+    return float(np.sum((vectors[:, -told:].T @ (error / width)) ** 2 / values[-told:]))
 
 
 def at_truth(drawn: Drawn) -> Campaign:

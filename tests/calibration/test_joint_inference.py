@@ -144,8 +144,8 @@ def codes(record: CalibrationRecord) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def ten() -> Drawn:
-    return draw(1, **(BODY | {"noise": "rounded"}))
+def rounded() -> Drawn:
+    return draw(1, **(POINT | {"noise": "rounded"}))
 
 
 def counted_wrong(campaign: Campaign, change: Any) -> Campaign:
@@ -154,18 +154,18 @@ def counted_wrong(campaign: Campaign, change: Any) -> Campaign:
     return replace(campaign, counts=counts)
 
 
-def test_a_wild_count_is_named_and_the_robust_loss_takes_its_pose_back(ten: Drawn) -> None:
+def test_a_wild_count_is_named_and_the_robust_loss_takes_its_pose_back(rounded: Drawn) -> None:
     def wild(counts: FloatArray) -> None:
         counts[7, 2] += 200
 
-    campaign = counted_wrong(ten.campaign, wild)
+    campaign = counted_wrong(rounded.campaign, wild)
     plain = calibrate(campaign, SELF).record
     assert codes(plain)["outlier"].pose == "8"
     assert "misfit" in codes(plain)
     robust = calibrate(campaign, replace(SELF, robust=True)).record
     assert codes(robust)["down_weighted"].pose == "8"
     assert "misfit" not in codes(robust)
-    clean = calibrate(without(ten.campaign, 7), SELF).record
+    clean = calibrate(without(rounded.campaign, 7), SELF).record
     for a, b in zip(robust.parameters, clean.parameters, strict=True):
         assert abs(a.value - b.value) < 1.5 * b.u
         assert 0.9 * b.u < a.u < 1.6 * b.u

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from random_campaigns import Drawn, draw, true_values
+from random_campaigns import Drawn, draw, errors, square_of, true_values
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, Settings, calibrate
@@ -72,6 +72,33 @@ def test_regions_hold_the_truth_as_often_as_they_say(option: str, noise: str) ->
         campaigns += 1
     assert campaigns >= 8
     assert scipy.stats.binomtest(inside, campaigns, 0.95, alternative="less").pvalue > 1e-3
+
+
+POINT: dict[str, Any] = {"points": 6, "poses": 24, "attachments": 1, "off": (3.0, 0.0), "spread": (500.0, 0.3)}
+BODY: dict[str, Any] = {"points": 10, "poses": 24, "off": (3.0, 0.01), "spread": (500.0, 0.6)}
+XYZ: dict[str, Any] = {"points": 7, "poses": 22, "oriented": False, "u_position_mm": 0.02, "spread": (500.0, 0.4)}
+UNKNOWN_POSES = {
+    "self, one point": (POINT, Settings(self_calibration=True)),
+    "self, a body": (BODY, Settings(self_calibration=True)),
+    "self, frame of the poses": (POINT, Settings(self_calibration=True, frame="poses")),
+    "self, robust": (POINT, Settings(self_calibration=True, robust=True)),
+    "self, held out": (POINT, Settings(self_calibration=True, hold_out=("4", "11"))),
+    "self, prior": (POINT, Settings(self_calibration=True, prior=True, frame="poses")),
+    "positions alone": (XYZ, Settings()),
+}
+
+
+@pytest.mark.parametrize("option", UNKNOWN_POSES)
+def test_regions_of_rigs_found_with_their_poses(option: str) -> None:
+    """The short form of benchmarks/self_calibration_coverage.py: the truth in the frame of the result, values held by priors among them."""
+    given, settings = UNKNOWN_POSES[option]
+    inside, seeds = 0, range(500, 503 if option == "positions alone" else 504)
+    for seed in seeds:
+        drawn = draw(seed, noise=("gaussian", "rounded")[seed % 2], **given)
+        record = calibrate(drawn.campaign, settings).record
+        assert not {"misfit", "not_converged"} & {w.code for w in record.warnings}
+        inside += square_of(record, errors(drawn, record, settings)) <= record.region["factor"] ** 2
+    assert scipy.stats.binomtest(inside, len(seeds), 0.95, alternative="less").pvalue > 1e-3
 
 
 def without(drawn: Drawn, key: str, shift: float) -> Rig:
