@@ -32,6 +32,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 STARTS = 6  # distinct LP candidates that are polished per point
+BEGINS = "no point can be searched for alone: the nominal rig starts the least squares"
 APART = 10.0  # standard uncertainties between two results that are not one
 
 
@@ -75,7 +76,8 @@ class _Point:
 
 @dataclass(frozen=True)
 class _Begun:
-    """Where the least squares of everything begin: first fit and how to fit again, findings of gross slips, single points' solutions."""
+    """Where the least squares of everything begin: first fit and how to fit again, findings of gross slips, single points' solutions, and
+    the boxes in which a result is no surprise."""
 
     model: Model
     noise: Noise
@@ -83,6 +85,7 @@ class _Begun:
     refit: Refit
     gross: list[Finding]
     points: list[_Point]
+    searched: dict[str, list[Box]]
 
 
 def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Progress | None = None) -> Calibration:
@@ -115,7 +118,8 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     estimated = any(w.code == "misfit" for w in misfits)
     where = regions(model, found, settings.seed, found.freedom if estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
-    findings += [*_poses_findings(model, found), *begun.gross, *misfits, *_shape_findings(campaign, model.rig, found, begun.points)]
+    findings += [*_poses_findings(model, found), *begun.gross, *misfits]
+    findings += _shape_findings(campaign, model.rig, found, begun.points, begun.searched)
     if where.bend > BENT and not len(found.silent):
         text = (
             f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
@@ -177,7 +181,7 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
     def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
         return fit(model, theta, noise, settings.prior, near)
 
-    return _Begun(model, noise, refit(start, noise, False), refit, gross, points)
+    return _Begun(model, noise, refit(start, noise, False), refit, gross, points, {p.name: p.boxes for p in points})
 
 
 def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]) -> _Begun:
@@ -196,7 +200,21 @@ def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]
 
     stated = fit_jointly(model, first.theta, noise, True)
     gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, model.places_known)
-    return _Begun(model, noise, first, refit, gross, [])
+    names = dict.fromkeys(c.from_point for c in campaign.cables)
+    # nearest to the reference poses the whole may lie anywhere
+    searched = {} if model.frame == "poses" else {name: [_box(campaign, name, settings)] for name in names}
+    return _Begun(model, noise, first, refit, gross, [], searched)
+
+
+def _box(campaign: Campaign, name: str, settings: Settings) -> Box:
+    """The neighbourhood of a nominal point."""
+    half = np.array([settings.neighbourhood_mm] * 3 + [math.radians(settings.neighbourhood_deg)] * 2)
+    # nobody measured an assumed angle: all of its range is searched
+    for key, i, whole in (("guide_alpha_deg", 3, math.pi / 2), ("guide_beta_deg", 4, math.pi)):
+        if f"{name}.{key}" in campaign.rig.assumed:
+            half[i] = whole
+    point = campaign.rig.point(name)
+    return Box(np.array([*point.position_mm, *np.radians([point.guide_alpha_deg, point.guide_beta_deg])]), half)
 
 
 def _held_out(whole: Campaign, model: Model, found: Fit, noise: Noise, poses: tuple[str, ...], seed: int) -> list[HeldOut]:
@@ -263,7 +281,6 @@ def _solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise
     unknowns = unknowns_of(own, settings.solve)
     model = Model(own, unknowns)
     nominal = campaign.rig.point(name)
-    guide = np.radians([nominal.guide_alpha_deg, nominal.guide_beta_deg])
     coarse = {}
     for j, c in enumerate(own.cables):
         rows = np.flatnonzero(np.isfinite(own.counts[:, j]))
@@ -272,13 +289,11 @@ def _solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise
         zero = int(np.flatnonzero(rows == own.zero[j])[0])
         points = own.poses.points(own.rig.tool[c.to_point])[rows]
         coarse[c.channel] = coarse_solutions(points, change, zero, np.array(nominal.position_mm))
-    half = np.array([settings.neighbourhood_mm] * 3 + [math.radians(settings.neighbourhood_deg)] * 2)
-    # nobody measured an assumed angle: all of its range is searched
-    for key, i, whole in (("guide_alpha_deg", 3, math.pi / 2), ("guide_beta_deg", 4, math.pi)):
-        if f"{name}.{key}" in campaign.rig.assumed:
-            half[i] = whole
-    boxes = [Box(np.array([*nominal.position_mm, *guide]), half)]
-    boxes += [Box(np.array([*s.position, *guide]), half) for solutions in coarse.values() for s in solutions[:1] if s.physical]
+    around = _box(campaign, name, settings)
+    boxes = [around]
+    boxes += [
+        Box(np.array([*s.position, *around.centre[3:]]), around.half) for solutions in coarse.values() for s in solutions[:1] if s.physical
+    ]
     starts = [unknowns.nominal]
     free = [f"{name}.{key}" for key in ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")]
     for candidate in search_point(point_data(campaign, name), boxes, settings.seed):
@@ -319,7 +334,7 @@ def _poses_findings(model: Model, found: Fit) -> list[Finding]:
     n, d = len(model.at), model.pose_unknowns
     told = f"{model.equations} equations for {model.own} values of the rig and {d} of each of {n} poses"
     if model.frame is None:
-        return [Finding(code="note", text=f"the reference poses have no orientations: {told}; the counts tell them")]
+        return [Finding(code="note", text=f"the reference poses have no orientations: {told}; the counts tell them; {BEGINS}")]
     held = "the nominal rig" if model.frame == "rig" else "the reference poses"
     if found.prior_everywhere:
         text = f"{told}; the priors of the nominal rig act everywhere, and the frame is that of least squared shifts from {held}"
@@ -327,31 +342,20 @@ def _poses_findings(model: Model, found: Fit) -> list[Finding]:
         text = (
             f"{told}; {found.motions} motions of rig and poses together are free, and the frame is that of least squared shifts from {held}"
         )
+    text += f". The scale is that of the counts; {BEGINS}"
     return [Finding(code="frame", text=text, value=float(found.motions))]
 
 
-def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[_Point]) -> list[Finding]:
-    """Results at the edge of the search, missing coarse solutions, and a fit that did not settle."""
+def _shape_findings(
+    campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[_Point], searched: dict[str, list[Box]]
+) -> list[Finding]:
+    """Results at the edge of the search or beyond, missing coarse solutions, and a fit that did not settle."""
     out = []
     for point in points:
         for rival in point.rivals[:1]:
             there = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.unknowns.names, rival.theta, strict=True))
             text = f"{point.name}: another result fits as well (chi-squared {rival.chi2:.3g} against {point.fit.chi2:.3g}): {there}"
             out.append(Finding(code="ambiguous", text=text, value=rival.chi2 - point.fit.chi2))
-        rig_point = campaign.rig.point(point.name)
-        values = dict(zip(unknowns.names, found.theta, strict=True))
-        where = np.array(
-            [values.get(f"{point.name}.{k}", v) for k, v in zip(("x_mm", "y_mm", "z_mm"), rig_point.position_mm, strict=True)]
-            + [
-                math.radians(values.get(f"{point.name}.guide_alpha_deg", rig_point.guide_alpha_deg)),
-                math.radians(values.get(f"{point.name}.guide_beta_deg", rig_point.guide_beta_deg)),
-            ]
-        )
-        if not any(box.holds(where.copy()) for box in point.boxes):
-            text = (
-                f"{point.name}: the result lies at the edge of the neighbourhood searched, or beyond; widen it (--neighbourhood-mm, -deg)"
-            )
-            out.append(Finding(code="edge", text=text))
         for channel, solutions in point.coarse.items():
             if not any(s.physical for s in solutions):
                 why = "fewer than four poses, or poses in one plane" if not solutions else "no root has positive lengths"
@@ -362,6 +366,16 @@ def _shape_findings(campaign: Campaign, unknowns: Unknowns, found: Fit, points: 
                         text=f"channel {channel}: no coarse solution ({why}); the nominal rig alone started the search",
                     )
                 )
+    for name, boxes in searched.items():
+        values = dict(zip(unknowns.names, found.theta[: len(unknowns.names)], strict=True))
+        p = campaign.rig.point(name)
+        where = np.array(
+            [values.get(f"{name}.{k}", v) for k, v in zip(("x_mm", "y_mm", "z_mm"), p.position_mm, strict=True)]
+            + [math.radians(values.get(f"{name}.{k}", getattr(p, k))) for k in ("guide_alpha_deg", "guide_beta_deg")]
+        )
+        if not any(box.holds(where.copy()) for box in boxes):
+            text = f"{name}: the result lies at the edge of the neighbourhood searched, or beyond; widen it (--neighbourhood-mm, -deg)"
+            out.append(Finding(code="edge", text=text))
     if not found.converged:
         out.append(Finding(code="not_converged", text="the least squares did not settle; the result is where they stopped"))
     return out
