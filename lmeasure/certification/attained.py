@@ -89,6 +89,8 @@ def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> s
     bad = np.flatnonzero((trajectory.status[first:last] != screw.OK) | np.isnan(trajectory.poses[first:last, 0]))
     if len(bad):
         i = first + int(bad[0])
+        if trajectory.status[i] == screw.OK:
+            raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s has no position, though its status is ok")
         why = trajectory.cause[i] or screw.STATUS[trajectory.status[i]]
         raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s is not ok: {why}")
     far = np.abs(trajectory.poses[first:last]) > np.repeat([conventions.MAX_LENGTH_MM, 2.0], [3, 4])

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from scipy.signal import savgol_filter
 
 from lmeasure.certification import iso9283_path, iso9283_time
@@ -38,6 +39,7 @@ OF_SAMPLES = ("t_s", "OV", "t_min")
 AT_REST = 0.1
 """Of a window: its last part, in which the robot is taken to rest."""
 SMOOTHED = 7  # samples
+FAR = 5.0  # times its U95, a distance does not err by
 DRAWN_AT_ONCE = 1_000_000  # distances
 
 
@@ -72,9 +74,20 @@ class Motion:
         rest = positions[-max(1, int(AT_REST * len(positions))) :].mean(axis=0)
         return Arrival(np.arange(part.start, part.stop), self.trajectory.time_s[part], positions, rest)
 
-    def draws(self, came: Arrival, figure: Callable[[FloatArray, FloatArray], FloatArray]) -> list[FloatArray]:
-        """Figures (1 + trials, ...) by each law of the errors, the first without any; figure: of distances (trials, k) from the first
-        position and from the rest, where they are likely to be: smoothed over a few samples.
+    def near(self, came: Arrival, distances: Sequence[FloatArray], band_mm: float) -> NDArray[np.bool_]:
+        """(k,) the samples at which errors may bring distances (k,) to the other side of a limit band, and both ends."""
+        reach = FAR * self.u95_of_distance(came.samples[[0, -1]].tolist())
+        near = np.isin(np.arange(len(came.samples)), [0, len(came.samples) - 1])
+        for distance in distances:
+            crossed = np.diff(distance > band_mm, prepend=distance[0] > band_mm)
+            near |= binary_dilation((np.abs(distance - band_mm) <= reach) | crossed, iterations=SMOOTHED)
+        return np.asarray(near)
+
+    def draws(
+        self, came: Arrival, figure: Callable[[FloatArray, FloatArray], FloatArray], kept: NDArray[np.bool_] | None = None
+    ) -> list[FloatArray]:
+        """Figures (1 + trials, ...) by each law of the errors, the first without any; figure: of distances (trials, q) from the first
+        position and from the rest, where they are likely to be: smoothed over a few samples. kept (k,): the q samples, by default all.
 
         Rounding errs anew when the robot has gone on by a count, and where it stands it errs alike. What is common to the run cancels.
         """
@@ -83,6 +96,7 @@ class Motion:
         if len(likely) >= SMOOTHED:
             likely = savgol_filter(likely, SMOOTHED, 2, axis=0)
         away = likely - np.stack([came.positions[0], came.rest])[:, None]
+        away = away if kept is None else away[:, kept]
         distance = np.linalg.norm(away, axis=2)
         unit = np.divide(away, distance[:, :, None], out=np.zeros_like(away), where=distance[:, :, None] > 0.0)
         steps = np.linalg.norm(np.diff(came.positions, axis=0), axis=1)
@@ -90,7 +104,8 @@ class Motion:
             root = roots(law.random[:, 3:, 3:])
             # an exact instrument reads anew as soon as the robot moves
             count = max(float(np.sqrt(12.0 * np.trace(law.random[:, 3:, 3:], axis1=1, axis2=2).max() / 3.0)), 1e-12)
-            reading = np.unique(np.concatenate([[0], np.cumsum(steps) // count]), return_inverse=True)[1]
+            reading = np.concatenate([[0], np.cumsum(steps) // count])
+            reading = np.unique(reading if kept is None else reading[kept], return_inverse=True)[1]
             rng = np.random.default_rng([self._settings.seed, int(came.samples[0])])
             found, at_once = [figure(distance[:1], distance[1:])], max(1, DRAWN_AT_ONCE // len(reading))
             for first in range(0, trials, at_once):
@@ -203,13 +218,15 @@ def posing(asked: Posing, band_mm: float | None, motion: Motion) -> list[Charact
         came = motion.arrival(start, end, what)
         from_start, to_end = (np.linalg.norm(came.positions - place, axis=1) for place in (came.positions[0], came.rest))
 
-        def figure(a: FloatArray, z: FloatArray, t: FloatArray = came.time_s, longest: float = end - start) -> FloatArray:
+        near = motion.near(came, (from_start, to_end), band)
+
+        def figure(a: FloatArray, z: FloatArray, t: FloatArray = came.time_s[near], longest: float = end - start) -> FloatArray:
             return np.nan_to_num(iso9283_time.posing_time(t, a, z, band), nan=longest)
 
         times.append(float(iso9283_time.posing_time(came.time_s, from_start, to_end, band)))
         if not np.isfinite(times[-1]):
             raise NotReachedError(f"{what}: the window [{start:g}, {end:g}] s holds no move from rest to rest within {band:.4g} mm")
-        drawn.append(motion.draws(came, figure))
+        drawn.append(motion.draws(came, figure, near))
         leaves, arrives = int((from_start > band).argmax()), int(iso9283_time.last_arrival(to_end, band))
         bends.append(_bend(came.time_s, from_start, leaves) + _bend(came.time_s, to_end, arrives))
     mean = float(np.mean(times))

@@ -13,7 +13,7 @@ from lmeasure.certification.dwells import with_windows
 from lmeasure.certification.errors_of_poses import ErrorModel, ErrorsOfFile, ErrorsOfRun
 from lmeasure.certification.figures import SIGNED, Figure
 from lmeasure.certification.gathered import Gathered
-from lmeasure.certification.paths import Crossings
+from lmeasure.certification.paths import LEAST_PLANES, Crossings
 from lmeasure.certification.settings import Settings as Settings
 from lmeasure.certification.uncertainty import Spread, propagate
 from lmeasure.errors import CertificationError
@@ -154,6 +154,8 @@ def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None
     for name in ("capability", "planes", "still_mm", "trials"):
         if not getattr(settings, name) > 0:
             raise CertificationError(f"{name} = {getattr(settings, name)} is not positive")
+    if settings.planes < LEAST_PLANES:
+        raise CertificationError(f"planes = {settings.planes} normal to a path are too few: at least {LEAST_PLANES}")
 
 
 def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], excluded: str | None) -> Characteristic:

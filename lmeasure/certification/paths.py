@@ -20,6 +20,7 @@ SHARP_DEG = 20.0
 """A path of points turns a corner where its direction changes by more."""
 LEAST_SAMPLES = 20
 SAMPLES_PER_PLANE = 2
+LEAST_PLANES = LEAST_SAMPLES // SAMPLES_PER_PLANE
 BACKWARDS = 0.02
 """Of a path's length: farther back is not a robot that overshoots but one that runs the other way."""
 

@@ -84,12 +84,12 @@ def of_crossings(errors: PoseErrors, part: FloatArray, step: FloatArray, between
     # lengths that scatter by sigma are sqrt(2) sigma apart
     apart = np.sqrt(whitened_variance(way[:, :, None] * way[:, None, :], random) / 12.0)
     factor = 1.0 - 2.0 * p * (1.0 - p) * (1.0 - kept(apart / np.sqrt(2.0)))
-    random = random * factor[:, None, None]
+    crossed = random * factor[:, None, None]
     if n == 1:
-        return PoseErrors.of(random, errors.shared)
-    common = kept(scatter_counts(whitened_variance(between, errors.random.reshape(m, n, 6, 6).mean(axis=1))))
-    local = np.sqrt(common)[:, None, None] * roots(random.reshape(m, n, 6, 6).mean(axis=1))
-    return PoseErrors(random, np.repeat(local, n, axis=0), np.repeat(np.arange(m), n), errors.shared)
+        return PoseErrors.of(crossed, errors.shared)
+    common = kept(scatter_counts(whitened_variance(between, random.reshape(m, n, 6, 6).mean(axis=1))))
+    local = np.sqrt(common)[:, None, None] * roots(crossed.reshape(m, n, 6, 6).mean(axis=1))
+    return PoseErrors(crossed, np.repeat(local, n, axis=0), np.repeat(np.arange(m), n), errors.shared)
 
 
 def of_neighbours(errors: PoseErrors, step_mm: FloatArray, row: IntArray) -> PoseErrors:

@@ -345,6 +345,10 @@ def test_what_no_figure_can_be_told_from() -> None:
     refused("sample 8 of the trajectory: its time, 0.07 s, is not after", replace(trajectory, time_s=times))
     refused("trials = 0 is not positive", trials=0)
     refused("still_mm = nan is not positive", still_mm=float("nan"))
+    refused("planes = 3 normal to a path are too few: at least 10", planes=3)
+    poses = trajectory.poses.copy()
+    poses[60] = np.nan
+    refused("sample 60 at 0.6 s has no position, though its status is ok", replace(trajectory, poses=poses))
     poses = trajectory.poses.copy()
     poses[:, 3:] = np.nan
     point = replace(trajectory, poses=poses)
