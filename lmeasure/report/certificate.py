@@ -17,6 +17,7 @@ from lmeasure.errors import CertificationError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate_html import certificate_html
 from lmeasure.report.certificate_pdf import certificate_pdf
+from lmeasure.report.words import word
 
 PDF = "certificate.pdf"
 PAGE = "report.html"
@@ -95,5 +96,5 @@ def lines(content: dict[str, Any]) -> list[str]:
     for place, rows in say.results(content):
         out.append(f"{place}:")
         out += [f"  {row[0]:<52} {row[2]:>12} {row[3]:<12} {row[4]:<4} {row[6]}" for row in rows]
-    out.append(f"{len(figures)} characteristics: {capable} capable, {len(figures) - capable - excluded} not capable, {excluded} excluded")
-    return out
+    counted = {"figures": len(figures), "capable": capable, "not_capable": len(figures) - capable - excluded, "excluded": excluded}
+    return [*out, word(content["language"], "counted", **counted)]

@@ -33,6 +33,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     code, text = run("certify", *given, "--out", out, "--key", key, "--zip", "--dcc", "--language", "ru", "--rule", "guarded")
     assert code == 0, text
     assert text.startswith("Протокол испытаний LM-")
+    assert text.splitlines()[-1].startswith("характеристик 52: пригодно ")
     for target in (out, tmp_path / "c.zip"):
         code, text = run("verify", target, "--public-key", f"{key}.pub")
         assert code == 0, text
