@@ -110,7 +110,9 @@ def read_earlier(path: Path) -> Earlier:
 
 
 def compare(old: Earlier, new: Calibration, seed: int = 0) -> Comparison:
-    """Judge the new calibration against the old one over the new campaign's workspace; CalibrationError when they share no point."""
+    """Judge the new calibration against the old one over the new campaign's workspace; CalibrationError when they share no point, or lie in
+    frames of their own."""
+    _check_frames(old, new.record)
     names = list(dict.fromkeys(p.name for record in (old.record, new.record) for p in record.parameters))
     common = [n for n in names if _known(old.rig, n) and _known(new.rig, n)]
     if not common:
@@ -239,6 +241,18 @@ def _value(rig: Rig, name: str) -> float:
     if key in ("x_mm", "y_mm", "z_mm"):
         return point.position_mm["xyz".index(key[0])]
     return float(getattr(point if hasattr(point, key) else point.drum, key))
+
+
+def _check_frames(old: Earlier, new: CalibrationRecord) -> None:
+    """A rig that was found with its poses lies in a frame that its nominal rig, or its poses, chose (decision 12)."""
+    own = [r for r in (old.record, new) if r.settings.get("self_calibration")]
+    nominal = [{i.sha256 for i in r.inputs if i.file == "rig.toml"} for r in (old.record, new)]
+    same = len(own) == 2 and all(r.settings.get("frame") == "rig" for r in own) and nominal[0] == nominal[1] != set()
+    if own and not same:
+        raise CalibrationError(
+            f"{old.source}: a self-calibration has a frame of its own, and places in two frames cannot be compared; calibrate both by "
+            "reference poses, or both with --self --frame rig from the same rig.toml"
+        )
 
 
 def _notes(old: Earlier, new: Calibration, names: list[str], common: list[str]) -> list[str]:

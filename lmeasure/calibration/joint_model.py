@@ -93,6 +93,25 @@ class JointModel(Model):
         rows[:, 3:] = (Rotation.from_rotvec(shift[:, :3]) * Rotation.from_quat(rows[:, 3:])).as_quat()
         return np.ascontiguousarray(rows)
 
+    def found_poses(self, theta: FloatArray, covariance: FloatArray) -> Poses:
+        """The poses at theta, with the uncertainty that the covariance (P, P) of the unknowns states where they were unknown, and the file
+        where they were not."""
+        stated, own = self.campaign.poses, self.noise(self.campaign.poses)
+        both = np.zeros((len(stated), 6, 6)) if own.covariance is None else own.covariance.copy()
+        if own.covariance is None:
+            both[:, [3, 4, 5], [3, 4, 5]] = own.u_position_mm[:, None] ** 2
+        unit, d = np.where(self.free < 3, math.radians(1.0), 1.0), len(self.free)
+        turns = left_jacobians(self.shifts(theta)[:, :3])
+        for k, i in enumerate(self.at):
+            rows = self.own + d * k + np.arange(d)
+            to_pose = np.eye(6)
+            to_pose[:3, :3] = turns[i]
+            to_pose = to_pose[:, self.free] * unit
+            both[i] += to_pose @ covariance[np.ix_(rows, rows)] @ to_pose.T
+        variance = np.einsum("nii->ni", both)
+        place, turn = np.sqrt(variance[:, 3:].mean(axis=1)), np.sqrt(variance[:, :3].mean(axis=1))
+        return Poses(stated.names, self.poses(theta), place, turn, both, stated.oriented)
+
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, p) as `Model.jacobian`, the poses' unknowns behind."""
         J = super().jacobian(theta)

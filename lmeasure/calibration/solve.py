@@ -127,7 +127,8 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
     judged = _held_out(whole, model, found, noise, kept_out, settings.seed)
-    campaign = replace(campaign, poses=replace(campaign.poses, rows=model.poses(found.theta)))
+    if isinstance(model, JointModel):
+        campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
     rig = rig_with(campaign, model.rig, found.theta[: model.own], "calibration.json")
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
     silent = observability.unobservable_directions(model.rig, found.silent, sight)

@@ -1,15 +1,18 @@
 """Uncertainty, validation and diagnosis of calibrations whose poses are unknown, against refits and least squares of everything at once."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.optimize
 from numpy.typing import NDArray
-from random_campaigns import Drawn, draw
+from random_campaigns import Drawn, draw, true_unknowns
+from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Campaign, Settings, calibrate
+from lmeasure.calibration.compare import Earlier, compare
 from lmeasure.calibration.frame import condition, in_frame, motions, moved
 from lmeasure.calibration.joint import Joint, fit_jointly, solve_jointly
 from lmeasure.calibration.joint_model import JointModel
@@ -17,8 +20,10 @@ from lmeasure.calibration.refine import residual_covariance
 from lmeasure.calibration.unknown_poses import counted_poses, free_components
 from lmeasure.calibration.unknowns import unknowns_of
 from lmeasure.calibration.validation import Validation
-from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.calibration_record import CalibrationRecord, Input
 from lmeasure.errors import CalibrationError
+from lmeasure.lengths import counts_from_poses
+from lmeasure.poses import read_poses, write_poses
 
 FloatArray = NDArray[np.float64]
 
@@ -242,8 +247,6 @@ def test_the_record_has_what_others_have() -> None:
 
 def visited(drawn: Drawn, seed: int, u_mm: float) -> Campaign:
     """Each of the last ten poses comes a second time, where the robot repeats itself to u_mm."""
-    from lmeasure.lengths import counts_from_poses
-
     campaign, rng = drawn.campaign, np.random.default_rng(seed)
     n, again = len(campaign.poses), np.arange(len(campaign.poses) - 10, len(campaign.poses))
     rows = drawn.poses[again].copy()
@@ -291,3 +294,34 @@ def test_visits_of_positions_alone_share_the_stated_error_and_turn_on_their_own(
     assert record.unknowns == 30 + 3 * 46
     assert 0.5 < record.noise["chi_squared"] / record.noise["degrees_of_freedom"] < 1.6
     assert "30 (visit 2)" not in {p["pose"] for p in record.validation["poses"]}
+
+
+def test_poses_found_have_the_uncertainty_of_their_own(tmp_path: Path) -> None:
+    """Errors of the poses in units of what poses.csv states of them, after a way through the file; the frame is the reference poses'."""
+    drawn = draw(3, **(BODY | {"poses": 30}))
+    result = calibrate(drawn.campaign, Settings(self_calibration=True, frame="poses"))
+    write_poses(tmp_path / "poses.csv", result.campaign.poses)
+    poses = read_poses(tmp_path / "poses.csv", "puma-oat")
+    assert poses.covariance is not None
+    model = JointModel(drawn.campaign, unknowns_of(drawn.campaign, ("position", "guide")), free_components(drawn.campaign, False), "poses")
+    true = model.poses(true_unknowns(model, drawn))
+    turn = (Rotation.from_quat(true[:, 3:]) * Rotation.from_quat(poses.rows[:, 3:]).inv()).as_rotvec()
+    error = np.hstack([turn, true[:, :3] - poses.rows[:, :3]])
+    squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(poses.covariance), error)
+    assert 2.0 < squares.mean() < 12.0
+    by_record = np.array([[p[f"u_{c}_mm"] for c in "xyz"] for p in result.record.poses])
+    np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", poses.covariance)[:, 3:]), by_record, rtol=1e-9)
+
+
+def test_frames_that_differ_are_not_compared() -> None:
+    drawn = draw(2, **POINT)
+    campaign = replace(drawn.campaign, inputs=(Input(file="rig.toml", sha256="0" * 64),))
+    first = calibrate(campaign, SELF)
+    again = calibrate(campaign, replace(SELF, hold_out=("5",)))
+    earlier = Earlier(first.rig, first.record, "old")
+    assert not compare(earlier, again).moved
+    with pytest.raises(CalibrationError, match="old: a self-calibration has a frame of its own") as error:
+        compare(earlier, calibrate(campaign, replace(SELF, frame="poses")))
+    assert "\n" not in str(error.value)
+    with pytest.raises(CalibrationError, match="both with --self --frame rig from the same"):
+        compare(earlier, calibrate(drawn.campaign))
