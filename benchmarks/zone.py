@@ -14,6 +14,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -150,12 +151,19 @@ def table() -> str:
     others = [kernels.U95_POSITION, kernels.SHORTEST, kernels.LONGEST, kernels.WRAP, kernels.DET_LOW, kernels.DET_HIGH, kernels.NORM2]
     relative = np.abs(fast[others] / numpy_result[1:] - 1.0).max()
 
-    def scalar() -> None:
+    def scalar_of(plan: Plan) -> None:
         kernels.scan(
             plan.cables, sample, plan.quaternions, plan.variance, plan.scales, plan.factor, START, plan.points, plan.pairs, plan.bodies
         )  # fmt: skip
 
+    def scalar() -> None:
+        scalar_of(plan)
+
     scalar()
+    factor = np.zeros((6, 13, 30))
+    factor[:, :5] = 0.02 * np.random.default_rng(0).standard_normal((6, 5, 30))
+    linked = replace(plan_of(rig, 20.0, 3), factor=factor.reshape(78, 30))
+    run(linked, workers=1)
     some = few * len(plan.quaternions)
     rates = {
         "batched NumPy": some / best_time(lambda: by_numpy(plan, few)),
@@ -164,6 +172,8 @@ def table() -> str:
         "lanes, all cores (wall time)": poses / best_time(lambda: run(plan), clock=time.perf_counter),
         "lanes with orientation and attachment points, one core": poses / best_time(lambda: run(full, workers=1)),
         "the same with distances between cables, one core": poses / best_time(lambda: run(near, workers=1)),
+        "lanes with a calibration of 30 unknowns, one core": len(linked.positions) * 27 / best_time(lambda: run(linked, workers=1)),
+        "scalar kernel with it, one core": some / best_time(lambda: scalar_of(linked)),
     }
     first = next(iter(rates.values()))
     lines = ["| way | million poses/s | ratio |", "|---|---|---|"]

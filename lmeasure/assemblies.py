@@ -22,8 +22,11 @@ MET = 4  # times that each assembly must have been met: one as easy to meet is t
 SAME_MM, SAME_RAD = 1e-5, 1e-6  # two solutions of one pose end far below both
 
 
-def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> FloatArray:
-    """(k, 7) poses of the tool whose six cables, rows (6, columns), have the lengths (6,) from B over the swivel pulley [mm]."""
+def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[FloatArray, bool]:
+    """(k, 7) poses of the tool whose six cables, rows (6, columns), have the lengths (6,) from B over the swivel pulley [mm].
+
+    And whether each was met MET times before the starts were used up: if not, or if there is none, others may have been missed.
+    """
     found: list[FloatArray] = []
     met: list[int] = []
     rng = np.random.default_rng(seed)
@@ -38,9 +41,13 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> FloatArr
                 found.append(pose)
                 met.append(0)
             met[k] += 1
-        if batch + 1 >= LEAST and met and all(n >= MET for n in met):
+        if batch + 1 >= LEAST and _enough(met):
             break
-    return np.array(found).reshape(len(found), 7)
+    return np.array(found).reshape(len(found), 7), _enough(met)
+
+
+def _enough(met: list[int]) -> bool:
+    return bool(met) and min(met) >= MET
 
 
 def by_tetrahedra(rows: FloatArray, lengths: FloatArray) -> FloatArray:

@@ -25,7 +25,8 @@ def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
     """(7,) the pose of a [start] table: as stated, or that whose cables have its lengths_mm.
 
     Lengths fit several assemblies. The rig's `side` and the table's own position and orientation, which then only say about where the tool
-    is, choose among them. FileFormatError names the path, and lists the assemblies among which nothing chooses.
+    is, choose among them. Where the search may have missed some, only a stated place chooses. FileFormatError names the path, and lists the
+    assemblies among which nothing chooses.
     """
     if not isinstance(start, dict) or LENGTHS not in start:
         return start_pose(start, rig.angles, path)
@@ -34,13 +35,13 @@ def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
     about = _about(start, rig, path)
     rig.require_pose()
     lengths, rows = _lengths(start[LENGTHS], rig, path), rig.cable_rows()
-    found = assemblies(rows, lengths)
+    found, all_of_them = assemblies(rows, lengths)
     if len(found) == 0:
-        raise FileFormatError(f"{path}: start: no pose of rig {rig.name!r} has these lengths_mm")
+        raise FileFormatError(f"{path}: start: no pose of rig {rig.name!r} was found that has these lengths_mm")
     if rig.side is not None:
         there = by_side(found, rows, np.array(rig.side))
         if len(there) == 0:
-            raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found)}, none on the rig's side = {list(rig.side)}")
+            raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found, all_of_them)}, none on the rig's side = {list(rig.side)}")
         found = there
     if about[0] is not None:
         far = distances(found, about[0], about[1], _size(rows))
@@ -48,9 +49,9 @@ def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
         far = np.sort(far)
         if len(found) == 1 or far[1] > CLEARLY * far[0]:
             found = found[:1]
-    if len(found) > 1:
+    if len(found) > 1 or not (all_of_them or about[0] is not None):
         hint = "position_mm and quaternion_xyzw of about where the tool starts, nearer to one of them, or side in the rig file"
-        raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found)}; state {hint}")
+        raise FileFormatError(f"{path}: start: lengths_mm fit {_listed(found, all_of_them)}; state {hint}")
     return np.asarray(found[0])
 
 
@@ -84,13 +85,14 @@ def _lengths(table: Any, rig: Rig, path: Path | str) -> FloatArray:
     return lengths
 
 
-def _listed(poses: FloatArray) -> str:
-    """Assemblies for a person."""
+def _listed(poses: FloatArray, all_of_them: bool) -> str:
+    """Assemblies for a person, and whether there may be others."""
     texts = []
     for pose in poses[:LISTED]:
         place = ", ".join(f"{x:.1f}" for x in pose[:3])
         texts.append(f"({place}) mm with quaternion ({', '.join(f'{x:.3f}' for x in pose[3:])})")
     more = "" if len(poses) <= LISTED else f" and {len(poses) - LISTED} more"
+    more += "" if all_of_them else " (there may be others, which are hard to find)"
     return f"{len(poses)} {'assembly' if len(poses) == 1 else 'assemblies'}: {'; '.join(texts)}{more}"
 
 

@@ -55,10 +55,22 @@ def test_what_nothing_chooses_is_listed(tmp_path: Path) -> None:
         read_run(tmp_path)
 
 
+def test_where_assemblies_may_have_been_missed_only_a_stated_place_chooses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import lmeasure.assemblies as search
+
+    monkeypatch.setattr(search, "MET", 10**6)  # never met often enough
+    rig = cell(side=(0.0, 0.0, -1.0))
+    folder(tmp_path, rig, {"lengths_mm": lengths_of(rig), "position_mm": [0.0, 0.0, 0.0]})
+    np.testing.assert_allclose(read_run(tmp_path).start, START, atol=1e-9)
+    folder(tmp_path, rig, {"lengths_mm": lengths_of(rig)})
+    with pytest.raises(FileFormatError, match=r"assembl.*\(there may be others, which are hard to find\); state position_mm"):
+        read_run(tmp_path)
+
+
 def test_lengths_that_no_pose_has_are_refused(tmp_path: Path) -> None:
     rig = cell()
     folder(tmp_path, rig, {"lengths_mm": dict.fromkeys(lengths_of(rig), 20.0)})
-    with pytest.raises(FileFormatError, match="no pose of rig 'cell' has these lengths_mm"):
+    with pytest.raises(FileFormatError, match="no pose of rig 'cell' was found that has these lengths_mm"):
         read_run(tmp_path)
 
 

@@ -19,7 +19,7 @@ from lmeasure.accuracy.scan import digest_of
 from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.errors import AccuracyError, FileFormatError
 from lmeasure.kernels import placement as kernels
-from lmeasure.kernels.zone_lanes import LANES
+from lmeasure.kernels.zone_rows import LANES
 from lmeasure.lengths import count_variance
 from lmeasure.rig import Rig
 

@@ -7,6 +7,7 @@ function of the plan and the chunk's number.
 import hashlib
 import importlib
 import itertools
+import math
 import os
 import re
 import zipfile
@@ -24,7 +25,10 @@ from lmeasure import files
 from lmeasure.errors import AccuracyError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.zone_lanes import LANES, scan_lanes
+from lmeasure.kernels.screw import CABLES, WIDTH
+from lmeasure.kernels.zone_lanes import scan_lanes
+from lmeasure.kernels.zone_linked import Linked, strict_gradients, strict_lengths
+from lmeasure.kernels.zone_rows import LANES
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -112,9 +116,6 @@ def _positions(plan: Plan, number: int) -> FloatArray:
 
 def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
     """Figures and flags at (m, 3) positions [mm], by the lanes wherever they are sound."""
-    if plan.factor.shape[1]:
-        # the calibration's part is only in the scalar kernel
-        return _scalar(plan, positions)
     count = len(positions)
     padded = np.concatenate([positions, np.repeat(positions[-1:], -count % LANES, axis=0)])
     turns = Rotation.from_quat(plan.quaternions)
@@ -131,6 +132,8 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
         rank[plan.pairs],
         np.sqrt(plan.variance[order]),
         max(1e-3, float(np.linalg.norm(plan.cables[:, 7:10], axis=1).max())),
+        _linked(plan, order),
+        turns.as_matrix(),
     )
     figures, left = figures[:, :count], left[:count]
     low, high = figures[kernels.DET_LOW].copy(), figures[kernels.DET_HIGH].copy()
@@ -145,6 +148,20 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
 
 def _body_starts(plan: Plan, turns: Rotation) -> FloatArray:
     return np.where(plan.bodies[None, :, 8:9] > 0, turned(turns, plan.bodies[:, 0:3]), plan.bodies[None, :, 0:3])
+
+
+def _linked(plan: Plan, order: IntArray) -> Linked | None:
+    """What the lanes need of the calibration, the cables in the given order; None without one."""
+    columns = plan.factor.shape[1]
+    if columns == 0:
+        return None
+    factor = plan.factor.reshape(CABLES, WIDTH, columns)[order].reshape(-1, columns)
+    cables, scales, start = np.ascontiguousarray(plan.cables[order]), np.ascontiguousarray(plan.scales[order]), plan.start[None]
+    at_start = strict_gradients(cables, start, np.zeros((1, CABLES)), scales)[0]
+    # of one function of one library: NumPy's own sine is another one on another processor
+    angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, 14:16].tolist()]
+    guides = np.array([(sa * sb, sa * cb, ca, -ca * cb, ca * sb, 0.0) for sa, ca, sb, cb in angles])
+    return np.ascontiguousarray(factor), at_start, strict_lengths(cables, start)[0], scales, guides
 
 
 def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:

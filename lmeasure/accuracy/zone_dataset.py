@@ -99,7 +99,7 @@ def summary(zone: xr.Dataset) -> str:
 def write_zone(path: Path, zone: xr.Dataset) -> None:
     """Write netCDF-4, whole or not at all."""
     # the image in memory first: on a full disk HDF5 does not end, it crashes
-    files.write_bytes(path, bytes(zone.to_netcdf(engine="h5netcdf", format="NETCDF4")))
+    files.write_bytes(path, zone.to_netcdf(engine="h5netcdf", format="NETCDF4"))
 
 
 def read_zone(path: Path) -> xr.Dataset:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lmeasure.kernels import kernel
 from lmeasure.kernels.cable import FloatArray, vec
-from lmeasure.kernels.screw import CABLES, platform_size
+from lmeasure.kernels.screw import CABLES, WIDTH, platform_size
 from lmeasure.kernels.vector import rotate
 from lmeasure.kernels.zone import LONGEST, SHORTEST, SPEED2, U95_POSITION, scan
 from lmeasure.kernels.zone_lanes import scan_lanes
@@ -29,7 +29,7 @@ def worst_at_task(
     arms = np.empty((k, CABLES, 3))
     cables, sigma = np.empty(candidates.shape[1:]), np.empty(CABLES)
     nothing, no_ways, no_bodies, no_pairs = np.empty((k, 0, 3)), np.empty((k, 0, 3)), np.empty((0, 9)), np.empty((0, 2), np.int64)
-    factor, no_points, start = np.empty((CABLES * 13, 0)), np.empty((0, 3)), np.zeros(7)
+    factor, no_points, start = np.empty((CABLES * WIDTH, 0)), np.empty((0, 3)), np.zeros(7)
     start[6] = 1.0
     for i in range(n):
         for j in range(CABLES):
@@ -38,7 +38,8 @@ def worst_at_task(
             for o in range(k):
                 turned = rotate((quaternions[o, 0], quaternions[o, 1], quaternions[o, 2], quaternions[o, 3]), vec(cables[j], 7))
                 arms[o, j, 0], arms[o, j, 1], arms[o, j, 2] = turned
-        figures, left = scan_lanes(cables, positions, arms, nothing, nothing, no_ways, no_bodies, no_pairs, sigma, platform_size(cables))
+        size = platform_size(cables)
+        figures, left = scan_lanes(cables, positions, arms, nothing, nothing, no_ways, no_bodies, no_pairs, sigma, size, None, arms)
         if np.any(left):
             figures[:, left] = scan(
                 candidates[i], positions[left], quaternions, variance, np.ones(CABLES), factor, start, no_points, no_pairs, no_bodies

@@ -40,70 +40,29 @@ from lmeasure.kernels.zone import (
     WORST_START,
     WRAP,
 )
+from lmeasure.kernels.zone_linked import LENGTH, BoolArray, Linked, add_shift, shifts
+from lmeasure.kernels.zone_rows import (
+    LANES,
+    MOVE,
+    PLACE,
+    POINT,
+    ROWS,
+    SPAN_ROWS,
+    TOTAL,
+    TURN,
+    WEAK,
+    WORST,
+    angle,
+    at,
+    least,
+    most,
+    put,
+    vec,
+)
 
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
-LANES = 32
 WEAK_BLOCK = 1e-3
-
-# Rows, LANES long each. The compiler vectorises a loop only where it can tell that rows do not overlap: all offsets within one buffer are
-# constants, and what depends on the cable has a buffer of its own.
-# spans of a cable: direction and straight part
-SPAN_ROWS = 4
-# work: place of the tool origin, unit-rate twists (w; v) of the six cables, velocities of an attachment point, worst figures so far
-PLACE, TURN, MOVE, POINT, WORST = 0, 3, 21, 39, 57
-WEAK, ROWS = WORST + len(WORST_START), WORST + len(WORST_START) + 2
-TOTAL = WEAK + 1
-
-
-# arctan(f)/f = 1 + z (c0 + c1 z + ...), z = f^2 <= tan^2(22.5 deg): interpolated at Chebyshev's points; errs by less than 1.4e-16
-ARCTANGENT = (
-    -0.3333333333333325, 0.19999999999898407, -0.1428571426609662, 0.11111109636534361, -0.09090852557176049,
-    0.0769105515839315, -0.06649613695291669, 0.05736332165907643, -0.04483334622272886, 0.02275052699336167,
-)  # fmt: skip
-
-
-@inline
-def angle(y: float, x: float, over: float) -> tuple[float, float]:
-    """atan2(y, x) in [0, 2 pi), and 1/over, by a single division and no branch."""
-    ay, ax = abs(y), abs(x)
-    steep = ay > 2.414213562373095 * ax
-    middle = ay > 0.41421356237309503 * ax
-    numerator = -ax if steep else (ay - ax if middle else ay)
-    denominator = ay if steep else (ay + ax if middle else ax)
-    offset = 0.5 * math.pi if steep else (0.25 * math.pi if middle else 0.0)
-    both = 1.0 / (over * denominator)
-    f = numerator * (over * both)
-    z = f * f
-    c = ARCTANGENT
-    p = c[6] + z * (c[7] + z * (c[8] + z * c[9]))
-    p = c[0] + z * (c[1] + z * (c[2] + z * (c[3] + z * (c[4] + z * (c[5] + z * p)))))
-    a = offset + (f + f * (z * p))
-    a = a if x >= 0.0 else math.pi - a
-    return (a if y >= 0.0 else 2.0 * math.pi - a), denominator * both
-
-
-@inline
-def _at(B: FloatArray, row: int, lane: int) -> Vec3:
-    return B[row * LANES + lane], B[(row + 1) * LANES + lane], B[(row + 2) * LANES + lane]
-
-
-@inline
-def _put(B: FloatArray, row: int, lane: int, a: Vec3) -> None:
-    B[row * LANES + lane], B[(row + 1) * LANES + lane], B[(row + 2) * LANES + lane] = a
-
-
-@inline
-def _least(B: FloatArray, row: int, lane: int, value: float) -> None:
-    i = row * LANES + lane
-    B[i] = value if value < B[i] else B[i]
-
-
-@inline
-def _most(B: FloatArray, row: int, lane: int, value: float) -> None:
-    i = row * LANES + lane
-    B[i] = value if value > B[i] else B[i]
 
 
 @inline
@@ -112,7 +71,7 @@ def _spans(
 ) -> None:  # fmt: skip
     """Direction and straight part of a cable's free span into S; extremes of its length and wrap. offset = arm - base point."""
     for lane in range(LANES):
-        d = add(_at(B, PLACE, lane), offset)
+        d = add(at(B, PLACE, lane), offset)
         q = dot(d, u)
         n = sub(d, scale(q, u))
         p = math.sqrt(dot(n, n))
@@ -121,12 +80,12 @@ def _spans(
         t = math.sqrt(square - radius * radius)
         sine, cosine = q * radius + x * t, q * t - x * radius
         phi, k = angle(sine, cosine, p * square)
-        _put(S, 0, lane, add(scale(sine * k, n), scale(cosine * p * k, u)))
+        put(S, 0, lane, add(scale(sine * k, n), scale(cosine * p * k, u)))
         S[3 * LANES + lane] = t
         length = radius * phi + t
-        _least(B, WORST + SHORTEST, lane, length)
-        _most(B, WORST + LONGEST, lane, length)
-        _most(B, WORST + WRAP, lane, phi)
+        least(B, WORST + SHORTEST, lane, length)
+        most(B, WORST + LONGEST, lane, length)
+        most(B, WORST + WRAP, lane, phi)
 
 
 @inline
@@ -140,8 +99,8 @@ def _twists(
     least absolute determinant of the first block.
     """
     for lane in range(LANES):
-        e0, e1, e2 = _at(S, 0, lane), _at(S, 4, lane), _at(S, 8, lane)
-        e3, e4, e5 = _at(S, 12, lane), _at(S, 16, lane), _at(S, 20, lane)
+        e0, e1, e2 = at(S, 0, lane), at(S, 4, lane), at(S, 8, lane)
+        e3, e4, e5 = at(S, 12, lane), at(S, 16, lane), at(S, 20, lane)
         m0, m1, m2 = cross(a0, e0), cross(a1, e1), cross(a2, e2)
         # columns of E1^-1, times the determinant
         x, y, z = cross(e1, e2), cross(e2, e0), cross(e0, e1)
@@ -167,25 +126,25 @@ def _twists(
         v3 = _move(x, y, z, m0, m1, m2, w3, (0.0, 0.0, 0.0))
         v4 = _move(x, y, z, m0, m1, m2, w4, (0.0, 0.0, 0.0))
         v5 = _move(x, y, z, m0, m1, m2, w5, (0.0, 0.0, 0.0))
-        _put(B, TURN, lane, w0)
-        _put(B, TURN + 3, lane, w1)
-        _put(B, TURN + 6, lane, w2)
-        _put(B, TURN + 9, lane, w3)
-        _put(B, TURN + 12, lane, w4)
-        _put(B, TURN + 15, lane, w5)
-        _put(B, MOVE, lane, v0)
-        _put(B, MOVE + 3, lane, v1)
-        _put(B, MOVE + 6, lane, v2)
-        _put(B, MOVE + 9, lane, v3)
-        _put(B, MOVE + 12, lane, v4)
-        _put(B, MOVE + 15, lane, v5)
+        put(B, TURN, lane, w0)
+        put(B, TURN + 3, lane, w1)
+        put(B, TURN + 6, lane, w2)
+        put(B, TURN + 9, lane, w3)
+        put(B, TURN + 12, lane, w4)
+        put(B, TURN + 15, lane, w5)
+        put(B, MOVE, lane, v0)
+        put(B, MOVE + 3, lane, v1)
+        put(B, MOVE + 6, lane, v2)
+        put(B, MOVE + 9, lane, v3)
+        put(B, MOVE + 12, lane, v4)
+        put(B, MOVE + 15, lane, v5)
         det = block * schur / (size * size * size)
-        _least(B, WORST + DET_LOW, lane, det)
-        _most(B, WORST + DET_HIGH, lane, det)
-        _least(B, WEAK, lane, abs(block))
+        least(B, WORST + DET_LOW, lane, det)
+        most(B, WORST + DET_HIGH, lane, det)
+        least(B, WEAK, lane, abs(block))
         turns = dot(w0, w0) + dot(w1, w1) + dot(w2, w2) + dot(w3, w3) + dot(w4, w4) + dot(w5, w5)
         moves = dot(v0, v0) + dot(v1, v1) + dot(v2, v2) + dot(v3, v3) + dot(v4, v4) + dot(v5, v5)
-        _most(B, WORST + NORM2, lane, turns * (size * size) + moves)
+        most(B, WORST + NORM2, lane, turns * (size * size) + moves)
 
 
 @inline
@@ -204,12 +163,12 @@ def _fastest(B: FloatArray, a0: Vec3, a1: Vec3, a2: Vec3, a3: Vec3, a4: Vec3, a5
         s2 = s2 if s2 > s3 else s3
         s4 = s4 if s4 > s5 else s5
         s0 = s0 if s0 > s2 else s2
-        _most(B, WORST + SPEED2, lane, s0 if s0 > s4 else s4)
+        most(B, WORST + SPEED2, lane, s0 if s0 > s4 else s4)
 
 
 @inline
 def _speed(B: FloatArray, row: int, lane: int, arm: Vec3) -> float:
-    v = add(_at(B, MOVE + row, lane), cross(_at(B, TURN + row, lane), arm))
+    v = add(at(B, MOVE + row, lane), cross(at(B, TURN + row, lane), arm))
     return dot(v, v)
 
 
@@ -218,24 +177,33 @@ def _at_point(B: FloatArray, arm: Vec3) -> None:
     """Velocities of an attachment point for unit rates of the six cables, into the POINT rows."""
     for lane in range(LANES):
         for row in range(0, 18, 3):
-            _put(B, POINT + row, lane, add(_at(B, MOVE + row, lane), cross(_at(B, TURN + row, lane), arm)))
+            put(B, POINT + row, lane, add(at(B, MOVE + row, lane), cross(at(B, TURN + row, lane), arm)))
 
 
 @inline
-def _radius(B: FloatArray, row: int, sigma: FloatArray, worst: int) -> None:
-    """Largest 95 % radius of sum_j sigma_j^2 c_j c_j^T for the six columns c_j at `row`; total keeps what is not finite."""
+def _radius(B: FloatArray, row: int, sigma: FloatArray, worst: int, C: FloatArray, D: FloatArray | None) -> None:
+    """Largest 95 % radius of sum_j sigma_j^2 c_j c_j^T for the six columns c_j at `row`, and of the (r, 6, LANES) shifts D of the lengths
+    besides; total keeps what is not finite. C (6 LANES,) is scratch."""
     s0, s1, s2, s3, s4, s5 = sigma[0], sigma[1], sigma[2], sigma[3], sigma[4], sigma[5]
+    if D is not None:
+        for i in range(6 * LANES):
+            C[i] = 0.0
+        for first in range(0, len(D), 6 * LANES):
+            add_shift(B, row, C, D[first:])
     for lane in range(LANES):
-        c0, c1, c2 = scale(s0, _at(B, row, lane)), scale(s1, _at(B, row + 3, lane)), scale(s2, _at(B, row + 6, lane))
-        c3, c4, c5 = scale(s3, _at(B, row + 9, lane)), scale(s4, _at(B, row + 12, lane)), scale(s5, _at(B, row + 15, lane))
+        c0, c1, c2 = scale(s0, at(B, row, lane)), scale(s1, at(B, row + 3, lane)), scale(s2, at(B, row + 6, lane))
+        c3, c4, c5 = scale(s3, at(B, row + 9, lane)), scale(s4, at(B, row + 12, lane)), scale(s5, at(B, row + 15, lane))
         xx = c0[0] * c0[0] + c1[0] * c1[0] + c2[0] * c2[0] + c3[0] * c3[0] + c4[0] * c4[0] + c5[0] * c5[0]
         yy = c0[1] * c0[1] + c1[1] * c1[1] + c2[1] * c2[1] + c3[1] * c3[1] + c4[1] * c4[1] + c5[1] * c5[1]
         zz = c0[2] * c0[2] + c1[2] * c1[2] + c2[2] * c2[2] + c3[2] * c3[2] + c4[2] * c4[2] + c5[2] * c5[2]
         xy = c0[0] * c0[1] + c1[0] * c1[1] + c2[0] * c2[1] + c3[0] * c3[1] + c4[0] * c4[1] + c5[0] * c5[1]
         xz = c0[0] * c0[2] + c1[0] * c1[2] + c2[0] * c2[2] + c3[0] * c3[2] + c4[0] * c4[2] + c5[0] * c5[2]
         yz = c0[1] * c0[2] + c1[1] * c1[2] + c2[1] * c2[2] + c3[1] * c3[2] + c4[1] * c4[2] + c5[1] * c5[2]
+        if D is not None:
+            xx, yy, zz = xx + C[lane], yy + C[LANES + lane], zz + C[2 * LANES + lane]
+            xy, xz, yz = xy + C[3 * LANES + lane], xz + C[4 * LANES + lane], yz + C[5 * LANES + lane]
         r = radius_95(xx, yy, zz, xy, xz, yz)
-        _most(B, worst, lane, r)
+        most(B, worst, lane, r)
         B[TOTAL * LANES + lane] += r
 
 
@@ -243,8 +211,8 @@ def _radius(B: FloatArray, row: int, sigma: FloatArray, worst: int) -> None:
 def _between(B: FloatArray, S: FloatArray, T: FloatArray, d: Vec3) -> None:
     """Least distance between the free spans of two cables whose attachment points are d apart."""
     for lane in range(LANES):
-        gap = span_clearance(d, _at(S, 0, lane), S[3 * LANES + lane], _at(T, 0, lane), T[3 * LANES + lane], 0.0)
-        _least(B, WORST + CLEARANCE, lane, gap)
+        gap = span_clearance(d, at(S, 0, lane), S[3 * LANES + lane], at(T, 0, lane), T[3 * LANES + lane], 0.0)
+        least(B, WORST + CLEARANCE, lane, gap)
 
 
 @inline
@@ -252,13 +220,8 @@ def _to_body(B: FloatArray, S: FloatArray, d: Vec3, moves: float, way: Vec3, len
     """Least distance of a free span from a body's surface; d from the body's start to the attachment point, less the tool's place when
     the body stands in the base frame (moves 1)."""
     for lane in range(LANES):
-        gap = span_clearance(add(d, scale(moves, _at(B, PLACE, lane))), _at(S, 0, lane), S[3 * LANES + lane], way, length, radius)
-        _least(B, WORST + CLEARANCE, lane, gap)
-
-
-@inline
-def _vec(row: FloatArray, i: int) -> Vec3:
-    return row[i], row[i + 1], row[i + 2]
+        gap = span_clearance(add(d, scale(moves, at(B, PLACE, lane))), at(S, 0, lane), S[3 * LANES + lane], way, length, radius)
+        least(B, WORST + CLEARANCE, lane, gap)
 
 
 @strict_kernel
@@ -273,6 +236,8 @@ def scan_lanes(
     pairs: IntArray,
     sigma: FloatArray,
     size: float,
+    linked: Linked | None,
+    turns: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
     """(F, n) figures of `kernels.zone.FIGURES` at (n, 3) positions, n a multiple of LANES, and (n,) places left to the scalar kernel.
 
@@ -280,39 +245,48 @@ def scan_lanes(
     orientations, all turned into the base frame: arms (k, 6, 3) of the attachment points, points (k, p, 3) whose uncertainty is asked
     (p = 0: neither theirs nor the rotation's), body_starts and body_ways (k, b, 3); bodies (b, 9) and pairs (c, 2) as in
     `kernels.zone.scan`; sigma (6,) standard uncertainties of the lengths [mm]; size [mm] divides the moments.
+    linked: of the rig parameters' covariance (`kernels.zone.scan`) the factor (6 WIDTH, r), derivatives (6, WIDTH) and lengths (6,) at the
+    zero pose, decoding factors (6,), derivatives (6, 6) of the guides by alpha and beta; None where there is none, which is compiled apart.
+    turns (k, 3, 3) base_from_tool.
     """
+    C, D = np.empty(6 * LANES), None
+    if linked is not None:
+        used = np.array([np.any(row != 0.0) for row in linked[0]])
+        D, H = np.empty(linked[0].shape[1] * 6 * LANES), np.empty((LENGTH + 1) * LANES)
     n = positions.shape[0]
     out, left = np.empty((len(WORST_START), n)), np.empty(n, np.bool_)
     B, S = np.empty(ROWS * LANES), np.empty(6 * SPAN_ROWS * LANES)
     for first in range(0, n, LANES):
         for lane in range(LANES):
-            _put(B, PLACE, lane, _vec(positions[first + lane], 0))
+            put(B, PLACE, lane, vec(positions[first + lane], 0))
             for f in range(len(WORST_START)):
                 B[(WORST + f) * LANES + lane] = WORST_START[f]
             B[WEAK * LANES + lane], B[TOTAL * LANES + lane] = math.inf, 0.0
         for o in range(arms.shape[0]):
             a = arms[o]
-            a0, a1, a2, a3, a4, a5 = _vec(a[0], 0), _vec(a[1], 0), _vec(a[2], 0), _vec(a[3], 0), _vec(a[4], 0), _vec(a[5], 0)
+            a0, a1, a2, a3, a4, a5 = vec(a[0], 0), vec(a[1], 0), vec(a[2], 0), vec(a[3], 0), vec(a[4], 0), vec(a[5], 0)
             for j in range(6):
-                offset = sub(_vec(a[j], 0), _vec(cables[j], 0))
-                _spans(B, S[j * SPAN_ROWS * LANES :], offset, _vec(cables[j], 3), cables[j, 6])
+                offset = sub(vec(a[j], 0), vec(cables[j], 0))
+                _spans(B, S[j * SPAN_ROWS * LANES :], offset, vec(cables[j], 3), cables[j, 6])
             _twists(B, S, a0, a1, a2, a3, a4, a5, size)
             _fastest(B, a0, a1, a2, a3, a4, a5)
-            _radius(B, MOVE, sigma, WORST + U95_POSITION)
+            if linked is not None:
+                shifts(D, H, B, S, a, cables, linked, used, turns[o])
+            _radius(B, MOVE, sigma, WORST + U95_POSITION, C, D)
             if points.shape[1] > 0:
-                _radius(B, TURN, sigma, WORST + U95_ROTATION)
+                _radius(B, TURN, sigma, WORST + U95_ROTATION, C, D)
                 for k in range(points.shape[1]):
-                    _at_point(B, _vec(points[o, k], 0))
-                    _radius(B, POINT, sigma, WORST + U95_ATTACHMENT)
+                    _at_point(B, vec(points[o, k], 0))
+                    _radius(B, POINT, sigma, WORST + U95_ATTACHMENT, C, D)
             for k in range(pairs.shape[0]):
                 i, j = pairs[k]
-                apart = sub(_vec(a[i], 0), _vec(a[j], 0))
+                apart = sub(vec(a[i], 0), vec(a[j], 0))
                 _between(B, S[i * SPAN_ROWS * LANES :], S[j * SPAN_ROWS * LANES :], apart)
             for k in range(bodies.shape[0]):
-                back = scale(-1.0, _vec(body_ways[o, k], 0))
+                back = scale(-1.0, vec(body_ways[o, k], 0))
                 moves = 0.0 if bodies[k, 8] > 0.0 else 1.0
                 for j in range(6):
-                    d = sub(_vec(a[j], 0), _vec(body_starts[o, k], 0))
+                    d = sub(vec(a[j], 0), vec(body_starts[o, k], 0))
                     _to_body(B, S[j * SPAN_ROWS * LANES :], d, moves, back, bodies[k, 6], bodies[k, 7])
         for lane in range(LANES):
             for f in range(len(WORST_START)):

@@ -6,7 +6,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,26 @@ def test_lanes_give_the_figures_of_the_pivoted_kernel(rig: Rig) -> None:
         # figures grow with the condition of the rows, and so does their rounding; the square of the norm bounds it
         tolerance = 1e-12 + 1e-15 * slow[kernels.NORM2]
         assert (np.abs(a - b) <= tolerance * np.maximum(1.0, np.abs(b))).all(), name
+
+
+@pytest.mark.parametrize("rows", [range(13), range(5), (5,), (6, 12), (7, 8), (9, 10, 11)], ids=str)
+@pytest.mark.parametrize("rig", [cell(0), published()], ids=["pulleys", "straight"])
+def test_lanes_give_the_part_of_a_calibration_by_every_parameter(rig: Rig, rows: Sequence[int]) -> None:
+    random = np.random.default_rng(7)
+    factor = np.zeros((6, 13, 4))
+    factor[:, rows] = 0.02 * random.standard_normal((6, len(rows), 4))
+    start = np.array([40.0, -30.0, 20.0, *Rotation.from_rotvec([0.1, 0.2, -0.1]).as_quat()])
+    plan = replace(plan_of(rig, 300.0, 150.0), factor=factor.reshape(78, 4), start=start, scales=random.uniform(0.5, 2.0, 6))
+    slow, slow_flags = scalar(plan)
+    fast, fast_flags = run(plan)
+    np.testing.assert_array_equal(fast_flags, slow_flags)
+    for name, a, b in zip(kernels.FIGURES, fast, slow, strict=True):
+        assert (np.abs(a - b) <= (1e-12 + 1e-15 * slow[kernels.NORM2]) * np.maximum(1.0, np.abs(b))).all(), name
+    # the lanes did it, and it is more than the counts alone
+    assert (fast[kernels.U95_POSITION] != slow[kernels.U95_POSITION]).any()
+    assert (fast[kernels.U95_POSITION] > run(replace(plan, factor=np.zeros((78, 0))))[0][kernels.U95_POSITION]).all()
+    parts = run(replace(plan, nodes_per_chunk=32), workers=2)
+    np.testing.assert_array_equal(parts[0], fast)
 
 
 def test_places_without_a_sound_first_block_are_left_to_the_pivoted_kernel() -> None:

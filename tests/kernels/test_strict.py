@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lmeasure.kernels import kernel, strict_kernel
 from lmeasure.kernels.clearance import square_distance
 from lmeasure.kernels.vector import dot
-from lmeasure.kernels.zone_lanes import ARCTANGENT, angle
+from lmeasure.kernels.zone_rows import ARCTANGENT, angle
 
 FloatArray = NDArray[np.float64]
 
