@@ -14,6 +14,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -273,7 +274,9 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
             for number in numbers
         ]
         for future in distributed.as_completed(futures, loop=client.loop):
-            yield future.result()
+            result = future.result()
+            future.release()  # the workers need not keep it any longer
+            yield result
 
 
 def _one_line(error: Exception) -> str:
@@ -295,12 +298,14 @@ class _Kept:
     def __init__(self, folder: Path, plan: Plan) -> None:
         self.folder = Path(folder)
         mark = self.folder / "plan.sha256"
-        digest = plan.digest()
+        plan_and_program = f"{plan.digest()} lmeasure {version('lmeasure')}"
         if mark.exists():
-            if files.read_bytes(mark).decode("ascii", "replace").strip() != digest:
-                raise AccuracyError(f"{folder}: holds the chunks of another scan; give an empty folder or the same rig, box and options")
+            if files.read_bytes(mark).decode("ascii", "replace").strip() != plan_and_program:
+                raise AccuracyError(
+                    f"{folder}: holds the chunks of another scan or version; give an empty folder or the same rig, box and options"
+                )
         else:
-            files.write_text(mark, digest + "\n")
+            files.write_text(mark, plan_and_program + "\n")
 
     def get(self, number: int) -> tuple[FloatArray, IntArray] | None:
         """The chunk, or None when it was not finished."""
