@@ -23,6 +23,8 @@ LONGEST_HOLD_S = 0.3
 """How long a sample is held back at most to see where a burst of late stamps ends."""
 FRAMES_OF_A_SYNC = 16
 """Frames of each channel that are kept while the next SYNC does not come."""
+PERIODS = 2048
+"""Intervals of which the SYNC period is the median: more than a busy host stamps at once."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
 
@@ -94,6 +96,8 @@ class SyncAssembler:
         self._sync_id, self._start_line = sync_id, start_line
         self._watch = NetworkWatch(fields, sync_id, events)
         self._sync_time: FloatArray = np.empty(0)
+        self._last_sync: FloatArray = np.empty(0)
+        self._intervals: FloatArray = np.empty(0)
         self._started: FloatArray = np.empty(0)
         self._window: IntArray = np.empty(0, np.int64)
         self._field: NDArray[np.int16] = np.empty(0, np.int16)
@@ -114,7 +118,11 @@ class SyncAssembler:
         window = readings.window - 1 + len(self._sync_time)
         begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
         self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps
-        self._sync_time = np.concatenate([self._sync_time, frames.time_s[readings.sync] + self._time_shift])
+        came = frames.time_s[readings.sync] + self._time_shift
+        before = self._sync_time[-1:] if len(self._sync_time) else self._last_sync
+        self._intervals = np.concatenate([self._intervals, np.abs(np.diff(np.concatenate([before, came])))])[-PERIODS:]
+        self._last_sync = came[-1:] if len(came) else self._last_sync
+        self._sync_time = np.concatenate([self._sync_time, came])
         self._window = np.concatenate([self._window, window[begun]])
         self._field = np.concatenate([self._field, readings.field[begun]])
         self._value = np.concatenate([self._value, readings.value[begun]])
@@ -208,8 +216,8 @@ class SyncAssembler:
 
     def _drop_double_syncs(self) -> None:
         """A SYNC at once after another, with nothing between them, is the same one."""
-        if len(self._sync_time) > 3:
-            self._period = float(np.median(np.abs(np.diff(self._sync_time))))
+        if len(self._intervals) > 2:
+            self._period = float(np.median(self._intervals))
         if self._period is None or len(self._sync_time) < 2:
             return
         intervals = np.diff(self._sync_time, prepend=-np.inf)

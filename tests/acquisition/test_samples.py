@@ -124,6 +124,22 @@ def test_a_silent_channel_leaves_gaps_and_doubles_are_used_once() -> None:
     assert got.events.tally["duplicate"] == 1
 
 
+def test_a_long_pause_of_a_busy_host_does_not_pass_for_a_faster_sync() -> None:
+    """A seventh of a second stamped at once: more of the SYNCs at hand follow each other in microseconds than at their own pace."""
+    frames = frames_of(RIG, COUNTS).take(slice(0, 400 * PER_SAMPLE))
+    late = (frames.time_s > 0.2) & (frames.time_s < 0.35)
+    stamps = np.where(late, 0.35 - 1e-6 * np.arange(len(late))[::-1] / len(late), frames.time_s)
+    busy = replace(frames, time_s=stamps, timestamp_source="host")
+    # taken every 50 ms, as the recorder does
+    cuts = np.searchsorted(stamps, np.arange(0.0, 0.45, 0.05))
+    assembler = new_assembler(RIG, FIELDS)
+    parts = [assembler.feed(busy.take(slice(a, b))) for a, b in zip(cuts, [*cuts[1:], len(busy)], strict=True)]
+    parts.append(assembler.feed(no_frames(), last=True))
+    time_s = np.concatenate([p.time_s for p in parts])
+    np.testing.assert_allclose(time_s, COUNTS.time_s[:400], rtol=0, atol=0.008)  # 5 % of the pause
+    assert not assembler.events.tally
+
+
 def test_the_start_input_is_a_column() -> None:
     import can
 
