@@ -30,7 +30,7 @@ from lmeasure.kernels.cable import span_lengths
 
 FloatArray = NDArray[np.float64]
 
-MAX_STEPS = 50
+MAX_STEPS = 80
 RANK = 1e-10  # of the largest singular value of a pose's derivatives, under which the counts do not tell all of it
 FINE = 0.1 * SETTLED  # of a standard uncertainty: what remains when the steps end
 MISFIT = 1e-3  # probability under which other starts are tried
