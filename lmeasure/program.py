@@ -71,7 +71,7 @@ class _Run(Strict):
     @model_validator(mode="after")
     def _all_cycles(self) -> Self:
         if self.cycles is not None and self.windows_s and len(self.windows_s) != self.cycles:
-            raise ValueError(f"{self.name}: has {len(self.windows_s)} windows for {self.cycles} cycles")
+            raise ValueError(f"has {len(self.windows_s)} windows for {self.cycles} cycles")
         return self
 
 
@@ -95,7 +95,7 @@ class CommandedPose(_Run):
         for key in ("approaches", "units"):
             given = getattr(self, key)
             if given and self.windows_s and len(given) != len(self.windows_s):
-                raise ValueError(f"{self.name}: has {len(given)} {key} for {len(self.windows_s)} windows; one for each")
+                raise ValueError(f"has {len(given)} {key} for {len(self.windows_s)} windows; one for each")
         return self
 
 
@@ -126,22 +126,22 @@ class CommandedPath(_Run):
     def _complete(self) -> Self:
         for key in NEEDS[self.kind]:
             if getattr(self, key) is None:
-                raise ValueError(f"path {self.name}: kind {self.kind!r} needs {key}")
+                raise ValueError(f"kind {self.kind!r} needs {key}")
         for key in {k for keys in NEEDS.values() for k in keys} - set(NEEDS[self.kind]):
             if getattr(self, key) is not None:
-                raise ValueError(f"path {self.name}: kind {self.kind!r} has no {key}")
+                raise ValueError(f"kind {self.kind!r} has no {key}")
         if self.normal is not None and math.hypot(*self.normal) == 0.0:
-            raise ValueError(f"path {self.name}: normal has no length")
+            raise ValueError("normal has no length")
         if self.end_quaternion_xyzw is not None and self.quaternion_xyzw is None:
-            raise ValueError(f"path {self.name}: end_quaternion_xyzw needs quaternion_xyzw for the start")
+            raise ValueError("end_quaternion_xyzw needs quaternion_xyzw for the start")
         if (self.weave_stroke_mm is None) != (self.weave_distance_mm is None) or (self.weave_stroke_mm and self.kind != "linear"):
-            raise ValueError(f"path {self.name}: a weave is a linear path with weave_stroke_mm and weave_distance_mm")
+            raise ValueError("a weave is a linear path with weave_stroke_mm and weave_distance_mm")
         corners = self.corners()
         steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         if (steps == 0.0).any():
-            raise ValueError(f"path {self.name}: point {int(np.argmin(steps)) + 2} is the one before it again")
+            raise ValueError(f"point {int(np.argmin(steps)) + 2} is the one before it again")
         if self.kind == "circular" and np.linalg.norm(self._from_centre()) < 1e-9:
-            raise ValueError(f"path {self.name}: start_mm lies on the axis of the circle")
+            raise ValueError("start_mm lies on the axis of the circle")
         return self
 
     def corners(self) -> FloatArray:
