@@ -184,7 +184,7 @@ def table() -> str:
     lines += [
         "",
         f"Largest difference of the worst pressure angle from NumPy's: {difference:.1e} rad; of the others, relative: {relative:.1e}.",
-        f"`scan_zone` of {large / 1e6:.1f} million poses on all cores, in a process of its own: {seconds:.1f} s; its peak memory {peak:.0f} MB.",
+        f"`scan_zone` of {large / 1e6:.1f} million poses on all cores, in a process of its own: {seconds:.1f} s, {peak:.0f} MB.",
     ]
     return "\n".join(lines)
 
