@@ -7,7 +7,6 @@ The campaign is the unit: one drawn rig, one set of poses, one draw of the noise
 another; each adds its campaigns to the file, and --table prints what benchmarks/results/calibration_coverage.md shows.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import cable_covariance, counts_from_poses, span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
+from coverage_table import command, row
 from random_campaigns import Drawn, at_truth, draw, true_values
 
 FloatArray = NDArray[np.float64]
@@ -107,55 +107,11 @@ def study(case: str, seed: int) -> dict[str, object]:
     }
 
 
-def table(data: pd.DataFrame) -> None:
-    """The study's table, one line a case."""
-    header = (
-        "case", "campaigns", "determined", "values / bound", "lengths / bound", "of these straight", "joint / bound",
-        "in 95 % region", "p", "Gaussian region", "values in U95", "lengths in 1.96 u", "another minimum, said", "unsaid",
-    )  # fmt: skip
-    print("| " + " | ".join(header) + " |\n" + "|" + "---|" * len(header))
-    for case in CASES:
-        own = data[data["case"] == case]
-        known = own[own["determined"]]
-        if known.empty:
-            continue
-        straight = known[known["bend"] < STRAIGHT]
-        inside = int(known["inside"].sum())
-        p = scipy.stats.binomtest(inside, len(known), 0.95).pvalue
-        wrong = known["wrong"].astype(bool)
-
-        def root(column: pd.Series) -> str:
-            if column.empty:
-                return "none"
-            m = column.astype(float)
-            return f"{np.sqrt(m.mean()):.3f} ± {m.std() / np.sqrt(len(m)) / 2 / np.sqrt(m.mean()):.3f}"
-
-        row = (
-            case, len(own), len(known), root(known["values_to_bound"]), root(known["lengths_to_bound"]), len(straight),
-            root(straight["joint_to_bound"]), f"{100 * inside / len(known):.1f} %", f"{p:.3f}",
-            f"{100 * known['inside_gaussian'].mean():.1f} %", f"{100 * known['values_inside'].mean():.1f} %",
-            f"{100 * known['lengths_inside'].mean():.1f} %", int((wrong & known["said"]).sum()), int((wrong & ~known["said"]).sum()),
-        )  # fmt: skip
-        print("| " + " | ".join(str(c) for c in row) + " |")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--case", default="all", choices=["all", *CASES])
-    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first campaign of each case")
-    parser.add_argument("--campaigns", type=int, default=500, help="campaigns of each case")
-    parser.add_argument("--out", type=Path, default=Path("campaigns.csv"))
-    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
-    arguments = parser.parse_args()
-    if arguments.table:
-        table(pd.read_csv(arguments.table).drop_duplicates(["case", "seed"]))
-        return
-    for case in CASES if arguments.case == "all" else [arguments.case]:
-        rows = [study(case, seed) for seed in range(arguments.first, arguments.first + arguments.campaigns)]
-        found = pd.DataFrame(rows)
-        found.to_csv(arguments.out, mode="a", header=not arguments.out.exists(), index=False)
-    table(pd.read_csv(arguments.out).drop_duplicates(["case", "seed"]))
+def line(case: str, own: pd.DataFrame) -> str | None:
+    """The case's line of the table, of determined campaigns."""
+    known = own[own["determined"].astype(bool)]
+    return None if known.empty else row(case, own, known, known, known, STRAIGHT)
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, CASES, study, line)

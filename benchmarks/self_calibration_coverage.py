@@ -8,7 +8,6 @@ to where the choice of the frame puts them, and lengths are compared along motio
 the inverse of the information at the truth, bordered with the frame's conditions, all poses unknown: not the estimator's own way.
 """
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from lmeasure.calibration.unknowns import rig_with, unknowns_of
 from lmeasure.lengths import span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
+from coverage_table import command, row
 from random_campaigns import Drawn, draw, errors, shifted, square_of, true_unknowns
 
 FloatArray = NDArray[np.float64]
@@ -141,56 +141,11 @@ def study(case: str, seed: int) -> dict[str, object]:
     }
 
 
-def table(data: pd.DataFrame) -> None:
-    """The study's table, one line a case."""
-    header = (
-        "case", "campaigns", "determined", "values / bound", "lengths / bound", "of these straight", "joint / bound",
-        "in 95 % region", "p", "Gaussian region", "values in U95", "lengths in 1.96 u", "another minimum, said", "unsaid",
-    )  # fmt: skip
-    print("| " + " | ".join(header) + " |\n" + "|" + "---|" * len(header))
-    for case in CASES:
-        own = data[data["case"] == case]
-        if own.empty:
-            continue
-        known = own[(own["silent"] == 0) & ~own["said"].astype(bool)]
-        straight = known[known["bend"] < STRAIGHT]
-        wrong = own["wrong"].astype(bool)
-        plain = own[~own["said"].astype(bool)]
-        inside = int(plain["inside"].sum())
-        p = scipy.stats.binomtest(inside, len(plain), 0.95).pvalue
-
-        def root(column: str, rows: pd.DataFrame) -> str:
-            if len(rows) < 2:
-                return "-"
-            m = rows[column].astype(float)
-            return f"{np.sqrt(m.mean()):.3f} ± {m.std() / np.sqrt(len(m)) / 2 / np.sqrt(m.mean()):.3f}"
-
-        row = (
-            case, len(own), len(known), root("values_to_bound", known), root("lengths_to_bound", known), len(straight),
-            root("joint_to_bound", straight), f"{100 * inside / len(plain):.1f} %", f"{p:.3f}",
-            f"{100 * plain['inside_gaussian'].mean():.1f} %", f"{100 * plain['values_inside'].mean():.1f} %",
-            f"{100 * plain['lengths_inside'].mean():.1f} %", int((wrong & own["said"]).sum()), int((wrong & ~own["said"]).sum()),
-        )  # fmt: skip
-        print("| " + " | ".join(str(c) for c in row) + " |")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--case", default="all", choices=["all", *CASES])
-    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first campaign of each case")
-    parser.add_argument("--campaigns", type=int, default=100, help="campaigns of each case")
-    parser.add_argument("--out", type=Path, default=Path("self.csv"))
-    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
-    arguments = parser.parse_args()
-    if arguments.table:
-        table(pd.read_csv(arguments.table).drop_duplicates(["case", "seed"]))
-        return
-    for case in CASES if arguments.case == "all" else [arguments.case]:
-        for seed in range(arguments.first, arguments.first + arguments.campaigns):
-            before = [pd.read_csv(arguments.out)] if arguments.out.exists() else []
-            pd.concat([*before, pd.DataFrame([study(case, seed)])]).to_csv(arguments.out, index=False)
-    table(pd.read_csv(arguments.out).drop_duplicates(["case", "seed"]))
+def line(case: str, own: pd.DataFrame) -> str | None:
+    """The case's line of the table: a warning of a misfit takes a campaign out of ratios and regions."""
+    plain = own[~own["said"].astype(bool)]
+    return None if own.empty else row(case, own, plain[plain["silent"] == 0], plain, own, STRAIGHT)
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, CASES, study, line)

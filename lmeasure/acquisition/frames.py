@@ -146,11 +146,9 @@ def flags_of(message: "can.Message") -> int:
     )
 
 
-def messages_from_frames(frames: Frames) -> Iterator["can.Message"]:
-    """Frames as python-can messages, in their order; the channel is the bus name."""
-    import can
-
-    for t, identifier, flags, length, data, channel in zip(
+def each(frames: Frames) -> Iterator[tuple[float, int, int, int, NDArray[np.uint8], int]]:
+    """Time [s], identifier, flags, length, data bytes and channel of each frame."""
+    return zip(
         frames.time_s.tolist(),
         frames.identifier.tolist(),
         frames.flags.tolist(),
@@ -158,7 +156,14 @@ def messages_from_frames(frames: Frames) -> Iterator["can.Message"]:
         frames.data,
         frames.channel.tolist(),
         strict=True,
-    ):
+    )
+
+
+def messages_from_frames(frames: Frames) -> Iterator["can.Message"]:
+    """Frames as python-can messages, in their order; the channel is the bus name."""
+    import can
+
+    for t, identifier, flags, length, data, channel in each(frames):
         yield can.Message(
             timestamp=t,
             arbitration_id=identifier,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames
+from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, each
 from lmeasure.acquisition.samples import Samples
 
 
@@ -14,15 +14,7 @@ def candump_lines(frames: Frames) -> bytes:
     names = ["".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "can0" for name in frames.buses]
     names = [f"can{name}" if name.isdigit() else name for name in names]
     lines = []
-    for t, identifier, flags, length, data, channel in zip(
-        frames.time_s.tolist(),
-        frames.identifier.tolist(),
-        frames.flags.tolist(),
-        frames.length.tolist(),
-        frames.data,
-        frames.channel.tolist(),
-        strict=True,
-    ):
+    for t, identifier, flags, length, data, channel in each(frames):
         if flags & ERROR:
             lines.append(f"({t:.6f}) {names[channel]} 20000080#\n")
             continue
