@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory, covariances
+from lmeasure.trajectory.passes import Alignment
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -77,7 +78,7 @@ class ErrorsOfRun:
 
     rounded = True
 
-    def __init__(self, run: Run, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
+    def __init__(self, run: Run | Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
         self._run, self._constraint, self._repeatability_mm = run, constraint, repeatability_mm
 
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:

@@ -23,6 +23,7 @@ from lmeasure.program import Program, read_program
 from lmeasure.rig import Rig
 from lmeasure.run import Run, read_run, read_run_head
 from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
+from lmeasure.trajectory.passes import align
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -172,9 +173,10 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
         evaluation = evaluate(trajectory, program, settings=settings, progress=progress)
         return Measured(evaluation, trajectory, program, details)
     run = read_run(inputs.run, inputs.rig)
-    trajectory = reconstruct(run, inputs.constraint, inputs.repeatability_mm, covariances=False)
+    aligned = align(run)
+    trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
     _check_same(inputs.trajectory, trajectory)
-    model = ErrorsOfRun(run, inputs.constraint, inputs.repeatability_mm)
+    model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), trajectory.notes)
 

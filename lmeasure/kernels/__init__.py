@@ -22,8 +22,9 @@ from numba import njit
 # a * b + c in one rounding and a division by a reciprocal are allowed; both keep the meaning of NaN, which the rest of fastmath does not
 _FAST = {"contract", "arcp"}
 
-kernel: Any = njit(error_model="numpy", cache=True, nogil=True, fastmath=_FAST)
-"""Decorator of a compiled function that Python calls."""
+kernel: Any = njit(error_model="numpy", cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+"""Decorator of a compiled function that Python calls. Called by another kernel it is inlined: a process that compiles would otherwise call
+the one it compiled apart, one that loads the kept code the copy inside it, with other last digits."""
 
 inline: Any = njit(error_model="numpy", forceinline=True, fastmath=_FAST)
 """Decorator of a small function that only other kernels call."""

@@ -16,12 +16,12 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
-from lmeasure.lengths import Lengths, cable_covariance, count_variance, lengths_from_counts, zero_temperature
+from lmeasure.lengths import Lengths, cable_covariance, count_variance, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import at_once
 from lmeasure.trajectory.corrections import Correction, correction_of
-from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
 
@@ -120,12 +120,17 @@ class Budget:
         # a cable without a count, or left out, has no part in the pose
         return PoseCovariances(random, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
 
+    def speed_mm_s(self, lengths: Lengths) -> FloatArray:
+        """(n, m) speeds of the cables, for `of`; zero where nothing of this run is uncertain in time, and no speed matters."""
+        timed = lengths.u_time_s is not None or any(self._u_clock_s)
+        return lengths.speed_mm_s if timed else np.broadcast_to(0.0, lengths.counts.shape)
+
     def covariances(
         self, poses: FloatArray, lengths: Lengths, unused: IntArray | None = None, compiled: bool = True
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
-        speed_mm_s = lengths.speed_mm_s
+        speed_mm_s = self.speed_mm_s(lengths)
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
             found = self.of(
@@ -190,7 +195,7 @@ class Budget:
 
 def covariances(
     trajectory: Trajectory,
-    run: Run,
+    run: Run | Alignment,
     samples: slice | NDArray[np.intp] | NDArray[np.bool_] | None = None,
     *,
     constraint: str | None = None,
@@ -202,7 +207,7 @@ def covariances(
     TrajectoryError when the trajectory is not of this run; raises what `passes.align` raises.
     """
     aligned = align(run)
-    lengths = lengths_from_counts(aligned.run)
+    run, lengths = aligned.run, aligned.lengths
     if len(lengths.time_s) != len(trajectory.time_s) or not np.allclose(lengths.time_s, trajectory.time_s, rtol=0.0, atol=1e-9):
         raise TrajectoryError(
             f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
@@ -212,7 +217,7 @@ def covariances(
     correction = correction_of(run.rig, scheme, scheme.start_of(run.start), zero_temperature(lengths, run.temperature_c))
     budget = Budget(run.rig, run.start, scheme, run.calibration, run.u_start, aligned.u_time_s, repeatability_mm, correction)
     chosen = slice(None) if samples is None else samples
-    speed, skew = lengths.speed_mm_s[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
+    speed, skew = budget.speed_mm_s(lengths)[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
     poses = trajectory.poses[chosen].copy()
     if scheme.point is not None:
         # of the point alone: any orientation will do, for the rows have no arms

@@ -1,12 +1,14 @@
 """Repeated passes of one motion: brought to one clock, checked to be the same motion, and what their differences add to the uncertainty."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
+from lmeasure.lengths import Lengths, lengths_from_counts
 from lmeasure.run import Run
 
 FloatArray = NDArray[np.float64]
@@ -26,13 +28,21 @@ class Alignment:
     u_time_s: tuple[float, ...]
     notes: tuple[str, ...]
 
+    @cached_property
+    def lengths(self) -> Lengths:
+        """Its lengths, worked out once for all who ask for them."""
+        return lengths_from_counts(self.run)
 
-def align(run: Run) -> Alignment:
-    """Bring later passes to the clock of pass 1 by their rising sync edges: a shift by one edge, shift and rate by several.
+
+def align(run: Run | Alignment) -> Alignment:
+    """Bring later passes to the clock of pass 1 by their rising sync edges: a shift by one edge, shift and rate by several. What is aligned
+    stays as it is, its lengths with it.
 
     TrajectoryError when passes are not the same motion: other edges, clocks that differ by more than CLOCKS, another beginning or end,
     another profile of speed.
     """
+    if isinstance(run, Alignment):
+        return run
     first = run.passes[0]
     passes, u_time, notes = [first], [0.0], []
     for number in range(2, run.rig.passes + 1):

@@ -11,11 +11,12 @@ from test_uncertainty import SAMPLES, calibrated, deviations, drawn, samples_of
 
 from lmeasure import covariances
 from lmeasure.errors import FileFormatError, TrajectoryError
-from lmeasure.lengths import lengths_from_counts
+from lmeasure.lengths import Lengths, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, read_run, write_run
 from lmeasure.trajectory import Reconstruction, read_trajectory, reconstruct, write_trajectory
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
+from lmeasure.trajectory.passes import align
 
 TRIALS = 300  # a standard deviation of as many draws is known to 4 %
 RUNS = 150  # 6 %
@@ -162,3 +163,27 @@ def test_an_uncertainty_of_the_start_that_is_none_is_refused(tmp_path: Path, val
     (tmp_path / "run.toml").write_text(text.replace("[start]", f"[start]\nu_position_mm = {shown}"))
     with pytest.raises(FileFormatError, match=r"run.toml: start: u_position_mm = .* is not a standard uncertainty"):
         read_run(tmp_path)
+
+
+@pytest.mark.parametrize("timed", [False, True])
+def test_a_run_aligned_once_gives_the_same_digits(monkeypatch: pytest.MonkeyPatch, timed: bool) -> None:
+    """Its lengths are worked out once, speeds only where the time of a count is uncertain."""
+    run = replace(record(cell(), *motion(50)), u_start=U_START)
+    if timed:
+        first = run.passes[0]
+        u_time = 1e-4 * (1.0 + np.arange(len(first.time_s)) % 7)
+        run = replace(run, passes=(replace(first, u_time_s=u_time),))
+    asked = np.array([0, 7, 8, len(run.passes[0].time_s) - 1])
+    expected, whole = reconstruct(run), covariances(reconstruct(run), run)
+    calls: list[str] = []
+    monkeypatch.setattr("lmeasure.trajectory.passes.lengths_from_counts", lambda r: calls.append("lengths") or lengths_from_counts(r))
+    speed = Lengths.speed_mm_s.fget
+    assert speed is not None
+    monkeypatch.setattr(Lengths, "speed_mm_s", property(lambda self: calls.append("speed") or speed(self)))
+    aligned = align(run)
+    found = reconstruct(aligned, covariances=False)
+    part = covariances(found, aligned, asked)
+    np.testing.assert_array_equal(found.poses, expected.poses)
+    np.testing.assert_array_equal(part.random, whole.random[asked])
+    np.testing.assert_array_equal(part.factors, whole.factors[asked])
+    assert calls == ["lengths"] + ["speed"] * timed
