@@ -171,15 +171,23 @@ def test_a_run_aligned_once_gives_the_same_digits(monkeypatch: pytest.MonkeyPatc
     run = replace(record(cell(), *motion(50)), u_start=U_START)
     if timed:
         first = run.passes[0]
-        u_time = 1e-4 * (1.0 + np.arange(len(first.time_s)) % 7)
+        u_time = np.full(len(first.time_s), 1e-4)
         run = replace(run, passes=(replace(first, u_time_s=u_time),))
     asked = np.array([0, 7, 8, len(run.passes[0].time_s) - 1])
     expected, whole = reconstruct(run), covariances(reconstruct(run), run)
     calls: list[str] = []
-    monkeypatch.setattr("lmeasure.trajectory.passes.lengths_from_counts", lambda r: calls.append("lengths") or lengths_from_counts(r))
-    speed = Lengths.speed_mm_s.fget
-    assert speed is not None
-    monkeypatch.setattr(Lengths, "speed_mm_s", property(lambda self: calls.append("speed") or speed(self)))
+    speed = vars(Lengths)["speed_mm_s"].fget
+
+    def lengths(given: Run) -> Lengths:
+        calls.append("lengths")
+        return lengths_from_counts(given)
+
+    def speeds(given: Lengths) -> FloatArray:
+        calls.append("speed")
+        return np.asarray(speed(given))
+
+    monkeypatch.setattr("lmeasure.trajectory.passes.lengths_from_counts", lengths)
+    monkeypatch.setattr(Lengths, "speed_mm_s", property(speeds))
     aligned = align(run)
     found = reconstruct(aligned, covariances=False)
     part = covariances(found, aligned, asked)
