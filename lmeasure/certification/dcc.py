@@ -21,6 +21,8 @@ UNITS = {
     "mm/s": r"\milli\metre\second\tothe{-1}", "mm/N": r"\milli\metre\newton\tothe{-1}",
 }  # fmt: skip
 NOT_STATED = "not stated"
+OWN = "en"
+"""The language of what this module writes; texts of the laboratory carry none, since nobody says which they are in."""
 
 
 def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
@@ -31,7 +33,7 @@ def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
     _administrative(root, certificate)
     results = _add(root, "measurementResults")
     result = _add(results, "measurementResult")
-    _named(result, "ISO 9283:1998 characteristics")
+    _named(result, "ISO 9283:1998 characteristics", OWN)
     methods = _add(result, "usedMethods")
     method = _add(methods, "usedMethod")
     _named(method, certificate["details"].get("method", "ISO 9283:1998"))
@@ -74,10 +76,16 @@ def _xml_text(text: str) -> str:
     return _FORBIDDEN.sub(lambda m: f"\\u{{{ord(m[0]):X}}}", text)
 
 
-def _named(parent: Any, text: object) -> None:
-    """A name with one content, as DCC writes texts."""
-    content = _add(_add(parent, "name"), "content", text)
-    content.set("lang", "en")
+def _content(parent: Any, text: object, language: str | None = None) -> None:
+    """One content, as DCC writes texts."""
+    content = _add(parent, "content", text)
+    if language is not None:
+        content.set("lang", language)
+
+
+def _named(parent: Any, text: object, language: str | None = None) -> None:
+    """A name with one content."""
+    _content(_add(parent, "name"), text, language)
 
 
 def _administrative(root: Any, certificate: dict[str, Any]) -> None:
@@ -85,19 +93,21 @@ def _administrative(root: Any, certificate: dict[str, Any]) -> None:
     dates = details.get("dates", {})
     part = _add(root, "administrativeData")
     software = _add(_add(part, "dccSoftware"), "software")
-    _named(software, "lmeasure")
+    _named(software, "lmeasure", OWN)
     _add(software, "release", certificate["environment"].get("lmeasure", NOT_STATED))
     core = _add(part, "coreData")
     _add(core, "countryCodeISO3166_1", details.get("country", "ZZ"))
-    _add(core, "usedLangCodeISO639_1", certificate["language"])
-    _add(core, "mandatoryLangCodeISO639_1", certificate["language"])
+    _add(core, "usedLangCodeISO639_1", OWN)
+    _add(core, "mandatoryLangCodeISO639_1", OWN)
     _add(core, "uniqueIdentifier", certificate["id"])
+    if "number" in details:
+        _identified(core, "calibrationLaboratory", details["number"], "number of the report")
     made = certificate["created"][:10]
     if "received" in dates:
         _add(core, "receiptDate", dates["received"])
     _add(core, "beginPerformanceDate", dates.get("measured_from", dates.get("measured_to", made)))
     _add(core, "endPerformanceDate", dates.get("measured_to", dates.get("measured_from", made)))
-    _add(core, "performanceLocation", "laboratory")
+    _add(core, "performanceLocation", details.get("performed_at", "other"))
     if "issued" in dates:
         _add(core, "issueDate", dates["issued"])
     items = _add(part, "items")
@@ -108,10 +118,7 @@ def _administrative(root: Any, certificate: dict[str, Any]) -> None:
         _named(_add(item, "manufacturer"), robot["maker"])
     if "model" in robot:
         _add(item, "model", robot["model"])
-    identification = _add(_add(item, "identifications"), "identification")
-    _add(identification, "issuer", "manufacturer")
-    _add(identification, "value", robot.get("serial", NOT_STATED))
-    _named(identification, "serial number")
+    _identified(item, "manufacturer", robot.get("serial", NOT_STATED), "serial number")
     laboratory = _add(part, "calibrationLaboratory")
     if "accreditation" in details:
         _add(laboratory, "calibrationLaboratoryCode", details["accreditation"]["number"])
@@ -123,13 +130,36 @@ def _administrative(root: Any, certificate: dict[str, Any]) -> None:
     if "role" in authoriser:
         _add(person, "role", authoriser["role"])
     _party(_add(part, "customer"), details.get("customer", {}))
-    statements = _add(part, "statements")
-    _named(_add(statements, "statement"), "The results relate only to the item tested.")
-    if not {"measured_from", "measured_to"} & set(dates):
-        _named(_add(statements, "statement"), "The dates of the measurement are not stated; those given are of this document.")
-    told = details["accreditation"]["statement"] if "accreditation" in details else "Test report; no accreditation is stated."
-    _named(_add(statements, "statement"), told)
-    _named(_add(statements, "statement"), f"Traceability: {details.get('traceability', NOT_STATED)}")
+    _statements(_add(part, "statements"), details)
+
+
+def _identified(parent: Any, issuer: str, value: str, name: str) -> None:
+    identification = _add(_add(parent, "identifications"), "identification")
+    _add(identification, "issuer", issuer)
+    _add(identification, "value", value)
+    _named(identification, name, OWN)
+
+
+def _statements(parent: Any, details: dict[str, Any]) -> None:
+    """What is to be said of the whole: a name in our words, a declaration that may be the laboratory's."""
+
+    def state(name: str, declaration: str, language: str | None = OWN) -> None:
+        statement = _add(parent, "statement")
+        _named(statement, name, OWN)
+        _content(_add(statement, "declaration"), declaration, language)
+
+    state("scope", "The results relate only to the item tested.")
+    if not {"measured_from", "measured_to"} & set(details.get("dates", {})):
+        state("dates", "The dates of the measurement are not stated; those given are of this document.")
+    if "accreditation" in details:
+        state("accreditation", "; ".join(details["accreditation"][key] for key in ("statement", "body", "number")), None)
+    else:
+        state("accreditation", "Test report; no accreditation is stated.")
+    for key, name in (("traceability", "traceability"), ("location", "place of the test"), ("deviations", "deviations from the method")):
+        if key in details:
+            state(name, details[key], None)
+    if "traceability" not in details:
+        state("traceability", NOT_STATED)
 
 
 def _party(parent: Any, party: dict[str, Any]) -> None:
@@ -137,25 +167,22 @@ def _party(parent: Any, party: dict[str, Any]) -> None:
     if "contact" in party:
         _add(parent, "eMail" if "@" in party["contact"] else "phone", party["contact"])
     location = _add(parent, "location")
-    further = _add(location, "further")
-    content = _add(further, "content", party.get("address", NOT_STATED))
-    content.set("lang", "en")
+    _content(_add(location, "further"), party.get("address", NOT_STATED))
 
 
 def _conditions(parent: Any, conditions: dict[str, Any]) -> None:
     for key, name, unit in (("temperature_c", "temperature", r"\degreecelsius"), ("humidity_percent", "relative humidity", r"\percent")):
         if key in conditions:
             condition = _add(parent, "influenceCondition")
-            _named(condition, name)
+            _named(condition, name, OWN)
             quantity = _add(_add(condition, "data"), "quantity")
             real = _add(quantity, "si:real")
             _add(real, "si:value", _number(conditions[key]))
             _add(real, "si:unit", unit)
     if "text" in conditions:
         condition = _add(parent, "influenceCondition")
-        _named(condition, "conditions")
-        content = _add(_add(_add(condition, "data"), "text"), "content", conditions["text"])
-        content.set("lang", "en")
+        _named(condition, "conditions", OWN)
+        _content(_add(_add(condition, "data"), "text"), conditions["text"])
 
 
 def _results(parent: Any, certificate: dict[str, Any]) -> None:
@@ -164,9 +191,7 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
         where = " ".join(str(figure[key]) for key in ("pose", "path", "part") if figure.get(key) is not None)
         verdict = "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable"
         _named(result, f"{figure['name']} {where}".strip())
-        description = _add(result, "description")
-        content = _add(description, "content", f"ISO 9283:1998, {figure.get('clause', '')}; instrument {verdict} of this figure")
-        content.set("lang", "en")
+        _content(_add(result, "description"), f"ISO 9283:1998, {figure.get('clause', '')}; instrument {verdict} of this figure", OWN)
         quantity = _add(_add(result, "data"), "quantity")
         real = _add(quantity, "si:real")
         _add(real, "si:value", _number(figure["value"]))
@@ -175,6 +200,20 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
         _add(expanded, "si:uncertainty", _number(figure["u95"]))
         _add(expanded, "si:coverageFactor", _number(figure.get("coverage_factor") or 1.96))
         _add(expanded, "si:coverageProbability", "0.95")
+        if figure.get("conformity"):
+            _conformity(_add(_add(quantity, "measurementMetaData"), "metaData"), figure)
+
+
+def _conformity(parent: Any, figure: dict[str, Any]) -> None:
+    """The decision on a tolerance; what guarded acceptance leaves open is conditional, on the side of the limit where the value lies."""
+    found = figure["conformity"]
+    lower, upper = found.get("lower"), found.get("upper")
+    limits = [f"{sign} {_number(limit)} {figure['unit']}" for sign, limit in (("at least", lower), ("at most", upper)) if limit is not None]
+    within = (lower is None or lower <= figure["value"]) and (upper is None or figure["value"] <= upper)
+    status = {"conforms": "pass", "does not conform": "fail"}.get(found["verdict"], "conditionalPass" if within else "conditionalFail")
+    _named(parent, "conformity", OWN)
+    _content(_add(parent, "declaration"), f"{' and '.join(limits)}; {found['rule']} acceptance (JCGM 106)", OWN)
+    _add(parent, "conformity", status)
 
 
 def _number(value: float) -> str:

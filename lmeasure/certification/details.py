@@ -22,7 +22,7 @@ def _printable(value: str) -> str:
         raise ValueError("must not be empty; leave the key out when there is nothing to state")
     if not all(line.isprintable() for line in value.split("\n")):
         raise ValueError("must be printable text")
-    return value
+    return value.strip()
 
 
 def _day(value: Any) -> Any:
@@ -112,6 +112,8 @@ class Details(Strict):
     country: Annotated[str, Field(pattern="^[A-Z]{2}$")] | None = None
     """ISO 3166-1 code of the laboratory's country, for the DCC."""
     location: Text | None = None
+    performed_at: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] | None = None
+    """Where the test was done, in the DCC's words."""
     method: Text | None = None
     deviations: Text | None = None
     """Additions to, deviations or exclusions from the method."""

@@ -33,6 +33,9 @@ FULL = {
     "conditions": {"temperature_c": 21.5, "humidity_percent": 40.0, "text": "quiet"},
     "authoriser": {"name": "A. Head", "role": "head"},
     "accreditation": {"statement": "Accredited", "body": "B", "number": "D-K-1"},
+    "number": "2026-017",
+    "location": "hall 3",
+    "performed_at": "customer",
 }
 
 
@@ -50,6 +53,38 @@ def test_it_keeps_to_the_schema_and_to_every_digit(details: dict[str, Any]) -> N
     assert "not capable" in told
     assert "\\u{B} \\u{D800}" in told
     assert ("no accreditation is stated" in told) == (not details)
+
+
+def test_it_says_no_more_than_is_known() -> None:
+    """Where the test was done and in which language the laboratory wrote is not guessed; our own texts are English whatever the PDF's language."""
+    bare, full = (etree.fromstring(dcc_xml(certificate(**d), XSD)) for d in ({}, FULL))
+
+    def one(tree: Any, path: str) -> list[str]:
+        return list(map(str, tree.xpath(path, namespaces=NAMES)))
+
+    assert one(bare, "//dcc:performanceLocation/text()") == ["other"]
+    assert one(full, "//dcc:performanceLocation/text()") == ["customer"]
+    assert one(full, "//dcc:usedLangCodeISO639_1/text()") == ["en"]
+    assert one(full, "//dcc:coreData//dcc:value/text()") == ["2026-017"]
+    for text in ("tracker 123", "quiet", "Customer & Co"):
+        (found,) = (c for c in full.iterfind(f".//{{{DCC}}}content") if c.text == text)
+        assert found.get("lang") is None
+
+
+@pytest.mark.parametrize(
+    ("value", "verdict", "status"),
+    [(0.3, "conforms", "pass"), (0.9, "does not conform", "fail"), (0.49, "not decided", "conditionalPass"),
+     (0.51, "not decided", "conditionalFail")],
+)  # fmt: skip
+def test_conformity_is_there_with_its_limits_and_rule(value: float, verdict: str, status: str) -> None:
+    content = certificate()
+    content["characteristics"][0] |= {
+        "value": value, "conformity": {"lower": None, "upper": 0.5, "rule": "guarded", "verdict": verdict, "probability": 0.5},
+    }  # fmt: skip
+    tree = etree.fromstring(dcc_xml(content, XSD))
+    assert tree.xpath("//dcc:conformity/text()", namespaces=NAMES) == [status]
+    (told,) = tree.xpath("//dcc:metaData/dcc:declaration/dcc:content/text()", namespaces=NAMES)
+    assert told == "at most 0.5 mm; guarded acceptance (JCGM 106)"
 
 
 def test_what_does_not_keep_to_the_schema_is_one_line(tmp_path: Path) -> None:
