@@ -9,8 +9,8 @@ class LMeasureError(Exception):
     """The data cannot give the answer. The text is one line and says what to look at."""
 
     def __str__(self) -> str:
-        # names of files and texts of other libraries may bring line ends along
-        return " ".join(super().__str__().split())
+        # names of files and texts of other libraries may bring line ends along, and characters that turn the line around or hide in it
+        return "".join(c if c.isprintable() else f"\\u{{{ord(c):X}}}" for c in " ".join(super().__str__().split()))
 
 
 class FileFormatError(LMeasureError, ValueError):

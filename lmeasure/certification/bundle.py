@@ -57,6 +57,13 @@ def new_folder(out: Path) -> Iterator[Path]:
     try:
         _claim(out)
         target = out.resolve()
+    except OSError as error:
+        raise CertificationError(f"{out}: cannot be written: {error.strerror or error}") from error
+    except ValueError as error:
+        if isinstance(error, LMeasureError):
+            raise
+        raise CertificationError(f"{str(out)!r}: cannot be written: {error}") from error
+    try:
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
         old = temporary.with_suffix(".old")
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -76,10 +83,6 @@ def new_folder(out: Path) -> Iterator[Path]:
                 shutil.rmtree(old, ignore_errors=True)
     except OSError as error:
         raise CertificationError(f"{out}: cannot be written: {error.strerror or error}") from error
-    except ValueError as error:
-        if isinstance(error, LMeasureError):
-            raise
-        raise CertificationError(f"{str(out)!r}: cannot be written: {error}") from error
 
 
 def _claim(out: Path) -> None:
@@ -119,7 +122,8 @@ def copy_into(folder: Path, copies: dict[str, Path]) -> None:
             shutil.copyfile(source, target)
         except (OSError, ValueError) as error:
             files.read_bytes(source)  # says which of the two it was
-            raise CertificationError(f"{source}: cannot be copied: {error}") from error
+            told = error.strerror if isinstance(error, OSError) and error.strerror else error
+            raise CertificationError(f"{source}: cannot be copied: {told}") from error
 
 
 def file_sha256(path: Path) -> str:

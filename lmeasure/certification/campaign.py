@@ -87,6 +87,15 @@ class Tests:
         if max(self.speeds_percent) > 100.0:
             raise CertificationError(f"a speed of {max(self.speeds_percent):g} % is more than the rated one")
 
+    @property
+    def first(self) -> dict[str, float]:
+        """The first condition, that of all tests but pose and path."""
+        return {"speed_percent": self.speeds_percent[0], "load_kg": self.loads_kg[0]}
+
+    def at(self, rated_mm_s: float) -> float:
+        """A rated speed at the first condition [mm/s]."""
+        return 0.01 * self.speeds_percent[0] * rated_mm_s
+
     def count(self, test: str) -> int:
         """How many cycles a test has."""
         return self.cycles.get(test, CYCLES[test])
@@ -110,7 +119,7 @@ def campaign(cube: Cube, tests: Tests) -> Campaign:
         for key, rows in part.tables.items():
             tables[key] = (*tables.get(key, ()), *rows)
     program = Program.model_validate({"schema_": "lmeasure.program/1", "name": "ISO 9283 test cube", "angles": tests.angles, **tables})
-    home = Command(points["P1"][None], tests.speed_mm_s, 0.0)
+    home = Command(points["P1"][None], tests.at(tests.speed_mm_s), 0.0)
     return Campaign(program, (*(c for part in parts for c in part.commands), home), points["P1"])
 
 
@@ -139,8 +148,8 @@ def _pose(name: str, row: FloatArray, **more: object) -> CommandedPose:
 
 def _to(row: FloatArray, tests: Tests, target: str = "", **more: object) -> Command:
     """A straight way to a pose, with a rest when it is measured."""
-    given: dict[str, object] = {"speed_mm_s": tests.speed_mm_s, "dwell_s": tests.dwell_s if target else 0.0, "load_kg": tests.loads_kg[0]}
-    return Command(row[None], **(given | more), target=target)  # type: ignore[arg-type]
+    given: dict[str, object] = {"speed_mm_s": tests.at(tests.speed_mm_s), "dwell_s": tests.dwell_s if target else 0.0}
+    return Command(row[None], **(given | {"load_kg": tests.loads_kg[0]} | more), target=target)  # type: ignore[arg-type]
 
 
 def _poses(cube: Cube, tests: Tests, points: _Points) -> _Part:
@@ -163,7 +172,7 @@ def _approaches(cube: Cube, tests: Tests, points: _Points) -> _Part:
     n, rows, commands = tests.count("approach"), [], []
     for name in FROM_THREE_SIDES:
         title, inward = f"{name} from three sides", np.sign(cube.centre - points[name][:3])
-        rows.append(_pose(title, points[name], cycles=3 * n, approaches=APPROACHES * n))
+        rows.append(_pose(title, points[name], cycles=3 * n, approaches=APPROACHES * n, **tests.first))
         for cycle in range(1, n + 1):
             for axis in range(3):
                 before = points[name].copy()
@@ -176,7 +185,7 @@ def _stabilisation(cube: Cube, tests: Tests, points: _Points) -> _Part:
     """7.4, 7.5: P1 from P2."""
     n, title = tests.count("stabilisation"), "P1 settling"
     commands = [c for i in range(1, n + 1) for c in (_to(points["P2"], tests), _to(points["P1"], tests, title, role="settling", cycle=i))]
-    return _Part({"pose": (_pose(title, points["P1"], cycles=n, limit_band_mm=tests.limit_band_mm),)}, tuple(commands))
+    return _Part({"pose": (_pose(title, points["P1"], cycles=n, limit_band_mm=tests.limit_band_mm, **tests.first),)}, tuple(commands))
 
 
 def _drift(cube: Cube, tests: Tests, points: _Points) -> _Part:
@@ -191,7 +200,7 @@ def _drift(cube: Cube, tests: Tests, points: _Points) -> _Part:
         for i in range(1, DRIFT_GROUP + 1):
             commands += [_to(points["P2"], tests), _to(points["P1"], tests, title, cycle=group * DRIFT_GROUP + i)]
         commands += around * (fill if group < groups - 1 else 0)
-    row = _pose(title, points["P1"], cycles=groups * DRIFT_GROUP)
+    row = _pose(title, points["P1"], cycles=groups * DRIFT_GROUP, **tests.first)
     return _Part({"pose": (row,), "drift": (Drift(pose=title, group=DRIFT_GROUP),)}, tuple(commands))
 
 
@@ -225,7 +234,8 @@ def _reorientations(cube: Cube, tests: Tests, points: _Points) -> _Part:
         turn = TURN_RAD * np.eye(3)[axis]
         first, last = ((Rotation.from_rotvec(t) * Rotation.from_quat(tests.quaternion)).as_quat() for t in (-turn, turn))
         title = f"line turning about {name}"
-        row = _path(title, shape, cycles=n, speed_mm_s=tests.path_speed_mm_s, load_kg=tests.loads_kg[0], quaternion=first, end=last)
+        speed = tests.at(tests.path_speed_mm_s)
+        row = _path(title, shape, cycles=n, speed_mm_s=speed, quaternion=first, end=last, **tests.first)
         rows.append(row)
         commands += _along(row, tests, n)
     return _Part({"path": tuple(rows)}, tuple(commands))
@@ -265,7 +275,7 @@ def _posing(cube: Cube, tests: Tests, points: _Points) -> _Part:
     for cycle in range(1, n + 1):
         commands.append(_to(rows[names[0]], tests, dwell_s=tests.dwell_s))
         commands += [_to(rows[p.to_pose], tests, p.name, role="posing", cycle=cycle) for p in posings]
-    poses = tuple(_pose(name, row) for name, row in rows.items())
+    poses = tuple(_pose(name, row, **tests.first) for name, row in rows.items())
     return _Part({"pose": poses, "posing": tuple(posings)}, tuple(commands))
 
 
@@ -280,7 +290,7 @@ def _compliance(cube: Cube, tests: Tests, points: _Points) -> _Part:
     commands = [_to(points["P1"], tests)]
     commands += [_to(points["P1"], tests, title, role="compliance", cycle=i, force_n=f, load_kg=0.0) for i, f in enumerate(forces, 1)]
     table = Compliance(pose=title, force_n=tuple((float(f[0]), float(f[1]), float(f[2])) for f in forces))
-    return _Part({"pose": (_pose(title, points["P1"]),), "compliance": (table,)}, tuple(commands))
+    return _Part({"pose": (_pose(title, points["P1"], load_kg=0.0),), "compliance": (table,)}, tuple(commands))
 
 
 def _path(name: str, shape: Mapping[str, object], **more: object) -> CommandedPath:

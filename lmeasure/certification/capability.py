@@ -53,6 +53,12 @@ def tolerance_of(c: Characteristic, tolerances: Sequence[Tolerance]) -> Toleranc
     return None
 
 
+def undecided(found: Sequence[Characteristic], tolerances: Sequence[Tolerance]) -> Tolerance | None:
+    """The first tolerance that no characteristic is held against, excluded ones counting: its name is another, or one before takes all."""
+    used = {id(tolerance_of(c, tolerances)) for c in found}
+    return next((t for t in tolerances if id(t) not in used), None)
+
+
 def with_verdict(c: Characteristic, tolerances: Sequence[Tolerance], fraction: float, rule: Rule, signed: bool) -> Characteristic:
     """The characteristic with its own verdict of capability and conformity; none when it is excluded."""
     tolerance = tolerance_of(c, tolerances)

@@ -11,6 +11,7 @@ from lmeasure.certification.canonical import digest
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Inputs, Measured, settings_stated
 from lmeasure.kernels import screw
+from lmeasure.program import Program
 
 ID_DIGITS = 16
 LANGUAGES = ("en", "ru")
@@ -55,6 +56,7 @@ def certificate(
         },
         "angles": evaluation.angles,
         "uncertainty_covers": evaluation.covers,
+        "program": commanded(measured.program),
         "attained": [attained(pose) for pose in evaluation.poses],
         "notes": list(dict.fromkeys([*measured.notes, *evaluation.notes])),
         **figures,
@@ -75,6 +77,13 @@ def _instrument(measured: Measured) -> dict[str, Any] | None:
     rig = measured.rig
     told = {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
     return told | {"systematic_sha256": measured.systematic_sha256}
+
+
+def commanded(program: Program) -> dict[str, Any]:
+    """What was commanded, at what speed and load: the program's poses and paths without their times."""
+    times = {"windows_s", "settling_s", "approaches", "units"}
+    rows = {key: [p.model_dump(exclude=times, exclude_defaults=True) for p in getattr(program, key)] for key in ("pose", "path")}
+    return plain({"load_kg": program.load_kg} | rows)
 
 
 def attained(pose: AttainedPose) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from lmeasure import files
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.certification.bundle import INPUTS, safe_name
 from lmeasure.certification.canonical import digest
+from lmeasure.certification.capability import undecided
 from lmeasure.certification.details import Details, read_details
 from lmeasure.certification.errors_of_poses import ErrorsOfRun
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
@@ -167,6 +168,18 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
     Raises what reading the files, `reconstruct` and `evaluate` raise.
     """
     program = read_program(inputs.program)
+    found = _measured(inputs, program, settings, progress)
+    unused = undecided(found.evaluation.characteristics, program.tolerance)
+    if unused is not None:
+        where = "".join(f" at {name}" for name in (unused.pose, unused.path) if name is not None)
+        raise CertificationError(
+            f"{inputs.program}: tolerance of {unused.characteristic}{where}: no characteristic is held against it: none has that name "
+            "there, or a tolerance before it takes all"
+        )
+    return found
+
+
+def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Progress | None) -> Measured:
     details = Details() if inputs.details is None else read_details(inputs.details)
     if inputs.run is None:
         trajectory = read_trajectory(inputs.trajectory)

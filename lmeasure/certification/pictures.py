@@ -15,12 +15,16 @@ FloatArray = NDArray[np.float64]
 PLANES = ((0, 1), (0, 2), (1, 2))
 COVERAGE = 0.95
 MOST_POINTS = 20_000
+READABLE = 0.5
+"""Of the mean's distance from what was commanded: how large a scatter that is drawn enlarged may become."""
 
 
 @dataclass(frozen=True)
 class Target:
     """The cycles of one pose seen from one side: deviations (n, 2) [mm] from the commanded position along two axes, their mean (2,), the
-    ellipse (m, 2) that holds 95 % of further cycles (None for fewer than four cycles), and a round radius around everything."""
+    ellipse (m, 2) that holds 95 % of further cycles (None for fewer than four cycles), and a round radius around everything.
+
+    enlarged: factor by which the scatter about the mean, and the ellipse, are larger than they are."""
 
     pose: str
     axes: tuple[int, int]
@@ -28,15 +32,26 @@ class Target:
     mean: FloatArray
     ellipse: FloatArray | None
     radius: float
+    enlarged: float = 1.0
 
 
-def targets(pose: AttainedPose) -> list[Target]:
-    """A pose from above, from the front and from the side."""
+def targets(pose: AttainedPose, *, readable: bool = False) -> list[Target]:
+    """A pose from above, from the front and from the side.
+
+    readable: the scatter enlarged where it is small beside the mean's distance, for paper, on which nobody can come nearer.
+    """
     deviations = pose.poses[:, :3] - pose.commanded[:3]
+    mean = deviations.mean(axis=0)
+    scatter = deviations - mean
+    factor = 1.0
+    if readable and (largest := float(np.linalg.norm(scatter, axis=1).max())) > 0.0:
+        # the next round number is at most 2.5 times as large
+        factor = max(1.0, round_up(READABLE / 2.5 * float(np.linalg.norm(mean)) / largest))
+    deviations = mean + factor * scatter
     seen = [(axes, deviations[:, axes], prediction_ellipse(deviations[:, axes])) for axes in PLANES]
     far = max(float(np.abs(part).max()) for _, d, e in seen for part in (d, e) if part is not None)
     radius = round_up(far)
-    return [Target(pose.name, axes, d, d.mean(axis=0), e, radius) for axes, d, e in seen]
+    return [Target(pose.name, axes, d, d.mean(axis=0), e, radius, factor) for axes, d, e in seen]
 
 
 def prediction_ellipse(points: FloatArray, corners: int = 73) -> FloatArray | None:

@@ -1,9 +1,11 @@
 """What of an evaluation can be chosen."""
 
+import math
 from dataclasses import dataclass
-from typing import Any
 
 from lmeasure.certification.characteristic import Rule
+from lmeasure.conventions import MAX_LENGTH_MM
+from lmeasure.errors import CertificationError
 
 
 @dataclass(frozen=True)
@@ -13,7 +15,7 @@ class Settings:
     align: fit the base frame to the poses before anything else; tool_offset_mm: the point of the tool that is certified, in the tool
     frame; angles: convention of component-wise angles, else the program's, else the rig's; capability: largest u95 as a fraction of the
     characteristic; limit_angle_deg, limit_u95_mm: of the instrument's zone, None for no limit; rule: of decision on tolerances; planes:
-    normal to a path; still_mm: largest motion within a window; trials, seed: of Monte Carlo.
+    normal to a path; still_mm: largest motion within a window; trials, seed: of Monte Carlo. CertificationError for what cannot be meant.
     """
 
     align: bool = False
@@ -28,6 +30,12 @@ class Settings:
     trials: int = 2000
     seed: int = 0
 
-    def as_dict(self) -> dict[str, Any]:
-        """For certificate.json."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in vars(self).items() if v is not None}
+    def __post_init__(self) -> None:
+        if not all(abs(v) <= MAX_LENGTH_MM for v in self.tool_offset_mm):
+            raise CertificationError(f"tool_offset_mm = {list(self.tool_offset_mm)}: must be finite, at most {MAX_LENGTH_MM:g} mm")
+        for name, most in (("limit_angle_deg", 90.0), ("limit_u95_mm", MAX_LENGTH_MM)):
+            limit = getattr(self, name)
+            if limit is not None and not 0.0 < limit <= most:
+                raise CertificationError(f"{name} = {limit:g}: must be more than 0 and at most {most:g}")
+        if self.seed < 0 or not math.isfinite(self.capability):
+            raise CertificationError(f"seed = {self.seed}, capability = {self.capability}: must be numbers from 0")

@@ -1,5 +1,6 @@
 """`lmeasure certify`: from a measurement to a certificate a third party can recompute."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -39,21 +40,25 @@ def certify(
         float, typer.Option("--capability", min=0.0, max=1.0, help="Largest U95 as a part of a figure.", rich_help_panel=CHOICES)
     ] = 0.25,
     limit_deg: Annotated[
-        float, typer.Option("--limit-deg", help="Pressure angle beyond which no verdict is given.", rich_help_panel=CHOICES)
+        float,
+        typer.Option("--limit-deg", min=0.0, max=90.0, help="Pressure angle beyond which no verdict is given.", rich_help_panel=CHOICES),
     ] = 60.0,
     limit_u95_mm: Annotated[
-        float | None, typer.Option("--limit-u95-mm", help="The same for the 95 % radius of a pose.", rich_help_panel=CHOICES)
+        float | None, typer.Option("--limit-u95-mm", min=0.0, help="The same for the 95 % radius of a pose.", rich_help_panel=CHOICES)
     ] = None,
     rule: Annotated[str, typer.Option("--rule", help="simple or guarded: decision on tolerances.", rich_help_panel=CHOICES)] = "simple",
-    still_mm: Annotated[float, typer.Option("--still-mm", help="Largest motion within a window of a pose.", rich_help_panel=CHOICES)] = 0.2,
+    still_mm: Annotated[
+        float, typer.Option("--still-mm", min=0.0, help="Largest motion within a window of a pose.", rich_help_panel=CHOICES)
+    ] = 0.2,
     trials: Annotated[int, typer.Option("--trials", min=100, help="Trials of Monte Carlo.", rich_help_panel=CHOICES)] = 4000,
-    seed: Annotated[int, typer.Option("--seed", help="Its seed.", rich_help_panel=CHOICES)] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Its seed.", rich_help_panel=CHOICES)] = 0,
 ) -> None:
     """Certify a robot by ISO 9283: certificate.json, certificate.pdf, report.html and copies of all inputs in one sealed folder."""
     from lmeasure.certification import Settings
     from lmeasure.certification.certificate import LANGUAGES
     from lmeasure.certification.measure import Inputs
     from lmeasure.cli.progress import bar
+    from lmeasure.conventions import CONVENTIONS
     from lmeasure.report.certificate import Choices, lines, write_certificate
 
     if language not in LANGUAGES:
@@ -62,8 +67,11 @@ def certify(
         raise typer.BadParameter(f"{rule!r} is neither simple nor guarded", param_hint="--rule")
     if xsd is not None and not dcc:
         raise typer.BadParameter("goes with --dcc", param_hint="--xsd")
-    if run is None and (rig is not None or constraint is not None):
-        raise typer.BadParameter("goes with --run", param_hint="--rig" if rig is not None else "--constraint")
+    of_run = {"--rig": rig is not None, "--constraint": constraint is not None, "--repeatability-mm": repeatability_mm != 0.0}
+    if run is None and any(of_run.values()):
+        raise typer.BadParameter("goes with --run", param_hint=next(name for name, given in of_run.items() if given))
+    if angles is not None and angles not in CONVENTIONS:
+        raise typer.BadParameter(f"{angles!r} is not one of {', '.join(CONVENTIONS)}", param_hint="--angles")
     settings = Settings(
         align=align,
         angles=angles,
@@ -84,7 +92,9 @@ def certify(
 
 def _point(text: str) -> tuple[float, float, float]:
     try:
-        x, y, z = (float(part) for part in text.split(","))
+        found = [float(part) for part in text.split(",")]
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is not three numbers with commas between them", param_hint="--tool-offset-mm") from None
-    return x, y, z
+        found = []
+    if len(found) != 3 or not all(map(math.isfinite, found)):
+        raise typer.BadParameter(f"{text!r} is not three numbers with commas between them", param_hint="--tool-offset-mm")
+    return found[0], found[1], found[2]

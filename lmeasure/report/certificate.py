@@ -95,6 +95,6 @@ def lines(content: dict[str, Any]) -> list[str]:
     out = [f"{say.title(content)} {content['id']}"]
     for place, rows in say.results(content):
         out.append(f"{place}:")
-        out += [f"  {row[0]:<52} {row[2]:>12} {row[3]:<12} {row[4]:<4} {row[6]}" for row in rows]
+        out += [f"  {row[0]:<52} {row[2]:>12} {row[3]:<12} {row[4]:<4} {'; '.join(c for c in (row[6], *row[8:]) if c)}" for row in rows]
     counted = {"figures": len(figures), "capable": capable, "not_capable": len(figures) - capable - excluded, "excluded": excluded}
     return [*out, word(content["language"], "counted", **counted)]

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
+from plotly.colors import qualitative
 from plotly.subplots import make_subplots
 
 from lmeasure.certification.attained import AttainedPose
@@ -35,6 +36,8 @@ def certificate_html(certificate: dict[str, Any], measured: Measured) -> str:
         html.table((word(language, "column.part"), word(language, "column.reason")), say.excluded(certificate))
         if certificate["excluded"]
         else html.paragraph(word(language, "nothing excluded")),
+        html.heading(word(language, "section.commanded")),
+        html.table(say.commanded_header(language), say.commanded(certificate), "text"),
         *_pictures(language, measured),
         html.heading(word(language, "section.uncertainty")),
         *(html.paragraph(line) for line in say.uncertainty(certificate)),
@@ -142,8 +145,8 @@ def _drift(language: str, evaluation: Evaluation) -> go.Figure:
     figure = go.Figure()
     for pose in evaluation.poses:
         distance = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
-        figure.add_scatter(x=pose.time_s, y=distance, mode="lines+markers", name=_name(pose.name))
-    figure.update_layout(height=400, margin={"t": 20}, showlegend=True)
+        figure.add_scatter(x=pose.time_s, y=distance, mode="lines+markers", name=_name(pose.name), legendgroup=_name(pose.name))
+    _one_of(figure, language)
     figure.update_xaxes(title_text=word(language, "axis.time"))
     figure.update_yaxes(title_text=word(language, "axis.deviation"), rangemode="tozero")
     return figure
@@ -157,14 +160,24 @@ def _cycles(figure: go.Figure, path: AttainedPath, x: FloatArray, values: FloatA
         )  # fmt: skip
 
 
-_LINES = ("#30638e", "#b3261e", "#1a7f4b", "#d99a00", "#7b3294", "#30343f")
+_LINES = tuple(qualitative.Dark24)
+
+
+def _one_of(figure: go.Figure, language: str) -> None:
+    """A list above the figure to look at one pose or path alone; many over one another tell nothing."""
+    groups = list(dict.fromkeys(trace.legendgroup for trace in figure.data))
+    shown = {word(language, "all"): [True] * len(figure.data)}
+    shown |= {group: [trace.legendgroup == group for trace in figure.data] for group in groups}
+    buttons = [{"label": label, "method": "update", "args": [{"visible": visible}]} for label, visible in shown.items()]
+    menu = {"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.2, "yanchor": "top"}
+    figure.update_layout(height=440, margin={"t": 70}, showlegend=True, updatemenus=[menu])
 
 
 def _along(language: str, evaluation: Evaluation) -> go.Figure:
     figure = go.Figure()
     for k, path in enumerate(evaluation.paths):
         _cycles(figure, path, path.arc_mm, path.deviation_mm, language, _LINES[k % len(_LINES)])
-    figure.update_layout(height=400, margin={"t": 20}, showlegend=True)
+    _one_of(figure, language)
     figure.update_xaxes(title_text=word(language, "axis.arc"))
     figure.update_yaxes(title_text=word(language, "axis.deviation"), rangemode="tozero")
     return figure
@@ -181,7 +194,7 @@ def _speed(language: str, evaluation: Evaluation) -> go.Figure:
                 x=path.arc_mm[[0, -1]], y=[path.commanded_speed_mm_s] * 2, mode="lines", line={"color": colour, "dash": "dash"},
                 legendgroup=_name(path.name), name=f"{_name(path.name)}: {word(language, 'commanded')}",
             )  # fmt: skip
-    figure.update_layout(height=400, margin={"t": 20}, showlegend=True)
+    _one_of(figure, language)
     figure.update_xaxes(title_text=word(language, "axis.arc"))
     figure.update_yaxes(title_text=word(language, "axis.speed"), rangemode="tozero")
     return figure
@@ -197,8 +210,14 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
     worst = max((float(np.nanmax(p.deviation_mm, initial=0.0)) for p in measured.evaluation.paths), default=0.0)
     for k, path in enumerate(measured.evaluation.paths):
         _path_in_space(figure, path, factor, worst, language, first=k == 0)
-    for k, pose in enumerate(measured.evaluation.poses):
-        _pose_in_space(figure, pose, factor, language, first=k == 0)
+    poses = measured.evaluation.poses
+    names: dict[bytes, list[str]] = {}
+    for pose in poses:
+        names.setdefault(np.round(pose.commanded[:3], 3).tobytes(), []).append(_name(pose.name))
+    for k, pose in enumerate(poses):
+        # of poses at one place the first bears the names of all
+        here = names.pop(np.round(pose.commanded[:3], 3).tobytes(), [])
+        _pose_in_space(figure, pose, factor, language, "<br>".join(here), first=k == 0)
     axes = {f"{axis}axis_title": f"{axis.upper()}, {_mm(language)}" for axis in "xyz"}
     figure.update_layout(
         height=640,
@@ -227,14 +246,14 @@ def _path_in_space(figure: go.Figure, path: AttainedPath, factor: float, worst: 
     )  # fmt: skip
 
 
-def _pose_in_space(figure: go.Figure, pose: AttainedPose, factor: float, language: str, *, first: bool) -> None:
+def _pose_in_space(figure: go.Figure, pose: AttainedPose, factor: float, language: str, label: str, *, first: bool) -> None:
     enlarged = pose.commanded[:3] + factor * (pose.poses[:, :3] - pose.commanded[:3])
     figure.add_scatter3d(
         x=enlarged[:, 0], y=enlarged[:, 1], z=enlarged[:, 2], mode="markers", marker={"size": 3, "color": MEAN},
         name=word(language, "attained"), legendgroup="attained", showlegend=first, hovertemplate=_name(pose.name),
     )  # fmt: skip
     figure.add_scatter3d(
-        x=pose.commanded[:1], y=pose.commanded[1:2], z=pose.commanded[2:3], mode="markers+text", text=[_name(pose.name)],
+        x=pose.commanded[:1], y=pose.commanded[1:2], z=pose.commanded[2:3], mode="markers+text", text=[label],
         marker={"size": 4, "color": COMMANDED, "symbol": "cross"}, name=word(language, "commanded"), legendgroup="commanded",
         showlegend=first, hoverinfo="skip",
     )  # fmt: skip

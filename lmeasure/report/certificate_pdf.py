@@ -65,6 +65,7 @@ def _content(certificate: dict[str, Any], evaluation: Evaluation) -> dict[str, A
         "about": about,
         "header": say.results_header(language, any("conformity" in c for c in figures)),
         "results": [{"place": place, "rows": rows} for place, rows in say.results(certificate)],
+        "commanded": say.commanded(certificate),
         "excluded": say.excluded(certificate),
         "uncertainty": say.uncertainty(certificate),
         "targets": _targets(language, evaluation),
@@ -74,9 +75,10 @@ def _content(certificate: dict[str, Any], evaluation: Evaluation) -> dict[str, A
         "authoriser": next(value for key, value in reversed(about) if key == word(language, "authoriser")),
         "words": {
             **{key: word(language, f"section.{key}") for key in
-               ("about", "results", "pictures", "excluded", "uncertainty", "notes", "inputs", "program")},
+               ("about", "results", "commanded", "pictures", "excluded", "uncertainty", "notes", "inputs", "program")},
             "none": word(language, "no results"),
             "nothing": word(language, "nothing excluded"),
+            "commanded_header": say.commanded_header(language),
             "excluded_header": [word(language, "column.part"), word(language, "column.reason")],
             "inputs_header": [word(language, "column.file"), "SHA-256"],
             "bullseye": word(language, "bullseye.text"),
@@ -92,7 +94,7 @@ def _targets(language: str, evaluation: Evaluation) -> list[list[dict[str, str]]
     out = []
     for pose in evaluation.poses[:MOST_TARGETS]:
         row = []
-        for target in targets(pose):
+        for target in targets(pose, readable=True):
             axes = word(
                 language,
                 "bullseye.axes",
@@ -100,6 +102,8 @@ def _targets(language: str, evaluation: Evaluation) -> list[list[dict[str, str]]
                 vertical="XYZ"[target.axes[1]],
                 radius=f"{target.radius:g}",
             )
+            if target.enlarged > 1.0:
+                axes = f"{axes}; {word(language, 'bullseye.enlarged', factor=f'{target.enlarged:g}')}"
             name = say.visible(target.pose)
             row.append({"svg": target_svg(target), "name": name, "axes": axes, "alt": f"{name}: {axes}"})
         out.append(row)

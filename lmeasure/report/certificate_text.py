@@ -1,10 +1,10 @@
 """What a certificate says, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
 
+import datetime
 import math
 import unicodedata
 from typing import Any
 
-from lmeasure.certification.verify import label
 from lmeasure.report.words import characteristic_name, sentence, unit, word
 
 Rows = list[tuple[str, ...]]
@@ -26,7 +26,8 @@ def with_u95(value: float, u95: float) -> tuple[str, str]:
     if decimals < 0:
         step = 10.0**-decimals
         return f"{round(value / step) * step:.0f}", f"{round(u95 / step) * step:.0f}"
-    return f"{value:.{decimals}f}", f"{u95:.{decimals}f}"
+    # + 0.0: what rounds to zero has no sign
+    return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{u95:.{decimals}f}"
 
 
 def title(certificate: dict[str, Any]) -> str:
@@ -51,7 +52,7 @@ def about(certificate: dict[str, Any]) -> Rows:
     rows: Rows = [
         row("id", certificate["id"]),
         *([row("number", stated("number"))] if "number" in details else []),
-        row("created", certificate["created"]),
+        row("created", moment(certificate["created"])),
         row("laboratory", stated("laboratory", "name")),
         row("laboratory.address", stated("laboratory", "address")),
         row("laboratory.contact", stated("laboratory", "contact")),
@@ -77,6 +78,11 @@ def about(certificate: dict[str, Any]) -> Rows:
         told = [stated("accreditation", key) or "" for key in ("statement", "body", "number")]
         rows.append(row("accreditation", "; ".join(told)))
     return rows
+
+
+def moment(created: str) -> str:
+    """The moment of creation for a person, to the second."""
+    return f"{datetime.datetime.fromisoformat(created):%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _conditions(language: str, conditions: dict[str, Any]) -> str | None:
@@ -111,7 +117,7 @@ def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
             f"{visible(figure['name'])}{part}" + (f" – {name}" if name else "") + extension,
             visible(figure.get("clause", "")),
             value,
-            f"± {u95}",
+            f"±\u00a0{u95}",
             unit(language, visible(figure["unit"])),
             str(figure.get("cycles", "")),
             verdict(language, figure),
@@ -137,16 +143,84 @@ def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bo
     if not conformity:
         return ["", ""]
     lower, upper = conformity.get("lower"), conformity.get("upper")
-    limits = f"{'' if lower is None else f'{lower:g}'} … {'' if upper is None else f'{upper:g}'}"
+    limits = (
+        f"{lower:g} … {upper:g}"
+        if lower is not None and upper is not None
+        else f"≥\u00a0{lower:g}"
+        if upper is None
+        else f"≤\u00a0{upper:g}"
+    )
     rule = f", {word(language, 'rule.' + conformity['rule'])}" if name_rule else ""
-    return [limits, f"{word(language, conformity['verdict'])} ({100 * conformity['probability']:.1f} %{rule})"]
+    return [limits, f"{word(language, conformity['verdict'])} ({_percent(conformity['probability'])}{rule})"]
+
+
+def _percent(probability: float) -> str:
+    """A probability that is never rounded to certainty."""
+    if probability >= 0.9995:
+        return ">\u00a099.9\u00a0%"
+    return "<\u00a00.1\u00a0%" if probability < 0.0005 else f"{100 * probability:.1f}\u00a0%"
+
+
+_BETWEEN = {"AD": "distance", "RD": "distance", "t": "move"}
+"""What a name of two poses means, by the stem of the figure."""
 
 
 def _place(language: str, figure: dict[str, Any]) -> str:
     for kind in ("pose", "path"):
         if figure.get(kind) is not None:
-            return f"{word(language, f'kind.{kind}')} {visible(figure[kind])}"
+            stem = "t" if figure["name"] == "t_min" else str(figure["name"]).split("_")[0]
+            said = _BETWEEN.get(stem, kind) if figure["name"] != "t_s" else kind
+            return f"{word(language, f'kind.{said}')} {visible(figure[kind])}"
     return word(language, "kind.program")
+
+
+def commanded(certificate: dict[str, Any]) -> Rows:
+    """Poses and paths of the program: what was commanded, at what speed and load."""
+    language, program = certificate["language"], certificate["program"]
+    rows: Rows = []
+    for kind, told in (("pose", _commanded_pose), ("path", _commanded_path)):
+        for part in program[kind]:
+            percent = f"{part['speed_percent']:g}\u00a0%" if "speed_percent" in part else ""
+            speed = f"{part['speed_mm_s']:g}\u00a0{unit(language, 'mm/s')}" if "speed_mm_s" in part else ""
+            load = part.get("load_kg", program["load_kg"])
+            said = [", ".join(s for s in (speed, percent) if s), "" if load is None else f"{load:g}\u00a0{unit(language, 'kg')}"]
+            name = f"{word(language, f'kind.{kind}')} {visible(part['name'])}"
+            rows.append((name, told(language, part), *(s or word(language, "not stated") for s in said)))
+    return rows
+
+
+def _commanded_pose(language: str, pose: dict[str, Any]) -> str:
+    return word(language, "commanded.pose", position=_numbers(pose["position_mm"]), quaternion=_numbers(pose["quaternion_xyzw"]))
+
+
+def _commanded_path(language: str, path: dict[str, Any]) -> str:
+    def at(value: list[float]) -> str:
+        return f"({_numbers(value)})"
+
+    kind = path["kind"]
+    if kind == "linear":
+        said = {"start": at(path["start_mm"]), "end": at(path["end_mm"])}
+    elif kind == "circular":
+        said = {"centre": at(path["centre_mm"]), "radius": f"{path['radius_mm']:g}", "start": at(path["start_mm"])}
+    elif kind == "rectangular":
+        said = {"corners": ", ".join(map(at, path["corners_mm"]))}
+    else:
+        said = {"count": str(len(path["points_mm"])), "start": at(path["points_mm"][0]), "end": at(path["points_mm"][-1])}
+    parts = [word(language, f"commanded.{kind}", **said)]
+    if "end_quaternion_xyzw" in path:
+        parts.append(word(language, "commanded.turning"))
+    if "weave_stroke_mm" in path:
+        parts.append(word(language, "commanded.weave", stroke=f"{path['weave_stroke_mm']:g}", distance=f"{path['weave_distance_mm']:g}"))
+    return "; ".join(parts)
+
+
+def _numbers(values: list[float]) -> str:
+    return ", ".join(f"{v:.7g}" for v in values)
+
+
+def commanded_header(language: str) -> tuple[str, ...]:
+    """Header of the table of what was commanded."""
+    return tuple(word(language, f"column.{key}") for key in ("part", "commanded", "speed", "load"))
 
 
 def excluded(certificate: dict[str, Any]) -> Rows:
@@ -204,7 +278,9 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     out += [phrase(language, note) for note in certificate["notes"]]
     # of whom a component takes its verdict is said once for all
     own = [c for c in figures if c.get("note") and not c["note"].startswith("verdict of ")]
-    out += [f"{visible(label(c))}: {phrase(language, c['note'])}" for c in own]
+    for c in own:
+        part = f" {visible(c['part'])}" if c.get("part") else ""
+        out.append(f"{visible(c['name'])}{part}, {_place(language, c)}: {phrase(language, c['note'])}")
     return list(dict.fromkeys(out))
 
 

@@ -21,6 +21,7 @@ th, td {{ padding: .2rem .8rem; text-align: right; border-bottom: 1px solid #ddd
 th:first-child, td:first-child {{ text-align: left; }}
 .warning {{ background: #fff4d6; border-left: 4px solid #d99a00; padding: .4rem .8rem; margin: .4rem 0; }}
 .scroll {{ overflow-x: auto; }}
+.text th {{ text-align: left; }}
 .text td {{ text-align: left; overflow-wrap: anywhere; white-space: pre-line; }}
 </style>
 </head>

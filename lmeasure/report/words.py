@@ -80,6 +80,21 @@ WORDS: dict[str, dict[str, str]] = {
         "kind.pose": "pose",
         "kind.path": "path",
         "kind.program": "program",
+        "section.commanded": "Test program",
+        "column.commanded": "commanded",
+        "column.speed": "speed",
+        "column.load": "load",
+        "commanded.pose": "({position}) mm, quaternion x, y, z, w ({quaternion})",
+        "commanded.linear": "line {start} → {end} mm",
+        "commanded.circular": "circle about {centre}, radius {radius}, from {start} mm",
+        "commanded.rectangular": "rectangle {corners} mm",
+        "commanded.points": "{count} points {start} … {end} mm",
+        "commanded.turning": "the tool turning",
+        "commanded.weave": "weave {stroke} mm across, {distance} mm along",
+        "kind.distance": "distance",
+        "kind.move": "move",
+        "all": "all",
+        "bullseye.enlarged": "scatter about the mean drawn {factor} times as large",
         "nothing excluded": "None: every part of the program lies within the instrument's zone.",
         "no results": "No characteristic could be determined.",
         "uncertainty.u95": "U95 is half the width of the interval about the value that holds the characteristic of the true poses of the same "
@@ -223,6 +238,21 @@ WORDS: dict[str, dict[str, str]] = {
         "kind.pose": "поза",
         "kind.path": "траектория",
         "kind.program": "программа",
+        "section.commanded": "Программа испытаний",
+        "column.commanded": "задано",
+        "column.speed": "скорость",
+        "column.load": "нагрузка",
+        "commanded.pose": "({position}) мм, кватернион x, y, z, w ({quaternion})",
+        "commanded.linear": "прямая {start} → {end} мм",
+        "commanded.circular": "окружность с центром {centre}, радиус {radius}, от {start} мм",
+        "commanded.rectangular": "прямоугольник {corners} мм",
+        "commanded.points": "точек {count}: {start} … {end} мм",
+        "commanded.turning": "с поворотом инструмента",
+        "commanded.weave": "колебания {stroke} мм поперёк, {distance} мм вдоль",
+        "kind.distance": "расстояние",
+        "kind.move": "перемещение",
+        "all": "все",
+        "bullseye.enlarged": "разброс около среднего увеличен в {factor} раз",
         "nothing excluded": "Нет: вся программа лежит в зоне средства измерений.",
         "no results": "Ни одна характеристика не определена.",
         "uncertainty.u95": "U95 – половина ширины интервала около значения, который с вероятностью 95 % содержит характеристику истинных поз тех же "
@@ -378,7 +408,7 @@ def characteristic_name(language: str, name: str) -> str:
 
 
 UNITS = {
-    "ru": {"mm": "мм", "deg": "°", "s": "с", "%": "%", "mm/s": "мм/с", "mm/N": "мм/Н", "Hz": "Гц", "rad": "рад", "ms": "мс"},
+    "ru": {"kg": "кг", "mm": "мм", "deg": "°", "s": "с", "%": "%", "mm/s": "мм/с", "mm/N": "мм/Н", "Hz": "Гц", "rad": "рад", "ms": "мс"},
     "en": {"deg": "°"},
 }
 

@@ -413,3 +413,7 @@ def test_compare_looks_into_every_entry() -> None:
     assert [d.what for d in compare(stated, other, exact=True)[0]] == ["AP_p of P1"]
     assert compare(stated, other, exact=False)[0] == []
     assert compare(stated, stated | {"excluded": [{"kind": "pose", "name": "P1"}]}, exact=False)[0] != []
+    # a table that later versions write is not missed in an earlier certificate, nor let go in one of this version
+    assert compare(stated, stated | {"program": {}}, exact=False)[0] == []
+    assert compare(stated, stated | {"program": {}}, exact=True)[0] != []
+    assert compare(stated | {"program": {}}, stated, exact=False)[0] != []

@@ -62,7 +62,17 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
         (("--rule", "strict"), 2, "neither simple nor guarded"),
         (("--xsd", "x.xsd"), 2, "goes with --dcc"),
         (("--constraint", "planar"), 2, "goes with --run"),
+        (("--repeatability-mm", "0.1"), 2, "goes with --run"),
+        (("--angles", "euler"), 2, "not one of puma-oat"),
         (("--tool-offset-mm", "1,2"), 2, "three numbers"),
+        (("--tool-offset-mm", "nan,0,0"), 2, "three numbers"),
+        (("--tool-offset-mm", "1e300,0,0"), 1, "at most 1e+06 mm"),
+        (("--seed", "-1"), 2, "--seed"),
+        (("--limit-deg", "-5"), 2, "--limit-deg"),
+        (("--limit-deg", "nan"), 2, "--limit-deg"),
+        (("--limit-deg", "0"), 1, "limit_angle_deg = 0: must be more than 0"),
+        (("--limit-u95-mm", "-1"), 2, "--limit-u95-mm"),
+        (("--still-mm", "nan"), 2, "--still-mm"),
         (("--details", "none.toml"), 1, "none.toml"),
         (("--key", "none.pem"), 1, "none.pem"),
         (("--dcc", "--xsd", "none.xsd"), 1, "none.xsd"),
@@ -74,6 +84,38 @@ def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, opt
     assert got == code, text
     assert told in " ".join(text.replace("│", " ").split())
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "told"),
+    [
+        ('[[tolerance]]\ncharacteristic = "AP_q"\nupper = 1.0\n', "tolerance of AP_q: no characteristic is held against it"),
+        ('[[tolerance]]\ncharacteristic = "AP_p"\npath = "line"\nupper = 1.0\n', "tolerance of AP_p at line: no characteristic"),
+        (
+            '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 1.0\n[[tolerance]]\ncharacteristic = "AP_p"\npose = "P2"\nupper = 2.0\n',
+            "tolerance of AP_p at P2: no characteristic is held against it: none has that name there, or a tolerance before it takes all",
+        ),
+    ],
+)
+def test_a_tolerance_that_decides_nothing_is_refused(campaign: Path, tmp_path: Path, tolerances: str, told: str) -> None:
+    program = tmp_path / "program.toml"
+    program.write_text((campaign / "program.toml").read_text() + tolerances)
+    code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--out", tmp_path / "c")
+    assert code == 1
+    assert told in text
+    assert not (tmp_path / "c").exists()
+
+
+def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> None:
+    program = tmp_path / "program.toml"
+    program.write_text((campaign / "program.toml").read_text() + '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 0.01\n')
+    code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--out", tmp_path / "c")
+    assert code == 0, text
+    assert sum("capable; does not conform (< 0.1 %)" in line.replace("\u00a0", " ") for line in text.splitlines()) == 3
+
+
+def test_a_name_cannot_turn_a_message_around() -> None:
+    assert str(LMeasureError("pose a\u202eb\u2066:\nx")) == "pose a\\u{202E}b\\u{2066}: x"
 
 
 def test_what_is_no_certificate_is_one_line(tmp_path: Path) -> None:

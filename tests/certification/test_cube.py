@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lmeasure.certification.campaign import Tests, campaign
 from lmeasure.certification.cube import PLANES, POSES, Cube, largest_cube
 from lmeasure.errors import CertificationError
 
@@ -31,6 +32,19 @@ def test_each_plane_holds_its_corners_and_poses_near_them(plane: str) -> None:
     # neighbours in turn: P2 and P4 are opposite each other
     assert points["P2"] == pytest.approx(-points["P4"])
     assert points["P3"] == pytest.approx(-points["P5"])
+
+
+def test_the_first_speed_and_load_are_those_of_all_other_tests() -> None:
+    tests = Tests(tests=("pose", "approach", "stabilisation", "reorientation", "posing"), speeds_percent=(50.0, 100.0), loads_kg=(5.0, 0.0))
+    plan = campaign(Cube(np.zeros(3), 300.0), tests)
+    for row in (*plan.program.pose, *plan.program.path):
+        if " at " not in row.name:
+            assert (row.speed_percent, row.load_kg) == (50.0, 5.0)
+    speeds = {c.target: c.speed_mm_s for c in plan.commands}
+    assert speeds["P1"] == speeds["P1 from three sides"] == speeds["P1 settling"] == 500.0
+    assert speeds["P1 at 100 %"] == 1000.0
+    assert speeds["line turning about x"] == 250.0
+    assert {c.load_kg for c in plan.commands if c.target == "P1 from three sides"} == {5.0}
 
 
 def test_corners_stand_above_each_other() -> None:

@@ -56,7 +56,7 @@ def test_it_keeps_to_the_schema_and_to_every_digit(details: dict[str, Any]) -> N
 
 
 def test_it_says_no_more_than_is_known() -> None:
-    """Where the test was done and in which language the laboratory wrote is not guessed; our own texts are English whatever the PDF's language."""
+    """Neither where the test was done nor in which language the laboratory wrote; our own texts are English whatever the PDF is."""
     bare, full = (etree.fromstring(dcc_xml(certificate(**d), XSD)) for d in ({}, FULL))
 
     def one(tree: Any, path: str) -> list[str]:

@@ -15,12 +15,14 @@ sys.path.append(str(Path(__file__).parents[1] / "certification"))
 from campaigns import write_campaign
 
 from lmeasure.certification import Settings
+from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.details import read_details
 from lmeasure.certification.measure import Inputs
-from lmeasure.certification.pictures import prediction_ellipse, round_up
+from lmeasure.certification.pictures import prediction_ellipse, round_up, targets
 from lmeasure.errors import CertificationError, FileFormatError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate import Choices, write_certificate
+from lmeasure.report.certificate_html import _LINES
 from lmeasure.report.words import SENTENCES, UNITS, WORDS, characteristic_name, sentence, word
 
 HOSTILE = {
@@ -109,7 +111,7 @@ def test_no_bare_number_and_nothing_unstated_passed_over(english: tuple[Path, di
     rows = [row for _, rows in say.results(content) for row in rows]
     assert len(rows) == len(content["characteristics"])
     for row in rows:
-        assert row[3].startswith("± ")
+        assert row[3].startswith("±\u00a0")  # the sign never stands alone on a line
         assert row[6] in ("capable", "not capable", "excluded")
         assert flat(f"{row[2]}{row[3]}") in flat(text)
     for key in ("customer.address", "sampling", "dates.issued", "item.model"):
@@ -242,7 +244,93 @@ def test_values_end_where_their_uncertainty_does() -> None:
     assert say.with_u95(1234.56, 99.6) == ("1230", "100")
     assert say.with_u95(1234.56, 1230.0) == ("1200", "1200")
     assert say.with_u95(-1e-9, 2.5e-10) == ("-0.00000000100", "0.00000000025")
+    assert say.with_u95(-0.00001, 0.0035) == ("0.0000", "0.0035")
     assert say.with_u95(0.5, 0.0) == ("0.5", "0")
+
+
+def test_what_is_copied_from_the_paper_is_what_was_printed(english: tuple[Path, dict[str, Any]]) -> None:
+    """Long words may break anywhere, but nothing invisible stands in them: a digest can be searched for and compared."""
+    pages = " ".join(pages_of(english[0] / "certificate.pdf"))
+    assert "\u200b" not in pages
+    assert flat(english[1]["environment"]["lmeasure sources"]) in "".join(pages.replace("\ufffe", "").split())
+    assert say.moment("2026-03-05T10:11:12.345678Z") == "2026-03-05 10:11:12 UTC"
+
+
+def test_limits_and_probabilities_of_conformity() -> None:
+    def told(lower: float | None, upper: float | None, probability: float) -> list[str]:
+        stated = {"lower": lower, "upper": upper, "rule": "simple", "verdict": "conforms", "probability": probability}
+        return [cell.replace("\u00a0", " ") for cell in say.tolerance("en", stated, name_rule=False)]
+
+    assert told(None, 0.8, 0.9731) == ["≤ 0.8", "conforms (97.3 %)"]
+    # nothing is certain
+    assert told(0.2, None, 0.99999) == ["≥ 0.2", "conforms (> 99.9 %)"]
+    assert told(-0.2, 0.2, 1e-9) == ["-0.2 … 0.2", "conforms (< 0.1 %)"]
+
+
+def test_the_report_says_what_was_commanded_at_which_speed_and_load(english: tuple[Path, dict[str, Any]]) -> None:
+    folder, content = english
+    row = say.commanded(content)
+    assert len(row) == 4
+    assert flat(row[1][1]) == flat("(120, 90, -80) mm, quaternion x, y, z, w (0, 0, 0, 1)")
+    assert row[1][2:] == ("not stated", "not stated")
+    assert [cell.replace("\u00a0", " ") for cell in row[3][1:]] == ["line (120, 90, -80) → (-110, 80, 70) mm", "400 mm/s", "not stated"]
+    assert flat(row[3][1]) in flat(" ".join(pages_of(folder / "certificate.pdf")))
+    assert row[3][1] in (folder / "report.html").read_text(encoding="utf-8")
+    nowhere, there = [0.0, 0.0, 0.0], [9.0, 0.0, 0.0]
+    content = content | {"program": {"load_kg": 5.0, "pose": [], "path": [
+        {"name": "c", "kind": "circular", "centre_mm": [0.0, 0.0, 1.0], "radius_mm": 40.0, "start_mm": there, "speed_percent": 50.0},
+        {"name": "r", "kind": "rectangular", "corners_mm": [nowhere, there, [9.0, 1.0, 0.0]], "load_kg": 2.0},
+        {"name": "p", "kind": "points", "points_mm": [nowhere, there], "end_quaternion_xyzw": [0.0, 0.0, 1.0, 0.0]},
+        {"name": "w", "kind": "linear", "start_mm": nowhere, "end_mm": there, "weave_stroke_mm": 3.0, "weave_distance_mm": 4.0},
+    ]}}  # fmt: skip
+    assert [[cell.replace("\u00a0", " ") for cell in r[1:]] for r in say.commanded(content)] == [
+        ["circle about (0, 0, 1), radius 40, from (9, 0, 0) mm", "50 %", "5 kg"],
+        ["rectangle (0, 0, 0), (9, 0, 0), (9, 1, 0) mm", "not stated", "2 kg"],
+        ["2 points (0, 0, 0) … (9, 0, 0) mm; the tool turning", "not stated", "5 kg"],
+        ["line (0, 0, 0) → (9, 0, 0) mm; weave 3 mm across, 4 mm along", "not stated", "5 kg"],
+    ]
+
+
+def test_figures_of_two_poses_are_not_called_a_pose(english: tuple[Path, dict[str, Any]]) -> None:
+    figures = [
+        {"name": n, "pose": "P2-P4", "value": 1.0, "u95": 0.1, "unit": "mm", "capable": True} for n in ("AD_p", "RD_x", "t_min", "t_s")
+    ]
+    places = [place for place, _ in say.results(english[1] | {"characteristics": figures})]
+    assert places == ["distance P2-P4", "move P2-P4", "pose P2-P4"]
+    told = say.notes(english[1] | {"language": "ru", "characteristics": [figures[2] | {"note": "limit band 0.05 mm"}]})
+    assert "t_min, перемещение P2-P4: граничная полоса 0.05 мм" in told
+
+
+def test_a_scatter_too_small_for_paper_is_enlarged_and_said_to_be() -> None:
+    commanded = np.zeros(7)
+    poses = np.zeros((30, 7))
+    poses[:, :3] = np.array([1.0, 0.5, 0.0]) + np.random.default_rng(0).normal(0.0, 0.01, (30, 3))
+    pose = AttainedPose(
+        "P1", commanded, poses, np.arange(30.0), np.ones(30, dtype=np.int64), np.zeros((30, 6, 6)), np.ones(30, dtype=np.int64), 10.0
+    )
+    plain, large = targets(pose)[0], targets(pose, readable=True)[0]
+    assert plain.enlarged == 1.0
+    assert large.enlarged in (10.0, 20.0)
+    np.testing.assert_allclose(large.mean, plain.mean)
+    np.testing.assert_allclose(large.deviations - large.mean, large.enlarged * (plain.deviations - plain.mean), atol=1e-12)
+    assert plain.ellipse is not None
+    assert large.ellipse is not None
+    np.testing.assert_allclose(large.ellipse - large.mean, large.enlarged * (plain.ellipse - plain.mean), atol=1e-9)
+    assert np.linalg.norm(large.deviations - large.mean, axis=1).max() <= np.linalg.norm(large.mean)
+    # where the scatter can be seen nothing is changed
+    poses[:, :3] -= [1.0, 0.5, 0.0]
+    assert targets(pose, readable=True)[0].enlarged == 1.0
+
+
+def test_each_path_has_a_colour_and_can_be_looked_at_alone(english: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    with opened(english[0] / "report.html", tmp_path) as page:
+        page.wait("document.querySelectorAll('.js-plotly-plot').length >= 3")
+        for name in ("drift", "deviation", "speed"):
+            labels = page.evaluate(f"document.getElementById('{name}').layout.updatemenus[0].buttons.map(b => b.label)")
+            groups = page.evaluate(f"Array.from(new Set(document.getElementById('{name}').data.map(t => t.legendgroup)))")
+            assert labels == ["all", *groups]
+        assert page.errors == []
+    assert len(set(_LINES)) >= 20
 
 
 def test_the_ellipse_holds_what_it_says() -> None:
