@@ -97,4 +97,5 @@ def lines(content: dict[str, Any]) -> list[str]:
         out.append(f"{place}:")
         out += [f"  {row[0]:<52} {row[2]:>12} {row[3]:<12} {row[4]:<4} {'; '.join(c for c in (row[6], *row[8:]) if c)}" for row in rows]
     counted = {"figures": len(figures), "capable": capable, "not_capable": len(figures) - capable - excluded, "excluded": excluded}
-    return [*out, word(content["language"], "counted", **counted)]
+    # on the screen a blank is a blank: lines are not broken there, but searched
+    return [*(line.replace("\u00a0", " ") for line in out), word(content["language"], "counted", **counted)]
