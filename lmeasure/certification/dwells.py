@@ -84,16 +84,19 @@ def _reach(program: Program) -> float:
     return min([FARTHEST_MM, *(NEAR * d for d in apart if d > 0)])
 
 
-def _settled(time_s: FloatArray, positions: FloatArray, rest: slice) -> tuple[float, float]:
-    """The window of a rest: from its middle to where the robot is about to leave, which it does slowly at first."""
+def settled(time_s: FloatArray, positions: FloatArray, rest: slice) -> tuple[float, float]:
+    """The window of a rest: from its middle to where the robot is about to leave, which it does slowly at first.
+
+    It leaves when it goes away for good: of counts that flicker now and then while it stands some lie outside its scatter.
+    """
     times, here = time_s[rest], positions[rest]
     n = len(times)
     middle = here[int(0.4 * n) : max(int(0.6 * n), int(0.4 * n) + 2)]
     centre = middle.mean(axis=0)
     scatter = float(np.sqrt(np.mean(np.sum((middle - centre) ** 2, axis=1))))
     half = int((1.0 - SETTLED) * n)
-    gone = np.flatnonzero(np.linalg.norm(here[half:] - centre, axis=1) > LEAVES * scatter + 1e-6)
-    end = times[half + gone[0]] if len(gone) else times[-1]
+    there = np.flatnonzero(np.linalg.norm(here[half:] - centre, axis=1) <= LEAVES * scatter + 1e-6)
+    end = times[half + there[-1]] if len(there) else times[-1]
     return float(times[half]), float(max(end - LAG_S, times[half]))
 
 
@@ -105,7 +108,7 @@ def _with_dwells(
         raise CertificationError(
             f"pose {pose.name}: the trajectory has no rest within {_reach(program):.4g} mm of it ({len(found)} rests in all)"
         )
-    windows = [_settled(trajectory.time_s, positions, found[i]) for i in near]
+    windows = [settled(trajectory.time_s, positions, found[i]) for i in near]
     _expect(pose.name, "pose", len(windows), pose.cycles)
     return pose.model_copy(update={"windows_s": tuple(windows)})
 

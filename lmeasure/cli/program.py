@@ -49,18 +49,26 @@ def program(
             "--ran", metavar="TRAJECTORY", help="Only fill in when the robot ran the program.toml and commands.csv that --out holds."
         ),
     ] = None,
+    loaded: Annotated[
+        Path | None,
+        typer.Option("--loaded", metavar="FILE.csv", help="With --ran: start_s, end_s of each force of the compliance test, in order."),
+    ] = None,
     drift_hours: Annotated[float, typer.Option("--drift-hours", help="How long the drift test lasts.")] = 8.0,
 ) -> None:
     """Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads."""
+    box = [v for v in (x, y, z) if v is not None]
     if ran is not None:
-        _fill_in(out, ran)
+        if box or zone is not None:
+            raise typer.BadParameter("fills in the program that --out holds; it makes no other", param_hint="--ran")
+        _fill_in(out, ran, loaded)
         return
+    if loaded is not None:
+        raise typer.BadParameter("goes with --ran", param_hint="--loaded")
     from lmeasure.certification.campaign import TESTS, Tests, campaign, duration_s
     from lmeasure.certification.command_files import write_commands, write_robodk
     from lmeasure.certification.cube import cube_in_zone, largest_cube
     from lmeasure.program import write_program
 
-    box = [v for v in (x, y, z) if v is not None]
     if (zone is None) == (len(box) == 0) or len(box) not in {0, 3}:
         raise typer.BadParameter("give the box by --x, --y and --z, or --zone", param_hint="--x, --y, --z")
     if zone is not None:
@@ -94,16 +102,16 @@ def program(
     typer.echo(f"program.toml, commands.csv and robodk.csv are in {out}")
 
 
-def _fill_in(folder: Path, ran: Path) -> None:
+def _fill_in(folder: Path, ran: Path, loaded: Path | None) -> None:
     from lmeasure.certification.ran import windows_from_rests
     from lmeasure.program import read_program, write_program
     from lmeasure.trajectory import read_trajectory
 
-    program = windows_from_rests(read_program(folder / "program.toml"), folder / "commands.csv", read_trajectory(ran))
-    write_program(folder / "program.toml", program)
-    windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path] + [p.windows_s for p in program.posing]
-    count = sum(map(len, windows))
-    typer.echo(f"{count} windows filled in: {folder / 'program.toml'}")
+    written = folder / "program.toml"
+    program = windows_from_rests(read_program(written), folder / "commands.csv", read_trajectory(ran), loaded=loaded)
+    write_program(written, program)
+    count = sum(len(part.windows_s) for part in (*program.pose, *program.path, *program.posing, *program.compliance))
+    typer.echo(f"{count} windows filled in: {written}")
 
 
 def _numbers(text: str, between: str, option: str, count: int | None = None) -> list[float]:
