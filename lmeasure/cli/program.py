@@ -110,7 +110,9 @@ def _fill_in(folder: Path, ran: Path, loaded: Path | None) -> None:
     written = folder / "program.toml"
     program = windows_from_rests(read_program(written), folder / "commands.csv", read_trajectory(ran), loaded=loaded)
     write_program(written, program)
-    count = sum(len(part.windows_s) for part in (*program.pose, *program.path, *program.posing, *program.compliance))
+    windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path]
+    windows += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
+    count = sum(map(len, windows))
     typer.echo(f"{count} windows filled in: {written}")
 
 
