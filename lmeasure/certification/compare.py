@@ -16,6 +16,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from lmeasure.certification.direct import OF_SAMPLES
+from lmeasure.certification.printed import with_u95
 from lmeasure.certification.verify import label
 from lmeasure.errors import CertificationError, LMeasureError
 
@@ -70,6 +71,8 @@ class Pair:
     shared: bool
     changes: tuple[Change, ...]
     shifts: tuple[Shift, ...]
+    otherwise: tuple[str, ...] = ()
+    """Poses and paths of both, and what of them was commanded otherwise: they are not compared."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,8 @@ def _compared(certificates: Sequence[tuple[str, dict[str, Any]]]) -> Comparison:
     (first_name, first), *others = ordered
     pairs = tuple(_pair(first_name, first, name, content) for name, content in others)
     if not any(pair.changes or pair.shifts for pair in pairs):
-        raise CertificationError(f"{others[0][0]}: has no characteristic in common with {first_name}: compare tests of one program")
+        why = f": {pairs[0].otherwise[0]} was commanded otherwise" if pairs[0].otherwise else ""
+        raise CertificationError(f"{others[0][0]}: has no characteristic in common with {first_name}{why}: compare tests of one program")
     return Comparison(_kind(ordered), tuple(name for name, _ in ordered), pairs, _exchangeability(ordered), tuple(_notes(ordered)))
 
 
@@ -158,6 +162,7 @@ def shared_systematic(a: dict[str, Any], b: dict[str, Any]) -> bool:
 
 def _pair(first_name: str, first: dict[str, Any], name: str, later: dict[str, Any]) -> Pair:
     shared = shared_systematic(first, later)
+    other = commanded_otherwise(first, later)
     old, new = ({label(c): c for c in content["characteristics"]} for content in (first, later))
     changes = tuple(
         Change(
@@ -168,9 +173,52 @@ def _pair(first_name: str, first: dict[str, Any], name: str, later: dict[str, An
             _u95_of_difference(a, new[key], shared and a["name"] not in OF_SAMPLES),
         )
         for key, a in old.items()
-        if key in new and a["unit"] == new[key]["unit"]
+        if key in new and a["unit"] == new[key]["unit"] and not _of_any(a, other)
     )
-    return Pair(first_name, name, shared, changes, _shifts(first, later, shared))
+    told = tuple(f"{kind} {part} ({', '.join(keys)})" for (kind, part), keys in other.items())
+    return Pair(first_name, name, shared, changes, _shifts(first, later, shared, other), told)
+
+
+Otherwise = dict[tuple[str, str], list[str]]
+
+
+def commanded_otherwise(a: dict[str, Any], b: dict[str, Any]) -> Otherwise:
+    """Poses and paths of one name in both that were not commanded alike: (kind, name) and the keys that differ, speed and load among
+    them. None where a certificate does not say what was commanded."""
+    parts = [
+        {
+            (kind, str(row["name"])): {"load_kg": content["program"].get("load_kg")} | row
+            for kind in ("pose", "path")
+            for row in content["program"][kind]
+        }
+        for content in (a, b)
+        if content.get("program")
+    ]
+    if len(parts) < 2:
+        return {}
+    found = {}
+    for part, old in parts[0].items():
+        new = parts[1].get(part, old)
+        keys = [k for k in sorted({*old, *new} - {"cycles"}) if not _alike(old.get(k), new.get(k))]
+        if keys:
+            found[part] = keys
+    return found
+
+
+def _alike(a: Any, b: Any) -> bool:
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(_alike, a, b))
+    if all(isinstance(v, int | float) for v in (a, b)):
+        return bool(abs(a - b) <= SAME_PLACE_MM)
+    return bool(a == b)
+
+
+def _of_any(figure: dict[str, Any], other: Otherwise) -> bool:
+    """Whether a figure is of one of these parts, or of the way between two poses of which one is among them."""
+    if figure.get("path") is not None:
+        return ("path", figure["path"]) in other
+    pose = str(figure.get("pose"))
+    return any(kind == "pose" and (pose == name or pose.startswith(f"{name}-") or pose.endswith(f"-{name}")) for kind, name in other)
 
 
 def _parts(figure: dict[str, Any]) -> tuple[float, float, float]:
@@ -188,12 +236,12 @@ def _u95_of_difference(a: dict[str, Any], b: dict[str, Any], shared: bool) -> fl
     return max(ka, kb) * math.hypot(ra, rb, systematic)
 
 
-def _shifts(first: dict[str, Any], later: dict[str, Any], shared: bool) -> tuple[Shift, ...]:
+def _shifts(first: dict[str, Any], later: dict[str, Any], shared: bool, other: Otherwise) -> tuple[Shift, ...]:
     old, new = (_attained(content) for content in (first, later))
     found = []
     for pose, a in old.items():
         b = new.get(pose)
-        if b is not None and np.abs(a.commanded - b.commanded).max() <= SAME_PLACE_MM:
+        if b is not None and ("pose", pose) not in other and np.abs(a.commanded - b.commanded).max() <= SAME_PLACE_MM:
             found.append((pose, *_test(a, b, shared)))
     # Holm: the least probability against the strictest bound, and so on until one fails
     known = sorted((p, pose) for pose, _, _, p in found if p is not None)
@@ -251,6 +299,8 @@ def _exchangeability(certificates: Sequence[tuple[str, dict[str, Any]]]) -> tupl
     for pose in known[0][2]:
         distances = []
         for (name_a, content_a, a), (name_b, content_b, b) in itertools.combinations(known, 2):
+            if ("pose", pose) in commanded_otherwise(content_a, content_b):
+                continue
             if pose in a and pose in b and np.abs(a[pose].commanded - b[pose].commanded).max() <= SAME_PLACE_MM:
                 shift, u95, _ = _test(a[pose], b[pose], shared_systematic(content_a, content_b))
                 distances.append(Exchangeability(pose, float(np.linalg.norm(shift)), u95, (name_a, name_b)))
@@ -268,18 +318,26 @@ def lines(found: Comparison) -> list[str]:
         for s in pair.shifts:
             chance = "too few cycles to tell" if s.probability is None else f"chance {s.probability:.2g}"
             verdict = "" if s.probability is None else "  moved" if s.moved else "  not shown to have moved"
-            out.append(f"  mean of {s.pose}: {s.distance_mm:.4f} mm (U95 {s.u95_mm:.4f}), {chance}{verdict}")
+            length, u95 = with_u95(s.distance_mm, s.u95_mm)
+            out.append(f"  mean of {s.pose}: {length} mm (U95 {u95}), {chance}{verdict}")
         beyond = [c for c in pair.changes if c.beyond]
-        out += [
-            f"  {c.figure}: {c.first:.5g} -> {c.later:.5g} {c.unit}, difference {c.later - c.first:+.3g} (U95 {c.u95:.2g})" for c in beyond
-        ]
+        out += [f"  {_told(c)}" for c in beyond]
         out.append(
             f"  {len(beyond)} of {len(pair.changes)} figures differ by more than the instrument's U95; "
             f"{0.05 * len(pair.changes):.1f} would by chance"
         )
+        out += [f"  commanded otherwise, not compared: {text}" for text in pair.otherwise]
     for e in found.exchangeability:
-        out.append(f"E of {e.pose}: {e.value_mm:.4f} mm (U95 {e.u95_mm:.4f}) between {e.between[0]} and {e.between[1]}")
+        value, u95 = with_u95(e.value_mm, e.u95_mm)
+        out.append(f"E of {e.pose}: {value} mm (U95 {u95}) between {e.between[0]} and {e.between[1]}")
     return [*out, *(f"note: {note}" for note in found.notes)]
+
+
+def _told(change: Change) -> str:
+    """A change whose numbers end where the U95 of their difference does."""
+    first, later, difference = (with_u95(v, change.u95)[0] for v in (change.first, change.later, change.later - change.first))
+    sign = "" if difference.startswith("-") else "+"
+    return f"{change.figure}: {first} -> {later} {change.unit}, difference {sign}{difference} (U95 {with_u95(0.0, change.u95)[1]})"
 
 
 def as_dict(found: Comparison) -> dict[str, Any]:
@@ -293,6 +351,7 @@ def as_dict(found: Comparison) -> dict[str, Any]:
                 "first": p.first,
                 "later": p.later,
                 "same_calibration": p.shared,
+                "commanded_otherwise": list(p.otherwise),
                 "figures": [vars(c) | {"difference": c.later - c.first, "beyond_u95": c.beyond} for c in p.changes],
                 "poses": [
                     {

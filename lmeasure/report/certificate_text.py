@@ -1,10 +1,10 @@
 """What a certificate says, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
 
 import datetime
-import math
 import unicodedata
 from typing import Any
 
+from lmeasure.certification.printed import with_u95 as with_u95
 from lmeasure.report.words import characteristic_name, sentence, unit, word
 
 Rows = list[tuple[str, ...]]
@@ -13,21 +13,6 @@ Rows = list[tuple[str, ...]]
 def visible(value: object) -> str:
     """A text from outside with nothing hidden in it: control, direction and private characters are written as their numbers."""
     return "".join(c if c == "\n" or unicodedata.category(c)[0] != "C" else f"\\u{{{ord(c):X}}}" for c in str(value))
-
-
-def with_u95(value: float, u95: float) -> tuple[str, str]:
-    """A value and its U95, which has two significant digits; the value ends at the same decimal."""
-    if not u95 > 0:
-        return f"{value:.6g}", f"{u95:.2g}"
-    decimals = 1 - math.floor(math.log10(u95))
-    # 0.0996 rounds to 0.10, not to 0.100
-    if round(u95, decimals) >= 10.0 ** (2 - decimals):
-        decimals -= 1
-    if decimals < 0:
-        step = 10.0**-decimals
-        return f"{round(value / step) * step:.0f}", f"{round(u95 / step) * step:.0f}"
-    # + 0.0: what rounds to zero has no sign
-    return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{u95:.{decimals}f}"
 
 
 def title(certificate: dict[str, Any]) -> str:

@@ -117,6 +117,40 @@ def test_exchangeability_is_the_largest_distance_of_any_two() -> None:
     assert found.exchangeability[0].value_mm == pytest.approx(0.8, abs=0.01)
 
 
+def test_what_was_commanded_otherwise_is_not_compared() -> None:
+    rng = np.random.default_rng(5)
+    made = [certificate(np.zeros((5, 3)), 0.05, rng, number) for number in (0, 1)]
+    made[0]["characteristics"].append({"name": "AD_p", "pose": "P2-P4", "value": 0.1, "unit": "mm", "u95": 0.01, "capable": True})
+    made[1]["characteristics"].append({"name": "AD_p", "pose": "P2-P4", "value": 0.9, "unit": "mm", "u95": 0.01, "capable": True})
+    assert any(c.figure == "AD_p of P2-P4" for c in pair(*made).changes)  # earlier certificates do not say what was commanded
+    for content in made:
+        rows = [{"name": name, "position_mm": [1.0, 2.0, 3.0], "cycles": 10} for name in POSES]
+        content["program"] = {"load_kg": 5.0, "pose": rows, "path": []}
+    made[1]["program"]["pose"][0]["cycles"] = 30
+    assert pair(*made).otherwise == ()
+    made[1]["program"]["pose"][1]["position_mm"] = [1.0, 2.0, 4.0]
+    made[1]["program"]["pose"][2]["load_kg"] = 10.0
+    found = compare_certificates([("a", made[0]), ("b", made[1])])
+    assert found.pairs[0].otherwise == ("pose P2 (position_mm)", "pose P3 (load_kg)")
+    assert {c.figure.split()[-1] for c in found.pairs[0].changes} == {"P1", "P4", "P5"}
+    assert [s.pose for s in found.pairs[0].shifts] == [e.pose for e in found.exchangeability] == ["P1", "P4", "P5"]
+    assert "  commanded otherwise, not compared: pose P3 (load_kg)" in lines(found)
+    assert as_dict(found)["pairs"][0]["commanded_otherwise"] == ["pose P2 (position_mm)", "pose P3 (load_kg)"]
+    for row in made[1]["program"]["pose"]:
+        row["load_kg"] = 10.0
+    with pytest.raises(LMeasureError, match=r"no characteristic in common with a: pose P1 \(load_kg\) was commanded otherwise"):
+        compare_certificates([("a", made[0]), ("b", made[1])])
+
+
+def test_numbers_of_a_change_end_where_its_u95_does() -> None:
+    made = [certificate(np.zeros((5, 3)), 0.0, np.random.default_rng(0), number) for number in (0, 1)]
+    for content, value in zip(made, (0.1447123, 0.2324512), strict=True):
+        content["characteristics"] = [{"name": "AP_p", "pose": "P9", "value": value, "unit": "mm", "u95": 0.00566, "capable": True}]
+    assert "  AP_p of P9: 0.1447 -> 0.2325 mm, difference +0.0877 (U95 0.0080)" in lines(
+        compare_certificates([("a", made[0]), ("b", made[1])])
+    )
+
+
 def test_kinds_order_and_notes() -> None:
     rng = np.random.default_rng(6)
     item = {"item": {"serial": "7"}}
