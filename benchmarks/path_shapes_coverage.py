@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.certification.path_figures import DOUBT_OF_MEAN
 from lmeasure.certification.waves import cosines, reduced
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +43,7 @@ def inside(shape: Shape, planes: int, runs: int, seed: int) -> tuple[float, floa
     for _ in range(runs):
         true = shape(rng, t)
         measured = true + rng.normal(size=planes)
-        likely = rows.T @ reduced((rows @ measured)[:, None, None], np.ones((planes, 1)), 1)[:, 0, 0]
+        likely = rows.T @ reduced((rows @ measured)[:, None, None], np.ones((planes, 1)), 1, DOUBT_OF_MEAN)[:, 0, 0]
         drawn = np.abs(likely + rng.normal(size=(TRIALS, planes))).max(axis=1) - np.abs(likely).max()
         errors.append(np.abs(measured).max() - np.abs(true).max())
         held.append(abs(errors[-1]) <= np.quantile(np.abs(drawn), 0.95))

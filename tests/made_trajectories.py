@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.certification import PoseErrors
+from lmeasure.certification.errors_of_poses import roots
 from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -12,18 +13,18 @@ IntArray = NDArray[np.int64]
 
 
 class StatedErrors:
-    """Errors of the same law at every sample: covariance (6, 6) of what is independent, factors (6, K) of what the run shares."""
+    """Errors of the same law at every sample: covariance (6, 6) of what is independent - rounded: it is that of counts -, factors (6, K) of
+    what the run shares."""
 
-    rounded = False
-
-    def __init__(self, random: FloatArray | None = None, shared: FloatArray | None = None) -> None:
+    def __init__(self, random: FloatArray | None = None, shared: FloatArray | None = None, rounded: bool = False) -> None:
+        self.rounded = rounded
         self.random = np.zeros((6, 6)) if random is None else random
         self.shared = np.zeros((6, 0)) if shared is None else shared
 
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `lmeasure.certification.ErrorModel`."""
         n = len(samples)
-        return PoseErrors.of(np.tile(self.random, (n, 1, 1)), np.tile(self.shared, (n, 1, 1))), "as stated"
+        return PoseErrors.of(roots(np.tile(self.random, (n, 1, 1))), np.tile(self.shared, (n, 1, 1)), self.rounded), "as stated"
 
 
 def trajectory_of(time_s: FloatArray, position: FloatArray, turn: FloatArray | None = None, angle_deg: float = 30.0) -> Trajectory:

@@ -15,7 +15,6 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from lmeasure.certification.direct import OF_SAMPLES
 from lmeasure.certification.printed import with_u95
 from lmeasure.certification.verify import label
 from lmeasure.errors import CertificationError, LMeasureError
@@ -170,7 +169,7 @@ def _pair(first_name: str, first: dict[str, Any], name: str, later: dict[str, An
             a["unit"],
             float(a["value"]),
             float(new[key]["value"]),
-            _u95_of_difference(a, new[key], shared and a["name"] not in OF_SAMPLES),
+            _u95_of_difference(a, new[key], shared),
         )
         for key, a in old.items()
         if key in new and a["unit"] == new[key]["unit"] and not _of_any(a, other)

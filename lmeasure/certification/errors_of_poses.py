@@ -1,6 +1,6 @@
 """What the instrument may err by at poses of a run: its random part from the counts, its systematic part from the calibration."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -19,38 +19,56 @@ IntArray = NDArray[np.int64]
 class PoseErrors:
     """Errors (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, of n poses of one part of the program.
 
-    random (n, 6, 6): covariance of what is independent of other poses. local (n, 6, 6), shared (n, 6, K): factors of what poses have in
-    common; error = local z + shared s with standard normal z (6,), drawn once for each place of this part, and s (K,), drawn once for the
-    run. place (n,): numbers of the places, from 0.
+    The error is own u + local z + shared s: own (n, 6, q) with u (q,) new at every pose, local (n, 6, l) with z (l,) drawn once for each
+    place of this part, shared (n, 6, K) with s (K,) drawn once for the run. place (n,): numbers of the places, from 0. All variables are
+    independent and of unit variance, s is normal; rounded: u and z are what rounding leaves, uniform, else they are normal.
     """
 
-    random: FloatArray
+    own: FloatArray
     local: FloatArray
     place: IntArray
     shared: FloatArray
+    rounded: bool = False
 
     @classmethod
-    def of(cls, random: FloatArray, shared: FloatArray) -> "PoseErrors":
+    def of(cls, own: FloatArray, shared: FloatArray, rounded: bool = False) -> "PoseErrors":
         """Errors that poses at one place have no more in common than others."""
-        return cls(random, np.zeros_like(random), np.zeros(len(random), dtype=np.int64), shared)
+        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded)
+
+    def __len__(self) -> int:
+        return len(self.own)
+
+    @property
+    def random(self) -> FloatArray:
+        """(n, 6, 6) covariance of what is independent of other poses."""
+        return np.asarray(self.own @ np.swapaxes(self.own, 1, 2))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n, 6, 6) of the whole error of each pose."""
+        common = np.concatenate([self.local, self.shared], axis=2)
+        return np.asarray(self.random + common @ np.swapaxes(common, 1, 2))
 
     def moved(self, matrices: FloatArray) -> "PoseErrors":
         """The errors of T delta, T (n, 6, 6)."""
-        random = matrices @ self.random @ matrices.transpose(0, 2, 1)
-        return PoseErrors(random, matrices @ self.local, self.place, matrices @ self.shared)
+        return replace(self, own=matrices @ self.own, local=matrices @ self.local, shared=matrices @ self.shared)
 
     def __getitem__(self, index: IntArray) -> "PoseErrors":
-        return PoseErrors(self.random[index], self.local[index], self.place[index], self.shared[index])
+        return PoseErrors(self.own[index], self.local[index], self.place[index], self.shared[index], self.rounded)
+
+    def drawn(self, rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+        """Draws of u or z, of any shape."""
+        return np.sqrt(12.0) * (rng.random(shape) - 0.5) if self.rounded else rng.standard_normal(shape)
 
     @property
     def factors(self) -> FloatArray:
-        """(n, 6, L) factors of all that poses have in common, with a standard normal variable (L,) for each column."""
+        """(n, 6, L) factors of all that poses have in common, with a variable of unit variance (L,) for each column."""
         if not self.local.any():
             return self.shared
-        n, places = len(self.local), int(self.place.max()) + 1
-        own = np.zeros((n, 6, places, 6))
-        own[np.arange(n), :, self.place] = self.local
-        return np.concatenate([own.reshape(n, 6, -1), self.shared], axis=2)
+        n, places = len(self), int(self.place.max()) + 1
+        of_places = np.zeros((n, 6, places, self.local.shape[2]))
+        of_places[np.arange(n), :, self.place] = self.local
+        return np.concatenate([of_places.reshape(n, 6, -1), self.shared], axis=2)
 
 
 def roots(covariance: FloatArray) -> FloatArray:
@@ -61,9 +79,6 @@ def roots(covariance: FloatArray) -> FloatArray:
 
 class ErrorModel(Protocol):
     """Where errors of poses come from."""
-
-    rounded: bool
-    """Whether the random part is the rounding of counts, which a robot standing still repeats."""
 
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """Errors of the tool origin at samples (n,) of the trajectory, and what they hold, in words."""
@@ -76,15 +91,13 @@ class ErrorsOfRun:
     constraint, repeatability_mm: as the trajectory was reconstructed with.
     """
 
-    rounded = True
-
     def __init__(self, run: Run | Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
         self._run, self._constraint, self._repeatability_mm = run, constraint, repeatability_mm
 
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
-        errors = PoseErrors.of(np.nan_to_num(found.random), np.nan_to_num(found.factors))
+        errors = PoseErrors.of(np.nan_to_num(found.own), np.nan_to_num(found.factors), rounded=True)
         sources = ["the resolution of the counts", *dict.fromkeys(found.sources)]
         missing = "" if "calibration" in sources else "; not the calibration: the rig links none"
         return errors, ", ".join(sources) + missing
@@ -96,8 +109,6 @@ class ErrorsOfFile:
     together: all poses of a part share them, else each has its own; neither is always the worse, so that a figure takes the larger of both.
     """
 
-    rounded = False
-
     def __init__(self, together: bool) -> None:
         self.together = together
 
@@ -107,8 +118,8 @@ class ErrorsOfFile:
         covariance, none = np.nan_to_num(trajectory.random[samples] + trajectory.systematic[samples]), np.zeros((n, 6, 0))
         covers = "the uncertainties of the trajectory, taken as common to the cycles of a pose or as independent, whichever is worse"
         if not self.together:
-            return PoseErrors.of(covariance, none), covers
-        return PoseErrors(np.zeros((n, 6, 6)), roots(covariance), np.zeros(n, dtype=np.int64), none), covers
+            return PoseErrors.of(roots(covariance), none), covers
+        return PoseErrors(none, roots(covariance), np.zeros(n, dtype=np.int64), none), covers
 
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:

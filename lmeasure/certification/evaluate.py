@@ -99,9 +99,9 @@ def evaluate(
     spreads: list[list[Spread]] = []
     values: list[float] = []
     laws = [work.errors_of(model) for model in models]
-    for i, (model, (errors, _)) in enumerate(zip(models, laws, strict=True)):
-        parts, figures = work.parts(errors, model.rounded)
-        states = {key: part.state(np.zeros((len(part.errors.random), 6)), reduced=False) for key, part in parts.items()}
+    for i, (errors, _) in enumerate(laws):
+        parts, figures = work.parts(errors)
+        states = {key: part.state(np.zeros((len(part.errors), 6)), reduced=False) for key, part in parts.items()}
         values = [float(f.of(states)) for f in figures]
 
         def step(done: int, of: int, i: int = i) -> None:

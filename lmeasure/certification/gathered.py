@@ -25,7 +25,8 @@ from lmeasure.certification.figures import (
     pose_figures,
     singular,
 )
-from lmeasure.certification.path_figures import CornerPart, PathPart, at_corner, corner_figures, corners_of, path_figures
+from lmeasure.certification.motion import Motion
+from lmeasure.certification.path_figures import CornerPart, Passing, PathPart, at_corner, corner_figures, corners_of, path_figures
 from lmeasure.certification.paths import crossings
 from lmeasure.certification.rounding import of_crossings, of_dwells
 from lmeasure.certification.settings import Settings
@@ -92,9 +93,13 @@ class Gathered:
     def _samples(self) -> IntArray:
         """All samples whose errors are asked for, in order."""
         asked = [p.samples for p in (*self.poses, *self.loaded)] + [c.samples.ravel() for c in self.paths.values()]
-        asked += [np.array([f[2] for f in found], dtype=np.int64) for corners in self.corners.values() for _, found in corners]
+        asked += [self._of_corner(name, passed) for name, corners in self.corners.items() for _, passed in corners]
         asked += [WeavePart.samples(cycles) for cycles in self.weaves.values()]
         return np.unique(np.concatenate([*asked, direct.samples_of(self.program, self.trajectory)]))
+
+    def _of_corner(self, path: str, passed: Sequence[Passing]) -> IntArray:
+        """(n,) the samples near a corner of a path at which its n cycles pass."""
+        return np.array([c.samples[p.behind.start] for c, p in zip(self.paths[path].cycles, passed, strict=True)], dtype=np.int64)
 
     def errors_of(self, model: ErrorModel) -> tuple[PoseErrors, str]:
         """Errors of what is certified at all `samples`, and what they hold."""
@@ -105,14 +110,14 @@ class Gathered:
         """Of all errors those at some samples."""
         return errors[np.searchsorted(self.samples, samples)]
 
-    def pose_part(self, every: PoseErrors, rounded: bool, pose: AttainedPose, convention: str | None, groups: IntArray) -> PosePart:
+    def pose_part(self, every: PoseErrors, pose: AttainedPose, convention: str | None, groups: IntArray) -> PosePart:
         """A pose with the errors of its dwells, which stand in groups (n,) at one place each."""
         errors = self.at(every, pose.samples)
-        if rounded:
+        if every.rounded:
             errors = of_dwells(errors, pose.within, pose.between(groups), pose.readings, groups)
         return PosePart(pose, errors, convention, groups)
 
-    def parts(self, every: PoseErrors, rounded: bool) -> tuple[dict[str, Part], list[Figure]]:
+    def parts(self, every: PoseErrors) -> tuple[dict[str, Part], list[Figure]]:
         """All parts by one law of errors, and their figures."""
         parts: dict[str, Part] = {}
         poses: dict[str, PosePart] = {}
@@ -122,16 +127,14 @@ class Gathered:
             measured = not np.isnan(pose.poses[0, 3])
             turn = Rotation.from_quat(pose.commanded[None, 3:])
             convention = self.convention_at(f"pose {pose.name}", turn) if measured else None
-            poses[f"pose {pose.name}"] = part = self.pose_part(
-                every, rounded, pose, convention, groups_of(pose.name, len(pose.poses), self.program)
-            )
+            poses[f"pose {pose.name}"] = part = self.pose_part(every, pose, convention, groups_of(pose.name, len(pose.poses), self.program))
             figures += pose_figures(f"pose {pose.name}", part)
             figures += group_figures(f"pose {pose.name}", part, self.program)
         parts |= poses
         figures += self.distances(poses)
         for i, (asked, loaded) in enumerate(zip(self.program.compliance, self.loaded, strict=True)):
             key = f"compliance {i + 1}"
-            parts[key] = part = self.pose_part(every, rounded, loaded, None, numbered(asked.force_n))
+            parts[key] = part = self.pose_part(every, loaded, None, numbered(asked.force_n))
             figures += compliance_figures(key, part, np.array(asked.force_n))
         for path in self.program.path:
             if path.name not in self.paths:
@@ -140,18 +143,18 @@ class Gathered:
             key, commanded = f"path {path.name}", crossed.line.orientation(crossed.way_mm)
             convention = None if commanded is None else self.convention_at(key, commanded)
             errors = self.at(every, crossed.samples.ravel())
-            if rounded:
+            if every.rounded:
                 errors = of_crossings(errors, crossed.part, crossed.step, crossed.between)
             parts[key] = part_of_path = PathPart(crossed, errors, convention)
             figures += path_figures(key, part_of_path, path)
-            for corner, found in self.corners[path.name]:
-                of_corner = self.at(every, np.array([f[2] for f in found], dtype=np.int64))
+            for corner, passed in self.corners[path.name]:
+                of_corner = self.at(every, self._of_corner(path.name, passed))
                 name = f"{key} corner {corner.number}"
-                parts[name] = CornerPart(np.array([f[0] for f in found]), np.array([f[1] for f in found]), of_corner)
-                figures += corner_figures(name, corner, path, len(found))
+                parts[name] = CornerPart(np.array([p.nearest for p in passed]), np.array([p.beyond for p in passed]), of_corner)
+                figures += corner_figures(name, corner, path, len(passed))
             if path.name in self.weaves:
                 cycles = self.weaves[path.name]
-                parts[f"{key} weave"] = woven = WeavePart.of(cycles, self.at(every, WeavePart.samples(cycles)), rounded)
+                parts[f"{key} weave"] = woven = WeavePart.of(cycles, self.at(every, WeavePart.samples(cycles)))
                 figures += weaving_figures(f"{key} weave", woven, path)
         return parts, figures
 
@@ -186,7 +189,7 @@ class Gathered:
             places[f"path {name}"] = crossed.attained[:, :, :3].reshape(-1, 3)
             for corner, _ in self.corners[name]:
                 key = f"path {name} corner {corner.number}"
-                places[key] = np.tile(corner.place, (len(parts[key].errors.random), 1))
+                places[key] = np.tile(corner.place, (len(parts[key].errors), 1))
         places |= {f"path {name} weave": WeavePart.positions(cycles) for name, cycles in self.weaves.items()}
         keys = [f"pose {p.name}" for p in self.poses]
         means = np.array([places[k].mean(axis=0) for k in keys])
@@ -215,8 +218,7 @@ class Gathered:
             if radius is None or (kind, name) in self.excluded or f"{kind} {name}" not in parts:
                 continue
             e = parts[f"{kind} {name}"].errors
-            factors = np.concatenate([e.local, e.shared], axis=2)
-            covariance = np.nan_to_num(e.random + factors @ factors.transpose(0, 2, 1))[:, 3:, 3:]
+            covariance = e.covariance[:, 3:, 3:]
             largest = covariance[int(np.argmax(np.trace(covariance, axis1=1, axis2=2)))]
             u95 = exact_radius_95(np.linalg.eigvalsh(largest))
             if u95 > radius:
@@ -240,7 +242,7 @@ class Gathered:
     def from_motion(self, values: dict[tuple[str, str | None], float], laws: Sequence[PoseErrors]) -> list[Characteristic]:
         """Figures that are read from the motion itself; values: the repeatabilities, for want of limit bands."""
         out: list[Characteristic] = []
-        motion = direct.Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws], self.settings)
+        motion = Motion(self.trajectory, self.frame, lambda samples: [self.at(e, samples) for e in laws], self.settings)
         for pose in self.program.pose:
             if pose.settling_s:
                 found = self.reached(direct.settling, pose, values.get(("RP_l", pose.name)), motion)

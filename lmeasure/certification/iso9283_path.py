@@ -7,6 +7,7 @@ commanded ones. Speeds are (..., n, k): k measurements in each cycle. Leading ax
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.certification.iso9283_time import crossing, last_arrival
 from lmeasure.certification.statistics import deviation_over_cycles, length, mean_over_cycles, spread
 
 FloatArray = NDArray[np.float64]
@@ -46,20 +47,15 @@ def cornering_overshoot(vectors: FloatArray, incoming: FloatArray) -> FloatArray
     return np.asarray(np.maximum((vectors @ incoming).max(axis=-1), 0.0).mean(axis=-1))
 
 
-def stabilisation_length(arc_mm: FloatArray, deviation_mm: FloatArray, limit_mm: float) -> float:
-    """8.5: SPL [mm], way behind the corner from which the deviation stays within the limit; arc (k,) from the corner, deviation (k,).
+def stabilisation_length(arc_mm: FloatArray, deviation_mm: FloatArray, limit_mm: float) -> FloatArray:
+    """8.5: SPL (...) [mm], way behind the corner from which the deviation stays within the limit; arc (..., k) from the corner, deviation
+    (..., k).
 
     Zero when it never leaves the limit, NaN when it is not back at the end.
     """
-    outside = np.flatnonzero(deviation_mm > limit_mm)
-    if len(outside) == 0:
-        return 0.0
-    last = int(outside[-1])
-    if last + 1 == len(arc_mm):
-        return float("nan")
-    # where the straight line between the two samples crosses the limit
-    part = (deviation_mm[last] - limit_mm) / (deviation_mm[last] - deviation_mm[last + 1])
-    return float(arc_mm[last] + part * (arc_mm[last + 1] - arc_mm[last]))
+    last = last_arrival(deviation_mm, limit_mm)
+    back = crossing(arc_mm, deviation_mm, last, limit_mm)
+    return np.where(last == 0, 0.0, np.where(last == deviation_mm.shape[-1], np.nan, back))
 
 
 def velocity_accuracy(speeds: FloatArray, commanded_mm_s: float) -> FloatArray:

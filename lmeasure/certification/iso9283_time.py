@@ -24,12 +24,12 @@ def last_arrival(distance: FloatArray, band_mm: float) -> IntArray:
 
 
 def crossing(time_s: FloatArray, distance: FloatArray, i: IntArray, band_mm: float) -> FloatArray:
-    """When (...) [s] the distance, straight between samples i - 1 and i (...), crosses the band."""
-    after = np.clip(i, 1, len(time_s) - 1)[..., None]
-    a, b = (np.take_along_axis(distance, index, axis=-1)[..., 0] for index in (after - 1, after))
+    """When (...) [s] the distance, straight between samples i - 1 and i (...), crosses the band; time_s (k,) or (..., k)."""
+    after = np.clip(i, 1, distance.shape[-1] - 1)[..., None]
+    times = np.broadcast_to(time_s, distance.shape)
+    a, b, before, behind = (np.take_along_axis(x, at, axis=-1)[..., 0] for x in (distance, times) for at in (after - 1, after))
     part = np.divide(a - band_mm, a - b, out=np.ones_like(a), where=a != b)
-    before, behind = time_s[after[..., 0] - 1], time_s[after[..., 0]]
-    return np.where(np.asarray(i) == 0, time_s[0], before + part * (behind - before))
+    return np.where(np.asarray(i) == 0, times[..., 0], before + part * (behind - before))
 
 
 def arrivals(time_s: FloatArray, distance: FloatArray, band_mm: float) -> tuple[FloatArray, FloatArray]:

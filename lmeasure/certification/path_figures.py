@@ -13,6 +13,7 @@ from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
 from lmeasure.certification.paths import Crossings, Cycle
+from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED
 from lmeasure.certification.waves import cosines, reduced
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
@@ -22,6 +23,9 @@ IntArray = NDArray[np.int64]
 
 CENTRAL = 0.5
 """Of the path's length: velocities are taken in its middle (8.6.1)."""
+
+DOUBT_OF_MEAN, DOUBT_OF_SCATTER = 1.0, NORMAL_95_ONE_SIDED
+"""See `waves.reduced`. Repeatabilities are the largest of many figures of few cycles each, which errors enlarge more than all else."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,8 @@ class PathPart:
         common = np.einsum("qm,mcl->qcl", along @ rows, to @ factors)
         waves = np.einsum("pq,qnc->pnc", along, values)
         mean = waves.mean(axis=1, keepdims=True)
-        likely = reduced(mean, added / n + (common**2).sum(axis=2), 1) + reduced(waves - mean, added, max(n - 1, 1))
+        likely = reduced(mean, added / n + (common**2).sum(axis=2), 1, DOUBT_OF_MEAN)
+        likely = likely + reduced(waves - mean, added, max(n - 1, 1), DOUBT_OF_SCATTER)
         return np.einsum("pq,pnc->qnc", along, likely)
 
     def _across(self) -> FloatArray:
@@ -213,10 +218,18 @@ class CornerPart:
 ABOUT = 7  # samples on either side of the farthest
 
 
-def at_corner(cycle: Cycle, corner: Corner, what: str) -> tuple[FloatArray, FloatArray, int, FloatArray, FloatArray]:
-    """Of one cycle: `nearest` (3,) and `beyond` (k, 3) of `CornerPart`, the sample nearest to the corner, and behind the corner the way
-    (j,) along the second line and the deviation (j,) from it [mm]; what: the cycle, for CertificationError when it does not pass the
-    corner."""
+@dataclass(frozen=True)
+class Passing:
+    """How a cycle passes a corner: `nearest` (3,) and `beyond` (k, 3) of `CornerPart`; behind: its samples from the one before the nearest
+    point on, half way to the next corner."""
+
+    nearest: FloatArray
+    beyond: FloatArray
+    behind: slice
+
+
+def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
+    """How a cycle passes a corner; what: the cycle, for CertificationError when it does not."""
     near = np.flatnonzero((cycle.way_mm > corner.way_mm - 0.5 * corner.before_mm) & (cycle.way_mm < corner.way_mm + 0.5 * corner.after_mm))
     if len(near) < 2:
         raise CertificationError(f"{what}: has {len(near)} samples within half a side of corner {corner.number}; at least 2")
@@ -227,12 +240,11 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> tuple[FloatArray, Floa
     feet = positions[:-1] + part[:, None] * steps
     i = int(np.argmin((feet**2).sum(axis=1)))
     after = positions[i:]
-    along = after @ corner.outgoing
-    away = after - along[:, None] * corner.outgoing
+    away = after - (after @ corner.outgoing)[:, None] * corner.outgoing
     side = corner.incoming - (corner.incoming @ corner.outgoing) * corner.outgoing
     k = int(np.argmax(away @ side))
     about = np.clip(np.arange(k - ABOUT, k + ABOUT + 1), 0, len(away) - 1)
-    return feet[i], away[about], int(cycle.samples[near[0] + i]), along, np.linalg.norm(away, axis=1)
+    return Passing(feet[i], away[about], slice(int(near[0]) + i, int(near[-1]) + 1))
 
 
 def corner_figures(key: str, corner: Corner, path: CommandedPath, cycles: int) -> list[Figure]:

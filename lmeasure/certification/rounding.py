@@ -9,10 +9,12 @@ them are correlated by
 count, 0.02 at three tenths. That fraction of the variance is not averaged away by more samples of a dwell nor by more cycles of a pose.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.certification.errors_of_poses import PoseErrors, roots
+from lmeasure.certification.errors_of_poses import PoseErrors
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -60,14 +62,15 @@ def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readi
     stay within a count is one draw. Between the dwells of a group, what rounding keeps is common; the scatter that it hides is not, and
     the whole of it stays.
     """
-    random = np.nan_to_num(errors.random)
+    random = errors.random
     share = kept(scatter_counts(whitened_variance(np.nan_to_num(within), random)))
     factor = share + (1.0 - share) / readings
     mean = random.mean(axis=0)
     common = kept(scatter_counts(whitened_variance(np.nan_to_num(between), mean)))
-    local = np.sqrt(common) * roots(mean * factor.mean())
+    local = np.sqrt(common * factor.mean()) * errors.own.mean(axis=0)
     several = np.bincount(groups)[groups] > 1
-    return PoseErrors(random * factor[:, None, None], np.where(several[:, None, None], local, 0.0), groups, errors.shared)
+    own = np.sqrt(factor)[:, None, None] * errors.own
+    return replace(errors, own=own, local=np.where(several[:, None, None], local, 0.0), place=groups)
 
 
 def of_crossings(errors: PoseErrors, part: FloatArray, step: FloatArray, between: FloatArray) -> PoseErrors:
@@ -79,24 +82,57 @@ def of_crossings(errors: PoseErrors, part: FloatArray, step: FloatArray, between
     is not, and the whole of it stays.
     """
     m, n = part.shape
-    random = np.nan_to_num(errors.random)
+    random = errors.random
     p, way = part.ravel(), step.reshape(m * n, 6)
     # lengths that scatter by sigma are sqrt(2) sigma apart
     apart = np.sqrt(whitened_variance(way[:, :, None] * way[:, None, :], random) / 12.0)
-    factor = 1.0 - 2.0 * p * (1.0 - p) * (1.0 - kept(apart / np.sqrt(2.0)))
-    crossed = random * factor[:, None, None]
+    same = kept(apart / np.sqrt(2.0))
+    weights = np.sqrt([same, (1.0 - same) * (1.0 - p) ** 2, (1.0 - same) * p**2])
+    crossed = replace(errors, own=np.einsum("kn,nij->nikj", weights, errors.own).reshape(m * n, 6, -1))
     if n == 1:
-        return PoseErrors.of(crossed, errors.shared)
+        return crossed
     common = kept(scatter_counts(whitened_variance(between, random.reshape(m, n, 6, 6).mean(axis=1))))
-    local = np.sqrt(common)[:, None, None] * roots(crossed.reshape(m, n, 6, 6).mean(axis=1))
-    return PoseErrors(crossed, np.repeat(local, n, axis=0), np.repeat(np.arange(m), n), errors.shared)
+    size = np.sqrt(common * (weights**2).sum(axis=0).reshape(m, n).mean(axis=1))
+    local = size[:, None, None] * errors.own.reshape(m, n, 6, -1).mean(axis=1)
+    return replace(crossed, local=np.repeat(local, n, axis=0), place=np.repeat(np.arange(m), n))
 
 
 def of_neighbours(errors: PoseErrors, step_mm: FloatArray, row: IntArray) -> PoseErrors:
     """Errors of samples that follow each other in rows, row (n,) their number from 0, from those of single samples: what rounding keeps
     over steps (n,) [mm] from one to the next is common to a row."""
-    random = np.nan_to_num(errors.random)
+    random = errors.random
     of_count = np.sqrt(12.0 * np.trace(random[:, 3:, 3:], axis1=1, axis2=2) / 3.0)
     counts = np.divide(step_mm, of_count, out=np.zeros_like(step_mm), where=of_count > 0.0)
     share = kept(counts / np.sqrt(2.0))[:, None, None]
-    return PoseErrors((1.0 - share) * random, np.sqrt(share) * roots(random), row, errors.shared)
+    return replace(errors, own=np.sqrt(1.0 - share) * errors.own, local=np.sqrt(share) * errors.own, place=row)
+
+
+def phases(errors: PoseErrors, apart: FloatArray, rng: np.random.Generator, trials: int) -> FloatArray:
+    """(trials, n, m) where within a count the m lengths may lie at n visits of a place, apart (n, 6) (rotation [rad]; position [mm]) from
+    their mean; errors: of the n visits. What the visits scatter by, without their roundings, sets them apart."""
+    n, m = len(errors), errors.own.shape[2]
+    common = rng.random((trials, 1, m))
+    if n == 1 or m == 0:
+        return np.broadcast_to(common, (trials, n, m))
+    counts = apart @ _per_count(errors.own.mean(axis=0)).T
+    sigma = float(scatter_counts(12.0 * counts.var(axis=0, ddof=1).mean()))
+    return np.asarray(common + sigma * rng.standard_normal((trials, n, m)))
+
+
+def roundings(own: FloatArray, moved: FloatArray, phase: FloatArray, away: FloatArray) -> FloatArray:
+    """(trials, k, 6) errors (rotation [rad]; position [mm]) of k poses moved (k, 6) from a place where m lengths lie at phases (trials, m)
+    of a count; own (6, m): what one standard deviation of a rounded length makes of a pose there.
+
+    What is measured is whole counts from the place, the truth is not: a count and more away lengths lie anywhere, by phases away (trials,
+    m).
+    """
+    lengths = moved @ _per_count(own).T
+    lengths = phase[:, None, :] + lengths + np.minimum(np.abs(lengths), 1.0) * away[:, None, :]
+    return np.asarray(np.sqrt(12.0) * (np.rint(lengths) - lengths) @ own.T)
+
+
+def _per_count(own: FloatArray) -> FloatArray:
+    """(m, 6) counts that a pose's displacement makes, own (6, m) as in `roundings`."""
+    size = np.linalg.norm(own, axis=1)
+    per = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    return np.asarray(np.linalg.pinv(own * per[:, None]) * per / np.sqrt(12.0))

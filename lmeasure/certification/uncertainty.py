@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.certification.errors_of_poses import PoseErrors, roots
+from lmeasure.certification.errors_of_poses import PoseErrors
 
 FloatArray = NDArray[np.float64]
 
@@ -83,17 +83,16 @@ def reduction_of_mean(observed: FloatArray | float, added: FloatArray | float) -
 class _Law:
     """The errors of a part, ready to be drawn."""
 
-    root: FloatArray
     errors: PoseErrors
     rng: np.random.Generator
 
     def draw(self, common: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Random and systematic errors (trials, n, 6) each, with the run's own draws common (trials, K)."""
-        e, trials, n = self.errors, len(common), len(self.root)
-        random = np.einsum("nij,tnj->tni", self.root, self.rng.standard_normal((trials, n, 6)), optimize=True)
+        e, trials, n = self.errors, len(common), len(self.errors)
+        random = np.einsum("nij,tnj->tni", e.own, e.drawn(self.rng, (trials, n, e.own.shape[2])), optimize=True)
         systematic = (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
         if e.local.any():
-            drawn = self.rng.standard_normal((trials, int(e.place.max()) + 1, 6))
+            drawn = e.drawn(self.rng, (trials, int(e.place.max()) + 1, e.local.shape[2]))
             systematic += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
         return random, systematic
 
@@ -111,12 +110,12 @@ def propagate(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Spread]:
     """The spread of each figure over as many trials; every part draws from its own stream, the run's common errors from one."""
-    points = max(sum(len(p.errors.random) for p in parts.values()), 1)
+    points = max(sum(len(p.errors) for p in parts.values()), 1)
     at_once = int(np.clip(POINTS_AT_ONCE // points, 1, trials))
     sources = max((p.errors.shared.shape[2] for p in parts.values()), default=0)
     streams = np.random.default_rng(seed).spawn(len(parts) + 1)
-    laws = {name: _Law(roots(p.errors.random), p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:], strict=True)}
-    still = {name: np.zeros((len(p.errors.random), 6)) for name, p in parts.items()}
+    laws = {name: _Law(p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:], strict=True)}
+    still = {name: np.zeros((len(p.errors), 6)) for name, p in parts.items()}
 
     def values(errors: dict[str, FloatArray], reduced: bool) -> list[FloatArray]:
         moved = fitted(errors) if fitted is not None else errors

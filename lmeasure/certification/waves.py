@@ -28,12 +28,12 @@ def cosines(stretch: IntArray) -> FloatArray:
     return np.asarray(rows[np.argsort(frequency, kind="stable")])
 
 
-def reduced(waves: FloatArray, added: FloatArray, freedom: int) -> FloatArray:
+def reduced(waves: FloatArray, added: FloatArray, freedom: int, doubt: float) -> FloatArray:
     """Waves (q, r, c) by rising frequency, of r cycles with that many degrees of freedom, reduced to the power that they have without what
     errors have added (q, c).
 
-    A power of k degrees of freedom is known to sqrt((2 E^2 + 4 E S) / k), E of the errors, S without them: it is taken as much smaller, for
-    the less the robot deviates in truth, the more the errors enlarge figures made of it.
+    A power of k degrees of freedom is known to sqrt((2 E^2 + 4 E S) / k), E of the errors, S without them: it is taken smaller by doubt
+    times as much, for the less the robot deviates in truth, the more the errors enlarge figures made of it.
     """
     power = (waves**2).sum(axis=1) / freedom
     out = waves.copy()
@@ -46,6 +46,6 @@ def reduced(waves: FloatArray, added: FloatArray, freedom: int) -> FloatArray:
         sizes = np.diff(fitted.blocks)
         mean = np.repeat(np.add.reduceat(of_errors, fitted.blocks[:-1]) / sizes, sizes)
         true = np.maximum(fitted.x, 0.0)
-        least = true - np.sqrt((2.0 * mean**2 + 4.0 * mean * true) / (np.repeat(sizes, sizes) * freedom))
+        least = true - doubt * np.sqrt((2.0 * mean**2 + 4.0 * mean * true) / (np.repeat(sizes, sizes) * freedom))
         out[unknown, :, i] *= np.sqrt(np.maximum(least, 0.0) / (true + mean))[:, None]
     return out

@@ -101,9 +101,9 @@ class WeavePart:
         return np.concatenate([np.concatenate([c.positions.reshape(-1, 3), c.edge_positions.reshape(-1, 3)]) for c in cycles])
 
     @classmethod
-    def of(cls, cycles: tuple[Weave, ...], errors: PoseErrors, rounded: bool) -> "WeavePart":
-        """With the errors of single samples; rounded: they are rounded counts, which samples near each other have in common."""
-        if not rounded:
+    def of(cls, cycles: tuple[Weave, ...], errors: PoseErrors) -> "WeavePart":
+        """With the errors of single samples; rounded counts are what samples near each other have in common."""
+        if not errors.rounded:
             return cls(cycles, errors)
         step, row, first = [], [], 0
         for c in cycles:

@@ -36,15 +36,20 @@ CHUNK = 2048  # poses whose factors are in memory at once
 class PoseCovariances:
     """Errors of poses, delta = (rotation [rad]; tool origin [mm]), R_true = Exp(delta_rotation) R, base axes; NaN where there is no pose.
 
-    random (n, 6, 6): covariance of what is independent from sample to sample. factors (n, 6, K): the systematic error is factors @ z with
-    one z (K,) of independent standard normal variables for the whole run, so that factors[i] @ factors[j].T is its covariance between the
-    samples i and j. sources (K,): what each stands for: "calibration", "start pose", "clock of pass 2", "place of pass 2",
-    "temperature, stretch and sag".
+    own (n, 6, m): the random error is own @ u, with u (m,) of unit variance for the counts of the m cables, new at every sample.
+    factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent standard normal variables for the whole run, so
+    that factors[i] @ factors[j].T is its covariance between the samples i and j. sources (K,): what each stands for: "calibration",
+    "start pose", "clock of pass 2", "place of pass 2", "temperature, stretch and sag".
     """
 
-    random: FloatArray
+    own: FloatArray
     factors: FloatArray
     sources: tuple[str, ...]
+
+    @property
+    def random(self) -> FloatArray:
+        """(n, 6, 6) covariance of what is independent from sample to sample."""
+        return np.asarray(self.own @ np.swapaxes(self.own, 1, 2))
 
     @property
     def systematic(self) -> FloatArray:
@@ -109,16 +114,15 @@ class Budget:
         poses = np.ascontiguousarray(poses)
         G = self._twists(poses, counts, unused, compiled)
         u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
-        scattered = G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
-        random = scattered @ np.swapaxes(scattered, 1, 2)
+        own = G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
         if not self.sources:
-            return PoseCovariances(random, np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0], ())
+            return PoseCovariances(own, np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0], ())
         parts = [self.parameter_lengths(poses, counts), np.broadcast_to(self._start_lengths, (len(poses), *self._start_lengths.shape))]
         lengths = np.concatenate(
             [*parts, self.pass_lengths(poses, speed_mm_s), self.physical_lengths(poses, counts, temperature_c)], axis=2
         )
         # a cable without a count, or left out, has no part in the pose
-        return PoseCovariances(random, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
+        return PoseCovariances(own, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
 
     def speed_mm_s(self, lengths: Lengths) -> FloatArray:
         """(n, m) speeds of the cables, for `of`; zero where nothing of this run is uncertain in time, and no speed matters."""
@@ -143,7 +147,7 @@ class Budget:
                 compiled,
             )
             random[part] = found.random
-            systematic[part] = found.systematic if self.sources else np.where(np.isnan(found.random), np.nan, 0.0)
+            systematic[part] = found.systematic if self.sources else np.where(np.isnan(random[part]), np.nan, 0.0)
         return random, systematic
 
     def drawn_start(self, generator: np.random.Generator, moved: FloatArray) -> FloatArray:
@@ -230,10 +234,9 @@ def covariances(
 
 def without_orientation(found: PoseCovariances) -> PoseCovariances:
     """The same where the orientation is not measured: NaN."""
-    random, factors = found.random.copy(), found.factors.copy()
-    random[:, :3, :] = random[:, :, :3] = np.nan
-    factors[:, :3] = np.nan
-    return PoseCovariances(random, factors, found.sources)
+    own, factors = found.own.copy(), found.factors.copy()
+    own[:, :3] = factors[:, :3] = np.nan
+    return PoseCovariances(own, factors, found.sources)
 
 
 def factor_of(covariance: FloatArray) -> FloatArray:

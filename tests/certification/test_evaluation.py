@@ -412,12 +412,12 @@ def test_settling_posing_and_compliance_of_a_trajectory() -> None:
 
 
 def test_the_u95_of_times_holds_what_it_says() -> None:
-    t = np.arange(0, 1.5, 1e-3)
+    t, fine = np.arange(0, 1.5, 2e-3), np.arange(0, 1.5, 1e-5)
 
-    # 100 mm in 0.3 s, then a swing of 4 mm that dies down
-    def way(t: FloatArray) -> FloatArray:
+    # 100 mm in 0.3 s, then a swing that dies down
+    def way(t: FloatArray, swing_mm: float) -> FloatArray:
         part = np.clip((t - 0.3) / 0.3, 0.0, 1.0)
-        swing = np.where(t > 0.6, 4.0 * np.exp(-(t - 0.6) / 0.1) * np.sin(2 * np.pi * 8 * (t - 0.6)), 0.0)
+        swing = np.where(t > 0.6, swing_mm * np.exp(-(t - 0.6) / 0.1) * np.sin(2 * np.pi * 8 * (t - 0.6)), 0.0)
         return np.asarray(100.0 * part**3 * (10.0 + part * (6.0 * part - 15.0)) + swing)
 
     program = Program.model_validate(
@@ -425,30 +425,31 @@ def test_the_u95_of_times_holds_what_it_says() -> None:
             "schema": "lmeasure.program/1",
             "pose": [
                 {"name": "P1", "position_mm": (0.0, 0.0, 0.0), "quaternion_xyzw": UNIT},
-                {"name": "P2", "position_mm": (100.0, 0, 0), "quaternion_xyzw": UNIT, "settling_s": [(0.5, 1.499)], "limit_band_mm": 0.5},
+                {"name": "P2", "position_mm": (100.0, 0, 0), "quaternion_xyzw": UNIT, "settling_s": [(0.5, 1.498)], "limit_band_mm": 0.5},
             ],
-            "posing": [{"from": "P1", "to": "P2", "windows_s": [(0.1, 1.499)], "limit_band_mm": 0.5}],
+            "posing": [{"from": "P1", "to": "P2", "windows_s": [(0.1, 1.498)], "limit_band_mm": 0.5}],
         }
     )
-    rest = way(np.array([1.45]))[0]
-    fine = np.arange(0, 1.5, 1e-6)
-    away = np.abs(way(fine) - rest)
-    first, last, leaves = fine[np.argmax(away < 0.5)], fine[np.flatnonzero(away > 0.5)[-1]], fine[np.argmax(way(fine) > 0.5)]
-    true = {"t_s": last - first, "t_min": last - leaves, "OV": away[fine > first].max()}
     count, inside = 0.02, []
     random = np.zeros((6, 6))
     random[3:, 3:] = count**2 / 12.0 * np.eye(3)
     for seed in range(60):
+        generator = np.random.default_rng(seed)
+        begin, swing_mm = generator.uniform(), generator.uniform(3.0, 5.0)
+        moved = way(fine, swing_mm)
+        away = np.abs(moved - way(np.array([1.45]), swing_mm))
+        first, last, leaves = (fine[i] for i in (np.argmax(away < 0.5), np.flatnonzero(away > 0.5)[-1], np.argmax(moved > 0.5)))
+        true = {"t_s": last - first, "t_min": last - leaves, "OV": away[fine > first].max()}
         # counts of a cable that lies along the move, from wherever counting began
-        begin = np.random.default_rng(seed).uniform()
-        read = count * (np.rint(way(t) / count + begin) - begin)
-        position = np.column_stack([read, 0 * t, 0 * t])
-        found = by_name(evaluate(trajectory_of(t, position), program, StatedErrors(random), settings=Settings(trials=300)))
+        read = count * (np.rint(way(t, swing_mm) / count + begin) - begin)
+        trajectory, law = trajectory_of(t, np.column_stack([read, 0 * t, 0 * t])), StatedErrors(random, rounded=True)
+        found = by_name(evaluate(trajectory, program, law, settings=Settings(trials=300)))
         every = [found["t_s", "P2"], found["t_min", "P1-P2"], found["OV", "P2"]]
         inside.append([abs(c.value - true[c.name]) <= c.u95 for c in every])
-        assert every[0].u95 < 2e-3
-        assert every[1].u95 < 2e-3
-        assert every[2].u95 < 2.5 * count
+        # a lobe of the swing that may or may not leave the band is half a period more or less
+        assert every[0].u95 < 2e-3 or every[0].u95 > 0.04
+        assert every[1].u95 < 2e-3 or every[1].u95 > 0.04
+        assert every[2].u95 < 1.5 * count
     assert np.mean(inside, axis=0).min() >= 0.9
 
 

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lmeasure.certification import PoseErrors
+from lmeasure.certification.errors_of_poses import roots
 from lmeasure.certification.rounding import kept, of_crossings, of_dwells, scatter_counts, whitened_variance
 
 FloatArray = NDArray[np.float64]
@@ -35,7 +36,7 @@ def test_whitened_variance_counts_only_what_is_measured() -> None:
 
 def test_dwells_of_a_still_robot_are_one_draw_and_share_it() -> None:
     one = np.diag(np.repeat([1e-10, 1e-5], 3))
-    errors = PoseErrors.of(np.tile(one, (4, 1, 1)), np.zeros((4, 6, 0)))
+    errors = PoseErrors.of(roots(np.tile(one, (4, 1, 1))), np.zeros((4, 6, 0)))
     still = of_dwells(errors, np.zeros((4, 6, 6)), np.zeros((6, 6)), np.ones(4, dtype=np.int64), np.zeros(4, dtype=np.int64))
     np.testing.assert_allclose(still.random, errors.random)
     np.testing.assert_allclose(still.local @ still.local.transpose(0, 2, 1), errors.random, atol=1e-18)
@@ -72,7 +73,7 @@ def crossed(steps_counts: FloatArray, apart_counts: float, cycles: int, seed: in
     errors = COUNT * (0.75 * (np.rint(before) - before) + 0.25 * (np.rint(after) - after))
     one = np.zeros((6, 6))
     one[3:, 3:] = np.eye(3) * COUNT**2 / 12.0
-    single = PoseErrors.of(np.tile(one, (k * cycles, 1, 1)), np.zeros((k * cycles, 6, 0)))
+    single = PoseErrors.of(roots(np.tile(one, (k * cycles, 1, 1))), np.zeros((k * cycles, 6, 0)))
     step = np.zeros((k, cycles, 6))
     step[:, :, 3:] = COUNT * steps[:, None, :]
     between = np.zeros((k, 6, 6))

@@ -22,10 +22,10 @@ def test_cosines_are_orthonormal_and_constant_first(stretch: list[int]) -> None:
 
 def test_exact_waves_stay() -> None:
     waves = np.random.default_rng(1).normal(size=(6, 4, 3))
-    np.testing.assert_array_equal(reduced(waves, np.zeros((6, 3)), 3), waves)
+    np.testing.assert_array_equal(reduced(waves, np.zeros((6, 3)), 3, 1.0), waves)
     added = np.tile([0.0, 1e-6, 1e-6], (6, 1))
-    np.testing.assert_array_equal(reduced(waves, added, 3)[:, :, 0], waves[:, :, 0])
-    np.testing.assert_allclose(reduced(waves, added, 3), waves, rtol=5e-3)
+    np.testing.assert_array_equal(reduced(waves, added, 3, 1.0)[:, :, 0], waves[:, :, 0])
+    np.testing.assert_allclose(reduced(waves, added, 3, 1.0), waves, rtol=5e-3)
 
 
 @pytest.mark.parametrize(("offset", "wave"), [(0.0, 0.0), (3.0, 0.0), (3.0, 4.0)])
@@ -36,7 +36,7 @@ def test_a_mean_with_white_errors_is_as_large_as_in_truth(offset: float, wave: f
     bias, stated = [], []
     for _ in range(300):
         measured = true + rng.normal(size=q)
-        likely = rows.T @ reduced((rows @ measured)[:, None, None], np.ones((q, 1)), 1)[:, 0, 0]
+        likely = rows.T @ reduced((rows @ measured)[:, None, None], np.ones((q, 1)), 1, 1.0)[:, 0, 0]
         bias.append(np.abs(measured).max() - np.abs(true).max())
         stated.append(np.abs(likely + rng.normal(size=(40, q))).max(axis=1).mean() - np.abs(likely).max())
     # errors make the largest of sixty larger, by 1.5 to 2.6 of them here
@@ -52,7 +52,7 @@ def test_scatter_over_cycles_is_as_large_as_in_truth(scatter: float) -> None:
         true = np.tile(scatter * rng.normal(size=n), (q, 1))
         measured = true + rng.normal(size=(q, n))
         away = measured - measured.mean(axis=1, keepdims=True)
-        likely = np.einsum("pq,pnc->qnc", rows, reduced(np.einsum("pq,qnc->pnc", rows, away[:, :, None]), np.ones((q, 1)), n - 1))[:, :, 0]
+        likely = np.einsum("pq,pn->qn", rows, reduced((rows @ away)[:, :, None], np.ones((q, 1)), n - 1, 1.0)[:, :, 0])
         bias.append(measured.std(axis=1, ddof=1).max() - true.std(axis=1, ddof=1).max())
         moved = likely + rng.normal(size=(20, q, n))
         stated.append(moved.std(axis=2, ddof=1).max(axis=1).mean() - likely.std(axis=1, ddof=1).max())
