@@ -147,7 +147,29 @@ def _reduced(values: FloatArray, laws: Sequence[FloatArray], groups: IntArray) -
         if several:
             out[members] += reduction_of_mean((apart**2).sum(), np.trace(law)) * apart
     freedom = max(len(values) - len(laws) + 2, 1)
-    return np.asarray(out + reduction((away**2).sum() / freedom, np.trace(laws[0]), freedom) * away)
+    square = (away**2).sum() / freedom
+    less = reduction(square, np.trace(laws[0]), freedom)
+    if several and np.bincount(groups).min() > 1 and square > 0.0:
+        return np.asarray(out + _alike(away, groups, laws[0], square, float(less)))
+    return np.asarray(out + less * away)
+
+
+def _alike(away: FloatArray, groups: IntArray, law: FloatArray, square: float, less: float) -> FloatArray:
+    """Scatter (n, 3) within groups with its size reduced to `less` of it, and what the groups' repeatabilities differ by to the least that
+    could have been measured so large.
+
+    Of k degrees of freedom the mean square S + E, E of the errors, is known to 2 tr E^2 + 4 tr(E S) over k, the repeatability to half as
+    much of itself.
+    """
+    sizes = np.bincount(groups)
+    of_robot = max(square - float(np.trace(law)), 0.0)
+    relative = (2.0 * np.trace(law @ law) + 4.0 * np.trace(law) * of_robot / 3.0) / (4.0 * square**2 * (sizes - 1))
+    repeatability = np.array([iso.pose_repeatability(away[groups == g]) for g in range(len(sizes))])
+    middle = repeatability.mean()
+    apart = repeatability - middle
+    wanted = less * middle + reduction_of_mean((apart**2).sum(), middle**2 * relative.sum()) * apart
+    factor = np.divide(np.maximum(wanted, 0.0), repeatability, out=np.zeros_like(wanted), where=repeatability > 0.0)
+    return np.asarray(factor[groups, None] * away)
 
 
 def component(of: Function, i: int | tuple[int, int]) -> Function:

@@ -1,9 +1,10 @@
 """Stretches of a motion that figures are read from: what lies between samples, and what the counts make them err by.
 
 Between samples a motion is the cubic spline through them. Its own error is found by leaving out every other sample: where a motion has
-three derivatives that is seven times as large (Richardson). Errors of counts are drawn as what they are, the roundings of
-lengths: a draw says where within a count the lengths of a place lie, and from there the lengths' changes along the stretch say how each
-sample is rounded. So samples of a robot that creeps, and cycles that come to rest within a count of each other, are rounded alike.
+three derivatives that is seven times as large (Richardson). Errors of counts are drawn as what they are, the roundings of lengths: a draw
+says where within a count the lengths of a place lie, and from there the lengths' changes along the stretch say how each sample is rounded.
+So samples of a robot that creeps, and cycles that come to rest within a count of each other, are rounded alike. Errors of another kind are
+taken for roundings as large: they stay where the robot stands and are others when it has gone on.
 """
 
 from collections.abc import Callable, Sequence
@@ -266,9 +267,7 @@ def _errors_from(
         away = rng.random((trials, law.own.shape[2]))
 
         def of_samples(samples: IntArray, j: int = j, moved: FloatArray = moved, away: FloatArray = away) -> FloatArray:
-            if law.rounded:
-                return roundings(law.own[j], moved[samples], start[:, j], away)[..., 3:]
-            return np.asarray(law.drawn(rng, (trials, len(samples), law.own.shape[2])) @ law.own[j, 3:].T)
+            return roundings(law.own[j], moved[samples], start[:, j], away)[..., 3:]
 
         of_place = -common @ law.factors[j, 3:].T if absolute else of_samples(at).mean(axis=1)
         out.append(finer.errors(points, of_samples) - of_place[:, None])
