@@ -11,12 +11,25 @@ from lmeasure import conventions, files
 from lmeasure.certification.campaign import CIRCLE_STEPS, Campaign
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.poses import POSITION_COLUMNS
+from lmeasure.program import write_program
 from lmeasure.robots.commands import Command
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 ROBODK_CIRCLE_POINTS = 36
+
+
+def write_campaign(out: Path, plan: Campaign) -> None:
+    """program.toml, commands.csv and robodk.csv in the folder out: all of them or none, for they belong together."""
+    with (
+        files.whole(out / "program.toml") as program,
+        files.whole(out / "commands.csv") as commands,
+        files.whole(out / "robodk.csv") as robodk,
+    ):
+        write_program(program, plan.program)
+        write_commands(commands, plan)
+        write_robodk(robodk, plan)
 
 
 def write_commands(path: Path, plan: Campaign) -> None:

@@ -32,6 +32,9 @@ from lmeasure.cli import (
 )
 from lmeasure.errors import LMeasureError
 
+INTERRUPTED = 130
+"""Exit code of typer where Ctrl-C ended a command."""
+
 app = typer.Typer(
     name="lmeasure",
     help="Cables, drums and encoders as a 6-DOF metrology instrument: from raw counts to the certificate of a robot.",
@@ -90,6 +93,7 @@ def main() -> None:
     except MemoryError as error:
         print(f"lmeasure: this machine's memory is not enough for what was asked: {' '.join(str(error).split())}", file=sys.stderr)
         raise SystemExit(1) from None
-    except KeyboardInterrupt:
-        print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr)
-        raise SystemExit(130) from None
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # typer has caught the interrupt, and says nothing
+            print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr)
+        raise

@@ -65,9 +65,8 @@ def program(
     if loaded is not None:
         raise typer.BadParameter("goes with --ran", param_hint="--loaded")
     from lmeasure.certification.campaign import TESTS, Tests, campaign, duration_s
-    from lmeasure.certification.command_files import write_commands, write_robodk
+    from lmeasure.certification.command_files import write_campaign
     from lmeasure.certification.cube import cube_in_zone, largest_cube
-    from lmeasure.program import write_program
 
     if (zone is None) == (len(box) == 0) or len(box) not in {0, 3}:
         raise typer.BadParameter("give the box by --x, --y and --z, or --zone", param_hint="--x, --y, --z")
@@ -91,9 +90,7 @@ def program(
         angles=angles,
     )
     plan = campaign(cube, chosen)
-    write_program(out / "program.toml", plan.program)
-    write_commands(out / "commands.csv", plan)
-    write_robodk(out / "robodk.csv", plan)
+    write_campaign(out, plan)
     centre = ", ".join(f"{v:g}" for v in cube.centre)
     typer.echo(f"cube of {cube.edge_mm:g} mm about ({centre}) mm, plane {cube.plane}")
     typer.echo(

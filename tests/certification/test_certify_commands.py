@@ -6,7 +6,7 @@ import pytest
 from campaigns import write_campaign
 from typer.testing import CliRunner
 
-from lmeasure.cli import app
+from lmeasure.cli import app, main
 from lmeasure.errors import LMeasureError
 
 
@@ -112,6 +112,34 @@ def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> Non
     code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--out", tmp_path / "c")
     assert code == 0, text
     assert sum("capable; does not conform (< 0.1 %)" in line for line in text.splitlines()) == 3
+
+
+def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(_: Path) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lmeasure.certification.signature.new_key", interrupted)
+    monkeypatch.setattr("sys.argv", ["lmeasure", "key", "--out", str(tmp_path / "k.pem")])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 130
+    assert capsys.readouterr().err == "lmeasure: interrupted; nothing was left half-written\n"
+
+
+def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    box = ("--x", "0:100", "--y", "0:100", "--z", "0:100", "--tests", "pose", "--out", tmp_path)
+    assert run("program", *box, "--cycles", "pose=2")[0] == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert set(before) == {"program.toml", "commands.csv", "robodk.csv"}
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("lmeasure.certification.command_files.write_robodk", full)
+    code, text = run("program", *box, "--cycles", "pose=3")
+    assert code == 1
+    assert "robodk.csv: cannot be written: No space left on device" in text
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_name_cannot_turn_a_message_around() -> None:
