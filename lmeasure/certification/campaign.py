@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.certification.cube import POSES, Cube
+from lmeasure.conventions import CONVENTIONS
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, CommandedPose, Compliance, Distance, Drift, Posing, Program
 from lmeasure.robots.commands import Command
@@ -32,6 +33,8 @@ APPROACH = 0.2
 CIRCLE_STEPS = 720
 """Straight pieces of a circle as it is run: a thousandth of a millimetre off it at 100 mm."""
 LOAD_STEPS = 10
+MOST_CYCLES = 10_000
+LONGEST_DRIFT_S = 100.0 * 3600.0
 DRIFT_GROUP = 10
 
 
@@ -67,8 +70,15 @@ class Tests:
         for name in (*self.tests, *self.cycles):
             if name not in TESTS:
                 raise CertificationError(f"there is no test {name!r}; known: {', '.join(TESTS)}")
-        if not self.tests or not self.speeds_percent or not self.loads_kg:
-            raise CertificationError("there must be a test, a speed and a load at least")
+        for what, given in (("test", self.tests), ("speed", self.speeds_percent), ("load", self.loads_kg)):
+            if not given:
+                raise CertificationError("there must be a test, a speed and a load at least")
+            if len(set(given)) < len(given):
+                raise CertificationError(f"a {what} is given twice: {', '.join(map(str, given))}")
+        if not abs(math.hypot(*self.quaternion) - 1.0) <= 1e-6:
+            raise CertificationError(f"quaternion {', '.join(f'{q:g}' for q in self.quaternion)}: is not of length 1")
+        if self.angles is not None and self.angles not in CONVENTIONS:
+            raise CertificationError(f"angles: {self.angles!r} is not one of {', '.join(CONVENTIONS)}")
         positive = (
             self.speed_mm_s,
             self.path_speed_mm_s,
@@ -82,8 +92,10 @@ class Tests:
             raise CertificationError("speeds, times and lengths must be finite and more than 0, loads 0 or more")
         if not 0.0 <= self.settle_s < self.dwell_s < math.inf:
             raise CertificationError(f"a rest of {self.dwell_s:g} s of which {self.settle_s:g} s are left out leaves nothing to measure")
-        if any(n < 2 for n in self.cycles.values()):
-            raise CertificationError("each test needs two cycles at least")
+        if any(not 2 <= n <= MOST_CYCLES for n in self.cycles.values()):
+            raise CertificationError(f"each test needs two cycles at least and has {MOST_CYCLES} at most")
+        if self.drift_s > LONGEST_DRIFT_S:
+            raise CertificationError(f"a drift test of {self.drift_s / 3600.0:g} h is too long: {LONGEST_DRIFT_S / 3600.0:g} h at most")
         if max(self.speeds_percent) > 100.0:
             raise CertificationError(f"a speed of {max(self.speeds_percent):g} % is more than the rated one")
 

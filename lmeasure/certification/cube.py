@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lmeasure.accuracy import read_zone
 from lmeasure.accuracy.extent import extent
+from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.errors import CertificationError
 
 FloatArray = NDArray[np.float64]
@@ -34,8 +35,11 @@ class Cube:
     def __post_init__(self) -> None:
         if self.plane not in PLANES:
             raise CertificationError(f"plane {self.plane!r}: the standard's planes are {', '.join(PLANES)}")
-        if not (np.isfinite(self.centre).all() and 0.0 < self.edge_mm < np.inf):
-            raise CertificationError(f"a cube of {self.edge_mm:g} mm: its edge must be finite and more than 0")
+        # written so that NaN is refused
+        if not (self.edge_mm > 0.0 and float(np.abs(self.centre).max()) + self.edge_mm <= MAX_LENGTH_MM):
+            raise CertificationError(
+                f"a cube of {self.edge_mm:g} mm: its edge must be more than 0 and it must lie within {MAX_LENGTH_MM:g} mm"
+            )
 
     def corner(self, number: int) -> FloatArray:
         """Corner C1 to C8 (3,) [mm]."""

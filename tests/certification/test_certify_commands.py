@@ -142,6 +142,28 @@ def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, mo
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--quaternion", "0,0,0,2"), "quaternion 0, 0, 0, 2: is not of length 1"),
+        (("--quaternion", "0,0,nan,1"), "is not of length 1"),
+        (("--angles", "euler"), "angles: 'euler' is not one of puma-oat"),
+        (("--x", "0:1e9", "--y", "0:1e9", "--z", "0:1e9"), "a cube of 1e+09 mm"),
+        (("--x", "nan:1"), "no volume"),
+        (("--loads", "5,5"), "a load is given twice: 5.0, 5.0"),
+        (("--speeds", "50,50"), "a speed is given twice"),
+        (("--tests", "pose,pose"), "a test is given twice"),
+        (("--cycles", "pose=100000000"), "10000 at most"),
+        (("--tests", "drift", "--drift-hours", "1e9"), "too long: 100 h at most"),
+    ],
+)
+def test_a_program_that_cannot_be_is_one_line(options: tuple[str, ...], told: str, tmp_path: Path) -> None:
+    code, text = run("program", "--x", "0:100", "--y", "0:100", "--z", "0:100", "--out", tmp_path / "p", *options)
+    assert code == 1
+    assert told in text
+    assert not (tmp_path / "p").exists()
+
+
 def test_a_name_cannot_turn_a_message_around() -> None:
     assert str(LMeasureError("pose a\u202eb\u2066:\nx")) == "pose a\\u{202E}b\\u{2066}: x"
 
