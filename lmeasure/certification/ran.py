@@ -32,6 +32,8 @@ def windows_from_rests(
     CertificationError names the first command that is not found, or the row of a force whose times cannot be.
     """
     table = files.read_table(commands)
+    if len(table) == 0 or len(trajectory.time_s) == 0:
+        raise CertificationError(f"{commands}: {'there is no command' if len(table) == 0 else 'the trajectory has no sample'} to look for")
     command = table.numbers("command")
     last = np.flatnonzero(np.append(np.diff(command) > 0, True))
     places, dwell, cycle = table.matrix(POSITION_COLUMNS)[last], table.numbers("dwell_s")[last], table.numbers("cycle")[last]

@@ -1,7 +1,7 @@
 """The trajectory: poses over time with their status and uncertainty, and its files."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import files
-from lmeasure.conventions import QUATERNION_COLUMNS, angles_from_rotation, convention
+from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_rotation, convention
+from lmeasure.errors import FileFormatError
 from lmeasure.kernels import screw
 from lmeasure.poses import POSITION_COLUMNS
 
@@ -165,9 +166,13 @@ def read_trajectory(path: Path) -> Trajectory:
     u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
     # a trajectory of another program may not tell the parts apart
     common = table.matrix(SYSTEMATIC_COLUMNS, gaps=True) if SYSTEMATIC_COLUMNS[0] in table.columns else np.zeros_like(u)
+    poses = table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True)
+    _refuse(path, POSITION_COLUMNS, poses[:, :3], np.abs(poses[:, :3]) > MAX_LENGTH_MM, f"is beyond {MAX_LENGTH_MM:g} mm")
+    for columns, values in ((UNCERTAINTY_COLUMNS, u), (SYSTEMATIC_COLUMNS, common)):
+        _refuse(path, columns, values, values < 0.0, "is no standard uncertainty")
     return Trajectory(
         table.numbers("time_s"),
-        table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True),
+        poses,
         table.numbers("residual_mm", gaps=True),
         table.numbers("iterations").astype(np.int64),
         table.choices("status", screw.STATUS),
@@ -179,6 +184,13 @@ def read_trajectory(path: Path) -> Trajectory:
         "as the file says",
         chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
     )
+
+
+def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: NDArray[np.bool_], why: str) -> None:
+    """FileFormatError names the first value that is bad."""
+    if bad.any():
+        row, column = (int(i) for i in np.argwhere(bad)[0])
+        raise FileFormatError(f"{path}: row {row}: {columns[column]} = {values[row, column]:g} {why}")
 
 
 def _variances(covariance: FloatArray) -> FloatArray:

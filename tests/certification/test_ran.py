@@ -84,6 +84,17 @@ def test_a_command_that_was_left_out_is_named(plan: Campaign, ran: tuple[Program
         windows_from_rests(plan.program, tmp_path / "commands.csv", short)
 
 
+def test_a_trajectory_without_a_sample_is_one_line(plan: Campaign, ran: tuple[Program, Trajectory], tmp_path: Path) -> None:
+    write_commands(tmp_path / "commands.csv", plan)
+    nothing = replace(ran[1], **{k: getattr(ran[1], k)[:0] for k in ("time_s", "poses", "status", "cause", "random", "systematic")})
+    with pytest.raises(CertificationError, match="the trajectory has no sample"):
+        windows_from_rests(plan.program, tmp_path / "commands.csv", nothing)
+    head = (tmp_path / "commands.csv").read_text().splitlines()[0]
+    (tmp_path / "none.csv").write_text(head + "\n")
+    with pytest.raises(CertificationError, match="there is no command to look for"):
+        windows_from_rests(plan.program, tmp_path / "none.csv", ran[1])
+
+
 LOADED = Tests(
     tests=("pose", "compliance", "weaving"), loads_kg=(5.0,), speeds_percent=(100.0,), dwell_s=0.6, settle_s=0.4,
     cycles=dict.fromkeys(("pose", "compliance", "weaving"), 2),
