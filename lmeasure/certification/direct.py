@@ -54,7 +54,8 @@ def settling(pose: CommandedPose, band_mm: float | None, motion: Motion) -> list
 
     names = [f"pose {pose.name}, settling {cycle}" for cycle in range(1, len(pose.settling_s) + 1)]
     cycles = [motion.stretch(*w, what, begins=False) for what, w in zip(names, pose.settling_s, strict=True)]
-    told = motion.read(cycles, Reading(both, _distance, band, np.array([_longest(cycles), np.inf]), largest=True))
+    farthest = max(float(_distance(s.poses[:, :3] - s.poses[s.places[-1], :3].mean(axis=0)).max()) for s in cycles)
+    told = motion.read(cycles, Reading(both, _distance, band, np.array([_longest(cycles), farthest]), largest=True))
     for what, (start, end), value in zip(names, pose.settling_s, told.values, strict=True):
         if not np.isfinite(value).all():
             raise NotReachedError(f"{what}: the robot does not come to rest within {band:.4g} mm in the window [{start:g}, {end:g}] s")

@@ -131,8 +131,8 @@ class Reading:
     """How figures are read from cycles: `of` makes them (..., q) of times (F,) [s] and vectors (..., F, 3) [mm], one from each place of a
     stretch to where the robot is, whose sizes (..., F) are held against a limit [mm].
 
-    never (q,): what draws count as that do not reach the limit. largest: whether the largest size is a figure. origin: the point (3,),
-    known without error, that vectors are from instead of the only place.
+    never (q,): what counts where the limit is not reached, in a draw or by every other sample. largest: whether the largest size is a figure.
+    origin: the point (3,), known without error, that vectors are from instead of the only place.
     """
 
     of: Callable[..., FloatArray]
@@ -141,6 +141,10 @@ class Reading:
     never: FloatArray
     largest: bool = False
     origin: FloatArray | None = None
+
+    def told(self, figures: FloatArray) -> FloatArray:
+        """Figures (..., q), those that are NaN being `never`."""
+        return np.where(np.isnan(figures), self.never, figures)
 
 
 @dataclass(frozen=True)
@@ -197,9 +201,9 @@ class Motion:
             finer = stretch.finer(reading.limit_mm)
             vectors, of_half = (_vectors(stretch.poses[:, :3], stretch, finer, reading.origin, every) for every in (1, 2))
             values.append(reading.of(finer.time_s, *vectors))
-            halves.append(reading.of(finer.time_s, *of_half))
+            halves.append(reading.told(reading.of(finer.time_s, *of_half)))
             found.append((finer, finer.near([reading.size(v) for v in vectors], reading.limit_mm, reach, largest=reading.largest)))
-        between = np.nan_to_num(np.abs(np.array(values) - np.array(halves)) / WITHOUT_HALF)
+        between = np.abs(np.array(values) - np.array(halves)) / WITHOUT_HALF
         by_law = tuple(self._drawn(cycles, found, of_places, reading) for of_places in zip(*laws, strict=True))
         return Told(np.array(values), between, by_law)
 
@@ -210,8 +214,7 @@ class Motion:
         rng = np.random.default_rng([self._settings.seed, int(cycles[0].samples[0])])
 
         def figures(finer: Finer, points: IntArray, vectors: Sequence[FloatArray]) -> FloatArray:
-            of = reading.of(finer.time_s[points], *vectors)
-            return np.where(np.isnan(of), reading.never, of)
+            return reading.told(reading.of(finer.time_s[points], *vectors))
 
         likely = [
             [v[points] for v in _vectors(s.moved(s.places[-1])[:, 3:] + s.poses[s.places[-1], :3].mean(axis=0), s, finer, reading.origin)]
