@@ -131,8 +131,8 @@ class Reading:
     """How figures are read from cycles: `of` makes them (..., q) of times (F,) [s] and vectors (..., F, 3) [mm], one from each place of a
     stretch to where the robot is, whose sizes (..., F) are held against a limit [mm].
 
-    never (q,): what counts where the limit is not reached, in a draw or by every other sample. largest: whether the largest size is a figure.
-    origin: the point (3,), known without error, that vectors are from instead of the only place.
+    never (q,): what counts where the limit is not reached, in a draw or by every other sample. largest: whether the largest size is a
+    figure. origin: the point (3,), known without error, that vectors are from instead of the only place.
     """
 
     of: Callable[..., FloatArray]
