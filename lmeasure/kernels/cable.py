@@ -59,7 +59,7 @@ PARAMETERS = (
 """What `length_gradient` differentiates by, in its order: observation point, guide, pulley, counter, drum, attachment point."""
 
 
-@inline
+@kernel
 def guide_direction(alpha: float, beta: float) -> Vec3:
     """Unit direction u of cable travel at B: against the way from B to the fixed pulley (alpha below the horizontal, beta from +Y
     towards +X)."""
