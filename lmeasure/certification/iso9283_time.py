@@ -46,12 +46,17 @@ def stabilisation_time(time_s: FloatArray, distance: FloatArray, band_mm: float)
     return last - first
 
 
-def overshoot(distance: FloatArray, band_mm: float) -> FloatArray:
-    """7.5: OV (...) [mm], largest distance after the first entry into the limit band; zero when the robot does not leave the band again."""
+def excursion(distance: FloatArray, band_mm: float) -> FloatArray:
+    """Largest distance (...) [mm] after the first entry into the limit band; NaN when there is none."""
     first = first_arrival(distance, band_mm)
     behind = np.arange(distance.shape[-1]) >= first[..., None]
-    largest = np.where(behind, distance, -np.inf).max(axis=-1)
-    return np.where(first < 0, np.nan, np.where(largest > band_mm, largest, 0.0))
+    return np.where(first < 0, np.nan, np.where(behind, distance, -np.inf).max(axis=-1))
+
+
+def overshoot(excursions: FloatArray, band_mm: float, axis: int = -1) -> FloatArray:
+    """7.5: OV (...) [mm], the largest of the cycles' excursions (..., n); zero when the robot does not leave the band again."""
+    largest = excursions.max(axis=axis)
+    return np.where(largest > band_mm, largest, 0.0)
 
 
 def departure(time_s: FloatArray, distance_from_start: FloatArray, band_mm: float) -> FloatArray:

@@ -166,7 +166,7 @@ class Told:
             errors, scatter, freedom = drawn - base, base - base.mean(), max(len(base) - 1, 1)
             of_robot = base.mean() + reduction((scatter**2).sum() / freedom, errors.var(axis=0).mean(), freedom) * scatter
             out.append(float(np.quantile(np.abs(over(of_robot + errors, axis=1) - over(of_robot)), COVERAGE)))
-        return float(np.hypot(max(out), over(self.between[:, i])))
+        return float(np.hypot(max(out), self.between[:, i].max()))
 
 
 class Motion:

@@ -118,10 +118,10 @@ def test_draws_in_front_are_only_more_of_the_same(cycles: FloatArray, draws: int
 def test_what_the_robot_does_not_reach_is_nan() -> None:
     time_s = np.array([0.0, 0.1, 0.2])
     assert math.isnan(iso9283_time.stabilisation_time(time_s, np.array([5.0, 4.0, 3.0]), 1.0))
-    assert math.isnan(iso9283_time.overshoot(np.array([5.0, 4.0, 3.0]), 1.0))
+    assert math.isnan(iso9283_time.excursion(np.array([5.0, 4.0, 3.0]), 1.0))
     assert math.isnan(iso9283_time.departure(time_s, np.array([2.0, 3.0, 4.0]), 1.0))
     assert math.isnan(iso9283_path.stabilisation_length(time_s, np.array([2.0, 0.5, 2.0]), 1.0))
     # and what it never leaves is zero
     assert iso9283_time.stabilisation_time(time_s, np.zeros(3), 1.0) == 0.0
-    assert iso9283_time.overshoot(np.array([5.0, 0.5, 0.6]), 1.0) == 0.0
+    assert iso9283_time.overshoot(iso9283_time.excursion(np.array([[5.0, 0.5, 0.6], [5.0, 0.2, 0.3]]), 1.0), 1.0) == 0.0
     assert iso9283_path.stabilisation_length(time_s, np.zeros(3), 1.0) == 0.0

@@ -6,7 +6,7 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from lmeasure.certification import Settings, iso9283_path
+from lmeasure.certification import Settings, iso9283_path, iso9283_time
 from lmeasure.certification.attained import Frame
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.motion import Finer, Motion, Reading, Stretch, Told
@@ -121,6 +121,22 @@ def test_a_way_back_within_a_limit_errs_by_the_error_over_the_slope(shared: floa
     least, most = np.sqrt(0.5) * 1.645 * 0.003, 1.96 * 0.003
     per_mm = 15.0 / 0.5
     assert 0.9 * per_mm * np.hypot(least, 1.96 * shared) < told.u95(0, np.mean) < 1.1 * per_mm * np.hypot(most, 1.96 * shared)
+
+
+def test_whether_a_robot_leaves_the_band_again_is_told_as_well_as_it_is_known() -> None:
+    """Of three cycles the largest excursion is 0.104 mm, the band 0.1 mm, an excursion known to 0.005 mm: OV may as well be zero."""
+    rng = np.random.default_rng(7)
+    base = np.array([[0.05], [0.104], [0.06]])
+    told = Told(base, np.zeros((3, 1)), ((base, base + 0.005 * rng.normal(size=(4000, 3, 1))),))
+
+    def largest(excursions: FloatArray, axis: int = -1) -> FloatArray:
+        return iso9283_time.overshoot(excursions, 0.1, axis)
+
+    assert largest(told.values[:, 0]) == 0.104
+    assert told.u95(0, largest) >= 0.1
+    # far from the band it is known like any distance
+    far = Told(base + 0.1, np.zeros((3, 1)), ((base + 0.1, base + 0.1 + 0.005 * rng.normal(size=(4000, 3, 1))),))
+    assert far.u95(0, largest) == pytest.approx(1.96 * 0.005, rel=0.1)
 
 
 def test_cycles_add_their_errors_and_what_splines_are_off() -> None:
