@@ -156,15 +156,19 @@ class Told:
     between: FloatArray
     laws: tuple[tuple[FloatArray, FloatArray], ...]
 
-    def u95(self, i: int, over: Callable[..., FloatArray]) -> float:
+    def u95(self, i: int, over: Callable[..., FloatArray], above: float = -np.inf) -> float:
         """U95 of figure i taken over the cycles; the larger of the laws'.
 
-        What errors have added to the scatter of the cycles is taken away, lest the largest of them be the one that erred most.
+        What errors have added to the scatter of the cycles whose figures are above a value is taken away, lest the largest of them be the
+        one that erred most.
         """
         out = []
         for base, drawn in ((likely[:, i], moved[:, :, i]) for likely, moved in self.laws):
-            errors, scatter, freedom = drawn - base, base - base.mean(), max(len(base) - 1, 1)
-            of_robot = base.mean() + reduction((scatter**2).sum() / freedom, errors.var(axis=0).mean(), freedom) * scatter
+            errors, of_robot, alike = drawn - base, base.copy(), base > above
+            if alike.any():
+                mean, freedom = base[alike].mean(), max(int(alike.sum()) - 1, 1)
+                square = ((base[alike] - mean) ** 2).sum() / freedom
+                of_robot[alike] = mean + reduction(square, errors[:, alike].var(axis=0).mean(), freedom) * (base[alike] - mean)
             out.append(float(np.quantile(np.abs(over(of_robot + errors, axis=1) - over(of_robot)), COVERAGE)))
         return float(np.hypot(max(out), self.between[:, i].max()))
 
