@@ -347,9 +347,8 @@ def results(pieces: list[Path]) -> str:
         f"Figures of one campaign are not independent of each other, and four campaigns share the errors of a calibration: of figures that "
         f"these dominate (AP, AD) there are {n // PER_INSTRUMENT} independent ones.",
         "",
-        f"Settling and posing are sampled every {1000.0 / RATE_HZ:g} ms, their truth {FINER} times as often. t_min is of one move with one "
-        f"limit band: on its way out of the band some cables go on by less than a count, so that roundings partly cancel, by a tenth, "
-        f"which a measurement does not tell.",
+        f"Settling and posing are sampled every {1000.0 / RATE_HZ:g} ms, their truth {FINER} times as often. t_min is held too "
+        f"often: its errors are an eighth smaller than drawn, though as large as the roundings of the true lengths make them.",
         "",
         "| characteristic | figures | inside U95 | worst pose or path | median U95 | median of error / U95 |",
         "|---|---|---|---|---|---|",

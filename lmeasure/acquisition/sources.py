@@ -40,7 +40,7 @@ REOPEN_EVERY_S = 0.2
 
 @dataclass(frozen=True)
 class Notice:
-    """What happened to a source: kind of event, what to say about it; when by the frames' clock [s], None for now; frames lost by it."""
+    """What happened to a source: kind of event, what to say about it, when by the frames' clock [s] (this moment if None), frames lost."""
 
     kind: str
     text: str

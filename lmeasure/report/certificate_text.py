@@ -5,7 +5,8 @@ import unicodedata
 from typing import Any
 
 from lmeasure.certification.printed import with_u95 as with_u95
-from lmeasure.report.words import characteristic_name, sentence, unit, word
+from lmeasure.report.sentences import sentence
+from lmeasure.report.words import characteristic_name, unit, word
 
 Rows = list[tuple[str, ...]]
 

@@ -474,6 +474,23 @@ def test_the_same_input_gives_the_same_figures() -> None:
     assert all(isinstance(v, str | float | int | bool | dict) for v in table.values())
 
 
+def test_a_repeatability_that_does_not_drift_has_an_honest_interval() -> None:
+    random = np.zeros((6, 6))
+    random[3:, 3:] = 0.01**2 * np.eye(3)
+    # three times the same places: in truth nothing drifts
+    places = np.tile(0.005 * np.random.default_rng(1).normal(size=(10, 3)), (3, 1))
+    inside = []
+    for seed in range(80):
+        _, program = campaign(np.zeros(3), 0.0, cycles=30, names=("P1",))
+        time_s, position, windows = dwells(places + 0.01 * np.random.default_rng(seed).normal(size=places.shape))
+        program["pose"][0] |= {"windows_s": windows}
+        program["drift"] = [{"pose": "P1", "group": 10}]
+        trajectory, model = trajectory_of(time_s, position), Program.model_validate(program)
+        found = by_name(evaluate(trajectory, model, StatedErrors(random), settings=Settings(trials=300, seed=seed)))
+        inside.append(found["dRP_l", "P1"].value <= found["dRP_l", "P1"].u95)
+    assert np.mean(inside) >= 0.9
+
+
 @pytest.mark.parametrize("apart", [0.0, 0.004, 0.05])
 def test_a_small_variation_by_approach_has_an_honest_interval(apart: float) -> None:
     random = np.zeros((6, 6))

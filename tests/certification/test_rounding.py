@@ -34,6 +34,16 @@ def test_whitened_variance_counts_only_what_is_measured() -> None:
     assert whitened_variance(np.eye(6), np.zeros((6, 6))) == 0.0
 
 
+def test_errors_of_counts_are_drawn_uniform_and_others_normal() -> None:
+    own, rng = np.zeros((1, 6, 2)), np.random.default_rng(1)
+    for rounded, most, kurtosis in ((True, np.sqrt(3.0), 1.8), (False, np.inf, 3.0)):
+        drawn = PoseErrors.of(own, np.zeros((1, 6, 0)), rounded).drawn(rng, (100_000,))
+        assert abs(drawn.mean()) < 0.02
+        assert drawn.var() == pytest.approx(1.0, rel=0.02)
+        assert (drawn**4).mean() == pytest.approx(kurtosis, rel=0.05)
+        assert np.abs(drawn).max() <= most
+
+
 def test_dwells_of_a_still_robot_are_one_draw_and_share_it() -> None:
     one = np.diag(np.repeat([1e-10, 1e-5], 3))
     errors = PoseErrors.of(roots(np.tile(one, (4, 1, 1))), np.zeros((4, 6, 0)))

@@ -23,7 +23,8 @@ from lmeasure.errors import CertificationError, FileFormatError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate import Choices, write_certificate
 from lmeasure.report.certificate_html import _LINES
-from lmeasure.report.words import SENTENCES, UNITS, WORDS, characteristic_name, sentence, word
+from lmeasure.report.sentences import SENTENCES, sentence
+from lmeasure.report.words import UNITS, WORDS, characteristic_name, word
 
 HOSTILE = {
     "P1": "<script>window.hacked=1</script>",

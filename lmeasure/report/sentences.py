@@ -1,0 +1,71 @@
+"""Notes and reasons of the computation, which come in English: those it writes often, with the same groups in each translation."""
+
+import re
+
+SENTENCES: dict[str, list[tuple[str, str]]] = {
+    "en": [],
+    "ru": [
+        (
+            r"(the resolution of the counts.*); not the calibration: the rig links none",
+            r"{0}; кроме калибровки: описание установки на неё не ссылается",
+        ),
+        (r"the resolution of the counts", r"дискретность отсчётов"),
+        (r"the resolution of the counts, (.*)", r"дискретность отсчётов, {0}"),
+        (r"(calibration|start pose|(?:clock|place) of pass \d+|temperature, stretch and sag), (.*)", r"{0}, {1}"),
+        (r"calibration", r"калибровка установки"),
+        (r"start pose", r"начальная поза"),
+        (r"clock of pass (\d+)", r"часы прохода {0}"),
+        (r"place of pass (\d+)", r"положение в проходе {0}"),
+        (r"temperature, stretch and sag", r"температура, растяжение и провисание тросов"),
+        (
+            r"the uncertainties of the trajectory, taken as common to the cycles of a pose or as independent, whichever is worse",
+            r"неопределённости траектории, принятые общими для циклов одной позы либо независимыми – по худшему случаю",
+        ),
+        (r"worst pressure angle (.*) deg; the zone ends at (.*) deg", r"наибольший угол давления {0}°; граница зоны {1}°"),
+        (r"U95 of a position (.*) mm; the zone ends at (.*) mm", r"U95 положения {0} мм; граница зоны {1} мм"),
+        (
+            r"pose (.*): angles (.*) are singular at the commanded orientation; (.*) instead",
+            r"поза {0}: углы {1} вырождены при заданной ориентации; вместо них {2}",
+        ),
+        (
+            r"pose (.*): angles (.*) are singular at the commanded orientation; no component-wise angles",
+            r"поза {0}: углы {1} вырождены при заданной ориентации; углов по составляющим нет",
+        ),
+        (
+            r"pose (.*): its pressure angles are not known, and not held against the zone",
+            r"поза {0}: углы давления неизвестны и с зоной не сравнивались",
+        ),
+        (
+            r"path (.*): its pressure angles are not known, and not held against the zone",
+            r"траектория {0}: углы давления неизвестны и с зоной не сравнивались",
+        ),
+        (
+            r"no windows stated: (\d+) rests of at least (.*) s within (.*) mm found, the second half of each taken",
+            r"интервалы не заданы: найдено остановок {0} не короче {1} с в пределах {2} мм, взята вторая половина каждой",
+        ),
+        (r"limit band (.*) mm", r"граничная полоса {0} мм"),
+        (r"limit band (.*) mm, the pose's repeatability", r"граничная полоса {0} мм – повторяемость позы"),
+        (
+            r"limit band (.*) mm; from the beginning of the motion, not from the command",
+            r"граничная полоса {0} мм; от начала движения, а не от команды",
+        ),
+        (r"back within (.*) mm", r"возвращение в пределы {0} мм"),
+        (
+            r"pass (\d+) has no sync edges: its clock is taken as pass 1's",
+            r"в проходе {0} нет фронтов синхронизации: его часы приняты за часы прохода 1",
+        ),
+        (
+            r"the robot's repeatability between the passes is not in the uncertainties",
+            r"повторяемость робота между проходами в неопределённости не входит",
+        ),
+    ],
+}
+
+
+def sentence(language: str, text: str) -> str | None:
+    """A sentence of the computation in the language, None where the table does not have it."""
+    for pattern, told in SENTENCES[language]:
+        found = re.fullmatch(pattern, text)
+        if found is not None:
+            return told.format(*(sentence(language, part) or part for part in found.groups()))
+    return None
