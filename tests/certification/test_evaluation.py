@@ -478,7 +478,7 @@ def test_a_repeatability_that_does_not_drift_has_an_honest_interval() -> None:
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.01**2 * np.eye(3)
     # three times the same places: in truth nothing drifts
-    places = np.tile(0.005 * np.random.default_rng(1).normal(size=(10, 3)), (3, 1))
+    places = np.tile(0.03 * np.random.default_rng(1).normal(size=(10, 3)), (3, 1))
     inside = []
     for seed in range(80):
         _, program = campaign(np.zeros(3), 0.0, cycles=30, names=("P1",))

@@ -83,6 +83,24 @@ def test_between_samples_lies_the_spline_and_halving_tells_how_far_it_is_off() -
     assert np.abs(np.diff(stretch.finer(0.05).read(way(t)))).max() < 0.05 / 4
 
 
+def test_u95_holds_what_a_spline_is_off() -> None:
+    # a swing so fast that its samples hardly tell it: eight to a period
+    t = np.arange(0.0, 1.0, 4e-3)
+    swing = np.exp(-t / 0.15) * np.cos(2 * np.pi * 31.25 * t + 0.4)
+    trajectory = trajectory_of(t, np.column_stack([swing, 0 * t, 0 * t]))
+    law = StatedErrors(rounded=True)
+    motion = Motion(trajectory, Frame(np.zeros(3)), lambda i: [law.at(trajectory, i)[0]], Settings(trials=10, seed=1))
+
+    def at(time_s: FloatArray, vectors: FloatArray) -> FloatArray:
+        return np.asarray(iso9283_time.stabilisation_time(time_s, np.abs(vectors[..., 0]), 0.05)[..., None])
+
+    told = motion.read([motion.stretch(0.0, 1.0, "window", begins=False)], Reading(at, lambda v: np.abs(v[..., 0]), 0.05, np.ones(1)))
+    fine = np.arange(0.0, 1.0, 1e-5)
+    away = np.abs(np.exp(-fine / 0.15) * np.cos(2 * np.pi * 31.25 * fine + 0.4))
+    off = abs(float(told.values[0, 0]) - float(iso9283_time.stabilisation_time(fine, away, 0.05)))
+    assert 0.0 < off < told.u95(0, np.mean) < 100.0 * off + 1e-3
+
+
 def test_errors_are_read_as_the_whole_spline_reads_them() -> None:
     rng = np.random.default_rng(5)
     t = np.array([1e-3 * i for i in range(300)])
