@@ -1,15 +1,20 @@
 """Trajectories made sample by sample for tests of certification, with errors of a stated law or of none."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.certification import PoseErrors
+from lmeasure.certification import Characteristic, Evaluation, PoseErrors
 from lmeasure.certification.errors_of_poses import roots
 from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+UNIT = (0.0, 0.0, 0.0, 1.0)
+PLACES = {"P1": (0.0, 0.0, 0.0), "P2": (200.0, 0.0, 0.0), "P3": (0.0, 150.0, 0.0), "P4": (0.0, 0.0, 100.0)}
 
 
 class StatedErrors:
@@ -47,3 +52,27 @@ def dwells(places: FloatArray, rate_hz: float = 100.0) -> tuple[FloatArray, Floa
     part = np.clip(2.0 * (time_s - number), 0.0, 1.0)[:, None]
     before = np.concatenate([places[:1], places[:-1]])
     return time_s, before[number] + part * (places[number] - before[number]), [(i + 0.5, i + 0.99) for i in range(k)]
+
+
+def made_campaign(
+    offset: FloatArray, scatter: float, cycles: int = 30, seed: int = 1, names: tuple[str, ...] = ("P1", "P2")
+) -> tuple[Any, Any]:
+    """A trajectory of dwells at poses in turn, off by offset and scattered, and the program as a dictionary."""
+    rng = np.random.default_rng(seed)
+    places = np.array([np.array(PLACES[n]) + offset + scatter * rng.normal(size=3) for _ in range(cycles) for n in names])
+    time_s, position, windows = dwells(places)
+    poses = [
+        {"name": n, "position_mm": PLACES[n], "quaternion_xyzw": UNIT, "windows_s": windows[i :: len(names)]} for i, n in enumerate(names)
+    ]
+    return trajectory_of(time_s, position), {"schema": "lmeasure.program/1", "pose": poses}
+
+
+def by_name(found: Evaluation) -> dict[tuple[str, str | None], Characteristic]:
+    """Characteristics by name and pose."""
+    return {(c.name, c.pose): c for c in found.characteristics}
+
+
+def some_law(seed: int) -> FloatArray:
+    """Some covariance (6, 6) of 1e-5 rad and 0.005 mm."""
+    A = np.random.default_rng(seed).normal(size=(6, 6)) * np.repeat([1e-5, 0.005], 3)[:, None]
+    return np.asarray(A @ A.T / 6.0)

@@ -104,9 +104,10 @@ class ErrorsOfRun:
 
 
 class ErrorsOfFile:
-    """Errors by the standard uncertainties of a trajectory file alone, which do not say what its poses have in common.
+    """Errors by the standard uncertainties of a trajectory file alone, which do not say how poses' errors are correlated.
 
-    together: all poses of a part share them, else each has its own; neither is always the worse, so that a figure takes the larger of both.
+    together: the poses of a part, a pose's cycles or a path's crossings, have the whole error in common, else only what the file calls
+    systematic. Neither is always the worse, so that a figure takes the larger of both.
     """
 
     def __init__(self, together: bool) -> None:
@@ -115,11 +116,14 @@ class ErrorsOfFile:
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `ErrorModel`."""
         n = len(samples)
-        covariance, none = np.nan_to_num(trajectory.random[samples] + trajectory.systematic[samples]), np.zeros((n, 6, 0))
-        covers = "the uncertainties of the trajectory, taken as common to the cycles of a pose or as independent, whichever is worse"
-        if not self.together:
-            return PoseErrors.of(roots(covariance), none), covers
-        return PoseErrors(none, roots(covariance), np.zeros(n, dtype=np.int64), none), covers
+        random, systematic = (np.nan_to_num(c[samples]) for c in (trajectory.random, trajectory.systematic))
+        covers = (
+            "the uncertainties of the trajectory, systematic ones taken as common to the cycles of a pose or path, random ones so or as "
+            "independent, whichever is worse"
+        )
+        shared = np.zeros((n, 6, 0))
+        own, local = (shared, roots(random + systematic)) if self.together else (roots(random), roots(systematic))
+        return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), covers
 
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:

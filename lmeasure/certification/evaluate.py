@@ -93,7 +93,7 @@ def evaluate(
     elif run is not None:
         models = (ErrorsOfRun(run),)
     else:
-        models = (ErrorsOfFile(True), ErrorsOfFile(False))
+        models = (ErrorsOfFile(together=True), ErrorsOfFile(together=False))
     program, notes = with_windows(trajectory, program, Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64)), settings.still_mm)
     work = Gathered(trajectory, program, settings, run.rig.angles if run is not None else None)
     spreads: list[list[Spread]] = []

@@ -110,7 +110,10 @@ class PosePart:
             mean = Rotation.from_quat(a.poses[:, 3:]).mean()
             rates = angle_rates(self.convention, Rotation.from_quat(mean.as_quat()[None, :]))[0]
             self._rates.append(rates)
-            likely_angles = _reduced(angles, [rates @ law[:3, :3] @ rates.T for law in laws], self.groups)
+            # the standard takes angles one by one, and so do what errors add to them
+            of_angles = [rates @ law[:3, :3] @ rates.T for law in laws]
+            axes = [slice(i, i + 1) for i in range(3)]
+            likely_angles = np.hstack([_reduced(angles[:, i], [law[i, i] for law in of_angles], self.groups) for i in axes])
         self._states[True] = Cycles(likely, likely_angles, likely_turn)
 
     def _orientation(self) -> tuple[FloatArray | None, FloatArray | None]:
@@ -134,10 +137,10 @@ class PosePart:
 
 
 def _reduced(values: FloatArray, laws: Sequence[FloatArray], groups: IntArray) -> FloatArray:
-    """Deviations (n, 3) from the commanded with their mean, the means of their groups about it and the scatter within groups reduced by
-    what errors have added. laws: covariances (3, 3) of the errors of one, of the mean, and of the mean of each group."""
-    mean = values.mean(axis=0)
-    out = np.tile(reduction_of_mean((mean**2).sum(), np.trace(laws[1])) * mean, (len(values), 1))
+    """Deviations (n, d) from the commanded with their mean, the means of their groups about it and the scatter within groups reduced by
+    what errors have added. laws: covariances (d, d) of the errors of one, of the mean, and of the mean of each group."""
+    axes, mean = values.shape[1], values.mean(axis=0)
+    out = np.tile(reduction_of_mean((mean**2).sum(), np.trace(laws[1]), axes) * mean, (len(values), 1))
     away = np.empty_like(values)
     several = len(laws) > 3
     for group, law in enumerate(laws[2:]):
@@ -145,17 +148,20 @@ def _reduced(values: FloatArray, laws: Sequence[FloatArray], groups: IntArray) -
         apart = values[members].mean(axis=0) - mean
         away[members] = values[members] - mean - apart
         if several:
-            out[members] += reduction_of_mean((apart**2).sum(), np.trace(law)) * apart
+            out[members] += reduction_of_mean((apart**2).sum(), np.trace(law), axes) * apart
     freedom = max(len(values) - len(laws) + 2, 1)
-    square = (away**2).sum() / freedom
-    less = reduction(square, np.trace(laws[0]), freedom)
+    square, added = (away**2).sum() / freedom, np.trace(laws[0])
+    spread = np.trace(laws[0] @ laws[0])
+    # axes that err alike count as so many
+    alike = added**2 / spread if spread > 0.0 else 1.0
+    less = reduction(square, added, freedom * alike)
     if several and np.bincount(groups).min() > 1 and square > 0.0:
         return np.asarray(out + _alike(away, groups, laws[0], square, float(less)))
     return np.asarray(out + less * away)
 
 
 def _alike(away: FloatArray, groups: IntArray, law: FloatArray, square: float, less: float) -> FloatArray:
-    """Scatter (n, 3) within groups with its size reduced to `less` of it, and what the groups' repeatabilities differ by to the least that
+    """Scatter (n, d) within groups with its size reduced to `less` of it, and what the groups' repeatabilities differ by to the least that
     could have been measured so large.
 
     Of k degrees of freedom the mean square S + E, E of the errors, is known to 2 tr E^2 + 4 tr(E S) over k, the repeatability to half as
@@ -163,11 +169,11 @@ def _alike(away: FloatArray, groups: IntArray, law: FloatArray, square: float, l
     """
     sizes = np.bincount(groups)
     of_robot = max(square - float(np.trace(law)), 0.0)
-    relative = (2.0 * np.trace(law @ law) + 4.0 * np.trace(law) * of_robot / 3.0) / (4.0 * square**2 * (sizes - 1))
+    relative = (2.0 * np.trace(law @ law) + 4.0 * np.trace(law) * of_robot / len(law)) / (4.0 * square**2 * (sizes - 1))
     repeatability = np.array([iso.pose_repeatability(away[groups == g]) for g in range(len(sizes))])
     middle = repeatability.mean()
     apart = repeatability - middle
-    wanted = less * middle + reduction_of_mean((apart**2).sum(), middle**2 * relative.sum()) * apart
+    wanted = less * middle + reduction_of_mean((apart**2).sum(), middle**2 * relative.sum(), len(sizes) - 1) * apart
     factor = np.divide(np.maximum(wanted, 0.0), repeatability, out=np.zeros_like(wanted), where=repeatability > 0.0)
     return np.asarray(factor[groups, None] * away)
 

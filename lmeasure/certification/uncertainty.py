@@ -57,24 +57,25 @@ class Spread:
 def reduction(observed: FloatArray | float, added: FloatArray | float, freedom: float = np.inf) -> FloatArray:
     """Factor (...) on deviations whose mean square is observed (...) so that what errors have added to it is taken away.
 
-    freedom: degrees of freedom of the observed mean square; it may by chance be a standard deviation, sqrt(2 / freedom) of it, too large,
-    and the smaller the deviations are in truth, the more the errors enlarge the figures made of them.
+    freedom: degrees of freedom of the observed mean square. It is taken for the most that is likely, 1.64 standard deviations (5 %) of
+    sqrt(2 / freedom) above what it should be: the smaller the deviations are in truth, the more the errors enlarge figures made of them.
     """
     observed, added = np.asarray(observed, dtype=np.float64), np.asarray(added, dtype=np.float64)
-    least = observed / (1.0 + np.sqrt(2.0 / freedom))
+    least = observed / (1.0 + NORMAL_95_ONE_SIDED * np.sqrt(2.0 / freedom))
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.sqrt(np.where(least > added, (least - added) / observed, 0.0))
 
 
-def reduction_of_mean(observed: FloatArray | float, added: FloatArray | float) -> FloatArray:
-    """Factor (...) on vectors whose squared lengths are observed (...) down to the least length that could have been measured so long.
+def reduction_of_mean(observed: FloatArray | float, added: FloatArray | float, axes: int) -> FloatArray:
+    """Factor (...) on vectors of so many axes, whose squared lengths are observed (...), down to the least length that could have been
+    measured so long.
 
-    added (...): trace of the covariance of their errors. A third of it lies along the vector, the rest lengthens it; the least is 1.64
-    standard deviations (5 %) of an error wholly along it shorter. Errors that are added to a vector near zero always lengthen it, by up to
-    the radius that holds 95 % of them.
+    added (...): trace of the covariance of their errors. One part of as many as there are axes lies along the vector, the rest lengthens
+    it; the least is 1.64 standard deviations (5 %) of an error wholly along it shorter. Errors that are added to a vector near zero always
+    lengthen it, by up to the radius that holds 95 % of them.
     """
     observed, added = np.asarray(observed, dtype=np.float64), np.asarray(added, dtype=np.float64)
-    least = np.sqrt(np.maximum(observed - 2.0 / 3.0 * added, 0.0)) - NORMAL_95_ONE_SIDED * np.sqrt(added)
+    least = np.sqrt(np.maximum(observed - (1.0 - 1.0 / axes) * added, 0.0)) - NORMAL_95_ONE_SIDED * np.sqrt(added)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(least > 0.0, least / np.sqrt(observed), 0.0)
 

@@ -18,8 +18,10 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
         (r"place of pass (\d+)", r"положение в проходе {0}"),
         (r"temperature, stretch and sag", r"температура, растяжение и провисание тросов"),
         (
-            r"the uncertainties of the trajectory, taken as common to the cycles of a pose or as independent, whichever is worse",
-            r"неопределённости траектории, принятые общими для циклов одной позы либо независимыми – по худшему случаю",
+            r"the uncertainties of the trajectory, systematic ones taken as common to the cycles of a pose or path, random ones so or as "
+            r"independent, whichever is worse",
+            r"неопределённости траектории: систематические приняты общими для циклов одной позы или траектории, случайные – общими либо "
+            r"независимыми, по худшему случаю",
         ),
         (r"worst pressure angle (.*) deg; the zone ends at (.*) deg", r"наибольший угол давления {0}°; граница зоны {1}°"),
         (r"U95 of a position (.*) mm; the zone ends at (.*) mm", r"U95 положения {0} мм; граница зоны {1} мм"),

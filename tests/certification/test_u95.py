@@ -1,0 +1,215 @@
+"""U95 of figures: the law written out, and how often it holds the truth where errors are as large as what they are of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_trajectories import UNIT, StatedErrors, by_name, dwells, made_campaign, some_law, trajectory_of
+from numpy.typing import NDArray
+
+from lmeasure.certification import Characteristic, Settings, evaluate
+from lmeasure.certification.uncertainty import reduction
+from lmeasure.program import Program
+
+FloatArray = NDArray[np.float64]
+
+EXACT = StatedErrors()
+
+
+def test_linear_law_and_monte_carlo_are_the_law_written_out() -> None:
+    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
+    random, shared = some_law(1), np.asarray(np.linalg.cholesky(some_law(2)))
+    found = by_name(
+        evaluate(trajectory, Program.model_validate(program), StatedErrors(random, shared), settings=Settings(trials=20000, seed=3))
+    )
+    mean = np.array([c.value for n in "xyz" if (c := found[f"AP_{n}", "P1"])])
+    n = mean / np.linalg.norm(mean)
+    u_random, u_systematic = np.sqrt(n @ random[3:, 3:] @ n / 30), np.sqrt(n @ (shared @ shared.T)[3:, 3:] @ n)
+    ap = found["AP_p", "P1"]
+    assert ap.u_random == pytest.approx(u_random, rel=0.08)
+    assert ap.u_systematic == pytest.approx(u_systematic, rel=0.08)
+    # where the offset is many times its uncertainty, 95 % of a normal law
+    assert ap.u95 == pytest.approx(1.96 * np.hypot(u_random, u_systematic), rel=0.03)
+    # RP_l = l-bar + 3 S: its gradient by difference quotients, errors independent from cycle to cycle
+    x = evaluate(trajectory, Program.model_validate(program), EXACT).poses[0].poses[:, :3]
+
+    def repeatability(points: FloatArray) -> float:
+        distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
+        return float(distance.mean() + 3 * distance.std(ddof=1))
+
+    gradient = np.zeros_like(x)
+    for i in range(len(x)):
+        for k in range(3):
+            step = np.zeros_like(x)
+            step[i, k] = 1e-5
+            gradient[i, k] = (repeatability(x + step) - repeatability(x - step)) / 2e-5
+    u = np.sqrt(np.einsum("ik,kl,il->", gradient, random[3:, 3:], gradient))
+    rp = found["RP_l", "P1"]
+    assert rp.u_random == pytest.approx(u, rel=0.08)
+    assert rp.u_systematic is not None
+    assert rp.u_systematic < 1e-6
+    assert rp.u95 == pytest.approx(1.96 * u, rel=0.1)
+    # the error of the calibration is common to both ends of a distance
+    assert found["AD_p", "P1-P2"].u_systematic == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.005, 0.01, 0.02, 0.05])
+def test_a_small_offset_has_an_honest_interval(offset: float) -> None:
+    # an instrument that errs by 0.01 mm per axis makes a robot that is off by less look worse than it is
+    shared = np.zeros((6, 3))
+    shared[3:] = 0.01 * np.eye(3)
+    inside = []
+    for seed in range(150):
+        error = 0.01 * np.random.default_rng(seed).normal(size=3)
+        trajectory, program = made_campaign(np.array([offset, 0.0, 0.0]) + error, 0.0, cycles=2, seed=seed, names=("P1",))
+        found = evaluate(trajectory, Program.model_validate(program), StatedErrors(shared=shared), settings=Settings(trials=300))
+        ap = by_name(found)["AP_p", "P1"]
+        inside.append(abs(ap.value - offset) <= ap.u95)
+    assert np.mean(inside) >= 0.91  # 95 % of 150, less two standard deviations
+
+
+def test_repeatability_of_a_still_robot_is_not_said_to_be_known() -> None:
+    trajectory, program = made_campaign(np.zeros(3), 0.0)
+    random = np.zeros((6, 6))
+    random[3:, 3:] = 0.005**2 * np.eye(3)
+    errors = StatedErrors(random)
+    errors.rounded = True
+    rp = by_name(evaluate(trajectory, Program.model_validate(program), errors))["RP_l", "P1"]
+    assert rp.value == pytest.approx(0.0, abs=1e-9)
+    # scatter of half a count would not be seen: 0.005 mm is a count of 0.017
+    assert 0.01 < rp.u95 < 0.03
+    assert not rp.capable
+
+
+def settled(t: FloatArray, swing_mm: float) -> FloatArray:
+    """Places (n,) [mm] at times (n,) [s] of a move of 100 mm in 0.3 s, with a swing behind it that dies down."""
+    part = np.clip((t - 0.3) / 0.3, 0.0, 1.0)
+    swing = np.where(t > 0.6, swing_mm * np.exp(-(t - 0.6) / 0.1) * np.sin(2 * np.pi * 8 * (t - 0.6)), 0.0)
+    return np.asarray(100.0 * part**3 * (10.0 + part * (6.0 * part - 15.0)) + swing)
+
+
+SETTLING = {
+    "schema": "lmeasure.program/1",
+    "pose": [
+        {"name": "P1", "position_mm": (0.0, 0.0, 0.0), "quaternion_xyzw": UNIT},
+        {"name": "P2", "position_mm": (100.0, 0, 0), "quaternion_xyzw": UNIT, "settling_s": [(0.5, 1.498)], "limit_band_mm": 0.5},
+    ],
+    "posing": [{"from": "P1", "to": "P2", "windows_s": [(0.1, 1.498)], "limit_band_mm": 0.5}],
+}
+
+
+def test_the_u95_of_times_holds_what_it_says() -> None:
+    t, fine = np.arange(0, 1.5, 2e-3), np.arange(0, 1.5, 1e-5)
+    program = Program.model_validate(SETTLING)
+    count, inside = 0.02, []
+    random = np.zeros((6, 6))
+    random[3:, 3:] = count**2 / 12.0 * np.eye(3)
+    for seed in range(60):
+        generator = np.random.default_rng(seed)
+        begin, swing_mm = generator.uniform(), generator.uniform(3.0, 5.0)
+        moved = settled(fine, swing_mm)
+        away = np.abs(moved - settled(np.array([1.45]), swing_mm))
+        first, last, leaves = (fine[i] for i in (np.argmax(away < 0.5), np.flatnonzero(away > 0.5)[-1], np.argmax(moved > 0.5)))
+        true = {"t_s": last - first, "t_min": last - leaves, "OV": away[fine > first].max()}
+        # counts of a cable that lies along the move, from wherever counting began
+        read = count * (np.rint(settled(t, swing_mm) / count + begin) - begin)
+        trajectory, law = trajectory_of(t, np.column_stack([read, 0 * t, 0 * t])), StatedErrors(random, rounded=True)
+        found = by_name(evaluate(trajectory, program, law, settings=Settings(trials=300)))
+        every = [found["t_s", "P2"], found["t_min", "P1-P2"], found["OV", "P2"]]
+        inside.append([abs(c.value - true[c.name]) <= c.u95 for c in every])
+        # a lobe of the swing that may or may not leave the band is half a period more or less
+        assert every[0].u95 < 2e-3 or every[0].u95 > 0.04
+        assert every[1].u95 < 2e-3 or every[1].u95 > 0.04
+        assert every[2].u95 < 1.5 * count
+    assert np.mean(inside, axis=0).min() >= 0.9
+
+
+def test_what_a_trajectory_calls_systematic_cancels_about_a_place() -> None:
+    count, t = 0.02, np.arange(0, 1.5, 2e-3)
+    trajectory = trajectory_of(t, np.column_stack([count * np.rint(settled(t, 4.0) / count), 0 * t, 0 * t]))
+    places, program = dwells(np.random.default_rng(1).normal(0.0, 0.05, (8, 3))), Program.model_validate(SETTLING)
+    rests = Program.model_validate(
+        {
+            "schema": "lmeasure.program/1",
+            "pose": [{"name": "P1", "position_mm": (0, 0, 0), "quaternion_xyzw": UNIT, "windows_s": places[2]}],
+        }
+    )
+    rounded, common = np.zeros((6, 6)), np.zeros((6, 6))
+    rounded[3:, 3:], common[3:, 3:] = count**2 / 12.0 * np.eye(3), 0.05**2 * np.eye(3)
+    found: dict[tuple[str, float], Characteristic] = {}
+    for systematic in (0.0, 1.0):
+        for run, asked in ((trajectory, program), (trajectory_of(*places[:2]), rests)):
+            n = len(run.time_s)
+            stated = replace(run, random=np.tile(rounded, (n, 1, 1)), systematic=np.tile(systematic * common, (n, 1, 1)))
+            found |= {(c.name, systematic): c for c in evaluate(stated, asked, settings=Settings(trials=1000)).characteristics}
+    for name in ("t_s", "OV", "t_min", "RP_l"):
+        assert found[name, 1.0].u95 == pytest.approx(found[name, 0.0].u95, rel=0.05), name
+    assert found["t_s", 1.0].u95 < 1e-3 * 2
+    assert found["AP_x", 1.0].u95 == pytest.approx(1.96 * 0.05, rel=0.1)
+
+
+def test_an_angle_is_told_as_well_as_it_is_measured() -> None:
+    # c is measured ten times as well as a and b, and turns far less than those err
+    rng = np.random.default_rng(5)
+    time_s, position, windows = dwells(np.zeros((20, 3)))
+    turns = np.zeros((len(time_s), 3))
+    for start, end in windows:
+        turns[(time_s >= start - 1e-9) & (time_s <= end + 1e-9)] = [*rng.normal(0.0, 1e-4, 2), rng.normal(0.0, 3e-5)]
+    program = {"schema": "lmeasure.program/1", "angles": "fanuc-wpr", "pose": [
+        {"name": "P1", "position_mm": (0, 0, 0), "quaternion_xyzw": UNIT, "windows_s": windows, "approaches": ["x", "y"] * 10}
+    ]}  # fmt: skip
+    told = []
+    for others in (1e-4, 1e-5):
+        law = np.diag([others**2, others**2, 1e-10, 0.0, 0.0, 0.0])
+        found = by_name(evaluate(trajectory_of(time_s, position, turns), Program.model_validate(program), StatedErrors(law)))
+        told.append([found[name, "P1"].u95 for name in ("AP_c", "RP_c", "vAP_c")])
+    assert told[0] == pytest.approx(told[1], rel=0.02)
+
+
+@pytest.mark.parametrize("scatter", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("cycles", [5, 30])
+def test_scatter_below_that_of_the_errors_has_an_honest_interval(scatter: float, cycles: int) -> None:
+    rng = np.random.default_rng(3)
+    true = scatter * rng.normal(size=(1000, cycles))
+    measured, errors = true + rng.normal(size=true.shape), rng.normal(size=(200, 1, cycles))
+    deviation = [x.std(axis=-1, ddof=1) for x in (true, measured)]
+    likely = reduction(deviation[1] ** 2, 1.0, cycles - 1)[:, None] * (measured - measured.mean(axis=-1, keepdims=True))
+    drawn = np.abs((likely + errors).std(axis=-1, ddof=1) - likely.std(axis=-1, ddof=1))
+    inside = np.abs(deviation[1] - deviation[0]) <= np.quantile(drawn, 0.95, axis=0)
+    assert 0.92 <= inside.mean() <= 0.975
+
+
+def test_a_repeatability_that_does_not_drift_has_an_honest_interval() -> None:
+    random = np.zeros((6, 6))
+    random[3:, 3:] = 0.01**2 * np.eye(3)
+    # three times the same places: in truth nothing drifts
+    places = np.tile(0.03 * np.random.default_rng(1).normal(size=(10, 3)), (3, 1))
+    inside = []
+    for seed in range(80):
+        _, program = made_campaign(np.zeros(3), 0.0, cycles=30, names=("P1",))
+        time_s, position, windows = dwells(places + 0.01 * np.random.default_rng(seed).normal(size=places.shape))
+        program["pose"][0] |= {"windows_s": windows}
+        program["drift"] = [{"pose": "P1", "group": 10}]
+        trajectory, model = trajectory_of(time_s, position), Program.model_validate(program)
+        found = by_name(evaluate(trajectory, model, StatedErrors(random), settings=Settings(trials=300, seed=seed)))
+        inside.append(found["dRP_l", "P1"].value <= found["dRP_l", "P1"].u95)
+    assert np.mean(inside) >= 0.9
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.004, 0.05])
+def test_a_small_variation_by_approach_has_an_honest_interval(apart: float) -> None:
+    random = np.zeros((6, 6))
+    random[3:, 3:] = 0.01**2 * np.eye(3)
+    inside = []
+    for seed in range(100):
+        _, program = made_campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
+        places = 0.01 * np.random.default_rng(seed).normal(size=(12, 3))
+        places[::3, 0] += apart
+        time_s, position, windows = dwells(places)
+        program["pose"][0] |= {"windows_s": windows, "approaches": ["x", "y", "z"] * 4}
+        settings_ = Settings(trials=300, seed=seed)
+        found = by_name(
+            evaluate(trajectory_of(time_s, position), Program.model_validate(program), StatedErrors(random), settings=settings_)
+        )
+        inside.append(abs(found["vAP_p", "P1"].value - apart) <= found["vAP_p", "P1"].u95)
+    assert np.mean(inside) >= 0.9  # 95 % of 100, less two standard deviations
