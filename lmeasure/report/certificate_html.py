@@ -14,7 +14,7 @@ from lmeasure.certification.measure import Measured
 from lmeasure.certification.pictures import magnification, targets, way
 from lmeasure.report import certificate_text as say
 from lmeasure.report import html
-from lmeasure.report.words import unit, word
+from lmeasure.report.words import DECIMAL_MARK, THOUSANDS, number, unit, word
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +69,12 @@ def _pictures(language: str, measured: Measured) -> list[str]:
         return []
     factor = magnification(evaluation)
     figures = [
-        (word(language, "space"), word(language, "space.text", factor=f"{factor:g}"), "space", _space(language, measured, factor)),
+        (
+            word(language, "space"),
+            word(language, "space.text", factor=number(language, f"{factor:g}")),
+            "space",
+            _space(language, measured, factor),
+        ),
     ]
     if evaluation.poses:
         figures.append((word(language, "bullseye"), word(language, "bullseye.text"), "bullseye", _bullseye(language, evaluation)))
@@ -78,9 +83,10 @@ def _pictures(language: str, measured: Measured) -> list[str]:
         figures.append((word(language, "deviation"), word(language, "deviation.text"), "deviation", _along(language, evaluation)))
         figures.append((word(language, "speed"), "", "speed", _speed(language, evaluation)))
     out = []
-    for number, (title, told, name, figure) in enumerate(figures):
+    for i, (title, told, name, figure) in enumerate(figures):
         out += [html.heading(title), *([html.paragraph(told)] if told else [])]
-        out.append(figure.to_html(full_html=False, include_plotlyjs=number == 0, div_id=name))
+        figure.update_layout(separators=DECIMAL_MARK[language] + THOUSANDS[language])
+        out.append(figure.to_html(full_html=False, include_plotlyjs=i == 0, div_id=name))
     return out
 
 

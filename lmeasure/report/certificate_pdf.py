@@ -13,7 +13,7 @@ from lmeasure.certification.evaluate import Evaluation
 from lmeasure.certification.pictures import Target, targets
 from lmeasure.errors import CertificationError
 from lmeasure.report import certificate_text as say
-from lmeasure.report.words import word
+from lmeasure.report.words import number, word
 
 FloatArray = NDArray[np.float64]
 
@@ -100,10 +100,10 @@ def _targets(language: str, evaluation: Evaluation) -> list[list[dict[str, str]]
                 "bullseye.axes",
                 horizontal="XYZ"[target.axes[0]],
                 vertical="XYZ"[target.axes[1]],
-                radius=f"{target.radius:g}",
+                radius=number(language, f"{target.radius:g}"),
             )
             if target.enlarged > 1.0:
-                axes = f"{axes}; {word(language, 'bullseye.enlarged', factor=f'{target.enlarged:g}')}"
+                axes = f"{axes}; {word(language, 'bullseye.enlarged', factor=number(language, f'{target.enlarged:g}'))}"
             name = say.visible(target.pose)
             row.append({"svg": target_svg(target), "name": name, "axes": axes, "alt": f"{name}: {axes}"})
         out.append(row)

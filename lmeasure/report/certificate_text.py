@@ -6,7 +6,7 @@ from typing import Any
 
 from lmeasure.certification.printed import with_u95 as with_u95
 from lmeasure.report.sentences import sentence
-from lmeasure.report.words import characteristic_name, unit, word
+from lmeasure.report.words import characteristic_name, number, numbers, unit, word
 
 Rows = list[tuple[str, ...]]
 
@@ -75,9 +75,11 @@ def _conditions(language: str, conditions: dict[str, Any]) -> str | None:
     parts = []
     if "temperature_c" in conditions:
         spread = f" ± {conditions['temperature_range_c']:g}" if "temperature_range_c" in conditions else ""
-        parts.append(f"{word(language, 'conditions.temperature')} {conditions['temperature_c']:g}{spread} °C")
+        temperature = number(language, f"{conditions['temperature_c']:g}{spread}")
+        parts.append(f"{word(language, 'conditions.temperature')} {temperature} °C")
     if "humidity_percent" in conditions:
-        parts.append(f"{word(language, 'conditions.humidity')} {conditions['humidity_percent']:g} %")
+        humidity = number(language, f"{conditions['humidity_percent']:g}")
+        parts.append(f"{word(language, 'conditions.humidity')} {humidity} %")
     if "text" in conditions:
         parts.append(visible(conditions["text"]))
     return "; ".join(parts) or None
@@ -102,8 +104,8 @@ def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
         cells = [
             f"{visible(figure['name'])}{part}" + (f" – {name}" if name else "") + extension,
             visible(figure.get("clause", "")),
-            value,
-            f"±\u00a0{u95}",
+            number(language, value),
+            f"±\u00a0{number(language, u95)}",
             unit(language, visible(figure["unit"])),
             str(figure.get("cycles", "")),
             verdict(language, figure),
@@ -137,7 +139,8 @@ def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bo
         else f"≤\u00a0{upper:g}"
     )
     rule = f", {word(language, 'rule.' + conformity['rule'])}" if name_rule else ""
-    return [limits, f"{word(language, conformity['verdict'])} ({_percent(conformity['probability'])}{rule})"]
+    probability = number(language, _percent(conformity["probability"]))
+    return [number(language, limits), f"{word(language, conformity['verdict'])} ({probability}{rule})"]
 
 
 def _percent(probability: float) -> str:
@@ -169,25 +172,28 @@ def commanded(certificate: dict[str, Any]) -> Rows:
             percent = f"{part['speed_percent']:g}\u00a0%" if "speed_percent" in part else ""
             speed = f"{part['speed_mm_s']:g}\u00a0{unit(language, 'mm/s')}" if "speed_mm_s" in part else ""
             load = part.get("load_kg", program["load_kg"])
-            said = [", ".join(s for s in (speed, percent) if s), "" if load is None else f"{load:g}\u00a0{unit(language, 'kg')}"]
+            loaded = "" if load is None else number(language, f"{load:g}\u00a0{unit(language, 'kg')}")
+            said = [numbers(language, (s for s in (speed, percent) if s)), loaded]
             name = f"{word(language, f'kind.{kind}')} {visible(part['name'])}"
             rows.append((name, told(language, part), *(s or word(language, "not stated") for s in said)))
     return rows
 
 
 def _commanded_pose(language: str, pose: dict[str, Any]) -> str:
-    return word(language, "commanded.pose", position=_numbers(pose["position_mm"]), quaternion=_numbers(pose["quaternion_xyzw"]))
+    return word(
+        language, "commanded.pose", position=_seven(language, pose["position_mm"]), quaternion=_seven(language, pose["quaternion_xyzw"])
+    )
 
 
 def _commanded_path(language: str, path: dict[str, Any]) -> str:
     def at(value: list[float]) -> str:
-        return f"({_numbers(value)})"
+        return f"({_seven(language, value)})"
 
     kind = path["kind"]
     if kind == "linear":
         said = {"start": at(path["start_mm"]), "end": at(path["end_mm"])}
     elif kind == "circular":
-        said = {"centre": at(path["centre_mm"]), "radius": f"{path['radius_mm']:g}", "start": at(path["start_mm"])}
+        said = {"centre": at(path["centre_mm"]), "radius": number(language, f"{path['radius_mm']:g}"), "start": at(path["start_mm"])}
     elif kind == "rectangular":
         said = {"corners": ", ".join(map(at, path["corners_mm"]))}
     else:
@@ -196,12 +202,13 @@ def _commanded_path(language: str, path: dict[str, Any]) -> str:
     if "end_quaternion_xyzw" in path:
         parts.append(word(language, "commanded.turning"))
     if "weave_stroke_mm" in path:
-        parts.append(word(language, "commanded.weave", stroke=f"{path['weave_stroke_mm']:g}", distance=f"{path['weave_distance_mm']:g}"))
+        said = {key: number(language, f"{path[f'weave_{key}_mm']:g}") for key in ("stroke", "distance")}
+        parts.append(word(language, "commanded.weave", **said))
     return "; ".join(parts)
 
 
-def _numbers(values: list[float]) -> str:
-    return ", ".join(f"{v:.7g}" for v in values)
+def _seven(language: str, values: list[float]) -> str:
+    return numbers(language, (f"{v:.7g}" for v in values))
 
 
 def commanded_header(language: str) -> tuple[str, ...]:
@@ -225,16 +232,16 @@ def uncertainty(certificate: dict[str, Any]) -> list[str]:
     covers = phrase(language, certificate["uncertainty_covers"])
     out = [
         word(language, "uncertainty.u95", covers=covers),
-        word(language, "uncertainty.capable", percent=f"{100 * settings['capability']:g}"),
+        word(language, "uncertainty.capable", percent=number(language, f"{100 * settings['capability']:g}")),
         word(language, "uncertainty.signed"),
     ]
     out += [word(language, f"uncertainty.{rule}") for rule in ("simple", "guarded") if rule in rules(certificate)]
     if rules(certificate):
         out.append(word(language, "conformity.percent"))
     if settings.get("limit_angle_deg") is not None:
-        out.append(word(language, "zone.angle", limit=f"{settings['limit_angle_deg']:g}"))
+        out.append(word(language, "zone.angle", limit=number(language, f"{settings['limit_angle_deg']:g}")))
     if settings.get("limit_u95_mm") is not None:
-        out.append(word(language, "zone.u95", limit=f"{settings['limit_u95_mm']:g}"))
+        out.append(word(language, "zone.u95", limit=number(language, f"{settings['limit_u95_mm']:g}")))
     return out
 
 
@@ -244,7 +251,13 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     figures, instrument, span = certificate["characteristics"], certificate["instrument"], certificate["trajectory"]
     frame = certificate["base_from_program"]
     out = [
-        word(language, "samples", samples=span["samples"], start=f"{span['start_s']:g}", end=f"{span['end_s']:g}", ok=span["ok"]),
+        word(
+            language,
+            "samples",
+            samples=span["samples"],
+            ok=span["ok"],
+            **{k: number(language, f"{span[f'{k}_s']:g}") for k in ("start", "end")},
+        ),
         word(language, "no run" if instrument is None else "with run"),
     ]
     if instrument is not None and not instrument["calibrated"]:
@@ -254,9 +267,9 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     if frame is None:
         out.append(word(language, "frame.none"))
     else:
-        out.append(word(language, "frame.fitted", frame="[" + ", ".join(f"{x:.9g}" for x in frame) + "]"))
+        out.append(word(language, "frame.fitted", frame=f"[{numbers(language, (f'{x:.9g}' for x in frame))}]"))
     if any(settings["tool_offset_mm"]):
-        out.append(word(language, "tool offset", offset=", ".join(f"{x:g}" for x in settings["tool_offset_mm"])))
+        out.append(word(language, "tool offset", offset=numbers(language, (f"{x:g}" for x in settings["tool_offset_mm"]))))
     if any(c.get("angles") for c in figures):
         out.append(word(language, "angles", angles=visible(certificate["angles"])))
     if any(c.get("extension") for c in figures):

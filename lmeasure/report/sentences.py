@@ -1,6 +1,9 @@
-"""Notes and reasons of the computation, which come in English: those it writes often, with the same groups in each translation."""
+"""Notes and reasons of the computation, which come in English: those it writes often, with the same groups in each translation; {n0} is the
+group {0} where that is a number."""
 
 import re
+
+from lmeasure.report.words import number
 
 SENTENCES: dict[str, list[tuple[str, str]]] = {
     "en": [],
@@ -23,8 +26,8 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
             r"неопределённости траектории: систематические приняты общими для циклов одной позы или траектории, случайные – общими либо "
             r"независимыми, по худшему случаю",
         ),
-        (r"worst pressure angle (.*) deg; the zone ends at (.*) deg", r"наибольший угол давления {0}°; граница зоны {1}°"),
-        (r"U95 of a position (.*) mm; the zone ends at (.*) mm", r"U95 положения {0} мм; граница зоны {1} мм"),
+        (r"worst pressure angle (.*) deg; the zone ends at (.*) deg", r"наибольший угол давления {n0}°; граница зоны {n1}°"),
+        (r"U95 of a position (.*) mm; the zone ends at (.*) mm", r"U95 положения {n0} мм; граница зоны {n1} мм"),
         (
             r"pose (.*): angles (.*) are singular at the commanded orientation; (.*) instead",
             r"поза {0}: углы {1} вырождены при заданной ориентации; вместо них {2}",
@@ -43,15 +46,15 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
         ),
         (
             r"no windows stated: (\d+) rests of at least (.*) s within (.*) mm found, the second half of each taken",
-            r"интервалы не заданы: найдено остановок {0} не короче {1} с в пределах {2} мм, взята вторая половина каждой",
+            r"интервалы не заданы: найдено остановок {0} не короче {n1} с в пределах {n2} мм, взята вторая половина каждой",
         ),
-        (r"limit band (.*) mm", r"граничная полоса {0} мм"),
-        (r"limit band (.*) mm, the pose's repeatability", r"граничная полоса {0} мм – повторяемость позы"),
+        (r"limit band (.*) mm", r"граничная полоса {n0} мм"),
+        (r"limit band (.*) mm, the pose's repeatability", r"граничная полоса {n0} мм – повторяемость позы"),
         (
             r"limit band (.*) mm; from the beginning of the motion, not from the command",
-            r"граничная полоса {0} мм; от начала движения, а не от команды",
+            r"граничная полоса {n0} мм; от начала движения, а не от команды",
         ),
-        (r"back within (.*) mm", r"возвращение в пределы {0} мм"),
+        (r"back within (.*) mm", r"возвращение в пределы {n0} мм"),
         (
             r"pass (\d+) has no sync edges: its clock is taken as pass 1's",
             r"в проходе {0} нет фронтов синхронизации: его часы приняты за часы прохода 1",
@@ -69,5 +72,7 @@ def sentence(language: str, text: str) -> str | None:
     for pattern, told in SENTENCES[language]:
         found = re.fullmatch(pattern, text)
         if found is not None:
-            return told.format(*(sentence(language, part) or part for part in found.groups()))
+            parts = found.groups()
+            as_numbers = {f"n{i}": number(language, part) for i, part in enumerate(parts)}
+            return told.format(*(sentence(language, part) or part for part in parts), **as_numbers)
     return None

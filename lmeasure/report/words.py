@@ -1,5 +1,6 @@
 """Every word of a certificate in the languages it can be printed in: one table, the same keys in each."""
 
+from collections.abc import Iterable
 from typing import Any, Literal
 
 Language = Literal["en", "ru"]
@@ -335,6 +336,21 @@ def characteristic_name(language: str, name: str) -> str:
     words = WORDS[language]
     stem = name if f"name.{name}" in words else name.split("_")[0]
     return words.get(f"name.{stem}", "")
+
+
+DECIMAL_MARK = {"en": ".", "ru": ","}  # GOST R 1.5
+BETWEEN_NUMBERS = {"en": ", ", "ru": "; "}
+THOUSANDS = {"en": ",", "ru": "\u00a0"}
+
+
+def number(language: str, printed: str) -> str:
+    """A printed number with the decimal mark of the language."""
+    return printed.replace(".", DECIMAL_MARK[language])
+
+
+def numbers(language: str, printed: Iterable[str]) -> str:
+    """Printed numbers in a row."""
+    return BETWEEN_NUMBERS[language].join(number(language, one) for one in printed)
 
 
 UNITS = {

@@ -1,5 +1,6 @@
 """A certificate as people read it: PDF read back page by page, page opened in a browser, texts in every language, hostile names."""
 
+import re
 import string
 import sys
 from pathlib import Path
@@ -169,6 +170,24 @@ def test_russian_has_no_english_left_of_ours(campaign: Path) -> None:
     assert '<html lang="ru">' in (campaign / "ru" / "report.html").read_text(encoding="utf-8")
 
 
+def test_russian_numbers_have_a_comma(campaign: Path) -> None:
+    content = certified(campaign, campaign / "comma", "ru", details=False)
+    english, russian = (say.results(content | {"language": language}) for language in ("en", "ru"))
+    for (_, one), (_, other) in zip(english, russian, strict=True):
+        assert [row[2:4] for row in other] == [tuple(cell.replace(".", ",") for cell in row[2:4]) for row in one]
+    assert any("," in row[2] for _, rows in russian for row in rows)
+    pose = say.commanded(content)[1]
+    assert "(120; 90; -80)" in pose[1]
+    limits = say.tolerance(
+        "ru", {"lower": -0.5, "upper": 0.5, "rule": "simple", "verdict": "conforms", "probability": 0.9312}, name_rule=False
+    )
+    assert limits[0] == "-0,5 … 0,5"
+    assert "93,1" in limits[1]
+    told = [*say.uncertainty(content), *say.notes(content), *(cell for row in say.commanded(content) for cell in row)]
+    assert [t for t in told if re.search(r"\d\.\d", t)] == []
+    assert 'separators":",\u00a0' in (campaign / "comma" / "report.html").read_text(encoding="utf-8").replace("\\u00a0", "\u00a0")
+
+
 def test_accreditation_is_the_users_word_only(campaign: Path, tmp_path: Path) -> None:
     path = tmp_path / "details.toml"
     path.write_text(DETAILS + '[accreditation]\nstatement = "Accredited to ISO/IEC 17025"\nbody = "Body"\nnumber = "123"\n')
@@ -200,7 +219,7 @@ def test_sentences_of_the_computation_are_translated_with_what_is_in_them(campai
     assert sentence("ru", "the resolution of the counts, calibration, temperature, stretch and sag, start pose") == (
         "дискретность отсчётов, калибровка установки, температура, растяжение и провисание тросов, начальная поза"
     )
-    assert sentence("ru", "worst pressure angle 71.2 deg; the zone ends at 60 deg") == "наибольший угол давления 71.2°; граница зоны 60°"
+    assert sentence("ru", "worst pressure angle 71.2 deg; the zone ends at 60 deg") == "наибольший угол давления 71,2°; граница зоны 60°"
     assert sentence("ru", "pose a{0}b: angles 'x' are singular at the commanded orientation; 'y' instead") == (
         "поза a{0}b: углы 'x' вырождены при заданной ориентации; вместо них 'y'"
     )
@@ -299,7 +318,7 @@ def test_figures_of_two_poses_are_not_called_a_pose(english: tuple[Path, dict[st
     places = [place for place, _ in say.results(english[1] | {"characteristics": figures})]
     assert places == ["distance P2-P4", "move P2-P4", "pose P2-P4"]
     told = say.notes(english[1] | {"language": "ru", "characteristics": [figures[2] | {"note": "limit band 0.05 mm"}]})
-    assert "t_min, перемещение P2-P4: граничная полоса 0.05 мм" in told
+    assert "t_min, перемещение P2-P4: граничная полоса 0,05 мм" in told
 
 
 def test_a_scatter_too_small_for_paper_is_enlarged_and_said_to_be() -> None:
