@@ -242,6 +242,19 @@ def test_windows_that_cannot_be_told() -> None:
         evaluate(trajectory, Program.model_validate(program | {"pose": late}), EXACT)
 
 
+def test_a_robot_that_misses_poses_by_more_than_they_are_apart_runs_in_order() -> None:
+    rng = np.random.default_rng(2)
+    names = {"P1": (0.0, 0.0, 0.0), "near it": (1.5, 0.0, 0.0), "P2": (200.0, 0.0, 0.0), "P3": (0.0, 150.0, 0.0)}
+    places = np.array([np.array(at) + [1.3, 0.2, 0.0] + 0.02 * rng.normal(size=3) for _ in range(4) for at in names.values()])
+    time_s, position, windows = dwells(places)
+    poses = [{"name": n, "position_mm": at, "quaternion_xyzw": UNIT, "windows_s": windows[i::4]} for i, (n, at) in enumerate(names.items())]
+    # moved to, not rested at: nearer to where the tool is at P1
+    poses.append({"name": "on the way", "position_mm": (1.3, 0.2, 0.0), "quaternion_xyzw": UNIT})
+    program = Program.model_validate({"schema": "lmeasure.program/1", "pose": poses})
+    found = by_name(evaluate(trajectory_of(time_s, position), program, EXACT))
+    assert found["AP_p", "P1"].value == pytest.approx(np.hypot(1.3, 0.2), abs=0.05)
+
+
 def test_what_no_figure_can_be_told_from() -> None:
     trajectory, program = made_campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
     model = Program.model_validate(program)
