@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
@@ -216,11 +217,14 @@ def line(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[str, ob
 
 
 def rectangle(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[str, object]:
-    """A rectangle whose corners are rounded off and swung out behind."""
+    """A rectangle whose corners are rounded off, taken slowly and swung out behind."""
     corners = 0.6 * HALF * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     side = 1.2 * HALF
-    step = 0.5 * SPEED / RATE_HZ
-    way, fine = np.arange(-8.0, 4 * side + 8.0, step) + step * rng.random(), np.arange(-30.0, 4 * side + 30.0, 0.02)
+    fine = np.arange(-30.0, 4 * side + 30.0, 0.02)
+    from_corner = (fine + 0.5 * side) % side - 0.5 * side
+    slower = rng.uniform(0.2, 0.6) * np.exp(-((from_corner / 10.0) ** 2))
+    seconds = cumulative_trapezoid(1.0 / (0.5 * SPEED * (1.0 - slower)), fine, initial=0.0)
+    way = np.interp(np.arange(*np.interp([-8.0, 4 * side + 8.0], fine, seconds), 1.0 / RATE_HZ) + rng.random() / RATE_HZ, seconds, fine)
     units = np.roll(corners, -1, axis=0) - corners
     units = units / np.linalg.norm(units, axis=1)[:, None]
     k = np.clip((fine // side).astype(int), 0, 3)
@@ -233,15 +237,14 @@ def rectangle(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[st
         place = gaussian_filter1d(ideal + swing[:, None] * units[k - 1], round_mm / 0.02, axis=0)
         sampled = CubicSpline(fine, place)(way) + robot.scatter_mm * rng.normal(size=3)
         windows.append(motion.add(posed(sampled, np.zeros_like(sampled))))
-    kind = {"name": "rectangle", "kind": "rectangular", "stabilisation_mm": 0.5, "windows_s": windows}
+    kind = {"name": "rectangle", "kind": "rectangular", "stabilisation_mm": 0.5, "speed_mm_s": 0.5 * SPEED, "windows_s": windows}
     return kind | {"corners_mm": [tuple(c) for c in corners.tolist()]}
 
 
 def weave(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[str, object]:
     """A weave along a line, with a stroke and a way that are a little off."""
     start, end = np.array([-100.0, 0.0, 50.0]), np.array([100.0, 0.0, 50.0])
-    step = 0.4 * SPEED / RATE_HZ
-    way = np.arange(-5.0, 205.0, step) + step * rng.random()
+    way = np.arange(-5.0, 205.0, 0.4 * SPEED / RATE_HZ) + 0.4 * SPEED / RATE_HZ * rng.random()
     stroke, distance = 8.0 + robot.path_mm * 0.3 * rng.normal(), 20.0 * (1 + 0.01 * rng.normal())
     windows = []
     for _ in range(FEW):

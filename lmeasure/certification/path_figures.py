@@ -66,7 +66,8 @@ class PathPart:
             less_angles = self._likely(angles, stretch, planes, np.concatenate([self._rates[0], none], axis=2))
         middle = self._middle
         speed = c.speed_mm_s[:, middle]
-        rows = (np.diff(planes, axis=0) / np.diff(c.way_mm)[:, None])[middle] * speed.mean()
+        rows = (np.diff(planes / c.pace_mm_s.mean(axis=1)[:, None], axis=0) / self._lasted.mean(axis=0)[:, None])[middle]
+        rows *= speed.mean(axis=0)[:, None]
         along = np.concatenate([none[:, :1], c.tangent[:, None, :]], axis=2)
         less_speed = self._likely(speed.T[:, :, None], stretch[middle], rows, along)[:, :, 0].T
         self._states[False] = Planes(position, angles, turn, speed)
@@ -91,6 +92,11 @@ class PathPart:
         """(m, 3, 3) projectors onto the planes: along the path a crossing has no deviation."""
         t = self.crossings.tangent
         return np.asarray(np.eye(3) - t[:, :, None] * t[:, None, :])
+
+    @property
+    def _lasted(self) -> FloatArray:
+        """(n, m - 1) how long [s] the way from plane to plane took."""
+        return np.asarray(np.diff(self.crossings.time_s, axis=0).T)
 
     @property
     def _middle(self) -> IntArray:
@@ -122,7 +128,8 @@ class PathPart:
         e = errors.reshape(*errors.shape[:-2], m, n, 6)
         along = np.einsum("...mni,mi->...nm", e[..., 3:], c.tangent)
         position = state.position + e[..., 3:] - np.swapaxes(along, -1, -2)[..., None] * c.tangent[:, None, :]
-        stretch = (np.diff(along, axis=-1) / np.diff(c.way_mm))[..., self._middle]
+        # what is seen ahead of where it is crosses a plane earlier, by as much as the robot needs there
+        stretch = (np.diff(along / c.pace_mm_s.T, axis=-1) / self._lasted)[..., self._middle]
         turned = e[..., :3]
         return Planes(
             position,

@@ -23,6 +23,8 @@ SAMPLES_PER_PLANE = 2
 LEAST_PLANES = LEAST_SAMPLES // SAMPLES_PER_PLANE
 BACKWARDS = 0.02
 """Of a path's length: farther back is not a robot that overshoots but one that runs the other way."""
+ABOUT_MM = 0.25
+"""To either side of a plane, where the speed at which it is crossed is taken."""
 
 
 class Line:
@@ -93,7 +95,7 @@ class Cycle:
 @dataclass(frozen=True)
 class Crossings:
     """A path's cycles at m planes normal to it, way_mm (m,) along it: commanded (m, 3) and tangent (m, 3); attained poses (m, n, 7), when
-    they were crossed time_s (m, n), and the nearest samples (m, n).
+    they were crossed time_s (m, n) and how fast pace_mm_s (m, n), and the nearest samples (m, n).
 
     A plane is crossed at part (m, n) of the step (m, n, 6), rotation [rad] and position [mm], from the sample before it to the one behind;
     between (m, 6, 6): covariance of the nearest samples' poses over cycles. cycles: the runs themselves; angle_deg: worst pressure angle on
@@ -106,6 +108,7 @@ class Crossings:
     tangent: FloatArray
     attained: FloatArray
     time_s: FloatArray
+    pace_mm_s: FloatArray
     samples: IntArray
     part: FloatArray
     step: FloatArray
@@ -151,10 +154,10 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     m = len(ways)
     commanded, tangent = line.at(ways)
     crossed = [_cross(cycle, ways, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
-    attained, times, samples, parts, steps = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
+    attained, times, pace, samples, parts, steps = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
     near = frame.of(trajectory.poses[samples.ravel()]).reshape(m, -1, 7)
     between = np.array([scatter(poses) for poses in near])
-    return Crossings(line, ways, commanded, tangent, attained, times, samples, parts, steps, between, tuple(cycles), worst)
+    return Crossings(line, ways, commanded, tangent, attained, times, pace, samples, parts, steps, between, tuple(cycles), worst)
 
 
 def _runs_along(cycle: Cycle, length: float, what: str) -> None:
@@ -168,9 +171,9 @@ def _runs_along(cycle: Cycle, length: float, what: str) -> None:
         )
 
 
-def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
-    """Poses (m, 7), times (m,) and samples (m,) where the planes are crossed, straight between the two samples about each; at which part
-    (m,) of the step (m, 6) between them."""
+def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+    """Poses (m, 7), times (m,), speeds (m,) and samples (m,) where the planes are crossed, straight between the two samples about each; at
+    which part (m,) of the step (m, 6) between them."""
     forward = np.maximum.accumulate(cycle.way_mm)
     after = np.searchsorted(forward, ways, side="left")
     if after[0] == 0:
@@ -185,8 +188,10 @@ def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, Float
     pose = one + part * (other * np.concatenate([np.ones((len(one), 3)), np.tile(same_side[:, None], 4)], axis=1) - one)
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1)[:, None]
     times = cycle.time_s[before] + part[:, 0] * (cycle.time_s[after] - cycle.time_s[before])
+    about = np.clip(ways + ABOUT_MM * np.array([[-1.0], [1.0]]), forward[0], forward[-1])
+    pace = np.diff(about, axis=0)[0] / np.diff(np.interp(about, forward, cycle.time_s), axis=0)[0]
     step = np.zeros((len(ways), 6))
     if not np.isnan(one[0, 3]):
         step[:, :3] = (Rotation.from_quat(other[:, 3:]) * Rotation.from_quat(one[:, 3:]).inv()).as_rotvec()
     step[:, 3:] = other[:, :3] - one[:, :3]
-    return pose, times, cycle.samples[np.where(part[:, 0] < 0.5, before, after)], part[:, 0], step
+    return pose, times, pace, cycle.samples[np.where(part[:, 0] < 0.5, before, after)], part[:, 0], step

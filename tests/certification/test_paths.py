@@ -285,6 +285,31 @@ def test_an_error_shared_by_the_run_moves_accuracy_alone() -> None:
         assert found[name].u95 < 1e-9
 
 
+def test_an_error_along_the_path_moves_times_by_what_the_robot_needs_there() -> None:
+    # from half way on half as fast: a robot that is seen 0.05 mm ahead slows down 0.05 mm later
+    seconds = np.arange(0.0, 4.2, 2e-3)
+    way = np.interp(seconds, [0.0, 1.3, 4.2], [-10.0, 250.0, 540.0])
+    along = np.array([0.6, 0.8, 0.0])
+    deviating = 0.2 * np.sin(way / 40.0)[:, None] * np.array([0.0, 0.0, 1.0])
+    path, shared = LINE | {"speed_mm_s": 200.0}, np.zeros((6, 1))
+    shared[3:, 0] = 0.05 * along
+
+    def found(shift_mm: float, law: StatedErrors) -> dict[str, Any]:
+        trajectory, windows = runs(way, [(way + 0.02 * k + shift_mm)[:, None] * along + deviating for k in range(2)])
+        evaluation = evaluate(
+            trajectory, program_of(path, windows), law, settings=Settings(trials=500 if law is not EXACT else 1, planes=40)
+        )
+        return {c.name: c for c in evaluation.characteristics}
+
+    at, ahead, behind = (found(shift, EXACT) for shift in (0.0, 0.05, -0.05))
+    stated = found(0.0, StatedErrors(shared=shared))
+    u = 0.5 * abs(ahead["AV"].value - behind["AV"].value)
+    assert u > 0.005
+    assert stated["AV"].u_systematic == pytest.approx(u, rel=0.1)
+    assert stated["AV"].u95 == pytest.approx(1.96 * u, rel=0.1)
+    assert at["AV"].u95 == 0.0
+
+
 def test_an_error_of_each_sample_moves_all() -> None:
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.01**2 * np.eye(3)
