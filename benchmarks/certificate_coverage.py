@@ -224,7 +224,8 @@ def rectangle(motion: Motion, robot: Robot, rng: np.random.Generator) -> dict[st
     from_corner = (fine + 0.5 * side) % side - 0.5 * side
     slower = rng.uniform(0.2, 0.6) * np.exp(-((from_corner / 10.0) ** 2))
     seconds = cumulative_trapezoid(1.0 / (0.5 * SPEED * (1.0 - slower)), fine, initial=0.0)
-    way = np.interp(np.arange(*np.interp([-8.0, 4 * side + 8.0], fine, seconds), 1.0 / RATE_HZ) + rng.random() / RATE_HZ, seconds, fine)
+    begin, end = np.interp([-8.0, 4 * side + 8.0], fine, seconds)
+    way = np.interp(np.arange(begin, end, 1.0 / RATE_HZ) + rng.random() / RATE_HZ, seconds, fine)
     units = np.roll(corners, -1, axis=0) - corners
     units = units / np.linalg.norm(units, axis=1)[:, None]
     k = np.clip((fine // side).astype(int), 0, 3)

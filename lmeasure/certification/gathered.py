@@ -144,7 +144,7 @@ class Gathered:
             convention = None if commanded is None else self.convention_at(key, commanded)
             errors = self.at(every, crossed.samples.ravel())
             if every.rounded:
-                errors = of_crossings(errors, crossed.part, crossed.step, crossed.between)
+                errors = of_crossings(errors, crossed.weights, crossed.step, crossed.between)
             parts[key] = part_of_path = PathPart(crossed, errors, convention)
             figures += path_figures(key, part_of_path, path)
             for corner, passed in self.corners[path.name]:

@@ -12,7 +12,7 @@ from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
-from lmeasure.certification.paths import Crossings, Cycle
+from lmeasure.certification.paths import FINER, Crossings, Cycle, finer
 from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED
 from lmeasure.certification.waves import cosines, reduced
 from lmeasure.errors import CertificationError
@@ -219,7 +219,7 @@ class CornerPart:
             powers = np.linspace(-1.0, 1.0, k)[:, None] ** np.arange(3)
             beyond = powers @ np.linalg.pinv(powers) @ beyond
         moved = errors[..., 3:]
-        return self.nearest + moved[..., :n, :], beyond + moved[..., n:, :].reshape(*moved.shape[:-2], n, k, 3)
+        return self.nearest + moved[..., :n, :], finer(beyond + moved[..., n:, :].reshape(*moved.shape[:-2], n, k, 3))
 
 
 ABOUT = 7  # samples on either side of the farthest
@@ -241,17 +241,19 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     if len(near) < 2:
         raise CertificationError(f"{what}: has {len(near)} samples within half a side of corner {corner.number}; at least 2")
     positions = cycle.poses[near[0] : near[-1] + 1, :3] - corner.place
-    steps = np.diff(positions, axis=0)
+    fine = finer(positions)
+    steps = np.diff(fine, axis=0)
     square = np.maximum((steps**2).sum(axis=1), 1e-300)
-    part = np.clip(-(positions[:-1] * steps).sum(axis=1) / square, 0.0, 1.0)
-    feet = positions[:-1] + part[:, None] * steps
-    i = int(np.argmin((feet**2).sum(axis=1)))
+    part = np.clip(-(fine[:-1] * steps).sum(axis=1) / square, 0.0, 1.0)
+    feet = fine[:-1] + part[:, None] * steps
+    nearest = int(np.argmin((feet**2).sum(axis=1)))
+    i = nearest // FINER
     after = positions[i:]
     away = after - (after @ corner.outgoing)[:, None] * corner.outgoing
     side = corner.incoming - (corner.incoming @ corner.outgoing) * corner.outgoing
     k = int(np.argmax(away @ side))
     about = np.clip(np.arange(k - ABOUT, k + ABOUT + 1), 0, len(away) - 1)
-    return Passing(feet[i], away[about], slice(int(near[0]) + i, int(near[-1]) + 1))
+    return Passing(feet[nearest], away[about], slice(int(near[0]) + i, int(near[-1]) + 1))
 
 
 def corner_figures(key: str, corner: Corner, path: CommandedPath, cycles: int) -> list[Figure]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure.certification.attained import Frame, scatter, window
@@ -23,6 +24,10 @@ SAMPLES_PER_PLANE = 2
 LEAST_PLANES = LEAST_SAMPLES // SAMPLES_PER_PLANE
 BACKWARDS = 0.02
 """Of a path's length: farther back is not a robot that overshoots but one that runs the other way."""
+HALVINGS = 40
+"""Of a step between samples, until a crossing is found in it: to 1e-12 of it."""
+FINER = 16
+"""Pieces of a step between samples where the nearest or farthest place is looked for."""
 ABOUT_MM = 0.25
 """To either side of a plane, where the speed at which it is crossed is taken."""
 
@@ -97,9 +102,9 @@ class Crossings:
     """A path's cycles at m planes normal to it, way_mm (m,) along it: commanded (m, 3) and tangent (m, 3); attained poses (m, n, 7), when
     they were crossed time_s (m, n) and how fast pace_mm_s (m, n), and the nearest samples (m, n).
 
-    A plane is crossed at part (m, n) of the step (m, n, 6), rotation [rad] and position [mm], from the sample before it to the one behind;
-    between (m, 6, 6): covariance of the nearest samples' poses over cycles. cycles: the runs themselves; angle_deg: worst pressure angle on
-    them.
+    A crossing is read from the cubic through the four samples about it, of which it has the weights (m, n, 4); step (m, n, 6) from the one
+    before it to the one behind, rotation [rad] and position [mm]; between (m, 6, 6): covariance of the nearest samples' poses over cycles.
+    cycles: the runs themselves; angle_deg: worst pressure angle on them.
     """
 
     line: Line
@@ -110,7 +115,7 @@ class Crossings:
     time_s: FloatArray
     pace_mm_s: FloatArray
     samples: IntArray
-    part: FloatArray
+    weights: FloatArray
     step: FloatArray
     between: FloatArray
     cycles: tuple[Cycle, ...]
@@ -153,11 +158,11 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     ways = line.planes(min(planes, moving // SAMPLES_PER_PLANE))
     m = len(ways)
     commanded, tangent = line.at(ways)
-    crossed = [_cross(cycle, ways, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
-    attained, times, pace, samples, parts, steps = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
+    crossed = [_cross(cycle, ways, commanded, tangent, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
+    attained, times, pace, samples, weights, steps = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
     near = frame.of(trajectory.poses[samples.ravel()]).reshape(m, -1, 7)
     between = np.array([scatter(poses) for poses in near])
-    return Crossings(line, ways, commanded, tangent, attained, times, pace, samples, parts, steps, between, tuple(cycles), worst)
+    return Crossings(line, ways, commanded, tangent, attained, times, pace, samples, weights, steps, between, tuple(cycles), worst)
 
 
 def _runs_along(cycle: Cycle, length: float, what: str) -> None:
@@ -171,9 +176,11 @@ def _runs_along(cycle: Cycle, length: float, what: str) -> None:
         )
 
 
-def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
-    """Poses (m, 7), times (m,), speeds (m,) and samples (m,) where the planes are crossed, straight between the two samples about each; at
-    which part (m,) of the step (m, 6) between them."""
+def _cross(
+    cycle: Cycle, ways: FloatArray, commanded: FloatArray, tangent: FloatArray, what: str
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+    """Poses (m, 7), times (m,), speeds (m,) and nearest samples (m,) where the planes through commanded (m, 3) normal to tangent (m, 3) are
+    crossed; weights (m, 4) of the samples about each, and the step (m, 6) from the one before it to the one behind."""
     forward = np.maximum.accumulate(cycle.way_mm)
     after = np.searchsorted(forward, ways, side="left")
     if after[0] == 0:
@@ -181,17 +188,43 @@ def _cross(cycle: Cycle, ways: FloatArray, what: str) -> tuple[FloatArray, Float
     if after[-1] == len(forward):
         raise CertificationError(f"{what}: ends {forward[-1]:.4g} mm along the path, before its end")
     before = after - 1
-    a, b = cycle.way_mm[before], cycle.way_mm[after]
-    part = ((ways - a) / (b - a))[:, None]
+    near = np.clip(before - 1, 0, len(forward) - 4)[:, None] + np.arange(4)
     one, other = cycle.poses[before], cycle.poses[after]
-    same_side = np.where((one[:, 3:] * other[:, 3:]).sum(axis=1) < 0, -1.0, 1.0)
-    pose = one + part * (other * np.concatenate([np.ones((len(one), 3)), np.tile(same_side[:, None], 4)], axis=1) - one)
+    ahead = np.einsum("mki,mi->mk", cycle.poses[near, :3] - commanded[:, None], tangent)
+    times = _passage(cycle.time_s[near], ahead, cycle.time_s[before], cycle.time_s[after])
+    weights = lagrange(cycle.time_s[near], times)
+    poses = cycle.poses[near]
+    poses[:, :, 3:] *= np.where(np.einsum("mki,mi->mk", poses[:, :, 3:], one[:, 3:]) < 0, -1.0, 1.0)[:, :, None]
+    pose = np.einsum("mk,mki->mi", weights, poses)
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1)[:, None]
-    times = cycle.time_s[before] + part[:, 0] * (cycle.time_s[after] - cycle.time_s[before])
     about = np.clip(ways + ABOUT_MM * np.array([[-1.0], [1.0]]), forward[0], forward[-1])
     pace = np.diff(about, axis=0)[0] / np.diff(np.interp(about, forward, cycle.time_s), axis=0)[0]
     step = np.zeros((len(ways), 6))
     if not np.isnan(one[0, 3]):
         step[:, :3] = (Rotation.from_quat(other[:, 3:]) * Rotation.from_quat(one[:, 3:]).inv()).as_rotvec()
     step[:, 3:] = other[:, :3] - one[:, :3]
-    return pose, times, pace, cycle.samples[np.where(part[:, 0] < 0.5, before, after)], part[:, 0], step
+    nearest = np.where(times - cycle.time_s[before] < cycle.time_s[after] - times, before, after)
+    return pose, times, pace, cycle.samples[nearest], weights, step
+
+
+def _passage(time_s: FloatArray, ahead: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Times (m,) between start and end (m,) at which the cubics through ahead (m, 4) at time_s (m, 4) pass zero upwards, by bisection."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (start + end)
+        behind = (lagrange(time_s, middle) * ahead).sum(axis=1) < 0.0
+        start, end = np.where(behind, middle, start), np.where(behind, end, middle)
+    return np.asarray(0.5 * (start + end))
+
+
+def finer(values: FloatArray) -> FloatArray:
+    """(..., FINER (k - 1) + 1, c) what values (..., k, c) at even steps are between them, by the cubic spline through them."""
+    k = values.shape[-2]
+    return np.asarray(CubicSpline(np.arange(k), values, axis=-2)(np.arange(FINER * (k - 1) + 1) / FINER))
+
+
+def lagrange(time_s: FloatArray, at: FloatArray) -> FloatArray:
+    """(m, 4) weights with which values at time_s (m, 4) make those of the cubics through them at (m,)."""
+    out = np.ones_like(time_s)
+    for i, j in itertools.permutations(range(4), 2):
+        out[:, i] *= (at - time_s[:, j]) / (time_s[:, i] - time_s[:, j])
+    return out

@@ -73,26 +73,26 @@ def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readi
     return replace(errors, own=own, local=np.where(several[:, None, None], local, 0.0), place=groups)
 
 
-def of_crossings(errors: PoseErrors, part: FloatArray, step: FloatArray, between: FloatArray) -> PoseErrors:
+def of_crossings(errors: PoseErrors, weights: FloatArray, step: FloatArray, between: FloatArray) -> PoseErrors:
     """Errors where n cycles cross m planes, plane by plane, from those of single samples.
 
-    A crossing lies at part (m, n) of the step (m, n, 6) between two samples, straight between them: with p and 1 - p of their errors it has
-    (1 - p)^2 + p^2 of the variance of one, two thirds on average, if rounding keeps nothing over the step. Cycles in which the same samples
-    are taken within a count of each other, between (m, 6, 6), are rounded alike: that is common to a plane. The scatter that rounding hides
-    is not, and the whole of it stays.
+    A crossing has weights (m, n, 4) of the samples about it, step (m, n, 6) apart: of the variance of one it has the sum of the squares of
+    them, if rounding keeps nothing over the step. Cycles in which the same samples are taken within a count of each other, between
+    (m, 6, 6), are rounded alike: that is common to a plane. The scatter that rounding hides is not, and the whole of it stays.
     """
-    m, n = part.shape
+    m, n = weights.shape[:2]
     random = errors.random
-    p, way = part.ravel(), step.reshape(m * n, 6)
+    squares, way = weights.reshape(m * n, 4).T ** 2, step.reshape(m * n, 6)
     # lengths that scatter by sigma are sqrt(2) sigma apart
     apart = np.sqrt(whitened_variance(way[:, :, None] * way[:, None, :], random) / 12.0)
     same = kept(apart / np.sqrt(2.0))
-    weights = np.sqrt([same, (1.0 - same) * (1.0 - p) ** 2, (1.0 - same) * p**2])
-    crossed = replace(errors, own=np.einsum("kn,nij->nikj", weights, errors.own).reshape(m * n, 6, -1))
+    # the outer two have little: one draw for both
+    parts = np.sqrt([same, *((1.0 - same) * square for square in (squares[1], squares[2], squares[0] + squares[3]))])
+    crossed = replace(errors, own=np.einsum("kn,nij->nikj", parts, errors.own).reshape(m * n, 6, -1))
     if n == 1:
         return crossed
     common = kept(scatter_counts(whitened_variance(between, random.reshape(m, n, 6, 6).mean(axis=1))))
-    size = np.sqrt(common * (weights**2).sum(axis=0).reshape(m, n).mean(axis=1))
+    size = np.sqrt(common * (parts**2).sum(axis=0).reshape(m, n).mean(axis=1))
     local = size[:, None, None] * errors.own.reshape(m, n, 6, -1).mean(axis=1)
     return replace(crossed, local=np.repeat(local, n, axis=0), place=np.repeat(np.arange(m), n))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import Figure
-from lmeasure.certification.paths import Crossings
+from lmeasure.certification.paths import Crossings, finer
 from lmeasure.certification.rounding import of_neighbours
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
@@ -127,7 +127,7 @@ class WeavePart:
             moved = errors[..., first : first + y.size + 4, 3:] @ c.direction
             first += y.size + 4
             rows = y + moved[..., : y.size].reshape(*moved.shape[:-1], *y.shape)
-            farthest = c.side * (c.side[:, None] * rows).max(axis=-1)
+            farthest = c.side * finer(c.side[:, None, None] * rows[..., None])[..., 0].max(axis=-1)
             level = 0.5 * (farthest.max(axis=-1) + farthest.min(axis=-1))[..., None]
             edge = c.edge_y + moved[..., y.size :].reshape(*moved.shape[:-1], 2, 2)
             part = (edge[..., 0] - level) / (edge[..., 0] - edge[..., 1])

@@ -69,18 +69,20 @@ def test_nothing_measured_keeps_nothing() -> None:
 
 
 COUNT = 0.01
+QUARTER = np.array([-0.0546875, 0.8203125, 0.2734375, -0.0390625])
+"""Of the cubic through four samples a quarter of the way from the second to the third: -7/128, 105/128, 35/128, -5/128."""
 
 
 def crossed(steps_counts: FloatArray, apart_counts: float, cycles: int, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Rounding errors (k, 3, n) [mm] of crossings a quarter of the way between two rounded samples, three lengths that are the axes, and
+    """Rounding errors (k, 3, n) [mm] of crossings a quarter of the way between rounded samples, three lengths that are the axes, and
     what `of_crossings` says of one of them: variance of each and covariance of two cycles (2,); steps (3,) between the samples, cycles
     scatter by apart_counts. k places are drawn."""
     rng, k = np.random.default_rng(seed), 4000
     before = rng.uniform(0.0, 100.0, (k, 3, 1)) + apart_counts * rng.normal(size=(k, 3, cycles))
     # no speed is so even that it keeps to whole counts
     steps = steps_counts * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, (k, 3)))
-    after = before + steps[:, :, None]
-    errors = COUNT * (0.75 * (np.rint(before) - before) + 0.25 * (np.rint(after) - after))
+    lengths = [before + i * steps[:, :, None] for i in (-1, 0, 1, 2)]
+    errors = COUNT * sum(w * (np.rint(x) - x) for w, x in zip(QUARTER, lengths, strict=True))
     one = np.zeros((6, 6))
     one[3:, 3:] = np.eye(3) * COUNT**2 / 12.0
     single = PoseErrors.of(roots(np.tile(one, (k * cycles, 1, 1))), np.zeros((k * cycles, 6, 0)))
@@ -89,7 +91,7 @@ def crossed(steps_counts: FloatArray, apart_counts: float, cycles: int, seed: in
     between = np.zeros((k, 6, 6))
     for i in range(3):
         between[:, 3 + i, 3 + i] = (COUNT * np.rint(before[:, i])).var(axis=1, ddof=1)
-    law = of_crossings(single, np.full((k, cycles), 0.25), step, between)
+    law = of_crossings(single, np.tile(QUARTER, (k, cycles, 1)), step, between)
     common = (law.local @ law.local.transpose(0, 2, 1))[:, 3, 3].mean()
     return errors, np.array([law.random[:, 3, 3].mean(), common])
 
@@ -110,4 +112,4 @@ def test_cycles_that_are_sampled_at_the_same_places_are_rounded_alike(apart: flo
     # rather too much: the scatter is estimated from fifteen numbers, and what is kept of it is bent upwards
     assert -0.02 < (stated[1] - together) / (COUNT**2 / 12.0) < 0.12
     # each cycle has the whole of its own besides: what rounding hides of the scatter is not known
-    assert stated[0] == pytest.approx(0.625 * COUNT**2 / 12.0, rel=0.01)
+    assert stated[0] == pytest.approx((QUARTER**2).sum() * COUNT**2 / 12.0, rel=0.01)
