@@ -209,9 +209,15 @@ def _cross(
 
 def _passage(time_s: FloatArray, ahead: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """Times (m,) between start and end (m,) at which the cubics through ahead (m, 4) at time_s (m, 4) pass zero upwards, by bisection."""
+    differences = ahead.T.copy()
+    for k in range(1, 4):
+        differences[k:] = (differences[k:] - differences[k - 1 : -1]) / (time_s[:, k:] - time_s[:, : 4 - k]).T
     for _ in range(HALVINGS):
         middle = 0.5 * (start + end)
-        behind = (lagrange(time_s, middle) * ahead).sum(axis=1) < 0.0
+        value = differences[3]
+        for k in (2, 1, 0):
+            value = differences[k] + (middle - time_s[:, k]) * value
+        behind = value < 0.0
         start, end = np.where(behind, middle, start), np.where(behind, end, middle)
     return np.asarray(0.5 * (start + end))
 
