@@ -19,7 +19,8 @@ IntArray = NDArray[np.int64]
 
 UNIT_TOLERANCE = 1e-6
 SAME = 1e-9  # mm: rounded alike
-ELSEWHERE = 3.0  # times as far from the commanded pose as from another one of the program, and as robots miss poses there
+ELSEWHERE = 3.0  # times as far from the commanded pose as from another one of the program
+LARGEST_MISS = 0.05  # of a program's size: farther off is not a robot that misses poses
 TIME_TOLERANCE_S = 1e-9  # times such as 0.1 + 0.2 that are meant to be a window's end
 
 
@@ -166,16 +167,20 @@ def attained_poses(trajectory: Trajectory, program: Program, frame: Frame, still
     )
 
 
-def check_order(poses: Sequence[AttainedPose], still_mm: float) -> None:
-    """CertificationError when a dwell is at another pose that is rested at than its window says; of poses that lie nearer to each other
-    than the robot comes to them nobody can tell."""
-    commanded = np.array([p.commanded[:3] for p in poses]).reshape(-1, 3)
+def check_order(poses: Sequence[AttainedPose], program: Program, still_mm: float) -> None:
+    """CertificationError when a dwell is at another pose of the program than its window says; of poses that lie about as near to each other
+    as the robot comes to them nobody can tell."""
+    if not poses:
+        return
+    commanded = np.array([p.position_mm for p in program.pose])
     distances = [np.linalg.norm(pose.poses[:, None, :3] - commanded[None], axis=2) for pose in poses]
-    misses = float(np.median(np.concatenate([d.min(axis=1) for d in distances]))) if poses else 0.0
-    for i, (pose, apart) in enumerate(zip(poses, distances, strict=True)):
-        own = apart[:, i]
-        for j in np.flatnonzero(own > ELSEWHERE * np.maximum(apart.min(axis=1), max(still_mm, misses))):
-            other = poses[int(np.argmin(apart[j]))].name
+    misses = float(np.median(np.concatenate([d.min(axis=1) for d in distances])))
+    misses = min(misses, LARGEST_MISS * float(np.ptp(commanded, axis=0).max()))
+    for pose, apart in zip(poses, distances, strict=True):
+        own = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
+        apart[:, np.linalg.norm(commanded - pose.commanded[:3], axis=1) <= ELSEWHERE * misses] = np.inf
+        for j in np.flatnonzero(own > ELSEWHERE * np.maximum(apart.min(axis=1), still_mm)):
+            other = program.pose[int(np.argmin(apart[j]))].name
             raise CertificationError(
                 f"pose {pose.name}, cycle {j + 1}: at {pose.time_s[j]:.6g} s the tool is {own[j]:.4g} mm from {pose.name} and "
                 f"{apart[j].min():.4g} mm from {other}: the program runs in another order than its windows say"

@@ -98,8 +98,11 @@ class PosePart:
         common, random = e.factors.mean(axis=0), e.random.mean(axis=0)
         laws = [random, random / len(a.poses) + common @ common.T]
         for group in range(int(self.groups.max()) + 1):
-            local = replace(e, shared=e.shared[:, :, :0])[self.groups == group].factors.mean(axis=0)
-            laws.append(random / np.sum(self.groups == group) + local @ local.T)
+            members = self.groups == group
+            # what other groups have in common with it does not set them apart
+            alone = np.isin(e.place, e.place[~members], invert=True)[:, None, None]
+            local = replace(e, local=np.where(alone, e.local, 0.0), shared=e.shared[:, :, :0])[members].factors.mean(axis=0)
+            laws.append(random / np.sum(members) + local @ local.T)
         turn, angles = self._orientation()
         position = a.poses[:, :3]
         self._states[False] = Cycles(position, angles, turn)

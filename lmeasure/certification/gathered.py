@@ -57,7 +57,7 @@ class Gathered:
         if settings.align:
             self.frame = replace(self.frame, base_from_program=fit_frame(self.poses))
             self.poses = attained_poses(trajectory, program, self.frame, settings.still_mm)
-        check_order(self.poses, settings.still_mm)
+        check_order(self.poses, program, settings.still_mm)
         self.paths = {p.name: crossings(trajectory, p, settings.planes, self.frame) for p in program.path if p.windows_s}
         self.loaded = [
             attain(c.pose, self.commanded(c.pose), c.windows_s, trajectory, self.frame, settings.still_mm) for c in program.compliance

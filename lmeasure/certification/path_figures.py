@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.certification import iso9283_path as iso
+from lmeasure.certification.between import FINER, finer
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
-from lmeasure.certification.paths import FINER, Crossings, Cycle, finer
+from lmeasure.certification.paths import Crossings, Cycle
 from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED
 from lmeasure.certification.waves import cosines, reduced
 from lmeasure.errors import CertificationError
@@ -22,7 +23,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 CENTRAL = 0.5
-"""Of the path's length: velocities are taken in its middle (8.6.1)."""
+"""Of a line between corners: velocities are taken in its middle (8.6.1), where the robot neither starts nor turns."""
 
 DOUBT_OF_MEAN, DOUBT_OF_SCATTER = 1.0, NORMAL_95_ONE_SIDED
 """See `waves.reduced`. Repeatabilities are the largest of many figures of few cycles each, which errors enlarge more than all else."""
@@ -100,12 +101,12 @@ class PathPart:
 
     @property
     def _middle(self) -> IntArray:
-        """(k,) numbers of the pieces between planes in the middle of the path; pieces with a corner in them have no direction."""
-        pieces = len(self.crossings.way_mm) - 1
-        edge = round(pieces * (1.0 - CENTRAL) / 2.0)
-        middle, stretch = np.arange(edge, pieces - edge), self.crossings.stretch
-        straight = middle[stretch[middle] == stretch[middle + 1]]
-        return straight if len(straight) else middle
+        """(k,) numbers of the pieces between planes in the middle of the straight lines of the path, or of all of it where it has none."""
+        stretch = self.crossings.stretch
+        pieces = [np.flatnonzero((stretch[:-1] == s) & (stretch[1:] == s)) for s in np.unique(stretch)]
+        edges = [round(len(p) * (1.0 - CENTRAL) / 2.0) for p in pieces]
+        middle = np.concatenate([p[edge : len(p) - edge] for p, edge in zip(pieces, edges, strict=True)])
+        return middle if len(middle) else np.arange(len(stretch) - 1)
 
     def _orientation(self) -> tuple[FloatArray | None, FloatArray | None]:
         c = self.crossings
@@ -219,10 +220,11 @@ class CornerPart:
             powers = np.linspace(-1.0, 1.0, k)[:, None] ** np.arange(3)
             beyond = powers @ np.linalg.pinv(powers) @ beyond
         moved = errors[..., 3:]
-        return self.nearest + moved[..., :n, :], finer(beyond + moved[..., n:, :].reshape(*moved.shape[:-2], n, k, 3))
+        return self.nearest + moved[..., :n, :], finer(beyond + moved[..., n:, :].reshape(*moved.shape[:-2], n, k, 3), kinks=True)
 
 
 ABOUT = 7  # samples on either side of the farthest
+NEAR = 50  # samples on either side of the nearest that a corner is seen by
 
 
 @dataclass(frozen=True)
@@ -241,18 +243,21 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     if len(near) < 2:
         raise CertificationError(f"{what}: has {len(near)} samples within half a side of corner {corner.number}; at least 2")
     positions = cycle.poses[near[0] : near[-1] + 1, :3] - corner.place
-    fine = finer(positions)
+    closest = int(np.argmin((positions**2).sum(axis=1)))
+    first = max(closest - NEAR, 0)
+    fine = finer(positions[first : closest + NEAR + 1], kinks=True)
     steps = np.diff(fine, axis=0)
     square = np.maximum((steps**2).sum(axis=1), 1e-300)
     part = np.clip(-(fine[:-1] * steps).sum(axis=1) / square, 0.0, 1.0)
     feet = fine[:-1] + part[:, None] * steps
     nearest = int(np.argmin((feet**2).sum(axis=1)))
-    i = nearest // FINER
+    i = first + nearest // FINER
     after = positions[i:]
     away = after - (after @ corner.outgoing)[:, None] * corner.outgoing
     side = corner.incoming - (corner.incoming @ corner.outgoing) * corner.outgoing
     k = int(np.argmax(away @ side))
-    about = np.clip(np.arange(k - ABOUT, k + ABOUT + 1), 0, len(away) - 1)
+    begin = int(np.clip(k - ABOUT, 0, max(len(away) - 2 * ABOUT - 1, 0)))
+    about = np.minimum(begin + np.arange(2 * ABOUT + 1), len(away) - 1)
     return Passing(feet[nearest], away[about], slice(int(near[0]) + i, int(near[-1]) + 1))
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure.certification.attained import Frame, scatter, window
+from lmeasure.certification.between import passage
 from lmeasure.errors import CertificationError
 from lmeasure.kernels.polyline import follow
 from lmeasure.program import CommandedPath
@@ -24,12 +24,8 @@ SAMPLES_PER_PLANE = 2
 LEAST_PLANES = LEAST_SAMPLES // SAMPLES_PER_PLANE
 BACKWARDS = 0.02
 """Of a path's length: farther back is not a robot that overshoots but one that runs the other way."""
-HALVINGS = 40
-"""Of a step between samples, until a crossing is found in it: to 1e-12 of it."""
-FINER = 16
-"""Pieces of a step between samples where the nearest or farthest place is looked for."""
-ABOUT_MM = 0.25
-"""To either side of a plane, where the speed at which it is crossed is taken."""
+ABOUT_MM = 0.05
+"""To either side of a plane, where the speed at which it is crossed is taken: as far as what is measured may be off."""
 
 
 class Line:
@@ -102,7 +98,7 @@ class Crossings:
     """A path's cycles at m planes normal to it, way_mm (m,) along it: commanded (m, 3) and tangent (m, 3); attained poses (m, n, 7), when
     they were crossed time_s (m, n) and how fast pace_mm_s (m, n), and the nearest samples (m, n).
 
-    A crossing is read from the cubic through the four samples about it, of which it has the weights (m, n, 4); step (m, n, 6) from the one
+    A crossing is read from the four samples about it, of which it has the weights (m, n, 4); step (m, n, 6) from the one
     before it to the one behind, rotation [rad] and position [mm]; between (m, 6, 6): covariance of the nearest samples' poses over cycles.
     cycles: the runs themselves; angle_deg: worst pressure angle on them.
     """
@@ -158,7 +154,10 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     ways = line.planes(min(planes, moving // SAMPLES_PER_PLANE))
     m = len(ways)
     commanded, tangent = line.at(ways)
-    crossed = [_cross(cycle, ways, commanded, tangent, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
+    bounds = np.array([-np.inf, *(line.arc[i] for i in line.turns()), np.inf])
+    behind = np.searchsorted(bounds, ways)
+    about = commanded, tangent, bounds[[behind - 1, behind]]
+    crossed = [_cross(cycle, ways, *about, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
     attained, times, pace, samples, weights, steps = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
     near = frame.of(trajectory.poses[samples.ravel()]).reshape(m, -1, 7)
     between = np.array([scatter(poses) for poses in near])
@@ -177,22 +176,23 @@ def _runs_along(cycle: Cycle, length: float, what: str) -> None:
 
 
 def _cross(
-    cycle: Cycle, ways: FloatArray, commanded: FloatArray, tangent: FloatArray, what: str
+    cycle: Cycle, ways: FloatArray, commanded: FloatArray, tangent: FloatArray, bounds: FloatArray, what: str
 ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
     """Poses (m, 7), times (m,), speeds (m,) and nearest samples (m,) where the planes through commanded (m, 3) normal to tangent (m, 3) are
-    crossed; weights (m, 4) of the samples about each, and the step (m, 6) from the one before it to the one behind."""
-    forward = np.maximum.accumulate(cycle.way_mm)
+    crossed; weights (m, 4) of the samples about each, and the step (m, 6) from the one before it to the one behind. bounds (2, m): ways of
+    the corners before and behind each plane."""
+    way, forward = cycle.way_mm, np.maximum.accumulate(cycle.way_mm)
     after = np.searchsorted(forward, ways, side="left")
     if after[0] == 0:
-        raise CertificationError(f"{what}: begins {cycle.way_mm[0]:.4g} mm along the path; the window must hold its start")
+        raise CertificationError(f"{what}: begins {way[0]:.4g} mm along the path; the window must hold its start")
     if after[-1] == len(forward):
         raise CertificationError(f"{what}: ends {forward[-1]:.4g} mm along the path, before its end")
     before = after - 1
-    near = np.clip(before - 1, 0, len(forward) - 4)[:, None] + np.arange(4)
+    near = np.clip(before[:, None] + np.arange(-1, 3), 0, len(way) - 1)
     one, other = cycle.poses[before], cycle.poses[after]
+    on_line = ((way[near] >= bounds[0, :, None]) & (way[near] <= bounds[1, :, None])).all(axis=1)
     ahead = np.einsum("mki,mi->mk", cycle.poses[near, :3] - commanded[:, None], tangent)
-    times = _passage(cycle.time_s[near], ahead, cycle.time_s[before], cycle.time_s[after])
-    weights = lagrange(cycle.time_s[near], times)
+    times, weights = passage(cycle.time_s[near], ahead, (ways - way[before]) / (way[after] - way[before]), on_line)
     poses = cycle.poses[near]
     poses[:, :, 3:] *= np.where(np.einsum("mki,mi->mk", poses[:, :, 3:], one[:, 3:]) < 0, -1.0, 1.0)[:, :, None]
     pose = np.einsum("mk,mki->mi", weights, poses)
@@ -205,32 +205,3 @@ def _cross(
     step[:, 3:] = other[:, :3] - one[:, :3]
     nearest = np.where(times - cycle.time_s[before] < cycle.time_s[after] - times, before, after)
     return pose, times, pace, cycle.samples[nearest], weights, step
-
-
-def _passage(time_s: FloatArray, ahead: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Times (m,) between start and end (m,) at which the cubics through ahead (m, 4) at time_s (m, 4) pass zero upwards, by bisection."""
-    differences = ahead.T.copy()
-    for k in range(1, 4):
-        differences[k:] = (differences[k:] - differences[k - 1 : -1]) / (time_s[:, k:] - time_s[:, : 4 - k]).T
-    for _ in range(HALVINGS):
-        middle = 0.5 * (start + end)
-        value = differences[3]
-        for k in (2, 1, 0):
-            value = differences[k] + (middle - time_s[:, k]) * value
-        behind = value < 0.0
-        start, end = np.where(behind, middle, start), np.where(behind, end, middle)
-    return np.asarray(0.5 * (start + end))
-
-
-def finer(values: FloatArray) -> FloatArray:
-    """(..., FINER (k - 1) + 1, c) what values (..., k, c) at even steps are between them, by the cubic spline through them."""
-    k = values.shape[-2]
-    return np.asarray(CubicSpline(np.arange(k), values, axis=-2)(np.arange(FINER * (k - 1) + 1) / FINER))
-
-
-def lagrange(time_s: FloatArray, at: FloatArray) -> FloatArray:
-    """(m, 4) weights with which values at time_s (m, 4) make those of the cubics through them at (m,)."""
-    out = np.ones_like(time_s)
-    for i, j in itertools.permutations(range(4), 2):
-        out[:, i] *= (at - time_s[:, j]) / (time_s[:, i] - time_s[:, j])
-    return out

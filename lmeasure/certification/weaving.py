@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.certification import iso9283_path as iso
+from lmeasure.certification.between import FINER, finer
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import Figure
-from lmeasure.certification.paths import Crossings, finer
+from lmeasure.certification.paths import Crossings
 from lmeasure.certification.rounding import of_neighbours
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
@@ -21,18 +22,22 @@ FAR = 0.1
 """Of what a cycle sways, or of the commanded stroke: an excursion to a side, not noise about the middle."""
 ABOUT, PART = 7, 6
 """Samples on either side of the farthest that may be the farthest in truth: so many at most, and a sixth of the stroke's."""
+SEEN = 3
+"""Samples on either side of the farthest by which what lies between them is told, where it may be at fewer."""
 
 
 @dataclass(frozen=True)
 class Weave:
     """A cycle's way across its path, in the direction (3,) in which it sways most: rows of samples (q, k) about the farthest of each stroke
-    and, the last two, of all; y (q, k) [mm] and side (q,) of the middle; edges (2, 2): samples before and behind the first and the last
-    crossing of the middle, at times edge_s (2, 2) [s] and edge_y (2, 2) [mm]; positions (q, k, 3) and edge_positions (2, 2, 3) [mm]."""
+    and, the last two, of all, which in truth is within width of the middle one; y (q, k) [mm] and side (q,) of the middle; edges (2, 2):
+    samples before and behind the first and the last crossing of the middle, at times edge_s (2, 2) [s] and edge_y (2, 2) [mm];
+    positions (q, k, 3) and edge_positions (2, 2, 3) [mm]."""
 
     direction: FloatArray
     samples: IntArray
     positions: FloatArray
     y: FloatArray
+    width: int
     side: FloatArray
     edges: IntArray
     edge_positions: FloatArray
@@ -65,11 +70,23 @@ def weaves(crossed: Crossings, stroke_mm: float) -> list[Weave]:
         top = np.array([a + int(np.argmax(np.abs(middle[a:b]))) for a, b in zip(begin, end, strict=True)])
         width = int(np.clip(np.min(end - begin) // PART, 1, ABOUT))
         every = np.concatenate([top, [int(np.argmax(y)), int(np.argmin(y))]])
-        about = np.clip(every[:, None] + np.arange(-width, width + 1), 0, len(y) - 1)
+        seen = max(width, SEEN)
+        about = np.clip(every[:, None] + np.arange(-seen, seen + 1), 0, len(y) - 1)
         edges = before[[0, -1], None] + np.arange(2)
         side = np.concatenate([np.sign(middle[top]), [1.0, -1.0]])
         out.append(
-            Weave(direction, samples[about], positions[about], y[about], side, samples[edges], positions[edges], y[edges], time_s[edges])
+            Weave(
+                direction,
+                samples[about],
+                positions[about],
+                y[about],
+                width,
+                side,
+                samples[edges],
+                positions[edges],
+                y[edges],
+                time_s[edges],
+            )
         )
     return out
 
@@ -117,17 +134,18 @@ class WeavePart:
 
     def state(self, errors: FloatArray, reduced: bool) -> tuple[list[FloatArray], list[FloatArray]]:
         """See `uncertainty.Part`: farthest (..., q) [mm] of each cycle's rows, and times (..., 2) [s] at which it crosses the middle first
-        and last; likely are the parabolas through the rows."""
+        and last; likely are the parabolas through the rows, where they are of a small part of a stroke."""
         far, times, first = [], [], 0
         for c in self.cycles:
             y = c.y
-            if reduced:
+            if reduced and c.width >= SEEN:
                 powers = np.linspace(-1.0, 1.0, y.shape[1])[:, None] ** np.arange(3)
                 y = y @ (powers @ np.linalg.pinv(powers)).T
             moved = errors[..., first : first + y.size + 4, 3:] @ c.direction
             first += y.size + 4
             rows = y + moved[..., : y.size].reshape(*moved.shape[:-1], *y.shape)
-            farthest = c.side * finer(c.side[:, None, None] * rows[..., None])[..., 0].max(axis=-1)
+            within = slice(FINER * (y.shape[1] // 2 - c.width), FINER * (y.shape[1] // 2 + c.width) + 1)
+            farthest = c.side * finer(c.side[:, None, None] * rows[..., None], kinks=False)[..., within, 0].max(axis=-1)
             level = 0.5 * (farthest.max(axis=-1) + farthest.min(axis=-1))[..., None]
             edge = c.edge_y + moved[..., y.size :].reshape(*moved.shape[:-1], 2, 2)
             part = (edge[..., 0] - level) / (edge[..., 0] - edge[..., 1])
