@@ -236,6 +236,11 @@ def test_windows_that_cannot_be_told() -> None:
     swapped[0]["windows_s"], swapped[1]["windows_s"] = swapped[1]["windows_s"], swapped[0]["windows_s"]
     with pytest.raises(CertificationError, match=r"P1 and .* mm from P2: the program runs in another order than its windows say"):
         evaluate(trajectory, Program.model_validate(program | {"pose": swapped}), EXACT)
+    # it went to a pose that is commanded but not rested at
+    elsewhere = [dict(p) for p in swapped]
+    elsewhere[1].pop("windows_s")
+    with pytest.raises(CertificationError, match=r"P1 and .* mm from P2: the program runs in another order than its windows say"):
+        evaluate(trajectory, Program.model_validate(program | {"pose": elsewhere}), EXACT)
     late = [dict(p) for p in program["pose"]]
     late[1]["windows_s"] = [(1000.0, 1001.0)]
     with pytest.raises(CertificationError, match=r"pose P2, cycle 1: the trajectory has no sample within \[1000, 1001\] s"):

@@ -141,6 +141,48 @@ def test_what_lies_between_samples_is_read() -> None:
     assert figures(*_once(way, place, path | {"weave_distance_mm": 10.0}, 100.0))["WS", None] == pytest.approx(0.0, abs=0.2)
 
 
+def test_nothing_is_read_round_a_corner() -> None:
+    points = np.array([[-10.0, 0, 0], [200, 0, 0], [200, 200, 0], [0, 200, 0], [0, -10, 0]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    for step in (1.0, 3.7):
+        way = np.arange(0.0, arc[-1], step)
+        place = np.column_stack([np.interp(way, arc, points[:, i]) for i in range(3)])
+        found = figures(*_once(way, place, SQUARE | {"speed_mm_s": 100.0 * step}, 100.0))
+        assert found["AT_p", None] == pytest.approx(0.0, abs=1e-9)
+        assert found["FV", None] == pytest.approx(0.0, abs=1e-6)
+        assert found["CO", "corner 2"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_speeds_are_those_in_the_middle_of_the_lines() -> None:
+    fine = np.arange(-10.0, 810.0, 0.1)
+    from_corner = (fine + 100.0) % 200.0 - 100.0
+    seconds = np.cumsum(0.1 / (100.0 * (1.0 - 0.8 * np.exp(-((from_corner / 10.0) ** 2)))))
+    way = np.interp(np.arange(seconds[0], seconds[-1], 5e-3), seconds, fine)
+    points = np.array([[-10.0, 0, 0], [200, 0, 0], [200, 200, 0], [0, 200, 0], [0, -10, 0]])
+    place = np.column_stack([np.interp(way, [-10.0, 200.0, 400.0, 600.0, 810.0], points[:, i]) for i in range(3)])
+    found = figures(*_once(way, place, SQUARE | {"speed_mm_s": 100.0}, 200.0))
+    assert found["AV", None] == pytest.approx(0.0, abs=0.01)
+    assert found["FV", None] == pytest.approx(0.0, abs=0.05)
+
+
+def test_uneven_times_do_not_make_deviations() -> None:
+    rng = np.random.default_rng(4)
+    way = np.arange(-5.0, 505.0, 0.5)
+    place = way[:, None] * np.array([0.6, 0.8, 0.0]) + 0.005 * rng.normal(size=(len(way), 3))
+    trajectory, windows = runs(way, [place])
+    late = trajectory.time_s.copy()
+    # samples stamped in pairs
+    late[1::2] = late[:-1:2] + 5e-5
+    random = np.diag([0.0, 0.0, 0.0, 25e-6, 25e-6, 25e-6])
+    even, paired = (
+        evaluate(t, program_of(LINE, windows), StatedErrors(random, rounded=True), settings=Settings(trials=50)).characteristics
+        for t in (trajectory, replace(trajectory, time_s=late))
+    )
+    (one,), (other,) = ([c for c in found if c.name == "AT_p"] for found in (even, paired))
+    assert other.value == pytest.approx(one.value, rel=0.5)
+    assert other.u95 == pytest.approx(one.u95, rel=0.2)
+
+
 def _once(way: FloatArray, place: FloatArray, path: dict[str, Any], rate_hz: float) -> tuple[Trajectory, Program]:
     """A path run once."""
     trajectory, windows = runs(way, [place], rate_hz)

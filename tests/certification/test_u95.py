@@ -131,7 +131,9 @@ def test_what_a_trajectory_calls_systematic_cancels_about_a_place() -> None:
     rests = Program.model_validate(
         {
             "schema": "lmeasure.program/1",
-            "pose": [{"name": "P1", "position_mm": (0, 0, 0), "quaternion_xyzw": UNIT, "windows_s": places[2]}],
+            "pose": [
+                {"name": "P1", "position_mm": (0, 0, 0), "quaternion_xyzw": UNIT, "windows_s": places[2], "approaches": ["x", "y"] * 4}
+            ],
         }
     )
     rounded, common = np.zeros((6, 6)), np.zeros((6, 6))
@@ -142,7 +144,7 @@ def test_what_a_trajectory_calls_systematic_cancels_about_a_place() -> None:
             n = len(run.time_s)
             stated = replace(run, random=np.tile(rounded, (n, 1, 1)), systematic=np.tile(systematic * common, (n, 1, 1)))
             found |= {(c.name, systematic): c for c in evaluate(stated, asked, settings=Settings(trials=1000)).characteristics}
-    for name in ("t_s", "OV", "t_min", "RP_l"):
+    for name in ("t_s", "OV", "t_min", "RP_l", "vAP_p"):
         assert found[name, 1.0].u95 == pytest.approx(found[name, 0.0].u95, rel=0.05), name
     assert found["t_s", 1.0].u95 < 1e-3 * 2
     assert found["AP_x", 1.0].u95 == pytest.approx(1.96 * 0.05, rel=0.1)
