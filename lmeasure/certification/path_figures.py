@@ -70,7 +70,9 @@ class PathPart:
         rows = (np.diff(planes / c.pace_mm_s.mean(axis=1)[:, None], axis=0) / self._lasted.mean(axis=0)[:, None])[middle]
         rows *= speed.mean(axis=0)[:, None]
         along = np.concatenate([none[:, :1], c.tangent[:, None, :]], axis=2)
-        less_speed = self._likely(speed.T[:, :, None], stretch[middle], rows, along)[:, :, 0].T
+        # what speeds differ by, from line to line too, is a wave; what they have in common is not
+        fluctuation = (speed - speed.mean()).T[:, :, None]
+        less_speed = speed.mean() + self._likely(fluctuation, stretch[middle], rows, along)[:, :, 0].T
         self._states[False] = Planes(position, angles, turn, speed)
         self._states[True] = Planes(less, less_angles, less_turn, less_speed)
 
