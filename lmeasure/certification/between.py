@@ -58,6 +58,12 @@ def _lagrange(time_s: FloatArray, at: FloatArray) -> FloatArray:
     return out
 
 
+def share(part: FloatArray) -> FloatArray:
+    """(m,) of the variance of a sample what is read from the four about it has, at part (m,) of the even step between the middle ones."""
+    steps = np.tile(np.arange(-1.0, 3.0), (len(part), 1))
+    return np.asarray((_lagrange(steps, part) ** 2).sum(axis=1))
+
+
 def finer(values: FloatArray, *, kinks: bool) -> FloatArray:
     """(..., FINER (k - 1) + 1, c) what values (..., k, c) at even steps are between them: by the cubic spline, or where there may be kinks
     by cubics that hardly swing there (modified Akima)."""

@@ -150,7 +150,8 @@ class Gathered:
             for corner, passed in self.corners[path.name]:
                 of_corner = self.at(every, self._of_corner(path.name, passed))
                 name = f"{key} corner {corner.number}"
-                parts[name] = CornerPart(np.array([p.nearest for p in passed]), np.array([p.beyond for p in passed]), of_corner)
+                nearest, between, beyond = (np.array([getattr(p, key) for p in passed]) for key in ("nearest", "part", "beyond"))
+                parts[name] = CornerPart(nearest, between, beyond, of_corner)
                 figures += corner_figures(name, corner, path, len(passed))
             if path.name in self.weaves:
                 cycles = self.weaves[path.name]

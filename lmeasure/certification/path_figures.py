@@ -1,7 +1,7 @@
 """Figures of clauses 8 and 11: what is certified of paths and of corners."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.certification import iso9283_path as iso
-from lmeasure.certification.between import FINER, finer
+from lmeasure.certification.between import FINER, finer, share
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
@@ -202,17 +202,21 @@ def corners_of(crossings: Crossings) -> list[Corner]:
 @dataclass(frozen=True)
 class CornerPart:
     """What each cycle does at a corner, as vectors [mm] with the law of their errors (n poses): nearest (n, 3) from the corner to the
-    nearest point of the path, beyond (n, k, 3) from the second line to points about the farthest in the direction of the first."""
+    nearest point of the path, at part (n,) of the step between two samples, beyond (n, k, 3) from the second line to points about the
+    farthest in the direction of the first."""
 
     nearest: FloatArray
+    part: FloatArray
     beyond: FloatArray
     of_cycles: PoseErrors
 
     @property
     def errors(self) -> PoseErrors:
-        """Of the n nearest points and the n k others: the largest of many readings is larger than what they are of."""
+        """Of the n nearest points, read between samples, and the n k others: the largest of many is larger than what they are of."""
         n, k, _ = self.beyond.shape
-        return self.of_cycles[np.concatenate([np.arange(n), np.repeat(np.arange(n), k)])]
+        every = self.of_cycles[np.concatenate([np.arange(n), np.repeat(np.arange(n), k)])]
+        of_one = np.concatenate([share(self.part), np.ones(n * k)])
+        return replace(every, own=np.sqrt(of_one)[:, None, None] * every.own)
 
     def state(self, errors: FloatArray, reduced: bool) -> tuple[FloatArray, FloatArray]:
         """See `uncertainty.Part`; likely are the parabolas through the points about the farthest."""
@@ -231,10 +235,11 @@ NEAR = 50  # samples on either side of the nearest that a corner is seen by
 
 @dataclass(frozen=True)
 class Passing:
-    """How a cycle passes a corner: `nearest` (3,) and `beyond` (k, 3) of `CornerPart`; behind: its samples from the one before the nearest
-    point on, half way to the next corner."""
+    """How a cycle passes a corner: `nearest` (3,), `part` and `beyond` (k, 3) of `CornerPart`; behind: its samples from the one before the
+    nearest point on, half way to the next corner."""
 
     nearest: FloatArray
+    part: float
     beyond: FloatArray
     behind: slice
 
@@ -260,7 +265,7 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     k = int(np.argmax(away @ side))
     begin = int(np.clip(k - ABOUT, 0, max(len(away) - 2 * ABOUT - 1, 0)))
     about = np.minimum(begin + np.arange(2 * ABOUT + 1), len(away) - 1)
-    return Passing(feet[nearest], away[about], slice(int(near[0]) + i, int(near[-1]) + 1))
+    return Passing(feet[nearest], (nearest + float(part[nearest])) % FINER / FINER, away[about], slice(int(near[0]) + i, int(near[-1]) + 1))
 
 
 def corner_figures(key: str, corner: Corner, path: CommandedPath, cycles: int) -> list[Figure]:
