@@ -345,12 +345,14 @@ def results(pieces: list[Path]) -> str:
     # a campaign counts once per name: poses of one campaign share the error of the calibration
     seeds = sorted(int(s) for p in loaded for s in p["seeds"])
     low, high = binom.ppf([0.005, 0.995], n, 0.95) / n
+    each = len(set(names))
+    lowest, highest = binom.ppf([0.005 / each, 1.0 - 0.005 / each], n, 0.95) / n
     lines = [
         "# Coverage of the certificate's U95",
         "",
         f"`python benchmarks/certificate_coverage.py`: {n} campaigns, seeds {seeds[0]} to {seeds[-1]}, {int(loaded[0]['trials'])} trials "
         f"each; Python {platform.python_version()}, NumPy {np.__version__}. Of {n} independent campaigns a true 95 % gives between "
-        f"{low:.1%} and {high:.1%} (99 % of the time). "
+        f"{low:.1%} and {high:.1%} (99 % of the time), all {each} characteristics together between {lowest:.1%} and {highest:.1%}. "
         f"Figures of one campaign are not independent of each other, and four campaigns share the errors of a calibration: of figures that "
         f"these dominate (AP, AD) there are {n // PER_INSTRUMENT} independent ones.",
         "",
