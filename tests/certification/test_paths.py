@@ -9,6 +9,7 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 
 from lmeasure.certification import Evaluation, Settings, evaluate
+from lmeasure.certification.gathered import Gathered
 from lmeasure.certification.paths import Line
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, Program
@@ -163,6 +164,20 @@ def test_speeds_are_those_in_the_middle_of_the_lines() -> None:
     found = figures(*_once(way, place, SQUARE | {"speed_mm_s": 100.0}, 200.0))
     assert found["AV", None] == pytest.approx(0.0, abs=0.01)
     assert found["FV", None] == pytest.approx(0.0, abs=0.05)
+
+
+def test_level_speeds_of_several_lines_are_likely_level() -> None:
+    way = np.arange(0.0, 810.0, 0.5)
+    points = np.array([[0.0, 0, 0], [200, 0, 0], [200, 200, 0], [0, 200, 0], [0, -10, 0]])
+    place = np.column_stack([np.interp(way, [0.0, 200.0, 400.0, 600.0, 810.0], points[:, i]) for i in range(3)])
+    rng = np.random.default_rng(6)
+    trajectory, windows = runs(way, [place + 0.005 * rng.normal(size=place.shape) for _ in range(5)])
+    gathered = Gathered(trajectory, program_of(SQUARE | {"speed_mm_s": 250.0}, windows), Settings(), None)
+    errors, _ = gathered.errors_of(StatedErrors(np.diag([0.0, 0.0, 0.0, 25e-6, 25e-6, 25e-6])))
+    part = gathered.parts(errors)[0]["path square"]
+    measured, likely = (part.state(np.zeros((len(part.errors), 6)), reduced).speed_mm_s for reduced in (False, True))
+    assert np.ptp(likely) < 1e-3 * np.ptp(measured)
+    assert likely.mean() == pytest.approx(measured.mean(), rel=1e-9)
 
 
 def test_uneven_times_do_not_make_deviations() -> None:
