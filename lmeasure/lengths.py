@@ -260,7 +260,7 @@ def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
 
     NaN where the pose or the count is not known.
     """
-    return LengthResiduals(run.rig, run.start, run.temperature_c).of(lengths_from_counts(run), poses)
+    return LengthResiduals(run.rig, run.known_start, run.temperature_c).of(lengths_from_counts(run), poses)
 
 
 class LengthResiduals:

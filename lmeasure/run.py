@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from lmeasure import conventions, files
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
 from lmeasure.counts import Counts, read_counts, write_counts
-from lmeasure.errors import FileFormatError
+from lmeasure.errors import FileFormatError, TrajectoryError
 from lmeasure.rig import Rig, read_rig, write_rig
-from lmeasure.start import start_of_rig, start_uncertainty, uncertainty_entries
+from lmeasure.start import StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
 
 FloatArray = NDArray[np.float64]
 
@@ -23,17 +23,23 @@ SCHEMA = "lmeasure.run/1"
 class Run:
     """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes.
 
-    u_start: standard uncertainties of the start pose, per coordinate [mm] and per axis of rotation [rad], base axes, tool origin, and of
-    the length of each cable there [mm] where the pose came from lengths.
+    start: None where nobody stated it, which the counts of incremental encoders cannot tell; `known_start` is for who needs it. u_start:
+    standard uncertainties of the start pose, per coordinate [mm] and per axis of rotation [rad], base axes, tool origin, and of the length
+    of each cable there [mm] where the pose came from lengths.
     """
 
     rig: Rig
-    start: FloatArray
+    start: FloatArray | None
     passes: tuple[Counts, ...]
     calibration: CalibrationRecord | None = None
     u_start: tuple[float, ...] = (0.0, 0.0)
     temperature_c: float | None = None
     """Temperature at the start pose, and of every pass whose counts do not state theirs."""
+
+    @property
+    def known_start(self) -> FloatArray:
+        """(7,) the start pose; TrajectoryError, which says what to do, where it is unknown."""
+        return _known(self.start, self.passes[0].source if self.passes else "")
 
 
 def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
@@ -49,22 +55,37 @@ class RunHead:
     """A run folder without its counts: the files that hold them, and which of them broke off while they were recorded."""
 
     rig: Rig
-    start: FloatArray
+    start: FloatArray | None
     counts: tuple[Path, ...]
     torn: tuple[bool, ...]
     calibration: CalibrationRecord | None = None
     u_start: tuple[float, ...] = (0.0, 0.0)
     temperature_c: float | None = None
 
+    @property
+    def known_start(self) -> FloatArray:
+        """As that of `Run`."""
+        return _known(self.start, str(self.counts[0]))
 
-def read_run(folder: Path, rig_path: Path | None = None) -> Run:
-    """Read a run folder; rig_path replaces the rig it names. FileFormatError names the file and key."""
-    head = read_run_head(folder, rig_path)
+
+def _known(start: FloatArray | None, source: str) -> FloatArray:
+    if start is None:
+        run = f"{source}: " if source else ""
+        raise TrajectoryError(
+            f"{run}the start pose of this run is not known, and its channels are not absolute: state [start] in run.toml, a pose or "
+            "lengths_mm, or give it to `reconstruct` by --start"
+        )
+    return start
+
+
+def read_run(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> Run:
+    """Read a run folder; rig_path replaces the rig it names, start its [start]. FileFormatError names the file and key."""
+    head = read_run_head(folder, rig_path, start)
     passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
     return Run(head.rig, head.start, passes, head.calibration, head.u_start, head.temperature_c)
 
 
-def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
+def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> RunHead:
     """`read_run` without the counts."""
     folder = Path(folder)
     path = folder / "run.toml"
@@ -93,9 +114,10 @@ def read_run_head(folder: Path, rig_path: Path | None = None) -> RunHead:
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
         counts.append(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"))
         torn.append(_ended_early(data, number))
-    start = start_of_rig(data.get("start"), rig, path)
-    u_start, warm = start_uncertainty(data["start"], path), _temperature(data, path)
-    return RunHead(rig, start, tuple(counts), tuple(torn), calibration, u_start, warm)
+    stated, where = (start_in(data), str(path)) if start is None else (start.table, start.source)
+    pose = None if stated is None else start_of_rig(stated, rig, where)
+    u_start = (0.0, 0.0) if stated is None else start_uncertainty(stated, where)
+    return RunHead(rig, pose, tuple(counts), tuple(torn), calibration, u_start, _temperature(data, path))
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
@@ -108,13 +130,16 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
     names = [f"pass{i + 1}{suffix}" for i in range(len(run.passes))]
     for name, counts in zip(names, run.passes, strict=True):
         write_counts(folder / name, counts)
-    start: dict[str, Any] = {"position_mm": [float(x) for x in run.start[:3]], "quaternion_xyzw": [float(x) for x in run.start[3:]]}
-    start |= uncertainty_entries(run.u_start)
+    start: dict[str, Any] = {}
+    if run.start is not None:
+        pose = {"position_mm": run.start[:3].tolist(), "quaternion_xyzw": run.start[3:].tolist()}
+        start = {"start": pose | uncertainty_entries(run.u_start)}
     files.write_toml(
         folder / "run.toml",
         {"schema": SCHEMA, "rig": "rig.toml"}
         | ({} if run.temperature_c is None else {"temperature_c": run.temperature_c})
-        | {"start": start, "pass": [{"counts": n} for n in names]}
+        | start
+        | {"pass": [{"counts": n} for n in names]}
         | (extra or {}),
     )
 

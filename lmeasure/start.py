@@ -2,23 +2,64 @@
 
 import math
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure import conventions
+from lmeasure import conventions, files
 from lmeasure.errors import FileFormatError
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
 
+NOT_GIVEN = "the start pose was not given: the base frame is taken to be the tool's frame at the start"
+"""The note beside a [start] of zero that recordings without a start once had: nobody had stated it."""
+_ZERO = {"position_mm": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
 LENGTHS = "lengths_mm"
 START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg", "u_length_mm")
 CLEARLY = 2.0  # times farther than the nearest assembly the next one must be from the place that is stated
 LISTED = 6  # assemblies in a message
+
+
+@dataclass(frozen=True)
+class StatedStart:
+    """A [start] table and where it was stated, for messages."""
+
+    table: Any
+    source: str
+
+
+def start_in(data: dict[str, Any]) -> Any | None:
+    """The [start] table of a run.toml; None where the start is unknown: without one, or with one that only stands for a missing one."""
+    start = data.get("start")
+    return None if start == _ZERO and data.get("note") == NOT_GIVEN else start
+
+
+def stated_start(text: str) -> StatedStart:
+    """What a --start option states: seven numbers with commas, x, y, z [mm], qx, qy, qz, qw, or a file with a table start.
+
+    FileFormatError names the option or the file.
+    """
+    parts = text.split(",")
+    if len(parts) == len(_ZERO["position_mm"]) + len(_ZERO["quaternion_xyzw"]):
+        with suppress(ValueError):
+            numbers = [float(part) for part in parts]
+            return StatedStart({"position_mm": numbers[:3], "quaternion_xyzw": numbers[3:]}, f"--start {text!r}")
+    if not Path(text).is_file():
+        raise FileFormatError(f"--start {text!r}: is neither seven numbers, x,y,z in mm and qx,qy,qz,qw, nor a file with the table start")
+    return start_from(Path(text))
+
+
+def start_from(path: Path) -> StatedStart:
+    """The table start of a file; FileFormatError when there is none, or one that only stands for a missing one."""
+    start = start_in(files.read_toml(path))
+    if start is None:
+        raise FileFormatError(f"{path}: [start] is missing: the pose at which the counters were zeroed")
+    return StatedStart(start, str(path))
 
 
 def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:

@@ -38,14 +38,14 @@ def test_lengths_and_about_where_the_tool_is_give_the_start(tmp_path: Path) -> N
     about = {"lengths_mm": lengths_of(rig), "position_mm": [15.0, -10.0, 20.0], "quaternion_xyzw": [0.0, 0.06, 0.08, 0.99498743710662]}
     truth = folder(tmp_path, rig, about)
     run = read_run(tmp_path)
-    np.testing.assert_allclose(run.start, START, atol=1e-9)
+    np.testing.assert_allclose(run.known_start, START, atol=1e-9)
     assert position_error(reconstruct(run).poses, truth).max() < 0.02
 
 
 def test_the_rigs_side_and_place_alone_may_be_enough(tmp_path: Path) -> None:
     rig = cell(side=(0.0, 0.0, -1.0))
     folder(tmp_path, rig, {"lengths_mm": lengths_of(rig), "position_mm": [0.0, 0.0, 0.0]})
-    np.testing.assert_allclose(read_run(tmp_path).start, START, atol=1e-9)
+    np.testing.assert_allclose(read_run(tmp_path).known_start, START, atol=1e-9)
 
 
 def test_what_nothing_chooses_is_listed(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_where_assemblies_may_have_been_missed_only_a_stated_place_chooses(tmp_p
     monkeypatch.setattr(search, "MET", 10**6)  # never met often enough
     rig = cell(side=(0.0, 0.0, -1.0))
     folder(tmp_path, rig, {"lengths_mm": lengths_of(rig), "position_mm": [0.0, 0.0, 0.0]})
-    np.testing.assert_allclose(read_run(tmp_path).start, START, atol=1e-9)
+    np.testing.assert_allclose(read_run(tmp_path).known_start, START, atol=1e-9)
     folder(tmp_path, rig, {"lengths_mm": lengths_of(rig)})
     with pytest.raises(FileFormatError, match=r"assembl.*\(there may be others, which are hard to find\); state position_mm"):
         read_run(tmp_path)
@@ -110,7 +110,7 @@ def test_uncertain_lengths_make_the_whole_run_uncertain(tmp_path: Path) -> None:
     found = reconstruct(run)
     budget = covariances(found, run)
     assert set(budget.sources) == {"start pose"}
-    reconstruction = Reconstruction(run.rig, run.start, u_start=run.u_start)
+    reconstruction = Reconstruction(run.rig, run.known_start, u_start=run.u_start)
     drawn = by_monte_carlo(reconstruction, lengths_from_counts(run), found, 300, seed=1)
     u = np.sqrt(np.einsum("nii->ni", found.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", drawn.systematic)), u, rtol=0.17)

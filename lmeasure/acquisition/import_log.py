@@ -102,7 +102,7 @@ class Imported:
 def import_logs(
     logs: Iterable[Path],
     rig: Rig,
-    start: FloatArray,
+    start: FloatArray | None,
     *,
     calibration: CalibrationRecord | None = None,
     u_start: tuple[float, ...] = (0.0, 0.0),
@@ -112,9 +112,9 @@ def import_logs(
 ) -> Imported:
     """The n-th log as the n-th pass of a run.
 
-    start (7,) is the pose at which the counters were zeroed: logs do not hold it; u_start its uncertainty, as `Run` takes it. folder is
-    where the rig file stands, bus the name of the bus to read where the counters stand on several. FileFormatError and AcquisitionError
-    name the log and what it lacks.
+    start (7,) is the pose at which the counters were zeroed, None where it is unknown: logs do not hold it; u_start its uncertainty, as
+    `Run` takes it. folder is where the rig file stands, bus the name of the bus to read where the counters stand on several.
+    FileFormatError and AcquisitionError name the log and what it lacks.
     """
     logs = tuple(logs)
     if len(logs) != rig.passes:

@@ -95,8 +95,8 @@ def record(
 ) -> Recording:
     """Record a pass from the source into the run folder until the time is over, the source ends, `stop` says so, or Ctrl-C (or SIGTERM).
 
-    start (7,): the pose at which the counters were zeroed; that of pass 1 holds for later ones. devices: identities for the manifest.
-    beside: files that the rig names, such as its calibration, which go into the folder too.
+    start (7,): the pose at which the counters were zeroed, None where it is not known; that of pass 1 holds for later ones. devices:
+    identities for the manifest. beside: files that the rig names, such as its calibration, which go into the folder too.
     show gets the state of things at every turn, each the samples as soon as they are known, their times from the first one, as in the file.
     A source that is lost, a log that breaks, or a disk that is full, ends the recording early: what came before is kept, the text says why.
     AcquisitionError when not one sample came.
@@ -219,16 +219,10 @@ class _Writer:
         else:
             if self._before[path] is not None:
                 raise AcquisitionError(f"{path}: is there already; nothing is written over a recording")
-            pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if start is None else start
-            table = {
-                "schema": SCHEMA,
-                "rig": "rig.toml",
-                "start": {"position_mm": pose[:3].tolist(), "quaternion_xyzw": pose[3:].tolist()},
-                "pass": [],
-                "recording": [],
-            }
-            if start is None:
-                table["note"] = "the start pose was not given: the base frame is taken to be the tool's frame at the start"
+            table = {"schema": SCHEMA, "rig": "rig.toml"}
+            if start is not None:
+                table["start"] = {"position_mm": start[:3].tolist(), "quaternion_xyzw": start[3:].tolist()}
+            table |= {"pass": [], "recording": []}
         table["pass"] = [*table["pass"], {"counts": f"pass{self.passage}.csv"}]
         entry: dict[str, Any] = {
             "pass": self.passage,

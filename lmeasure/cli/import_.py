@@ -28,26 +28,27 @@ def import_(
 ) -> None:
     """Read log files of CAN frames into a run folder.
 
-    The start pose, at which the counters were zeroed, stands in no log: give it by --start FILE, or by --position-mm and --quaternion-xyzw.
+    The start pose, at which the counters were zeroed, stands in no log: give it by --start FILE, or by --position-mm and --quaternion-xyzw;
+    without them it is unknown, and poses can be had only when it is stated later.
     """
-    if (start is None) == (position_mm is None and quaternion_xyzw is None) or (position_mm is None) != (quaternion_xyzw is None):
+    if (start is not None and position_mm is not None) or (position_mm is None) != (quaternion_xyzw is None):
         raise typer.BadParameter("give the start pose either by --start or by --position-mm and --quaternion-xyzw")
 
-    from lmeasure import files
     from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
     from lmeasure.cli.progress import bar
     from lmeasure.run import read_linked_rig
-    from lmeasure.start import start_of_rig, start_uncertainty
+    from lmeasure.start import StatedStart, start_from, start_of_rig, start_uncertainty
 
     measured, calibration = read_linked_rig(rig)
+    pose, stated = None, None
     u_start: tuple[float, ...] = (0.0, 0.0)
     if start is not None:
-        stated = files.read_toml(start).get("start")
-        pose = start_of_rig(stated, measured, str(start))
-        u_start = start_uncertainty(stated or {}, str(start))
-    else:
-        table = {"position_mm": list(position_mm or ()), "quaternion_xyzw": list(quaternion_xyzw or ())}
-        pose = start_of_rig(table, measured, "--position-mm, --quaternion-xyzw")
+        stated = start_from(start)
+    elif position_mm is not None:
+        table = {"position_mm": list(position_mm), "quaternion_xyzw": list(quaternion_xyzw or ())}
+        stated = StatedStart(table, "--position-mm, --quaternion-xyzw")
+    if stated is not None:
+        pose, u_start = start_of_rig(stated.table, measured, stated.source), start_uncertainty(stated.table, stated.source)
     if dbc is not None:
         measured = with_dbc(measured, dbc)
     with bar("bytes") as progress:
@@ -60,3 +61,5 @@ def import_(
 
         write_recording(rerun, imported.run.rig, run=imported.run)
     typer.echo(imported.summary())
+    if pose is None:
+        typer.echo(f"note: no start pose: where the tool started is unknown; state [start] in {out / 'run.toml'} before poses are wanted")

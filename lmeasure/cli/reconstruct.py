@@ -17,6 +17,12 @@ def reconstruct(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder: run.toml, rig.toml and the counts of each pass.")],
     out: Annotated[Path, typer.Option("--out", help="Trajectory to write: .parquet, .csv, .tum for the poses alone, .mcap for ROS 2.")],
     rig: Annotated[Path | None, typer.Option("--rig", help="Use this rig.toml instead of the run's own.")] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--start", metavar="X,Y,Z,QX,QY,QZ,QW|FILE", help="Start pose, or a file with it as table start, instead of the run's."
+        ),
+    ] = None,
     constraint: Annotated[
         str | None, typer.Option("--constraint", help="What holds the tool where cables are too few: planar or vertical-axis.")
     ] = None,
@@ -34,19 +40,21 @@ def reconstruct(
     """Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method."""
     from lmeasure.cli.progress import bar
     from lmeasure.run import read_run, read_run_head
+    from lmeasure.start import stated_start
     from lmeasure.trajectory import can_stream, reconstruct_stream, write_trajectory
     from lmeasure.trajectory import reconstruct as stage
 
     if uncertainty not in ("linear", "monte-carlo"):
         raise typer.BadParameter(f"{uncertainty!r} is neither linear nor monte-carlo", param_hint="--uncertainty")
-    head = read_run_head(run, rig)
+    stated = None if start is None else stated_start(start)
+    head = read_run_head(run, rig, stated)
     named = head.rig.angles if angles else None
     if can_stream(head) and uncertainty == "linear":
         with _each_piece(rerun, head) as each, bar("reconstruct") as progress:
             summary = reconstruct_stream(head, out, constraint, named, progress, each)
         typer.echo(summary.text())
         return
-    recorded = read_run(run, rig)
+    recorded = read_run(run, rig, stated)
     if uncertainty == "linear":
         trajectory = stage(recorded, constraint, repeatability_mm)
     else:

@@ -53,7 +53,7 @@ def record(
         )
     typer.echo(recording.summary())
     if start is None and passage == 1:
-        typer.echo("note: no --start pose: the base frame is taken to be the tool's frame at the start")
+        typer.echo(f"note: no --start pose: where the tool started is unknown; state [start] in {out / 'run.toml'} before poses are wanted")
     if recording.ended != "complete":
         raise AcquisitionError(f"{out}: ended early, what came before is kept: {recording.ended}")
     if rerun is not None:
@@ -65,17 +65,16 @@ def record(
 
 def _pose(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
     """What follows the poses, compiled before the bus is opened, or why there are none."""
-    import numpy as np
-
+    if start is None:
+        return "no pose: where the tool starts is unknown without --start"
     from lmeasure.acquisition.session import pose_from_text
     from lmeasure.errors import GeometryError, RigError, TrajectoryError
     from lmeasure.rig import read_rig
     from lmeasure.trajectory.live import LivePose, PoseWatch
 
     measured = read_rig(rig)
-    pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if start is None else pose_from_text(start)
     try:
-        live = LivePose(measured, pose)
+        live = LivePose(measured, pose_from_text(start))
     except (RigError, GeometryError, TrajectoryError) as error:
         return f"no pose: {error}"
     if live.channels != tuple(measured.drums_of(passage)):

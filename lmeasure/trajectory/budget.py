@@ -217,9 +217,10 @@ def covariances(
             f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
             "it is not of this run"
         )
-    scheme = scheme_of(run.rig, run.start, constraint)
-    correction = correction_of(run.rig, scheme, scheme.start_of(run.start), zero_temperature(lengths, run.temperature_c))
-    budget = Budget(run.rig, run.start, scheme, run.calibration, run.u_start, aligned.u_time_s, repeatability_mm, correction)
+    start = run.known_start
+    scheme = scheme_of(run.rig, start, constraint)
+    correction = correction_of(run.rig, scheme, scheme.start_of(start), zero_temperature(lengths, run.temperature_c))
+    budget = Budget(run.rig, start, scheme, run.calibration, run.u_start, aligned.u_time_s, repeatability_mm, correction)
     chosen = slice(None) if samples is None else samples
     speed, skew = budget.speed_mm_s(lengths)[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
     poses = trajectory.poses[chosen].copy()

@@ -31,7 +31,7 @@ def reconstruct(
     aligned = align(run)
     run, lengths, clocks = aligned.run, aligned.lengths, aligned.u_time_s
     given = run.u_start, clocks, repeatability_mm, run.temperature_c
-    reconstruction = Reconstruction(run.rig, run.start, run.calibration, constraint, *given)
+    reconstruction = Reconstruction(run.rig, run.known_start, run.calibration, constraint, *given)
     trajectory = reconstruction.add(lengths, covariances=covariances or run.rig.passes > 1 or trials > 0)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed, progress)

@@ -39,7 +39,7 @@ def reconstruct_stream(
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
-    reconstruction = Reconstruction(rig, head.start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
+    reconstruction = Reconstruction(rig, head.known_start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
     counters = np.zeros((len(rig.cable), counter.STATE))
     summary = Summary()
     with trajectory_writer(out, reconstruction.covers, angles) as write:

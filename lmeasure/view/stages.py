@@ -83,7 +83,7 @@ def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
     """
     rig = head.rig
     with _recording_of(rig, path) as rec:
-        motion, residuals = TrajectoryLog(rec, rig), LengthResiduals(rig, head.start, head.temperature_c)
+        motion, residuals = TrajectoryLog(rec, rig), LengthResiduals(rig, head.known_start, head.temperature_c)
         of_cables, of_channels = _residual_series(rec, rig), None
 
         def add(counts: Counts, lengths: Lengths, trajectory: Trajectory) -> None:
@@ -122,7 +122,7 @@ def write_counts_recording(path: Path, rig: Rig, counts: Sequence[Path]) -> None
     """Write the counts of the passes there are as yet, from their files, as one .rrd; raises what `write_recording` raises."""
     passes = tuple(read_counts(file) for file in counts)
     # counts alone need no start pose
-    write_recording(path, rig, run=Run(rig, np.full(7, np.nan), passes))
+    write_recording(path, rig, run=Run(rig, None, passes))
 
 
 def _log_notes(rec: rr.RecordingStream, rig: Rig, lines: Sequence[str]) -> None:

@@ -83,7 +83,7 @@ def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
         assert words in done.stdout
     run = read_run(tmp_path / "run")
     assert np.array_equal(run.passes[0].recorded, counts_of(log))
-    assert run.start.tolist() == [1, 2, 3, 0, 0, 0, 1]
+    assert run.known_start.tolist() == [1, 2, 3, 0, 0, 0, 1]
     entry = files.read_toml(tmp_path / "run" / "run.toml")["recording"][0]
     assert entry["ended"] == "complete"
     assert entry["sha256"] == {"drive.blf": files.sha256(path)}
@@ -103,11 +103,11 @@ def test_the_command_writes_a_run_folder(tmp_path: Path) -> None:
     assert np.array_equal(read_run(tmp_path / "again").passes[0].recorded, run.passes[0].recorded)
 
 
-def test_the_start_pose_is_asked_for_once(tmp_path: Path) -> None:
+def test_the_start_pose_is_stated_once_and_whole(tmp_path: Path) -> None:
     path = write(tmp_path / "drive.log", counter_log(5, 4))
     write_rig(tmp_path / "rig.toml", six_cables())
     words = ["import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run"]
-    for extra in ([], POSE[:4], POSE[4:], [*POSE, "--start", path]):
+    for extra in (POSE[:4], POSE[4:], [*POSE, "--start", path]):
         done = command(*words, *extra)
         assert done.returncode == 2
         assert "start pose" in done.stderr
@@ -115,6 +115,16 @@ def test_the_start_pose_is_asked_for_once(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "[start] is missing" in done.stderr
     assert not (tmp_path / "run").exists()
+
+
+def test_without_a_start_pose_it_is_unknown(tmp_path: Path) -> None:
+    path = write(tmp_path / "drive.log", counter_log(5, 4))
+    write_rig(tmp_path / "rig.toml", six_cables())
+    done = command("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert f"note: no start pose: where the tool started is unknown; state [start] in {tmp_path / 'run' / 'run.toml'}" in done.stdout
+    assert "start" not in files.read_toml(tmp_path / "run" / "run.toml")
+    assert read_run(tmp_path / "run").start is None
 
 
 def test_a_cut_log_says_that_it_ended_early(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_the_simulated_cell_is_recorded_bit_for_bit(recorded: Path) -> None:
     assert run is not None
     got = read_run(recorded / "run")
     np.testing.assert_array_equal(got.passes[0].recorded, run.run.passes[0].recorded)
-    assert got.start.tolist() == [1, 2, 3, 0, 0, 0, 1]
+    assert got.known_start.tolist() == [1, 2, 3, 0, 0, 0, 1]
 
 
 def test_the_manifest_says_what_was_recorded_and_how_it_closed(recorded: Path) -> None:

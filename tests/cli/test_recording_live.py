@@ -12,6 +12,7 @@ from rerun.chunk import RrdReader
 from rich.console import Console
 from typer.testing import CliRunner
 
+from lmeasure import files
 from lmeasure.acquisition.recorder import Progress
 from lmeasure.acquisition.samples import Samples
 from lmeasure.cli import app
@@ -79,7 +80,7 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     write_rig(tmp_path / "rig.toml", cell_rig(6))
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     words = ["record", "--rig", tmp_path / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run"]
-    done = CliRunner().invoke(app, [str(w) for w in [*words, "--live", "--rerun", tmp_path / "run.rrd"]])
+    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1", "--live", "--rerun", tmp_path / "run.rrd"]])
     assert done.exit_code == 0, done.output
     counts = read_counts(tmp_path / "run" / "pass1.csv")
     assert f"{7 * len(counts.time_s)} frames" in done.stderr
@@ -108,10 +109,15 @@ def test_a_rig_that_cannot_tell_a_pose_live_says_why(tmp_path: Path) -> None:
         tmp_path / "run",
         "--live",
     ]
-    done = CliRunner().invoke(app, [str(w) for w in words])
+    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1"]])
     assert done.exit_code == 0, done.output
     assert "no pose: rig" in done.stderr
     assert "has 5 cables" in done.stderr
+    done = CliRunner().invoke(app, [str(w) for w in [*words, "--out", tmp_path / "again"]])
+    assert done.exit_code == 0, done.output
+    assert "no pose: where the tool starts is unknown without --start" in done.stderr
+    assert "unknown; state [start] in" in done.stdout
+    assert "start" not in files.read_toml(tmp_path / "again" / "run.toml")
 
 
 def test_the_watch_tells_poses_statuses_and_latency() -> None:
