@@ -17,6 +17,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from lmeasure.errors import FileFormatError, LMeasureError
+from lmeasure.opened import open_regular, read_regular
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -55,13 +56,8 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The file's bytes; FileFormatError when it cannot be read."""
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:  # a zero byte in the name
-        raise FileFormatError(f"{str(path)!r}: cannot be read: {error}") from error
+    """The file's bytes; FileFormatError when it cannot be read, or is no regular file."""
+    return read_regular(path)
 
 
 def sha256(path: Path) -> str:
@@ -267,14 +263,14 @@ def read_table_in_pieces(path: Path) -> Iterator[tuple[Table, float]]:
 def _pieces(path: Path) -> Iterator[tuple[pa.Table, float]]:
     if path.suffix.lower() == ".parquet":
         # without its read-ahead, which keeps the compressed bytes of the whole file
-        with pa.parquet.ParquetFile(path, pre_buffer=False, buffer_size=2**20) as file:
+        with open_regular(path) as raw, pa.parquet.ParquetFile(raw, pre_buffer=False, buffer_size=2**20) as file:
             done, total = 0, max(file.metadata.num_rows, 1)
             for batch in file.iter_batches(PIECE_ROWS):
                 done += len(batch)
                 yield pa.Table.from_batches([batch]), done / total
     elif path.suffix.lower() == ".csv":
-        size = path.stat().st_size
-        with path.open("rb") as raw:
+        with open_regular(path) as raw:
+            size = os.fstat(raw.fileno()).st_size
             names = raw.readline().decode("utf-8-sig").strip("\r\n").split(",")
             raw.seek(0)
             numbers = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=[""])

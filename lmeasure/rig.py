@@ -98,6 +98,8 @@ class Drum(CableOnDrum):
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     """Decoding factor: recorded count = count_sign * scale * k."""
     counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
+    braked: bool = False
+    """Its winch stood still on purpose: a count that never changes is a reading, not a dead encoder."""
     max_cable_speed_mm_s: Positive = 20000.0
     max_cable_acceleration_mm_s2: Positive | None = None
     """Beyond which a cable does not follow the tool: it went slack or is taut again."""

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import files
 from lmeasure.errors import AccuracyError
+from lmeasure.extras import how_to_install
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
 from lmeasure.kernels.screw import CABLES, WIDTH
@@ -259,7 +260,7 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
-        raise AccuracyError("--scheduler needs dask: install lmeasure with the extra [cluster]") from None
+        raise AccuracyError(f"--scheduler needs dask: {how_to_install('cluster')}") from None
     if not ADDRESS.fullmatch(scheduler):  # a client of a wrong one does not go without a quarrel
         raise AccuracyError(f"--scheduler {scheduler!r}: is no address such as tcp://192.168.0.7:8786")
     try:

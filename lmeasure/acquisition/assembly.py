@@ -101,7 +101,7 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, or
     for j, channel in enumerate(counts.channels):
         for first, last in still[j].tolist():
             others = np.delete(way[last] - way[first], j)
-            if np.median(others) < STALL_OTHERS_MM:
+            if drums[channel].braked or np.median(others) < STALL_OTHERS_MM:
                 continue
             # up to here the others still stood: the count is good
             begin = first + int(np.argmax(np.median(np.delete(way[first : last + 1] - way[first], j, axis=1), axis=1) > 0))

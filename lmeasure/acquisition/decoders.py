@@ -4,6 +4,7 @@ Whatever names a counter (a place in a frame, a signal of a DBC file, a J1939 pa
 it comes down to one `CounterField`; decoding and encoding know nothing else.
 """
 
+import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.can_table import CounterChannel, DbcCan, DbcChannel, J1939Can, RawCan
 from lmeasure.errors import AcquisitionError, FileFormatError
 from lmeasure.kernels.frames import FIELD_COLUMNS, extract
+from lmeasure.opened import read_regular
 from lmeasure.rig import Drum, Rig
 
 IntArray = NDArray[np.int64]
@@ -25,6 +27,8 @@ ALL_BITS = 0x1FFFFFFF
 STANDARD_IDENTIFIERS = 0x800
 NO_RANGE = 2**62
 """Units of a counter that never starts again; integers stay within 64 bits."""
+LARGEST_DBC = 1 << 26
+SHOWN_NAMES = 20
 PDU1_LIMIT = 240
 """J1939: below this PDU format the lower byte of the group's number is the receiver's address (SAE J1939-21)."""
 
@@ -145,28 +149,60 @@ def _parameter_group(pgn: int, source_address: int | None) -> tuple[int, int]:
 
 
 def _dbc_fields(table: DbcCan, folder: Path, drums: Mapping[str, Drum]) -> tuple[CounterField, ...]:
+    path = folder / table.dbc
+    database = dbc_file(path)
+    known = {c.channel: c for c in table.channel}
+    chosen = [known[channel] for channel in drums]
+    return tuple(_dbc_field(known[channel], chosen, database, path, drum) for channel, drum in drums.items())
+
+
+def dbc_file(path: Path) -> Any:
+    """cantools' database of a DBC file, its signals as they stand: many real files contradict themselves where nobody reads them.
+
+    FileFormatError when it cannot be read.
+    """
     import cantools
 
-    path = folder / table.dbc
+    text = read_regular(path, LARGEST_DBC)
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # its warnings are not for the terminal
     try:
-        database: Any = cantools.database.load_file(str(path), database_format="dbc")
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+        return cantools.database.load_string(text.decode("cp1252", "replace").replace("\r\n", "\n"), database_format="dbc", strict=False)
     except Exception as error:  # its parser raises whatever a broken file leads it into
-        raise FileFormatError(f"{path}: is no DBC file: {' '.join(str(error).split())[:200]}") from error
-    known = {c.channel: c for c in table.channel}
-    return tuple(_dbc_field(known[channel], database, path, drum) for channel, drum in drums.items())
+        raise FileFormatError(f"{path}: cannot be read as DBC: {' '.join(str(error).split())[:200]}") from error
 
 
-def _dbc_field(c: DbcChannel, database: Any, path: Path, drum: Drum) -> CounterField:
+def _of_signals(message: Any, wanted: list[str]) -> Any:
+    """The message with the wanted signals alone, and those that say which of them a frame carries; cantools' Error where they do not fit
+    into it or lie upon each other."""
+    from cantools.database import Message
+
+    known = {s.name: s for s in message.signals}
+    names: list[str] = []
+    for each in wanted:
+        name: str | None = each
+        while name is not None and name not in names:
+            names.append(name)
+            name = known[name].multiplexer_signal if name in known else None
+    chosen = [known[name] for name in names if name in known]
+    return Message(message.frame_id, message.name, message.length, chosen, is_extended_frame=message.is_extended_frame, strict=True)
+
+
+def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Path, drum: Drum) -> CounterField:
     """The field of a signal: compiled where it is a plain integer, by cantools where it is multiplexed or a floating-point number."""
+    from cantools.database.errors import Error
+
     where = f"{path}: channel {c.channel}: message {c.message!r}"
-    message = next((m for m in database.messages if m.name == c.message), None)
-    if message is None:
+    whole = next((m for m in database.messages if m.name == c.message), None)
+    if whole is None:
         raise FileFormatError(f"{where} is not in it")
+    try:
+        message = _of_signals(whole, list(dict.fromkeys([c.signal, *(other.signal for other in chosen if other.message == c.message)])))
+    except Error as error:
+        raise FileFormatError(f"{where}: {' '.join(str(error).split())[:200]}") from error
     signal = next((s for s in message.signals if s.name == c.signal), None)
     if signal is None:
-        raise FileFormatError(f"{where} has no signal {c.signal!r}; it has {', '.join(s.name for s in message.signals)}")
+        names = ", ".join(s.name for s in whole.signals[:SHOWN_NAMES]) + ", ..." * (len(whole.signals) > SHOWN_NAMES)
+        raise FileFormatError(f"{where} has no signal {c.signal!r}; it has {names}")
     if not 8 <= signal.length <= 64:
         raise FileFormatError(f"{where}: signal {c.signal!r} has {signal.length} bits, a counter has 8 to 64")
     first = signal.start if signal.byte_order == "little_endian" else 8 * (signal.start // 8) + 7 - signal.start % 8

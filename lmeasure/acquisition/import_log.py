@@ -13,7 +13,7 @@ import numpy as np
 from lmeasure import files
 from lmeasure.acquisition.assembly import counts_from_frames
 from lmeasure.acquisition.canopen_objects import as_mapped, fields_in_log
-from lmeasure.acquisition.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, decode
+from lmeasure.acquisition.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, dbc_file, decode
 from lmeasure.acquisition.events import EventLog, event_columns
 from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames
 from lmeasure.acquisition.logfiles import LogReport, identifiers_in, log_batches
@@ -197,17 +197,12 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
 
     AcquisitionError where the table is of another decoder, or a channel's name is that of no signal or of several.
     """
-    import cantools
-
     path = str(dbc.resolve())
     if isinstance(rig.can, DbcCan):
         return rig.model_copy(update={"can": rig.can.model_copy(update={"dbc": path})})
     if rig.can is not None:
         raise AcquisitionError(f"rig {rig.name!r}: its [can] table has decoder {rig.can.decoder!r}, which needs no DBC file")
-    try:
-        database: Any = cantools.database.load_file(path, database_format="dbc")
-    except Exception as error:  # its parser raises whatever a broken file leads it into
-        raise FileFormatError(f"{dbc}: cannot be read as DBC: {' '.join(str(error).split())[:200]}") from error
+    database = dbc_file(dbc)
     channels = []
     for name in rig.channels:
         carriers = [m.name for m in database.messages if any(s.name == name for s in m.signals)]

@@ -41,13 +41,13 @@ DATE_FORMATS = ("%m %d %I:%M:%S.%f %p %Y", "%m %d %I:%M:%S %p %Y", "%m %d %H:%M:
 
 def candump_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
     """Frames of a `candump -L` log. An identifier with the error flag is an error frame, of whatever class."""
-    yield from _batches(path, _blocks(path, file, report), _Candump(path, report))
+    yield from _batches(path, blocks_of_lines(path, file, report), _Candump(path, report))
 
 
 def asc_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
     """Frames of an ASC log. Where its header says `timestamps relative`, each time counts from the event before and is summed."""
     dialect = _Asc(path, report)
-    yield from _batches(path, dialect.begun(_blocks(path, file, report)), dialect)
+    yield from _batches(path, dialect.begun(blocks_of_lines(path, file, report)), dialect)
     if dialect.block_open:
         report.ended_early = report.ended_early or "the line End TriggerBlock is missing"
 
@@ -85,7 +85,7 @@ def _batches(path: Path, blocks: Iterable[Bytes], dialect: _Dialect) -> Iterator
         yield parts[0] if len(parts) == 1 else join(parts)
 
 
-def _blocks(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Bytes]:
+def blocks_of_lines(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Bytes]:
     """Blocks of whole lines, each overwritten by the next. A last line without its end is not read: a number cut short would pass for
     another."""
     held = bytearray(LONGEST_LINE + BLOCK_BYTES)

@@ -1,13 +1,17 @@
-"""Log files of CAN frames, read in batches of bounded size: BLF, ASC and candump by compiled scans, the rest by python-can's readers.
+"""Log files of CAN frames, read in batches of bounded size: BLF, ASC and candump by compiled scans, TRC, candump's screen and GVRET line by
+line, the CSV of python-can and MF4 by its readers.
 
 A log that breaks off gives everything up to the break, and the report says where. Lines that cannot be read are counted, never guessed.
 Times are those of python-can's readers with absolute times: what the log says plus the start it states (0 where it states none).
 """
 
+import contextlib
 import gc
 import gzip
+import importlib.util
 import io
 import itertools
+import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -17,17 +21,16 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 
 from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames, frames_from_messages, join, no_frames
-from lmeasure.acquisition.log_blf import blf_batches
-from lmeasure.acquisition.log_common import LogReport, checked
-from lmeasure.acquisition.log_text import asc_batches, candump_batches
+from lmeasure.acquisition.log_common import LogReport, checked, read_some
+from lmeasure.acquisition.log_kinds import HEAD_BYTES, LIBRARY, OWN, kind_of
 from lmeasure.errors import FileFormatError
+from lmeasure.extras import how_to_install
+from lmeasure.opened import open_regular
 
 __all__ = ["LogReport", "identifiers_in", "log_batches", "read_log"]
 
 Progress = Callable[[int, int], None]
 
-COMPILED = {".blf": blf_batches, ".asc": asc_batches, ".log": candump_batches}
-OTHERS = (".csv", ".trc", ".mf4")
 MESSAGES_AT_ONCE = 20_000
 
 
@@ -40,20 +43,16 @@ def log_batches(path: Path, report: LogReport, progress: Progress | None = None)
     suffixes = [s.lower() for s in path.suffixes[-2:]]
     packed = suffixes[-1:] == [".gz"]
     suffix = "".join(suffixes[:-1] if packed else suffixes[-1:])
-    if suffix not in COMPILED and (packed or suffix not in OTHERS):
-        raise FileFormatError(f"{path}: is no log this program reads: {', '.join([*COMPILED, *OTHERS])}, the first three also as .gz")
-    try:
-        size = path.stat().st_size
-        raw = path.open("rb")
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
-    with raw:
+    if packed and suffix == ".mf4":
+        raise FileFormatError(f"{path}: is no log this program reads: .mf4 only unpacked")
+    with open_regular(path) as raw:
+        size = os.fstat(raw.fileno()).st_size
         if size == 0:
             raise FileFormatError(f"{path}: is empty")
-        if suffix in COMPILED:
-            batches = COMPILED[suffix](path, cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw, report)
-        else:
-            batches = _library_batches(path, report)
+        file = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw
+        kind = kind_of(path, suffix, read_some(file, HEAD_BYTES, LogReport()))
+        file.seek(0)
+        batches = _library_batches(path, file, suffix, report) if kind == LIBRARY else OWN[kind](path, file, report)
         for batch in batches:
             report.frames += len(batch)
             if progress:
@@ -79,35 +78,38 @@ def identifiers_in(path: Path) -> set[int]:
     return set()
 
 
-def _library_batches(path: Path, report: LogReport) -> Iterator[Frames]:
-    """Frames by python-can's reader for the file's suffix. Whatever goes wrong inside it ends the reading."""
-    from can.io import MF4Reader
-    from can.io.player import MESSAGE_READERS
+def _library_batches(path: Path, file: BinaryIO, suffix: str, report: LogReport) -> Iterator[Frames]:
+    """Frames by python-can's reader of MF4 or of its own CSV. Whatever goes wrong inside it ends the reading."""
+    from can.io import CSVReader, MF4Reader
 
-    reader = MESSAGE_READERS[path.suffix.lower()]
     broken = ""
-    with path.open("rb") as raw:
-        file: Any = raw if reader is MF4Reader else io.TextIOWrapper(raw, encoding="utf-8")
-        messages: Iterator[Any] = iter(())
-        while not broken:
-            batch: list[Any] = []
-            try:
-                # these readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
-                messages = messages if report.frames else iter(reader(file))
-                for message in itertools.islice(messages, MESSAGES_AT_ONCE):
-                    batch.append(checked(message))
-            except Exception as error:
-                broken = _told(error)
-            if not batch:
-                break
-            yield frames_from_messages(batch, "log", str(path))
+    text: Any = file if suffix == ".mf4" else io.TextIOWrapper(file, encoding="utf-8")
+    messages: Iterator[Any] = iter(())
+    while not broken:
+        batch: list[Any] = []
+        try:
+            # these readers, and asammdf beneath one of them, raise whatever their code runs into on a broken file
+            if not report.frames:
+                messages = iter(MF4Reader(text) if suffix == ".mf4" else CSVReader(text))
+            for message in itertools.islice(messages, MESSAGES_AT_ONCE):
+                batch.append(checked(message))
+        except Exception as error:
+            broken = _why(error)
+        if not batch:
+            break
+        yield frames_from_messages(batch, "log", str(path))
+    if text is not file:
+        with contextlib.suppress(ValueError):  # a reader that came to the end has closed it
+            text.detach()
+    if broken and suffix == ".mf4" and importlib.util.find_spec("asammdf") is None:
+        raise FileFormatError(f"{path}: MF4 needs the package asammdf: {how_to_install('mf4')}")
     if broken and report.frames == 0:
         raise FileFormatError(f"{path}: cannot be read: {broken}")
     if broken:
         report.ended_early = f"after frame {report.frames}: {broken}"
 
 
-def _told(error: Exception) -> str:
+def _why(error: Exception) -> str:
     """What an exception says, in one line; its frames are let go, and with them a file that asammdf could not open, whose end is not
     worth a word."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None

@@ -277,14 +277,40 @@ def _repeatability(stated: files.Table) -> FloatArray | None:
     return np.repeat(np.column_stack(parts), 3, axis=1)
 
 
+STILL_PART = 0.1
+"""Of the way between poses: a cable that the nominal rig lets change by less may well not have changed at all."""
+
+
 def _checked(campaign: Campaign, path: Path) -> Campaign:
+    notes = []
     for j, c in enumerate(campaign.cables):
         counted = int(np.isfinite(campaign.counts[:, j]).sum())
         if counted < MIN_POSES:
             raise CalibrationError(f"{path}: channel {c.channel} is counted at {counted} pose(s); {MIN_POSES} are the least")
-        if not campaign.counts[:, j][campaign.used[:, j]].any():
-            raise CalibrationError(f"{path}: channel {c.channel} does not move: all its counts are zero")
-    return campaign
+        if campaign.counts[:, j][campaign.used[:, j]].any():
+            continue
+        drum = campaign.rig.point(c.from_point).drum
+        try:
+            change = float(np.nanmax(np.abs(_predicted(campaign, j)))) * drum.count_length_mm / drum.scale
+        except GeometryError:
+            change = np.inf
+        way = float(np.linalg.norm(campaign.poses.rows[:, :3] - campaign.poses.rows[campaign.zero[j], :3], axis=1).max())
+        if not drum.braked and change > STILL_PART * way:
+            raise CalibrationError(
+                f"{path}: channel {c.channel} does not move: all its counts are zero, where the nominal rig has its cable change by "
+                f"{change:.3g} mm; if its winch stood still, say braked = true in its drum"
+            )
+        notes.append(f"channel {c.channel}: all its counts are zero; its cable is taken to have kept its length")
+    return replace(campaign, notes=(*campaign.notes, *notes)) if notes else campaign
+
+
+def _predicted(campaign: Campaign, j: int) -> FloatArray:
+    """(n,) counts of the j-th cable at the reference poses by the nominal rig; GeometryError where it cannot run there."""
+    warm = campaign.temperature_c
+    own = None if warm is None else warm[:, j]
+    begun = None if own is None else float(own[campaign.zero[j]])
+    at_zero = campaign.poses.rows[campaign.zero[j]]
+    return counts_from_poses(campaign.rig, campaign.poses.rows, at_zero, (campaign.cables[j],), own, begun)[:, 0]
 
 
 def _unwrapped(campaign: Campaign) -> Campaign:
@@ -299,11 +325,7 @@ def _unwrapped(campaign: Campaign) -> Campaign:
         if not np.nanmax(np.abs(counts[:, j])) > full / 4:
             continue
         try:
-            warm = campaign.temperature_c
-            own = None if warm is None else warm[:, j]
-            begun = None if own is None else float(own[campaign.zero[j]])
-            at_zero = campaign.poses.rows[campaign.zero[j]]
-            predicted = counts_from_poses(campaign.rig, campaign.poses.rows, at_zero, (c,), own, begun)[:, 0]
+            predicted = _predicted(campaign, j)
         except GeometryError:
             continue
         turns = np.rint((predicted + counts[campaign.zero[j], j] - counts[:, j]) / full)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.errors import TrajectoryError
+from lmeasure.extras import how_to_install
 from lmeasure.trajectory.record import Trajectory
 
 TOPIC = "/lmeasure/pose"
@@ -68,7 +69,7 @@ def mcap_writer(path: Path, covers: str) -> Iterator[Callable[[Trajectory], None
     try:
         from mcap.writer import Writer
     except ImportError as error:
-        raise TrajectoryError(f"{path}: MCAP needs the package mcap: pip install 'lmeasure[ros]'") from error
+        raise TrajectoryError(f"{path}: MCAP needs the package mcap: {how_to_install('ros')}") from error
     with files.whole(path) as temporary, temporary.open("wb") as out:
         writer = Writer(out)
         writer.start(profile="ros2", library="lmeasure")

@@ -115,7 +115,7 @@ def test_a_dbc_file_that_does_not_tell_is_refused(channel: dict[str, str], compl
     with pytest.raises(FileFormatError, match=complaint):
         counter_fields(rig, folder=tmp_path)
     (tmp_path / "drums.dbc").write_text("BO_ nonsense")
-    with pytest.raises(FileFormatError, match="is no DBC file"):
+    with pytest.raises(FileFormatError, match="cannot be read as DBC"):
         counter_fields(rig, folder=tmp_path)
     with pytest.raises(FileFormatError, match="cannot be read"):
         counter_fields(rig, folder=tmp_path / "elsewhere")

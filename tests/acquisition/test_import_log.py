@@ -1,5 +1,6 @@
 """`lmeasure import`: counts, faults, buses, passes, DBC files and the start pose of logs, through the command and through the function."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from log_corpus import write
 from log_fuzz import START_POSE, counter_log, six_cables
 
 from lmeasure import files
+from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
 from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
 from lmeasure.rig import Rig, rig_from_dict, write_rig
@@ -260,6 +262,83 @@ def test_signals_of_a_dbc_file_as_cantools_reads_them(tmp_path: Path) -> None:
     assert (tmp_path / "other" / "pass1.csv").read_bytes() == (tmp_path / "run" / "pass1.csv").read_bytes()
     again = command("import", path, "--rig", tmp_path / "run" / "rig.toml", "--out", tmp_path / "third", *POSE)
     assert again.returncode == 0, again.stderr  # the DBC file went with the run
+
+
+LOOSE = """
+BO_ 400 Loose: 4 Encoder
+ SG_ wide : 16|32@1- (1,0) [0|0] "" Encoder
+ SG_ one : 0|8@1- (1,0) [0|0] "" Encoder
+ SG_ two : 4|8@1- (1,0) [0|0] "" Encoder
+"""
+
+
+def test_a_dbc_file_is_held_to_the_signals_that_are_read(tmp_path: Path) -> None:
+    """Signals that lie upon each other or beyond their frame are no matter where nobody reads them, and refused where somebody does."""
+    import cantools
+    from cantools.database.errors import Error
+
+    def fields(text: str) -> tuple[object, ...]:
+        (tmp_path / "rig.dbc").write_text(text, newline="")
+        rig = with_dbc(without_counter_bits(), tmp_path / "rig.dbc")
+        return tuple(f.row() for f in counter_fields(rig, 1, tmp_path))
+
+    known = fields(DBC)
+    with pytest.raises(Error):
+        cantools.database.load_string(DBC + LOOSE, database_format="dbc")
+    assert fields(DBC + LOOSE) == known
+    beside = ' SG_ ch4 : 27|30@0- (1,0) [0|0] "" Encoder\n'
+    assert fields(DBC.replace(beside, beside + ' SG_ unread : 20|60@1- (1,0) [0|0] "" Encoder\n')) == known
+    assert fields((DBC + LOOSE).replace("\n", "\r\n")) == known
+    for text, words in (
+        (DBC.replace("ch4 : 27|30@0-", "ch4 : 16|20@1-"), "channel ch3: message 'Middle': The signals ch4 and ch3 are overlapping"),
+        (DBC.replace("ch4 : 27|30@0-", "ch4 : 60|20@1-"), "message 'Middle': The signal ch4 does not fit in message Middle"),
+    ):
+        with pytest.raises(FileFormatError, match=r"rig\.dbc") as caught:
+            fields(text)
+        assert words in str(caught.value)
+
+
+def test_a_multiplexed_signal_beside_one_that_does_not_fit(tmp_path: Path) -> None:
+    """cantools decodes a message of overlapping signals wrongly where it is not told to refuse them."""
+    text = """VERSION ""
+BU_: E
+BO_ 385 Left: 8 E
+ SG_ page M : 0|8@1+ (1,0) [0|0] "" E
+ SG_ ch1 m3 : 8|32@1- (1,0) [0|0] "" E
+ SG_ unread m3 : 12|32@1- (1,0) [0|0] "" E
+"""
+    (tmp_path / "rig.dbc").write_text(text)
+    data = six_cables().to_dict()
+    data["observation_point"] = [p for p in data["observation_point"] if p["name"] == "B1"]
+    data["observation_point"][0]["drum"].pop("counter_bits")
+    data["cable"] = data["cable"][:1]
+    field = counter_fields(with_dbc(rig_from_dict(data), tmp_path / "rig.dbc"), 1, tmp_path)[0]
+    assert field.reader is not None
+    assert field.reader(bytes([3]) + (-123456).to_bytes(4, "little", signed=True) + bytes(3)) == -123456
+    assert field.reader(bytes([2]) + bytes(7)) is None
+
+
+@pytest.mark.parametrize("braked", [False, True])
+def test_a_braked_winch_is_no_dead_encoder_where_the_rig_says_so(tmp_path: Path, braked: bool) -> None:
+    log = counter_log(2500, 14)
+    for m in log:
+        if m.arbitration_id == 0x183 and len(m.data) == 4 and not m.is_extended_id:
+            m.data = bytearray(4)
+    data = six_cables().to_dict()
+    data["observation_point"][2]["drum"]["braked"] = braked
+    imported = import_logs([write(tmp_path / "drive.blf", log)], rig_from_dict(data), START_POSE)
+    column = imported.run.passes[0].recorded[:, 2]
+    assert imported.logs[0].events.tally["stall"] == (0 if braked else 1)
+    assert bool(np.count_nonzero(column == 0) > 2490) == braked
+
+
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
+    """A pipe without a writer would be waited for for ever, a device never ends."""
+    os.mkfifo(tmp_path / "log.log")
+    (tmp_path / "zero.blf").symlink_to("/dev/zero")
+    for log in (tmp_path / "log.log", tmp_path / "zero.blf"):
+        with pytest.raises(FileFormatError, match="it is no regular file but a pipe or a device"):
+            import_logs([log], six_cables(), START_POSE)
 
 
 @pytest.mark.parametrize(

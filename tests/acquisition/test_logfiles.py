@@ -129,7 +129,7 @@ def test_a_cut_text_log_gives_its_whole_lines_and_says_so(tmp_path: Path, suffix
         assert (report.ended_early is not None) == (suffix == ".asc" or not whole[:size].endswith(b"\n"))
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".trc"])
+@pytest.mark.parametrize("suffix", [".csv"])
 def test_a_cut_log_of_the_library_gives_its_whole_lines_too(tmp_path: Path, suffix: str) -> None:
     plain = [m for m in messages(60, 22, fd=False) if not (m.is_error_frame or m.is_remote_frame)]
     whole = write(tmp_path / f"whole{suffix}", plain).read_bytes()
@@ -415,9 +415,14 @@ def test_a_line_that_nobody_can_read_is_counted(tmp_path: Path, suffix: str, bad
         ("log.blf", b"LOGG\x90\0\0\0", "breaks off inside the file header"),
         ("log.blf", b"LOGG" + bytes(140), "the file header says it is 0 bytes long"),
         ("log.blf", b"", "is empty"),
-        ("log.txt", b"(1.0) can0 181#01\n", "is no log this program reads: .blf, .asc, .log, .csv, .trc, .mf4"),
-        ("log", b"x", "is no log this program reads"),
-        ("log.mf4.gz", b"x", "is no log this program reads"),
+        ("log.txt", b"some text\n", "neither candump, TRC, ASC nor CSV of SavvyCAN or python-can; for others, open it in SavvyCAN"),
+        ("log.log", b"***BUSMASTER Ver 3.2.2***\n", "a BUSMASTER log: open it in SavvyCAN and save it as GVRET log (.csv)"),
+        ("log.txt", b"1320745424.000 1R11 181 01 02\n", "a CRTD log: open it in SavvyCAN"),
+        ("log.pcapng", b"x", "a capture of Wireshark: open it in SavvyCAN"),
+        ("log.db", b"x", "a python-can database: can_logconvert FILE.db FILE.blf; .blf, .asc, .log, .txt, .trc, .csv, .mf4 are read"),
+        ("log.dat", b"x", "asammdf saves MDF 3 as .mf4"),
+        ("log", b"x", "is no log this program reads: .blf, .asc, .log, .txt, .trc, .csv, .mf4 are read"),
+        ("log.mf4.gz", b"x", "is no log this program reads: .mf4 only unpacked"),
         ("log.log", b"x" * 200_000, "a line is longer than 65536 bytes"),
         ("log.mf4", b"no log at all", "cannot be read"),
         ("log.csv", b"timestamp,arbitration_id\n1,zz\n", "cannot be read"),

@@ -14,7 +14,7 @@ from lmeasure.calibration import Settings, calibrate, read_campaign
 from lmeasure.calibration.dwells import mean_variance, noise_of, pooled_scatter, rounding_left
 from lmeasure.calibration.refine import Noise, residual_covariance
 from lmeasure.calibration.unknowns import Model, unknowns_of
-from lmeasure.errors import FileFormatError
+from lmeasure.errors import CalibrationError, FileFormatError
 from lmeasure.files import read_table, write_table
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import read_poses
@@ -166,3 +166,20 @@ def test_a_pose_visited_again_shares_its_error(tmp_path: Path) -> None:
     V, model = covariance_of(folder)
     assert np.diag(V)[back] == pytest.approx(0.012**2 / 12 + 2 * 0.02**2, rel=0.05)
     assert not any("come back exactly" in n for n in model.campaign.notes)
+
+
+def test_a_channel_that_never_counts_is_refused_unless_its_cable_may_have_kept_its_length(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All counts zero: an encoder that is not connected, or a braked winch. The rig says so, or its geometry does."""
+    folder = folder_of(tmp_path)
+    edit(folder / "counts.csv", lambda c: c | {"ch1": np.zeros(12)})
+    with pytest.raises(CalibrationError, match="channel ch1 does not move: all its counts are zero, where the nominal rig has"):
+        read_campaign(folder)
+    rig = (folder / "rig.toml").read_text(encoding="utf-8")
+    (folder / "rig.toml").write_text(rig.replace("braked = false", "braked = true"), encoding="utf-8")
+    note = "channel ch1: all its counts are zero; its cable is taken to have kept its length"
+    assert note in read_campaign(folder).notes
+    (folder / "rig.toml").write_text(rig, encoding="utf-8")
+    monkeypatch.setattr("lmeasure.calibration.campaign.STILL_PART", 2.0)
+    assert note in read_campaign(folder).notes

@@ -1,0 +1,92 @@
+"""Which format a log is of: by its suffix, and for text by what stands in it, since one suffix names many dialects."""
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from lmeasure.acquisition.frames import Frames
+from lmeasure.acquisition.log_blf import blf_batches
+from lmeasure.acquisition.log_common import LogReport
+from lmeasure.acquisition.log_gvret import gvret_batches
+from lmeasure.acquisition.log_screen import COLOUR, SCREEN_LINE, screen_batches
+from lmeasure.acquisition.log_text import ASC_BASE, ASC_DATE, CANDUMP_LINE, asc_batches, candump_batches
+from lmeasure.acquisition.log_trc import trc_batches
+from lmeasure.errors import FileFormatError
+
+Batches = Callable[[Path, BinaryIO, LogReport], Iterator[Frames]]
+
+HEAD_BYTES = 1 << 16
+"""Of a text log, looked at to tell its dialect."""
+HEAD_LINES = 200
+
+OWN: dict[str, Batches] = {
+    "blf": blf_batches,
+    "asc": asc_batches,
+    "candump": candump_batches,
+    "screen": screen_batches,
+    "trc": trc_batches,
+    "gvret": gvret_batches,
+}
+LIBRARY = "library"
+"""Read by python-can: its own CSV, and MF4."""
+BY_SUFFIX = {".blf": "blf", ".asc": "asc", ".log": "candump", ".txt": "", ".trc": "trc", ".csv": LIBRARY, ".mf4": LIBRARY}
+FIXED = (".blf", ".asc", ".mf4")
+"""Suffixes that leave no doubt."""
+
+TELLING: tuple[tuple[str, re.Pattern[str]], ...] = (
+    ("candump", CANDUMP_LINE),
+    ("screen", SCREEN_LINE),
+    ("trc", re.compile(r";\$FILEVERSION.*|;-+\+-.*|\d+\)\s.*", re.IGNORECASE)),
+    ("gvret", re.compile(r"time stamp,id,extended,.*", re.IGNORECASE)),
+    (LIBRARY, re.compile(r"timestamp,arbitration_id,.*")),
+    ("asc", re.compile(rf"{ASC_DATE.pattern}|{ASC_BASE.pattern}.*", re.IGNORECASE)),
+    ("***BUSMASTER", re.compile(r"\*\*\*BUSMASTER.*", re.IGNORECASE)),
+    ("CRTD", re.compile(r"\d+\.\d+ (CXX|\d?[RT](11|29)) .*")),
+)
+SAVVYCAN = "open it in SavvyCAN and save it as GVRET log (.csv)"
+TOOLS = {
+    "***BUSMASTER": f"a BUSMASTER log: {SAVVYCAN}",
+    "CRTD": f"a CRTD log: {SAVVYCAN}",
+    ".crtd": f"a CRTD log: {SAVVYCAN}",
+    ".can": f"a Microchip log: {SAVVYCAN}",
+    ".pcap": f"a capture of Wireshark: {SAVVYCAN}",
+    ".pcapng": f"a capture of Wireshark: {SAVVYCAN}",
+    ".db": "a python-can database: can_logconvert FILE.db FILE.blf",
+    ".sqlite": "a python-can database: can_logconvert FILE FILE.blf, renamed to .db",
+    ".mdf": "an MDF 3 measurement: asammdf saves it as .mf4, or exports .asc",
+    ".dat": "an MDF 3 measurement, or somebody's own format: asammdf saves MDF 3 as .mf4, or exports .asc",
+    ".vsb": "a Vehicle Spy buffer: export it from Vehicle Spy as .asc",
+    ".kme50": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
+    ".kme40": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
+    ".kmf": "a Kvaser Memorator log: Kvaser's kmeconvert writes .asc or .blf of it",
+    ".xlsx": "a table: save the log itself from the program that recorded it",
+}
+READ = ", ".join(BY_SUFFIX)
+
+
+def kind_of(path: Path, suffix: str, head: bytes) -> str:
+    """Key of `OWN`, or LIBRARY, for a log of that suffix (without .gz) that begins with `head`; FileFormatError names what reads it."""
+    if suffix not in BY_SUFFIX:
+        what = f"{TOOLS[suffix]}; " if suffix in TOOLS else ""
+        other = "" if what else f"; for others, {SAVVYCAN}"
+        raise FileFormatError(f"{path}: is no log this program reads: {what}{READ} are read, all but .mf4 also as .gz{other}")
+    usual = BY_SUFFIX[suffix]
+    told = None if suffix in FIXED else _told(head)
+    if told in TOOLS:
+        raise FileFormatError(f"{path}: is no log this program reads: {TOOLS[told]}")
+    if told is None and not usual:
+        raise FileFormatError(
+            f"{path}: is no log this program knows: neither candump, TRC, ASC nor CSV of SavvyCAN or python-can; for others, {SAVVYCAN}"
+        )
+    return told or usual
+
+
+def _told(head: bytes) -> str | None:
+    """What the first line that is typical of a format says."""
+    for raw in head.splitlines()[:HEAD_LINES]:
+        line = COLOUR.sub("", raw.decode("utf-8-sig", "replace")).strip()
+        for kind, typical in TELLING:
+            if typical.fullmatch(line):
+                return kind
+    return None

@@ -1,0 +1,121 @@
+"""Text logs that are read line by line: TRC, what candump shows on a screen, the CSV files of SavvyCAN and GVRET.
+
+Each dialect turns one line into one frame, or into nothing where the line is no frame, and raises ValueError where it should be one and
+nobody can read it. Such lines are counted; the lines around them are read.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from lmeasure.acquisition.frames import CLASSIC_BYTES, ERROR, FD, FD_BYTES, REMOTE, Frames
+from lmeasure.acquisition.log_common import LARGEST_IDENTIFIER, LogReport
+from lmeasure.errors import FileFormatError
+from lmeasure.kernels.frames import LATEST_S, Bytes
+
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+"""Bytes of a CAN FD frame by its length code, ISO 11898-1."""
+LARGEST_STANDARD = 0x7FF
+WHOLE = re.compile(r"\d+", re.ASCII)
+HEXADECIMAL = re.compile(r"[0-9A-Fa-f]+")
+DECIMAL = re.compile(r"\d+(\.\d*)?", re.ASCII)
+
+
+class Line(NamedTuple):
+    """A frame as a line tells it: time [s], identifier, flags, length (of a remote frame: bytes asked for), data, bus."""
+
+    time_s: float
+    identifier: int
+    flags: int
+    length: int
+    data: bytes
+    bus: str
+
+
+class Dialect(Protocol):
+    """A format whose lines stand for themselves, but for what its header says."""
+
+    def read(self, line: str) -> Line | None:
+        """The line's frame, None where it is none; ValueError where nobody can read it."""
+
+
+def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Dialect, report: LogReport) -> Iterator[Frames]:
+    """Frames of blocks of whole lines."""
+    buses: dict[str, int] = {}
+    for block in blocks:
+        found: list[Line] = []
+        for raw in block.tobytes().splitlines():
+            if not raw or raw.isspace():
+                continue
+            try:
+                line = dialect.read(raw.decode("utf-8", "replace").strip())
+                if line is not None:
+                    found.append(_checked(line))
+            except FileFormatError:
+                raise  # of the header: nothing behind it can be read
+            except (ValueError, IndexError, OverflowError) as error:
+                report.cannot_read(raw, str(error))
+        yield _frames(found, buses, path)
+
+
+def _checked(line: Line) -> Line:
+    if not 0 <= line.identifier <= LARGEST_IDENTIFIER:
+        raise ValueError("it is no identifier of CAN")
+    if not abs(line.time_s) <= LATEST_S:
+        raise ValueError(f"{line.time_s} s is no time")
+    limit = FD_BYTES if line.flags & FD else CLASSIC_BYTES
+    if len(line.data) > limit or line.length > limit:
+        raise ValueError(f"{max(len(line.data), line.length)} bytes, {limit} are the most")
+    if not line.flags & (REMOTE | ERROR) and line.length != len(line.data):
+        raise ValueError(f"{line.length} bytes are announced and {len(line.data)} are there")
+    return line
+
+
+def _frames(found: list[Line], buses: dict[str, int], path: Path) -> Frames:
+    width = FD_BYTES if any(len(f.data) > CLASSIC_BYTES for f in found) else CLASSIC_BYTES
+    data = np.frombuffer(b"".join(f.data.ljust(width, b"\0") for f in found), np.uint8).reshape(-1, width)
+    channel = np.array([buses.setdefault(f.bus, len(buses)) for f in found], np.int16)
+    return Frames(
+        np.array([f.time_s for f in found], np.float64),
+        np.array([f.identifier for f in found], np.uint32),
+        np.array([f.flags for f in found], np.uint8),
+        np.array([f.length for f in found], np.uint8),
+        data,
+        channel,
+        tuple(buses) or ("0",),
+        "log",
+        str(path),
+    )
+
+
+def whole_number(text: str) -> int:
+    """Decimal digits and nothing else; ValueError otherwise."""
+    if not WHOLE.fullmatch(text):
+        raise ValueError(f"{text[:20]!r} is no whole number")
+    return int(text)
+
+
+def decimal_number(text: str) -> float:
+    """Digits and perhaps a point; ValueError otherwise: no recorder writes signs, exponents or underscores."""
+    if not DECIMAL.fullmatch(text):
+        raise ValueError(f"{text[:20]!r} is no number")
+    return float(text)
+
+
+def hexadecimal(text: str) -> int:
+    """Hexadecimal digits and nothing else; ValueError otherwise."""
+    if not HEXADECIMAL.fullmatch(text):
+        raise ValueError(f"{text[:20]!r} is no hexadecimal number")
+    return int(text, 16)
+
+
+def data_bytes(cells: Iterable[str], least: int = 2) -> bytes:
+    """Bytes of two hexadecimal digits each, or of at least so many; ValueError otherwise."""
+    texts = list(cells)
+    for text in texts:
+        if not least <= len(text) <= 2 or not HEXADECIMAL.fullmatch(text):
+            raise ValueError(f"{text[:20]!r} is no byte")
+    return bytes(int(text, 16) for text in texts)

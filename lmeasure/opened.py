@@ -1,0 +1,41 @@
+"""Opening what is to be read: regular files only, and none larger than makes sense."""
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from lmeasure.errors import FileFormatError
+
+LARGEST_BYTES = 1 << 33
+"""Of a file that is read as a whole: more than an hour of counts, less than any memory it is read on could bear."""
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """The file opened for reading bytes. FileFormatError for what is none: a pipe would be waited for, a device never ends."""
+    path = Path(path)
+    try:
+        # a pipe without a writer would hold up the opening itself
+        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0))
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a zero byte in the name
+        raise FileFormatError(f"{str(path)!r}: cannot be read: {error}") from error
+    mode = os.fstat(number).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(number)
+        what = "Is a directory" if stat.S_ISDIR(mode) else "it is no regular file but a pipe or a device; copy it into a file"
+        raise FileFormatError(f"{path}: cannot be read: {what}")
+    return os.fdopen(number, "rb")
+
+
+def read_regular(path: Path, most: int = LARGEST_BYTES) -> bytes:
+    """The file's bytes, as `open_regular`; FileFormatError where there are more than `most`."""
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > most:
+            raise FileFormatError(f"{path}: cannot be read: {size} bytes, {most} are the most")
+        try:
+            return file.read()
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
