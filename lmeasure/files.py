@@ -62,7 +62,11 @@ def read_bytes(path: Path) -> bytes:
 
 def sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of the file's bytes."""
-    return hashlib.sha256(read_bytes(path)).hexdigest()
+    try:
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return hashlib.sha256(read_bytes(path)).hexdigest()  # says what is wrong with it
 
 
 def read_toml(path: Path) -> dict[str, Any]:

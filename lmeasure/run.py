@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import conventions, files
-from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
+from lmeasure.calibration_record import CalibrationRecord, write_calibration_record
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import FileFormatError, TrajectoryError
-from lmeasure.rig import Rig, read_rig, write_rig
+from lmeasure.linked import read_linked_rig as read_linked_rig
+from lmeasure.recorded import Recorded, check_digests, recorded_in
+from lmeasure.rig import Rig, write_rig
 from lmeasure.start import StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
 
 FloatArray = NDArray[np.float64]
@@ -35,19 +37,13 @@ class Run:
     u_start: tuple[float, ...] = (0.0, 0.0)
     temperature_c: float | None = None
     """Temperature at the start pose, and of every pass whose counts do not state theirs."""
+    recorded: tuple[Recorded, ...] = ()
+    """How the passes were recorded, where that is known."""
 
     @property
     def known_start(self) -> FloatArray:
         """(7,) the start pose; TrajectoryError, which says what to do, where it is unknown."""
         return _known(self.start, self.passes[0].source if self.passes else "")
-
-
-def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
-    """A rig and the calibration record that its `calibration` key names, which must be there."""
-    rig = read_rig(path)
-    if rig.calibration is None:
-        return rig, None
-    return rig, read_calibration_record(Path(path).parent / rig.calibration)
 
 
 @dataclass(frozen=True)
@@ -61,6 +57,7 @@ class RunHead:
     calibration: CalibrationRecord | None = None
     u_start: tuple[float, ...] = (0.0, 0.0)
     temperature_c: float | None = None
+    recorded: tuple[Recorded, ...] = ()
 
     @property
     def known_start(self) -> FloatArray:
@@ -79,10 +76,13 @@ def _known(start: FloatArray | None, source: str) -> FloatArray:
 
 
 def read_run(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> Run:
-    """Read a run folder; rig_path replaces the rig it names, start its [start]. FileFormatError names the file and key."""
+    """Read a run folder; rig_path replaces the rig it names, start its [start].
+
+    FileFormatError names the file and key, counts that are not those that were recorded, and a calibration that is of another rig.
+    """
     head = read_run_head(folder, rig_path, start)
     passes = tuple(read_counts(path, torn=torn) for path, torn in zip(head.counts, head.torn, strict=True))
-    return Run(head.rig, head.start, passes, head.calibration, head.u_start, head.temperature_c)
+    return Run(head.rig, head.start, passes, head.calibration, head.u_start, head.temperature_c, head.recorded)
 
 
 def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart | None = None) -> RunHead:
@@ -105,19 +105,22 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
         raise FileFormatError(f"{path}: [[pass]] is missing")
     if len(passes) < rig.passes:
         raise FileFormatError(f"{path}: has {len(passes)} [[pass]], but the rig's cables need {rig.passes}")
-    counts, torn = [], []
+    names, counts = [], []
     for number, entry in enumerate(passes, 1):
         strange = sorted(set(entry) - {"counts"})
         if strange:
             raise FileFormatError(f"{path}: pass {number}: unknown key {strange[0]!r}; known: counts")
         if not isinstance(entry.get("counts"), str):
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
+        names.append(entry["counts"])
         counts.append(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"))
-        torn.append(_ended_early(data, number))
+    recorded = recorded_in(data, path)
+    check_digests(recorded, dict(zip(names, counts, strict=True)), path)
+    torn = tuple(any(r.early and r.passage == number for r in recorded) for number in range(1, len(counts) + 1))
     stated, where = (start_in(data), str(path)) if start is None else (start.table, start.source)
     pose = None if stated is None else start_of_rig(stated, rig, where)
     u_start = (0.0, 0.0) if stated is None else start_uncertainty(stated, where)
-    return RunHead(rig, pose, tuple(counts), tuple(torn), calibration, u_start, _temperature(data, path))
+    return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, _temperature(data, path), recorded)
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
@@ -152,13 +155,6 @@ def _temperature(data: dict[str, Any], path: Path) -> float | None:
         raise FileFormatError(f"{path}: temperature_c must be a number")
     conventions.check_temperature(value, f"{path}: temperature_c")
     return float(value)
-
-
-def _ended_early(data: dict[str, Any], number: int) -> bool:
-    """Whether the recorder says that this pass was cut off, perhaps within a line."""
-    recordings = data.get("recording")
-    entries = recordings if isinstance(recordings, list) else [recordings]
-    return any(isinstance(e, dict) and e.get("pass") == number and e.get("ended") == "early" for e in entries)
 
 
 def _inside(folder: Path, name: str, what: str) -> Path:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from lmeasure.recorded import notes_of
 from lmeasure.run import Run
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.passes import Alignment, align
@@ -35,9 +36,7 @@ def reconstruct(
     trajectory = reconstruction.add(lengths, covariances=covariances or run.rig.passes > 1 or trials > 0)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed, progress)
-    if run.rig.passes == 1:
-        return trajectory
-    notes = (*trajectory.notes, *aligned.notes)
-    if repeatability_mm == 0.0:
+    notes = (*trajectory.notes, *notes_of(run.recorded), *aligned.notes)
+    if run.rig.passes > 1 and repeatability_mm == 0.0:
         notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
     return replace(trajectory, notes=notes)

@@ -9,6 +9,7 @@ import numpy as np
 from lmeasure.counts import Counts, WidthEvidence, read_counts_in_pieces
 from lmeasure.kernels import counter
 from lmeasure.lengths import Lengths, counter_rate, lengths_from_counts
+from lmeasure.recorded import notes_of
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
 from lmeasure.trajectory.record import Summary, Trajectory, trajectory_writer
@@ -47,6 +48,7 @@ def reconstruct_stream(
             lengths = lengths_from_counts(Run(rig, head.start, (piece,)), counters)
             lengths = replace(lengths, notes=(*notes, *lengths.notes))
             trajectory = reconstruction.add(lengths)
+            trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(head.recorded)))
             write(trajectory)
             summary.add(trajectory)
             if each is not None:
