@@ -34,6 +34,7 @@ SIGNATURE = "signature.json"
 CERTIFICATE = "certificate.json"
 INPUTS = "inputs"
 CHUNK = 2**20
+LOCAL_HEADER = 30  # bytes before the name of a file in a zip
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,21 @@ def copy_into(folder: Path, copies: dict[str, Path]) -> None:
             raise CertificationError(f"{source}: cannot be copied: {told}") from error
 
 
+def regular_bytes(path: Path) -> bytes:
+    """The bytes of a regular file: a pipe, a device or a link is never opened, for it may never end. CertificationError names it."""
+    _only_regular(path)
+    return files.read_bytes(path)
+
+
+def _only_regular(path: Path) -> None:
+    try:
+        mode = path.lstat().st_mode
+    except (OSError, ValueError) as error:
+        raise CertificationError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if not stat.S_ISREG(mode):
+        raise CertificationError(f"{path}: is no regular file")
+
+
 def file_sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a file of any size; CertificationError when it cannot be read."""
     try:
@@ -165,6 +181,8 @@ class Seal:
     differences: tuple[Difference, ...]
     signer: str | None
     certificate: str
+    files: frozenset[str] = frozenset()
+    """What the manifest names."""
 
 
 def check_seal(folder: Path, public_key: Any | None = None) -> Seal:
@@ -176,7 +194,11 @@ def check_seal(folder: Path, public_key: Any | None = None) -> Seal:
     out: list[Difference] = []
     text, content = b"", None
     if MANIFEST in found:
-        text = files.read_bytes(folder / MANIFEST)
+        try:
+            text = regular_bytes(folder / MANIFEST)
+        except LMeasureError:
+            out.append(Difference(MANIFEST, "is no regular file"))
+            return Seal(tuple(out), None, "")
         content = _manifest(text)
     if content is None:
         out.append(Difference(MANIFEST, "its bytes were changed" if MANIFEST in found else "is missing"))
@@ -185,7 +207,8 @@ def check_seal(folder: Path, public_key: Any | None = None) -> Seal:
         listed = content["files"]
     signed_by = _check_signature(folder, found, text, public_key, out)
     out += _check_files(folder, found, listed) if content is not None else []
-    return Seal(tuple(out), signed_by, "" if content is None else content["certificate"])
+    named = frozenset(entry["file"] for entry in listed)
+    return Seal(tuple(out), signed_by, "" if content is None else content["certificate"], named)
 
 
 def _manifest(text: bytes) -> dict[str, Any] | None:
@@ -195,9 +218,13 @@ def _manifest(text: bytes) -> dict[str, Any] | None:
         stated = content.pop("sha256")
         if content["schema"] != SCHEMA or digest(content) != stated or canonical(content | {"sha256": stated}) != text:
             return None
+        names = [entry["file"] for entry in content["files"]]
+        # each file once, and never what stands beside the manifest
+        if set(content) != {"schema", "certificate", "files"} or names != sorted(set(names)) or {MANIFEST, SIGNATURE} & set(names):
+            return None
         for entry in content["files"]:
             safe_name(entry["file"])
-            if not isinstance(entry["bytes"], int) or not isinstance(entry["sha256"], str):
+            if set(entry) != {"file", "bytes", "sha256"} or type(entry["bytes"]) is not int or not isinstance(entry["sha256"], str):
                 return None
         return dict(content) if isinstance(content["certificate"], str) else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -218,8 +245,8 @@ def _check_signature(folder: Path, found: set[str], text: bytes, public_key: Any
             out.append(Difference(SIGNATURE, "is missing: nobody signed this"))
         return None
     try:
-        key = signer(text, files.read_bytes(folder / SIGNATURE))
-    except CertificationError as error:
+        key = signer(text, regular_bytes(folder / SIGNATURE))
+    except LMeasureError as error:
         out.append(Difference(SIGNATURE, str(error)))
         return None
     if public_key is not None and fingerprint(key) != fingerprint(public_key):
@@ -234,8 +261,10 @@ def _check_files(folder: Path, found: set[str], listed: list[dict[str, Any]]) ->
 
     def check(entry: dict[str, Any]) -> str | None:
         path = folder / entry["file"]
-        if path.is_symlink() or not stat.S_ISREG(path.stat().st_mode):
+        if path.is_symlink():
             return "is a link, not a file"
+        if not stat.S_ISREG(path.stat().st_mode):
+            return "is no regular file"
         size = path.stat().st_size
         if size != entry["bytes"]:
             return f"was changed: {size} bytes instead of {entry['bytes']}"
@@ -272,9 +301,10 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
     CertificationError refuses a zip that is not, byte for byte, the one its files give, or not the one of the digest beside it.
     """
     path = Path(path)
+    _only_regular(path.resolve())
     actual = file_sha256(path)
     if sidecar(path).exists():
-        words = files.read_bytes(sidecar(path)).split()
+        words = regular_bytes(sidecar(path).resolve()).split()
         if not words or words[0] != actual.encode("ascii"):
             raise CertificationError(f"{path}: was changed: its SHA-256 is not the one in {sidecar(path).name}")
     folder = scratch / "bundle"
@@ -299,12 +329,23 @@ def _extract(path: Path, folder: Path) -> list[str]:
         # stored only: what it unpacks to can be no larger than itself
         if any(info.compress_type != zipfile.ZIP_STORED for info in archive.infolist()):
             raise CertificationError(f"{path}: was changed: its files are not stored as they are")
+        _each_its_own(path, archive)
         for info in archive.infolist():
             target = folder / info.filename
             target.parent.mkdir(parents=True, exist_ok=True)
             with archive.open(info) as source, target.open("wb") as out:
                 shutil.copyfileobj(source, out, CHUNK)
     return names
+
+
+def _each_its_own(path: Path, archive: zipfile.ZipFile) -> None:
+    """CertificationError when a zip would unpack to more than it is: the same bytes may serve for many files."""
+    end = archive.start_dir
+    for info in sorted(archive.infolist(), key=lambda i: i.header_offset, reverse=True):
+        needs = LOCAL_HEADER + len(info.filename.encode("utf-8")) + info.file_size
+        if info.file_size != info.compress_size or info.header_offset < 0 or info.header_offset + needs > end:
+            raise CertificationError(f"{path}: was changed: {info.filename} lies over another file or is larger than the zip")
+        end = info.header_offset
 
 
 class _Sink:

@@ -69,8 +69,10 @@ def with_verdict(c: Characteristic, tolerances: Sequence[Tolerance], fraction: f
     return replace(c, capable=bool(c.u95 <= limit), limit_u95=limit, conformity=found)
 
 
-def with_vector_verdict(c: Characteristic, vector: Characteristic) -> Characteristic:
-    """A signed component with the verdict of its vector: near zero it is small beside its own uncertainty whatever the instrument."""
+def with_vector_verdict(c: Characteristic, vector: Characteristic, fraction: float) -> Characteristic:
+    """A signed component with the verdict of its vector, unless a tolerance gave it one: near zero it is small beside its own uncertainty
+    whatever the instrument. What may be said of it alone stands beside."""
+    c = replace(c, capable_alone=c.excluded is None and bool(c.u95 <= limit_of(c.value, None, fraction)))
     if c.conformity is not None or c.excluded is not None:
         return c
     return replace(c, capable=vector.capable, limit_u95=vector.limit_u95, note=f"verdict of {vector.name}")

@@ -10,6 +10,7 @@ from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.canonical import digest
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Inputs, Measured, settings_stated
+from lmeasure.certification.method import METHOD
 from lmeasure.kernels import screw
 from lmeasure.program import Program
 
@@ -39,6 +40,7 @@ def certificate(
     details = measured.details.stated()
     content: dict[str, Any] = {
         "schema": SCHEMA,
+        "method": METHOD,
         "created": created,
         "language": language,
         "kind": "test certificate" if "accreditation" in details else "test report",

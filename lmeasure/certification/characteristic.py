@@ -44,6 +44,8 @@ class Characteristic:
     these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (independent from dwell to
     dwell) and from the calibration (shared by the run); coverage_factor: u95 over their root sum of squares, None where that is zero.
     cycles: how many it is made of. capable: whether u95 is small enough to say the value; limit_u95: how small that is, in the unit.
+    capable_alone: of a signed component, which has the verdict of its vector or of a tolerance, whether it is small enough beside the
+    component itself; None of others.
     conformity: None unless a tolerance is stated. angles: convention of a component-wise angle. extension: not in the standard. excluded:
     why no verdict is given though there is a value (outside the instrument's zone); capable is then false.
     """
@@ -62,6 +64,7 @@ class Characteristic:
     u_systematic: float | None = None
     coverage_factor: float | None = None
     limit_u95: float | None = None
+    capable_alone: bool | None = None
     conformity: Conformity | None = None
     angles: str | None = None
     extension: bool = False
@@ -75,7 +78,7 @@ class Characteristic:
 
     def as_dict(self) -> dict[str, Any]:
         """The table of certificate.json; see the module's text."""
-        order = ["name", "pose", "path", "part", "value", "unit", "u95", "capable"]
+        order = ["name", "pose", "path", "part", "value", "unit", "u95", "capable", "capable_alone"]
         names = order + [f.name for f in fields(self) if f.name not in order]
         out = {name: getattr(self, name) for name in names}
         if self.conformity is not None:

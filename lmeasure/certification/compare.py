@@ -15,8 +15,8 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from lmeasure.certification.again import label
 from lmeasure.certification.printed import with_u95
-from lmeasure.certification.verify import label
 from lmeasure.errors import CertificationError, LMeasureError
 
 FloatArray = NDArray[np.float64]

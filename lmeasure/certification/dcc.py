@@ -191,7 +191,11 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
         where = " ".join(str(figure[key]) for key in ("pose", "path", "part") if figure.get(key) is not None)
         verdict = "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable"
         _named(result, f"{figure['name']} {where}".strip())
-        _content(_add(result, "description"), f"ISO 9283:1998, {figure.get('clause', '')}; instrument {verdict} of this figure", OWN)
+        alone = figure.get("capable_alone", figure["capable"])
+        besides = "" if alone == figure["capable"] else f"; {'' if alone else 'not '}capable of the component alone"
+        _content(
+            _add(result, "description"), f"ISO 9283:1998, {figure.get('clause', '')}; instrument {verdict} of this figure{besides}", OWN
+        )
         quantity = _add(_add(result, "data"), "quantity")
         real = _add(quantity, "si:real")
         _add(real, "si:value", _number(figure["value"]))

@@ -123,7 +123,7 @@ def evaluate(
     vectors = {(c.name, c.pose, c.path): c for c in own}
     for i, f in enumerate(figures):
         if f.vector is not None and (vector := vectors.get((f.vector, f.pose, f.path))) is not None:
-            own[i] = with_vector_verdict(own[i], vector)
+            own[i] = with_vector_verdict(own[i], vector, settings.capability)
     excluded = tuple(Excluded(kind, name, why) for (kind, name), why in work.excluded.items())
     return Evaluation(
         tuple(own),

@@ -102,10 +102,11 @@ def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
     return Inputs(**places, constraint=constraint, repeatability_mm=repeatability)
 
 
-def settings_from(stated: Any) -> Settings:
-    """Settings from what `settings_stated` gave; CertificationError when it is something else."""
+def settings_from(stated: Any, *, earlier: bool = False) -> Settings:
+    """Settings from what `settings_stated` gave; CertificationError when it is something else. earlier: those that it did not know yet may
+    be missing."""
     known = {f.name for f in fields(Settings)}
-    if not isinstance(stated, dict) or set(stated) != known:
+    if not isinstance(stated, dict) or not set(stated) <= known or (set(stated) != known and not earlier):
         raise CertificationError("certificate.json: settings: are not those this program writes")
     try:
         return TypeAdapter(Settings).validate_python(stated)

@@ -8,24 +8,40 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lmeasure import files
-from lmeasure.certification.bundle import CERTIFICATE, INPUTS, SIGNATURE, Difference, check_seal, entries
+from lmeasure.certification.again import RELATIVE, beside, compare, label, of_environment
+from lmeasure.certification.bundle import CERTIFICATE, INPUTS, SIGNATURE, Difference, Seal, check_seal, entries, regular_bytes
 from lmeasure.certification.canonical import canonical
-from lmeasure.certification.certificate import LANGUAGES, certificate, identification
+from lmeasure.certification.certificate import LANGUAGES, certificate
 from lmeasure.certification.environment import environment
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Measured, inputs_in, measure, settings_from
+from lmeasure.certification.method import METHOD, method_of
 from lmeasure.errors import CertificationError, LMeasureError
 
-Printer = Callable[[dict[str, Any], Measured], bytes]
+PROGRAM = ("lmeasure", "lmeasure sources")
+"""What of an environment is this program itself: another one prints other texts."""
 
-RELATIVE = 1e-6
-"""Another processor or other versions may change the last digits: up to this part of the figure or of its U95, whichever is larger."""
+
+@dataclass(frozen=True)
+class Printer:
+    """How a file that people read comes from a certificate, and the text that they read in its bytes. text: ValueError when they cannot
+    be read. needed: `certify` writes it always."""
+
+    write: Callable[[dict[str, Any], Measured], bytes]
+    text: Callable[[bytes], str]
+    needed: bool = True
+
+    def __call__(self, content: dict[str, Any], measured: Measured) -> bytes:
+        """The file's bytes."""
+        return self.write(content, measured)
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What is different, if anything; how many figures agree; in what the environment differs and what that made of the figures at most."""
+    """What is different, if anything; how many figures agree; in what the environment differs and what that made of the figures at most.
+
+    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines.
+    """
 
     certificate: str
     differences: tuple[Difference, ...]
@@ -34,6 +50,12 @@ class Verification:
     environment: tuple[str, ...] = ()
     largest: float = 0.0
     skipped: tuple[str, ...] = field(default=())
+    beside: tuple[str, ...] = field(default=())
+
+    @property
+    def exit_code(self) -> int:
+        """0 the same, 1 a difference, 3 no difference but something that could not be compared."""
+        return 1 if self.differences else 3 if self.skipped else 0
 
 
 def verify(
@@ -44,25 +66,36 @@ def verify(
 ) -> Verification:
     """Look at every byte, compute every figure again from the inputs, and print again what people read.
 
-    public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate; they are compared
-    where the environment is the same. CertificationError when there is no certificate to look at.
+    public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate; their bytes are
+    compared where the environment is the same, their texts where the program is. Figures by another method are not compared but listed
+    beside those of today. CertificationError when there is no certificate to look at.
     """
     folder = Path(folder)
     seal = check_seal(folder, public_key)
-    out = list(seal.differences)
-    changed = {d.what for d in out}
-    if any(name.startswith(f"{INPUTS}/") for name in changed):
-        return Verification(seal.certificate, tuple(out), signer=seal.signer, skipped=("figures: the inputs are not those certified",))
+    if any(d.what.startswith(f"{INPUTS}/") for d in seal.differences):
+        return Verification(
+            seal.certificate, seal.differences, signer=seal.signer, skipped=("figures: the inputs are not those certified",)
+        )
     try:
         stated = read_certificate(folder / CERTIFICATE)
-        own = {key: value for key, value in environment().items() if stated["environment"].get(key) != value}
+    except LMeasureError as error:
+        return _not_computed(folder, seal, error)
+    own = {key: value for key, value in environment().items() if stated["environment"].get(key) != value}
+    other = method_of(stated) != METHOD
+    told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
+    out = [*seal.differences, *of_environment(stated["environment"], environment())]
+    if seal.certificate and stated["id"] != seal.certificate:
+        out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
+    try:
         inputs = inputs_in(folder, stated["measurement"])
         copies = entries(folder, sorted(inputs.copies()))
-        measured = measure(inputs, settings_from(stated["settings"]), progress)
+        measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress)
     except LMeasureError as error:
-        if not out:
-            out.append(Difference(CERTIFICATE, f"cannot be computed again: {str(error).replace(f'{folder}/', '')}"))
-        return Verification(seal.certificate, tuple(out), signer=seal.signer, skipped=("figures: see above",))
+        if not other:
+            return _not_computed(folder, seal, error)
+        why = f"figures: by method {method_of(stated)}; today's, {METHOD}, refuses the inputs: {_inside(folder, error)}"
+        return Verification(stated["id"], tuple(out), signer=seal.signer, environment=told, skipped=(why,))
+    out += _strangers(seal, {c["file"] for c in copies}, printers)
     again = certificate(
         measured,
         inputs,
@@ -71,32 +104,63 @@ def verify(
         language=stated["language"],
         environment=stated["environment"],
     )
-    found, largest = compare(stated, again, exact=not own)
+    lines: tuple[str, ...] = ()
+    skipped, largest, figures = [], 0.0, 0
+    if other:
+        found, lines = beside(stated, again)
+        skipped.append(f"figures: made by method {method_of(stated)}, today's is {METHOD}")
+    else:
+        found, largest = compare(stated, again, exact=not own)
+        figures = len(stated["characteristics"])
     out += found
-    if seal.certificate and stated["id"] != seal.certificate:
-        out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
-    skipped = []
     for name, printer in (printers or {}).items():
-        if name in changed or not (folder / name).exists():
+        if any(d.what == name for d in seal.differences):
             continue
-        if own:
-            skipped.append(f"{name}: what it prints is not compared, since other versions print other bytes")
-        elif printer(stated, measured) != files.read_bytes(folder / name):
-            out.append(Difference(name, "does not print what certificate.json says"))
-    return Verification(
-        stated["id"],
-        tuple(out),
-        len(stated["characteristics"]),
-        seal.signer,
-        tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items()),
-        largest,
-        tuple(skipped),
-    )
+        found, why_not = _page(folder, name, printer, stated, measured, own)
+        out += found
+        skipped += why_not
+    return Verification(stated["id"], tuple(out), figures, seal.signer, told, largest, tuple(skipped), lines)
+
+
+def _not_computed(folder: Path, seal: Seal, error: Exception) -> Verification:
+    out = seal.differences or (Difference(CERTIFICATE, f"cannot be computed again: {_inside(folder, error)}"),)
+    return Verification(seal.certificate, out, signer=seal.signer, skipped=("figures: see above",))
+
+
+def _inside(folder: Path, error: Exception) -> str:
+    return str(error).replace(f"{folder}/", "")
+
+
+def _strangers(seal: Seal, inputs: set[str], printers: Mapping[str, Printer] | None) -> list[Difference]:
+    """Files that the manifest names and that are no part of a certificate."""
+    if printers is None:
+        return [Difference(n, "is no input of the certificate") for n in sorted(seal.files - inputs) if n.startswith(f"{INPUTS}/")]
+    return [Difference(name, "is no part of a certificate") for name in sorted(seal.files - inputs - {CERTIFICATE, *printers})]
+
+
+def _page(
+    folder: Path, name: str, printer: Printer, stated: dict[str, Any], measured: Measured, own: Mapping[str, str]
+) -> tuple[list[Difference], list[str]]:
+    """Where a file that people read says otherwise than the certificate, and why it could not be compared."""
+    if not (folder / name).exists():
+        return [], [f"{name}: is not in the folder"] if printer.needed else []
+    if method_of(stated) != METHOD or any(key in own for key in PROGRAM):
+        return [], [f"{name}: what it prints, since another version of this program prints other texts"]
+    content, expected = regular_bytes(folder / name), printer(stated, measured)
+    if content == expected:
+        return [], []
+    if own:
+        try:
+            if printer.text(content) == printer.text(expected):
+                return [], []
+        except ValueError as error:
+            return [Difference(name, f"cannot be read: {error}")], []
+    return [Difference(name, "does not print what certificate.json says")], []
 
 
 def read_certificate(path: Path) -> dict[str, Any]:
     """A certificate.json as a dictionary whose tables are there; FileFormatError or CertificationError when it is none."""
-    raw = files.read_bytes(path)
+    raw = regular_bytes(path)
     try:
         content = json.loads(raw, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
@@ -115,6 +179,9 @@ def read_certificate(path: Path) -> dict[str, Any]:
         datetime.datetime.fromisoformat(content["created"])
     except ValueError:
         raise CertificationError(f"{path}: created is not a date") from None
+    method = content.get("method", 1)
+    if type(method) is not int or method < 1:
+        raise CertificationError(f"{path}: method is not a number from 1")
     if content["language"] not in LANGUAGES:
         raise CertificationError(f"{path}: language is not one of {', '.join(LANGUAGES)}")
     for figure in content["characteristics"]:
@@ -122,6 +189,8 @@ def read_certificate(path: Path) -> dict[str, Any]:
             raise CertificationError(f"{path}: a characteristic lacks its name, value, unit, u95 or capable")
         if not all(isinstance(figure[key], int | float) and math.isfinite(figure[key]) for key in ("value", "u95")):
             raise CertificationError(f"{path}: {label(figure)}: value and u95 must be finite numbers")
+    if canonical(content) != raw:
+        raise CertificationError(f"{path}: is not written as lmeasure writes it: a name stands there twice, or the digits are others")
     return content
 
 
@@ -129,82 +198,10 @@ def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is not a number of JSON")
 
 
-def label(figure: Mapping[str, Any]) -> str:
-    """A characteristic by name, for a person: AP_p of P1."""
-    where = " ".join(str(figure[key]) for key in ("pose", "path", "part") if figure.get(key) is not None)
-    return f"{figure['name']} of {where}" if where else str(figure["name"])
-
-
-def compare(stated: dict[str, Any], again: dict[str, Any], *, exact: bool) -> tuple[list[Difference], float]:
-    """Where a certificate is not the one its inputs give, figure by figure, and the largest relative difference of a figure.
-
-    exact: every digit counts; else figures may differ by `RELATIVE`.
-    """
-    out: list[Difference] = []
-    largest = 0.0
-    old, new = (_keyed(c["characteristics"]) for c in (stated, again))
-    out += [Difference(name, "is certified, but the inputs do not give it") for name in old if name not in new]
-    out += [Difference(name, "is not certified, but the inputs give it") for name in new if name not in old]
-    for name, figure in old.items():
-        other = new.get(name, figure)
-        for key in sorted({*figure, *other}):
-            a, b = figure.get(key), other.get(key)
-            part = _relative(a, b, max(abs(figure["value"]), abs(figure["u95"]))) if canonical(a) != canonical(b) else 0.0
-            largest = max(largest, part)
-            if part > (0.0 if exact else RELATIVE):
-                out.append(Difference(name, f"{key} is certified as {_shown(a)}, computed again {_shown(b)}"))
-    later = set() if exact else set(again) - set(stated)  # tables that an earlier version did not write
-    for key in sorted({*stated, *again} - {"characteristics", "figures_sha256", "id"} - later):
-        if canonical(_told(stated, key, exact)) != canonical(_told(again, key, exact)):
-            out.append(Difference(CERTIFICATE, f"{key} is {_shown(stated.get(key))}, computed again {_shown(again.get(key))}"))
-    if stated["id"] != identification(stated):
-        out.append(Difference(CERTIFICATE, f"id is {stated['id']}, but its content gives {identification(stated)}"))
-    if exact and not out and stated["figures_sha256"] != again["figures_sha256"]:
-        out.append(Difference(CERTIFICATE, "figures_sha256 is not that of its figures"))
-    return out, largest if math.isfinite(largest) else 0.0
-
-
-def _told(content: dict[str, Any], key: str, exact: bool) -> Any:
-    """A table of a certificate; without its last digits where another environment may change them."""
-    value = content.get(key)
-    if exact or value is None:
-        return value
-    if key == "excluded":
-        return [[e.get("kind"), e.get("name")] for e in value if isinstance(e, dict)]
-    if key == "base_from_program":
-        return [round(x, 5) if isinstance(x, float) else x for x in value]
-    if key == "attained":
-        return [[e.get("pose"), e.get("cycles")] for e in value if isinstance(e, dict)]
-    return len(value) if key == "notes" else value
-
-
-def _relative(a: Any, b: Any, size: float) -> float:
-    """Difference of two entries as a part of the figure's size; infinite where they are no numbers."""
-    if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
-        return max((_relative(a[k], b[k], size) for k in a), default=0.0)
-    if all(isinstance(x, int | float) and not isinstance(x, bool) for x in (a, b)):
-        return abs(a - b) / max(size, abs(a)) if a != b else 0.0
-    return 0.0 if a == b else math.inf
-
-
-def _shown(value: Any) -> str:
-    text = repr(value) if not isinstance(value, str) else value
-    return text if len(text) <= 80 else text[:80] + "..."
-
-
-def _keyed(figures: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    out: dict[str, dict[str, Any]] = {}
-    for figure in figures:
-        name, number = label(figure), 2
-        while name in out:
-            name, number = f"{label(figure)} ({number})", number + 1
-        out[name] = figure
-    return out
-
-
 def told(found: Verification, *, asked: bool) -> list[str]:
     """What a person is told: differences first. asked: whether the signature was held against a key."""
     out = [str(d) for d in found.differences]
+    out += found.beside
     out += [f"not compared: {text}" for text in found.skipped]
     if found.signer is not None:
         whose = (
@@ -215,11 +212,15 @@ def told(found: Verification, *, asked: bool) -> list[str]:
         out.append("not signed: who made this folder is not shown by it")
     if found.environment:
         out += [f"computed with {text}" for text in found.environment]
-        out.append(f"largest relative difference of a figure {found.largest:.2g}, allowed here {RELATIVE:g}")
+        if found.figures:
+            out.append(f"largest relative difference of a figure {found.largest:.2g}, allowed here {RELATIVE:g}")
+    digit = "to the digit" if not found.environment else f"within {RELATIVE:g}"
+    computed = f", all {found.figures} figures computed again and the same {digit}" if found.figures else ""
     if found.differences:
         number = len(found.differences)
         out.append(f"{found.certificate or 'certificate'}: {number} difference{'s' if number > 1 else ''}")
+    elif found.skipped:
+        out.append(f"{found.certificate}: every byte as sealed{computed}; {len(found.skipped)} not compared, named above")
     else:
-        digit = "to the digit" if not found.environment else f"within {RELATIVE:g}"
-        out.append(f"{found.certificate}: every byte as sealed, all {found.figures} figures computed again and the same {digit}")
+        out.append(f"{found.certificate}: every byte as sealed{computed}")
     return out

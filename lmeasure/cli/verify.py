@@ -12,7 +12,9 @@ def verify(
         Path | None, typer.Option("--public-key", metavar="FILE", help="The signature must be by the owner of this key.")
     ] = None,
 ) -> None:
-    """Look at every byte of a certificate's folder and compute every figure again; exit 1 names each difference."""
+    """Look at every byte of a certificate's folder and compute every figure again.
+
+    Exit 0: all the same; 1: every difference on a line; 3: nothing differs, but something could not be compared, named."""
     import tempfile
 
     from lmeasure.certification.bundle import opened_zip
@@ -30,5 +32,5 @@ def verify(
             with opened_zip(bundle, Path(scratch)) as folder:
                 found = stage(folder, key, PRINTERS, progress)
     typer.echo("\n".join(told(found, asked=public_key is not None)))
-    if found.differences:
-        raise typer.Exit(1)
+    if found.exit_code:
+        raise typer.Exit(found.exit_code)

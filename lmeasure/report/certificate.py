@@ -13,10 +13,12 @@ from lmeasure.certification.environment import environment
 from lmeasure.certification.evaluate import Settings
 from lmeasure.certification.measure import Inputs, Measured, measure
 from lmeasure.certification.signature import read_private_key
+from lmeasure.certification.verify import Printer
 from lmeasure.errors import CertificationError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate_html import certificate_html
 from lmeasure.report.certificate_pdf import certificate_pdf
+from lmeasure.report.readable import page_text, pdf_text, xml_text
 from lmeasure.report.words import word
 
 PDF = "certificate.pdf"
@@ -39,7 +41,7 @@ def print_xml(content: dict[str, Any], measured: Measured) -> bytes:
     return dcc_xml(content)
 
 
-PRINTERS = {PDF: print_pdf, PAGE: print_page, XML: print_xml}
+PRINTERS = {PDF: Printer(print_pdf, pdf_text), PAGE: Printer(print_page, page_text), XML: Printer(print_xml, xml_text, needed=False)}
 
 
 @dataclass(frozen=True)

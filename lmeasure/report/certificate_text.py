@@ -117,8 +117,12 @@ def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
 
 
 def verdict(language: str, figure: dict[str, Any]) -> str:
-    """Whether the instrument was good enough to say the figure."""
-    return word(language, "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable")
+    """Whether the instrument was good enough to say the figure; of a component also what it is alone, where that is another."""
+    if figure.get("excluded"):
+        return word(language, "excluded")
+    told = word(language, "capable" if figure["capable"] else "not capable")
+    alone = figure.get("capable_alone", figure["capable"])
+    return told if alone == figure["capable"] else f"{told}; {word(language, 'alone capable' if alone else 'alone not capable')}"
 
 
 def rules(certificate: dict[str, Any]) -> set[str]:

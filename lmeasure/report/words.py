@@ -72,6 +72,8 @@ WORDS: dict[str, dict[str, str]] = {
         "counted": "{figures} characteristics: {capable} capable, {not_capable} not capable, {excluded} excluded",
         "capable": "capable",
         "not capable": "not capable",
+        "alone capable": "alone capable",
+        "alone not capable": "alone not",
         "excluded": "excluded",
         "extension": "extension",
         "conforms": "conforms",
@@ -101,7 +103,8 @@ WORDS: dict[str, dict[str, str]] = {
         "cycles with a probability of 95 % (JCGM 100, JCGM 101). It covers: {covers}.",
         "uncertainty.capable": "The instrument is called capable of a figure when U95 is at most {percent} % of its magnitude. A figure marked "
         "“not capable” is printed with its U95 for information only and is no statement about the robot.",
-        "uncertainty.signed": "Signed components take the verdict of the characteristic of the vector they belong to.",
+        "uncertainty.signed": "Signed components take the verdict of the characteristic of the vector they belong to, or of a stated "
+        "tolerance; “alone” is the verdict on U95 beside the component itself, where that is another.",
         "uncertainty.simple": "Conformity is decided by simple acceptance (JCGM 106): the value decides.",
         "uncertainty.guarded": "Conformity is decided by guarded acceptance (JCGM 106): a value conforms when it lies within the tolerance by "
         "at least U95.",
@@ -230,6 +233,8 @@ WORDS: dict[str, dict[str, str]] = {
         "counted": "характеристик {figures}: пригодно {capable}, непригодно {not_capable}, исключено {excluded}",
         "capable": "пригодно",
         "not capable": "непригодно",
+        "alone capable": "сама по себе пригодно",
+        "alone not capable": "сама по себе нет",
         "excluded": "исключено",
         "extension": "дополнение",
         "conforms": "соответствует",
@@ -259,7 +264,8 @@ WORDS: dict[str, dict[str, str]] = {
         "циклов (JCGM 100, JCGM 101). Учтено: {covers}.",
         "uncertainty.capable": "Средство измерений считается пригодным для показателя, если U95 не превышает {percent} % его величины. Показатель с "
         "отметкой «непригодно» приведён вместе с U95 только для сведения и не является заключением о роботе.",
-        "uncertainty.signed": "Составляющие со знаком получают заключение характеристики вектора, к которому они относятся.",
+        "uncertainty.signed": "Составляющие со знаком получают заключение характеристики вектора, к которому они относятся, или заданного "
+        "допуска; «сама по себе» – заключение по величине самой составляющей, если оно иное.",
         "uncertainty.simple": "Соответствие определено по правилу простой приёмки (JCGM 106): решает значение.",
         "uncertainty.guarded": "Соответствие определено по правилу приёмки с защитной полосой (JCGM 106): значение соответствует, если лежит внутри "
         "допуска не ближе U95 к его границе.",

@@ -13,12 +13,13 @@ import pytest
 from campaigns import write_campaign
 
 from lmeasure.certification import Settings
+from lmeasure.certification.again import RELATIVE, compare, label
 from lmeasure.certification.bundle import MANIFEST, SIGNATURE, check_seal, found_files, new_folder, opened_zip, seal, sidecar, write_zip
 from lmeasure.certification.canonical import canonical, digest
 from lmeasure.certification.certificate import identification
-from lmeasure.certification.measure import Inputs
+from lmeasure.certification.measure import Inputs, inputs_in, measure, settings_from
 from lmeasure.certification.signature import fingerprint, new_key, read_private_key, read_public_key, signer
-from lmeasure.certification.verify import RELATIVE, compare, label, read_certificate, told, verify
+from lmeasure.certification.verify import read_certificate, told, verify
 from lmeasure.errors import CertificationError, LMeasureError
 from lmeasure.report.certificate import PRINTERS, Choices, write_certificate, zip_of
 
@@ -179,6 +180,18 @@ def resealed(folder: Path, change: dict[str, Any] | None = None) -> None:
     seal(folder, content["id"], [])
 
 
+def reprinted(folder: Path, change: dict[str, Any] | None = None) -> None:
+    """What people read, as somebody with this program and another one's libraries would print it of certificate.json; `change` is printed
+    besides and stands nowhere else."""
+    stated = json.loads((folder / "certificate.json").read_text(encoding="utf-8"))
+    measured = measure(inputs_in(folder, stated["measurement"]), settings_from(stated["settings"]))
+    for name, printer in PRINTERS.items():
+        if (folder / name).exists():
+            content = printer(stated | (change or {}), measured)
+            (folder / name).write_bytes(content + (b"<!-- -->" if name == "report.html" else b"\n"))
+    resealed(folder)
+
+
 def test_a_figure_changed_with_care_is_found_by_computing_it_again(copy: Path, key: Path) -> None:
     """Sealed anew, with digests and id to match: only the raw data and the missing signature give it away."""
     content = json.loads((copy / "certificate.json").read_text(encoding="utf-8"))
@@ -225,12 +238,13 @@ def test_another_environment_allows_the_last_digits_and_says_so(copy: Path) -> N
     figures = content["characteristics"]
     figures[0]["value"] *= 1 + 1e-9
     resealed(copy, {"characteristics": figures, "environment": content["environment"] | {"numpy": "1.0"}})
+    # printed by another version: other bytes, the same text
+    reprinted(copy)
     found = verify(copy, printers=PRINTERS)
-    assert found.differences == ()
+    assert (found.differences, found.skipped, found.exit_code) == ((), (), 0)
     assert found.environment[0].startswith("numpy 1.0, here ")
     assert 1e-10 < found.largest < 1e-8
     assert f"allowed here {RELATIVE:g}" in "\n".join(told(found, asked=False))
-    assert any("certificate.pdf" in text for text in found.skipped)
     figures[0]["value"] *= 1 + 1e-5
     resealed(copy, {"characteristics": figures})
     assert [d.what for d in verify(copy).differences] == [label(figures[0])]

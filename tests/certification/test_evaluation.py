@@ -35,6 +35,18 @@ def test_capable_and_the_verdict_of_the_vector() -> None:
     assert found["AP_y", "P1"].u95 > 0.25 * abs(found["AP_y", "P1"].value)
     assert found["AP_y", "P1"].capable
     assert found["AP_y", "P1"].note == "verdict of AP_p"
+    # and of itself it says so beside
+    assert found["AP_y", "P1"].capable_alone is False
+    assert found["AP_x", "P1"].capable_alone is True
+    assert found["AP_p", "P1"].capable_alone is None
+    assert "capable_alone" not in found["AP_p", "P1"].as_dict()
+    # nor does a tolerance make the component larger than its uncertainty
+    program["tolerance"] = [{"characteristic": "AP_y", "pose": "P1", "lower": -0.2, "upper": 0.2}]
+    held = by_name(evaluate(trajectory, Program.model_validate(program), StatedErrors(shared=shared)))["AP_y", "P1"]
+    assert (held.capable, held.capable_alone) == (True, False)
+    outside = by_name(evaluate(trajectory, model, StatedErrors(shared=shared), settings=Settings(limit_angle_deg=20.0)))["AP_x", "P1"]
+    assert outside.excluded is not None
+    assert (outside.capable, outside.capable_alone) == (False, False)
     strict = by_name(evaluate(trajectory, model, StatedErrors(shared=shared), settings=Settings(capability=0.01)))
     assert not strict["AP_p", "P1"].capable
     assert not strict["AP_y", "P1"].capable

@@ -114,12 +114,28 @@ def test_no_bare_number_and_nothing_unstated_passed_over(english: tuple[Path, di
     assert len(rows) == len(content["characteristics"])
     for row in rows:
         assert row[3].startswith("±\u00a0")  # the sign never stands alone on a line
-        assert row[6] in ("capable", "not capable", "excluded")
+        assert row[6] in ("capable", "capable; alone not", "not capable", "not capable; alone capable", "excluded")
         assert flat(f"{row[2]}{row[3]}") in flat(text)
     for key in ("customer.address", "sampling", "dates.issued", "item.model"):
         assert flat(f"{word('en', key)}not stated") in flat(text)
     for stated in ("2026-017", "Hall 3", "2026-03-02 – 2026-03-03", "R-0001", "Customer & Co", "21.5 °C", "A. Head"):
         assert flat(stated) in flat(text)
+
+
+def test_the_verdict_of_a_component_alone_stands_beside_that_of_its_vector() -> None:
+    figure: dict[str, Any] = {"name": "AP_x", "pose": "P1", "value": 0.01, "u95": 0.02, "unit": "mm", "capable": True}
+    told = {
+        ("en", True, False): "capable; alone not",
+        ("en", False, True): "not capable; alone capable",
+        ("en", True, True): "capable",
+        ("ru", True, False): "пригодно; сама по себе нет",
+        ("ru", False, False): "непригодно",
+    }
+    for (language, of_vector, alone), text in told.items():
+        assert say.verdict(language, figure | {"capable": of_vector, "capable_alone": alone}) == text
+    # certificates sealed before do not say it
+    assert say.verdict("en", figure) == "capable"
+    assert say.verdict("en", figure | {"excluded": "x", "capable": False, "capable_alone": False}) == "excluded"
 
 
 def test_hostile_texts_are_printed_as_they_are(english: tuple[Path, dict[str, Any]]) -> None:
