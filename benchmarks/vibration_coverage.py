@@ -1,0 +1,217 @@
+"""Does U95 hold where the robot vibrates while it rests, and where it turns corners without any error?
+
+python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--first 0] [--keep FILE.csv] [--table FILE.csv ...]
+
+A robot with offsets and scatter of its own rests at two poses in turn, and swings about where it rests by a sinusoid of 5 to 13 Hz of one
+amplitude in a direction that is drawn for each pose, of a phase that is drawn for each dwell or, `locked`, is the same in all. The rig is
+known exactly and its counters were set to zero exactly, so that nothing but the dwells themselves can be wrong. The truth is taken in two
+ways: where the robot rests, about which it swings, and the mean of its true motion over the window. Corners: a robot without any error
+runs a rectangle.
+Each campaign adds lines to --keep: case, seed, figure, reading, error, U95; --table prints those files.
+"""
+
+import argparse
+import csv
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from certificate_coverage import NoErrors, posed, trajectory_of
+from numpy.typing import NDArray
+
+from lmeasure.certification import Evaluation, Settings, evaluate
+from lmeasure.counts import Counts
+from lmeasure.lengths import counts_from_poses, lengths_from_counts, recorded_from_counts
+from lmeasure.program import Program
+from lmeasure.rig import Rig
+from lmeasure.run import Run
+from lmeasure.simulation import cell_rig
+from lmeasure.trajectory import Reconstruction, Trajectory
+
+FloatArray = NDArray[np.float64]
+
+START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+PLACES = {"P1": (0.0, 0.0, 0.0), "P2": (140.0, 120.0, -90.0)}
+TRIALS = 400
+FREQUENCIES_HZ = (5.0, 13.0)
+FINER = 64
+"""Times as often as it is sampled that the motion is averaged for its true mean."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """amplitude_mm of the swing, rate_hz of the samples, window_s of a dwell, cycles; locked: the same phase in every dwell."""
+
+    amplitude_mm: float
+    rate_hz: float = 250.0
+    window_s: float = 0.5
+    cycles: int = 10
+    locked: bool = False
+
+
+CASES = {
+    "still": Case(0.0),
+    "0.01 mm": Case(0.01),
+    "0.02 mm": Case(0.02),
+    "0.05 mm": Case(0.05),
+    "0.02 mm, 50 Hz": Case(0.02, rate_hz=50.0),
+    "0.02 mm, 1 kHz": Case(0.02, rate_hz=1000.0),
+    "0.02 mm, 0.15 s": Case(0.02, window_s=0.15),
+    "0.02 mm, 0.15 s, 3 cycles": Case(0.02, window_s=0.15, cycles=3),
+    "0.02 mm, 1 s": Case(0.02, window_s=1.0),
+    "0.02 mm, 30 cycles": Case(0.02, cycles=30),
+    "0.02 mm, locked": Case(0.02, locked=True),
+    "0.05 mm, 0.15 s": Case(0.05, window_s=0.15),
+}
+CORNERS = {"corners, 250 Hz": 250.0, "corners, 1 kHz": 1000.0}
+
+
+def known(seed: int) -> Rig:
+    """The rig of a campaign, with counters set to zero exactly where a rig can say so."""
+    rig = cell_rig(seed)
+    points = []
+    for point in rig.observation_point:
+        exact = {"zero_exact": True} if "zero_exact" in type(point.drum).model_fields else {}
+        points.append(point.model_copy(update={"drum": point.drum.model_copy(update=exact)}))
+    return rig.model_copy(update={"observation_point": tuple(points)})
+
+
+def measured(rig: Rig, time_s: FloatArray, poses: FloatArray) -> tuple[Run, Trajectory]:
+    """What the rig records of a motion, whole counts, and the trajectory that it makes of them."""
+    recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, START))
+    run = Run(rig, START, (Counts(time_s, tuple(c.channel for c in rig.cable), recorded, source="simulated"),))
+    solver = Reconstruction(rig, START)
+    lengths = lengths_from_counts(run)
+    return run, trajectory_of(time_s, solver.solve(solver.scheme.rows, solver.start, lengths.change_mm, lengths.flags))
+
+
+def dwells(case: Case, seed: int) -> tuple[Evaluation, dict[str, Evaluation]]:
+    """What is certified of a vibrating robot, and the same figures of its true rests and of its true means."""
+    rng = np.random.default_rng(seed)
+    rig = known(seed)
+    n = round(case.window_s * case.rate_hz) + 1
+    within = np.arange(n) / case.rate_hz
+    fine = np.linspace(0.0, within[-1], FINER * (n - 1) + 1)
+    offset, scatter = np.exp(rng.uniform(np.log([0.005, 0.002]), np.log([0.3, 0.05])))
+    swing = {}
+    for name in PLACES:
+        direction = rng.normal(size=3)
+        swing[name] = direction / np.linalg.norm(direction), rng.uniform(*FREQUENCIES_HZ), rng.uniform(0, 2 * np.pi), rng.normal(size=6)
+    now, times, rows, true, windows = 0.0, [np.zeros(1)], [START[None, :]], {"rest": [START[None]], "mean": [START[None]]}, []
+    for _ in range(case.cycles):
+        for name, place in PLACES.items():
+            direction, hz, phase, off = swing[name]
+            phase = phase if case.locked else rng.uniform(0, 2 * np.pi)
+            rest = np.array(place) + offset * off[:3] + scatter * rng.normal(size=3)
+            turn = 1e-4 * off[3:] + 1e-5 * rng.normal(size=3)
+
+            def at(t: FloatArray, hz: float = hz, phase: float = phase, direction: FloatArray = direction) -> FloatArray:
+                return case.amplitude_mm * np.sin(2 * np.pi * hz * t + phase)[:, None] * direction
+
+            now += 1.0
+            times.append(now + within)
+            windows.append((now, now + within[-1]))
+            now = windows[-1][1]
+            turns = np.tile(turn, (n, 1))
+            rows.append(posed(rest + at(within), turns))
+            true["rest"].append(posed(np.tile(rest, (n, 1)), turns))
+            true["mean"].append(posed(np.tile(rest + at(fine).mean(axis=0), (n, 1)), turns))
+    poses = [
+        {"name": name, "position_mm": place, "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "windows_s": windows[i :: len(PLACES)]}
+        for i, (name, place) in enumerate(PLACES.items())
+    ]
+    program = Program.model_validate({"schema": "lmeasure.program/1", "pose": poses})
+    time_s = np.concatenate(times)
+    run, trajectory = measured(rig, time_s, np.concatenate(rows))
+    settings = Settings(trials=TRIALS, seed=seed, limit_angle_deg=None)
+    exact = replace(settings, trials=1)
+    truth = {key: evaluate(trajectory_of(time_s, np.concatenate(r)), program, NoErrors(), settings=exact) for key, r in true.items()}
+    return evaluate(trajectory, program, run=run, settings=settings), truth
+
+
+def corners(rate_hz: float, seed: int) -> tuple[Evaluation, dict[str, Evaluation]]:
+    """What is certified of a robot that runs a rectangle without any error, and of its true path."""
+    rng = np.random.default_rng(seed)
+    rig = known(seed)
+    places = 100.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + rng.uniform(-40, 40, 3)
+    units = np.roll(places, -1, axis=0) - places
+    units /= 200.0
+    speed = rng.uniform(100.0, 200.0)
+    times, rows, windows, now = [np.zeros(1)], [START[None, :]], [], 0.0
+    for _ in range(3):
+        way = np.arange(-8.0, 808.0, speed / rate_hz) + speed / rate_hz * rng.random()
+        k = np.clip((way // 200.0).astype(int), 0, 3)
+        rows.append(posed(places[k] + (way - 200.0 * k)[:, None] * units[k], np.zeros((len(way), 3))))
+        times.append(now + 1.0 + np.arange(len(way)) / rate_hz)
+        windows.append((float(times[-1][0]), float(times[-1][-1])))
+        now = windows[-1][1]
+    path = {"name": "rectangle", "kind": "rectangular", "corners_mm": [tuple(c) for c in places.tolist()], "windows_s": windows}
+    program = Program.model_validate({"schema": "lmeasure.program/1", "path": [path]})
+    time_s, poses = np.concatenate(times), np.concatenate(rows)
+    run, trajectory = measured(rig, time_s, poses)
+    settings = Settings(trials=TRIALS, seed=seed, limit_angle_deg=None, planes=30)
+    truth = evaluate(trajectory_of(time_s, poses), program, NoErrors(), settings=replace(settings, trials=1))
+    return evaluate(trajectory, program, run=run, settings=settings), {"path": truth}
+
+
+def rows(case: str, seed: int) -> list[dict[str, object]]:
+    """The lines of a campaign."""
+    found, truths = corners(CORNERS[case], seed) if case in CORNERS else dwells(CASES[case], seed)
+    out: list[dict[str, object]] = []
+    for reading, truth in truths.items():
+        for c, t in zip(found.characteristics, truth.characteristics, strict=True):
+            if (c.name, c.where) != (t.name, t.where):
+                raise SystemExit(f"{case}, campaign {seed}: {c.name} of {c.where} is held against {t.name} of {t.where}")
+            line = {"case": case, "seed": seed, "figure": c.name, "where": c.where, "reading": reading}
+            out.append(line | {"error": c.value - t.value, "u95": c.u95})
+    return out
+
+
+SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
+    "rest": {"AP_p": ("AP_p",), "AP_x, y, z": ("AP_x", "AP_y", "AP_z"), "RP_l": ("RP_l",)},
+    "mean": {"AP_p": ("AP_p",), "AP_x, y, z": ("AP_x", "AP_y", "AP_z"), "RP_l": ("RP_l",)},
+    "path": {"CO": ("CO",), "CR": ("CR",)},
+}
+
+
+def table(data: pd.DataFrame) -> list[str]:
+    """Lines of the table of results."""
+    data = data.assign(inside=data["error"].abs() <= data["u95"] + 1e-12)
+    lines = ["| case | figure | truth | figures | inside U95 | median U95 | median error / U95 |", "|---|---|---|---|---|---|---|"]
+    for case in [*CASES, *CORNERS]:
+        for reading, figures in SHOWN.items():
+            for name, members in figures.items():
+                own = data[(data["case"] == case) & (data["reading"] == reading) & data["figure"].isin(members)]
+                if len(own):
+                    ratio, u95 = (own["error"].abs() / own["u95"]).median(), own["u95"].median()
+                    cells = (case, name, reading, len(own), f"{own['inside'].mean():.1%}", f"{u95:.5f}", f"{ratio:.2f}")
+                    lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return lines
+
+
+def main() -> None:
+    """Run campaigns, each kept as soon as it is done, or print what was kept."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", default="all", choices=["all", *CASES, *CORNERS])
+    parser.add_argument("--campaigns", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--keep", type=Path, default=Path("vibration_coverage.csv"))
+    parser.add_argument("--table", type=Path, nargs="+")
+    asked = parser.parse_args()
+    if not asked.table:
+        for seed in range(asked.first, asked.first + asked.campaigns):
+            for case in [*CASES, *CORNERS] if asked.case == "all" else [asked.case]:
+                lines = rows(case, seed)
+                new = not asked.keep.exists()
+                with asked.keep.open("a", newline="", encoding="utf-8") as file:
+                    writer = csv.DictWriter(file, list(lines[0]))
+                    if new:
+                        writer.writeheader()
+                    writer.writerows(lines)
+    data = pd.concat([pd.read_csv(p) for p in asked.table or [asked.keep]]).drop_duplicates(["case", "seed", "figure", "where", "reading"])
+    print("\n".join(table(data)))
+
+
+if __name__ == "__main__":
+    main()
