@@ -364,7 +364,7 @@ def test_a_rig_of_elsewhere_and_its_record_are_copied_beside_each_other(campaign
     rigs = tmp_path / "rigs" / "cell"
     rigs.mkdir(parents=True)
     text = (campaign / "run" / "rig.toml").read_text()
-    record = {"rig": "cell", "parameters": [], "covariance": [], "residuals": [], "equations": 0, "unknowns": 0, "rank": 0}
+    record = {"rig": "simulated cell 0", "parameters": [], "covariance": [], "residuals": [], "equations": 0, "unknowns": 0, "rank": 0}
     (tmp_path / "rigs" / "record.json").write_text(json.dumps(record))
     (rigs / "calibrated.toml").write_text('calibration = "../record.json"\n' + text)
     chosen = inputs(campaign, rig=rigs / "calibrated.toml")
