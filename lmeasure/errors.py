@@ -4,13 +4,24 @@ Every error is one line for the person at the instrument: the file, the sample, 
 command line prints it and exits with 1; a script catches `LMeasureError`.
 """
 
+LONGEST_TEXT = 1000
+
+
+def shortened(text: str) -> str:
+    """The text without its middle, where it is longer than anybody reads; its beginning names the file, its end often what to do."""
+    return text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 205]} ... {text[-200:]}"
+
 
 class LMeasureError(Exception):
     """The data cannot give the answer. The text is one line and says what to look at."""
 
     def __str__(self) -> str:
         # names of files and texts of other libraries may bring line ends along, and characters that turn the line around or hide in it
-        return "".join(c if c.isprintable() else f"\\u{{{ord(c):X}}}" for c in " ".join(super().__str__().split()))
+        return shortened("".join(c if c.isprintable() else f"\\u{{{ord(c):X}}}" for c in " ".join(super().__str__().split())))
+
+
+class OverwriteError(LMeasureError):
+    """What a command would write over is not its own: an input, a recording, another command's output, a person's file. Exit code 2."""
 
 
 class FileFormatError(LMeasureError, ValueError):
@@ -37,12 +48,20 @@ class AcquisitionError(LMeasureError, OSError):
     """A bus or a log that does not deliver what the rig says it should."""
 
 
+class RecordedError(OverwriteError, AcquisitionError):
+    """A recording is there already: it cannot be made again."""
+
+
 class AccuracyError(LMeasureError, ValueError):
     """An accuracy zone or a placement that cannot be worked out from what was asked."""
 
 
 class CertificationError(LMeasureError, ValueError):
     """A program and a trajectory from which a characteristic cannot be told."""
+
+
+class KeyKeptError(OverwriteError, CertificationError):
+    """A key is there already: what it signed could not be checked any more."""
 
 
 class RobotError(LMeasureError, ValueError):

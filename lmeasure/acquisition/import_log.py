@@ -20,7 +20,7 @@ from lmeasure.acquisition.logfiles import LogReport, identifiers_in, log_batches
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
-from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, RecordedError
 from lmeasure.rig import Rig
 from lmeasure.run import Run, write_run
 
@@ -216,12 +216,15 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
 def write_import(out: Path, imported: Imported, suffix: str = ".csv") -> None:
     """Write the run folder, with the faults of each pass beside its counts, and where they came from under `[[recording]]` in run.toml.
 
-    AcquisitionError where the folder holds a recording: an import can be made again, a recording cannot.
+    RecordedError where the folder holds a recording: an import can be made again, a recording cannot.
     """
     if (out / "run.toml").is_file():
         entries = files.read_toml(out / "run.toml").get("recording", [])
         if any("frames" in entry for entry in entries if isinstance(entry, dict)):
-            raise AcquisitionError(f"{out / 'run.toml'}: is there already; nothing is written over a recording")
+            raise RecordedError(f"{out / 'run.toml'}: is there already; nothing is written over a recording")
+    for name, content in imported.beside.items():
+        if (out / name).exists() and files.read_bytes(out / name) != content:
+            raise OverwriteError(f"{out / name}: is there already, and is not the file that the rig names; nothing is written over it")
     recording = []
     for passage, log in enumerate(imported.logs, 1):
         events = out / f"pass{passage}.events.csv"

@@ -27,7 +27,7 @@ from lmeasure.acquisition.growing_files import Appended, candump_lines, count_li
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Notice, Source
 from lmeasure.counts import Counts, read_counts, write_counts
-from lmeasure.errors import AcquisitionError, LMeasureError
+from lmeasure.errors import AcquisitionError, LMeasureError, RecordedError
 from lmeasure.rig import Rig, read_rig, write_rig
 from lmeasure.run import SCHEMA
 
@@ -169,7 +169,7 @@ class _Writer:
         self._latency: float | None = None
         self._synced = time.monotonic()
         self._before = {self.folder / name: _content(self.folder / name) for name in ("rig.toml", "run.toml", *beside)}
-        self._table = self._manifest(start, devices)
+        self._table = self._manifest(start, devices, beside)
         self.assembler.feed(no_frames())  # compiles before the first frame comes
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -186,7 +186,7 @@ class _Writer:
             self._take_back()
             there = isinstance(error, FileExistsError) and self.folder.is_dir()
             what = "is there already; nothing is written over a recording" if there else f"cannot be written: {error.strerror or error}"
-            raise AcquisitionError(f"{error.filename or folder}: {what}") from error
+            raise (RecordedError if there else AcquisitionError)(f"{error.filename or folder}: {what}") from error
         except LMeasureError:
             self._take_back()
             raise
@@ -207,7 +207,7 @@ class _Writer:
         with contextlib.suppress(OSError):
             self.folder.rmdir()
 
-    def _manifest(self, start: FloatArray | None, devices: list[dict[str, Any]]) -> dict[str, Any]:
+    def _manifest(self, start: FloatArray | None, devices: list[dict[str, Any]], beside: Mapping[str, bytes]) -> dict[str, Any]:
         path = self.folder / "run.toml"
         if self.passage > 1:
             table = files.read_toml(path)
@@ -217,8 +217,12 @@ class _Writer:
             if len(table.get("pass", [])) != self.passage - 1:
                 raise AcquisitionError(f"{path}: has {len(table.get('pass', []))} passes; pass {self.passage} cannot follow")
         else:
-            if self._before[path] is not None:
-                raise AcquisitionError(f"{path}: is there already; nothing is written over a recording")
+            for name in ("run.toml", "rig.toml", *beside):
+                there = self._before[self.folder / name]
+                if there is not None and there != beside.get(name):
+                    raise RecordedError(
+                        f"{self.folder / name}: is there already; nothing is written over a recording, and a recording over nothing"
+                    )
             table = {"schema": SCHEMA, "rig": "rig.toml"}
             if start is not None:
                 table["start"] = {"position_mm": start[:3].tolist(), "quaternion_xyzw": start[3:].tolist()}

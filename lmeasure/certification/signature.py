@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from lmeasure import files
 from lmeasure.certification.canonical import canonical
-from lmeasure.errors import CertificationError
+from lmeasure.errors import CertificationError, KeyKeptError
 
 SCHEMA = "lmeasure.signature/1"
 _RAW = serialization.Encoding.Raw, serialization.PublicFormat.Raw
@@ -22,13 +22,13 @@ _RAW = serialization.Encoding.Raw, serialization.PublicFormat.Raw
 def new_key(path: Path) -> str:
     """Write a new private key (PKCS 8, PEM, readable by its owner only) and `path` + .pub; the fingerprint of the public key.
 
-    CertificationError when either file is there already: a key that signed something must not be lost.
+    KeyKeptError when either file is there already: a key that signed something must not be lost.
     """
     path = Path(path)
     public_path = path.with_name(path.name + ".pub")
     for taken in (path, public_path):
         if taken.exists():
-            raise CertificationError(f"{taken}: exists already; a key is not written over")
+            raise KeyKeptError(f"{taken}: exists already; a key is not written over")
     key = Ed25519PrivateKey.generate()
     private = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lmeasure import files
-from lmeasure.errors import LMeasureError
+from lmeasure.errors import LMeasureError, OverwriteError
 
 SCHEMA = "lmeasure.demo/1"
 MARK = "demo.json"
@@ -16,9 +16,9 @@ def claim(out: Path) -> None:
     written = out / MARK
     try:
         if out.exists() and not out.is_dir():
-            raise LMeasureError(f"{out}: is a file; the demo needs a folder of its own")
+            raise OverwriteError(f"{out}: is a file; the demo needs a folder of its own")
         if out.is_dir() and any(out.iterdir()) and not _is_mark(written):
-            raise LMeasureError(f"{out}: holds other files and no {MARK} of an earlier demo; give --out a folder of its own")
+            raise OverwriteError(f"{out}: holds other files and no {MARK} of an earlier demo; give --out a folder of its own")
     except OSError as error:
         raise LMeasureError(f"{out}: cannot be looked into: {error.strerror or error}") from error
     mark(out, None)

@@ -4,9 +4,13 @@ Nothing heavy is imported before a command runs, so that `lmeasure --help` answe
 answer, said in one line; 2 wrong usage.
 """
 
+import errno
 import os
 import sys
-from typing import Annotated
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -20,6 +24,7 @@ from lmeasure.cli import (
     import_,
     key,
     motion,
+    outputs,
     place,
     plan_poses,
     program,
@@ -30,8 +35,10 @@ from lmeasure.cli import (
     view,
     zone,
 )
-from lmeasure.errors import LMeasureError
+from lmeasure.errors import LMeasureError, OverwriteError, shortened
 
+NO_ANSWER, WRONG_USE = 1, 2
+FULL = (errno.ENOSPC, errno.EPIPE, errno.EIO, errno.EDQUOT)
 INTERRUPTED = 130
 """Exit code of typer where Ctrl-C ended a command."""
 
@@ -61,24 +68,28 @@ def _options(
     pass
 
 
-app.command("calibrate")(calibrate.calibrate)
-app.command("reconstruct")(reconstruct.reconstruct)
-app.command("motion")(motion.motion)
-app.command("zone")(zone.zone)
-app.command("place")(place.place)
-app.command("plan-poses")(plan_poses.plan_poses)
-app.command("certify")(certify.certify)
-app.command("verify")(verify.verify)
-app.command("compare")(compare.compare)
-app.command("key")(key.key)
-app.command("simulate")(simulate.simulate)
-app.command("record")(record.record)
-app.command("check")(check.check)
-app.command("import")(import_.import_)
-app.command("view")(view.view)
-app.command("drum")(drum.drum)
-app.command("program")(program.program)
-app.command("demo")(demo.demo)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "calibrate": calibrate.calibrate,
+    "reconstruct": reconstruct.reconstruct,
+    "motion": motion.motion,
+    "zone": zone.zone,
+    "place": place.place,
+    "plan-poses": plan_poses.plan_poses,
+    "certify": certify.certify,
+    "verify": verify.verify,
+    "compare": compare.compare,
+    "key": key.key,
+    "simulate": simulate.simulate,
+    "record": record.record,
+    "check": check.check,
+    "import": import_.import_,
+    "view": view.view,
+    "drum": drum.drum,
+    "program": program.program,
+    "demo": demo.demo,
+}
+for _name, _function in COMMANDS.items():
+    app.command(_name)(_function if _name in outputs.OWN_RULE else outputs.guarded(_name, _function))
 
 
 def main() -> None:
@@ -87,13 +98,47 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
-    except LMeasureError as error:
-        print(f"lmeasure: {' '.join(str(error).split())}", file=sys.stderr)
-        raise SystemExit(1) from None
-    except MemoryError as error:
-        print(f"lmeasure: this machine's memory is not enough for what was asked: {' '.join(str(error).split())}", file=sys.stderr)
-        raise SystemExit(1) from None
     except SystemExit as end:
         if end.code == INTERRUPTED:  # typer has caught the interrupt, and says nothing
             print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr)
-        raise
+        _end(end.code)
+    except OverwriteError as error:
+        _end(WRONG_USE, str(error))
+    except LMeasureError as error:
+        _end(NO_ANSWER, str(error))
+    except MemoryError as error:
+        _end(NO_ANSWER, f"this machine's memory is not enough for what was asked: {error}")
+    except OSError as error:
+        if error.errno not in FULL or error.filename is not None:
+            _unforeseen(error)
+        _end(NO_ANSWER, f"standard output cannot be written: {error.strerror}")
+    except Exception as error:
+        _unforeseen(error)
+
+
+def _unforeseen(error: Exception) -> NoReturn:
+    """What no module foresaw, in one line; with the traceback where LMEASURE_DEBUG asks for it."""
+    if os.environ.get("LMEASURE_DEBUG"):
+        raise error
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(at.filename).name}:{at.lineno}"
+    _end(
+        NO_ANSWER,
+        f"a fault of this program, {type(error).__name__} in {place}: {shortened(str(error))}; nothing was left half-written. Please "
+        "report this line, the command and its files; with LMEASURE_DEBUG=1 set the command says more",
+    )
+
+
+def _end(code: "int | str | None", text: str = "") -> NoReturn:
+    """End with that exit code, the text on standard error, and what is still held of the output written, if it can be."""
+    if text:
+        print(f"lmeasure: {' '.join(text.split())}", file=sys.stderr)
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # the interpreter would try again at its end, and say so in its own way
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not text:
+            print(f"lmeasure: standard output cannot be written: {error.strerror}; files are whole", file=sys.stderr)
+        code = code or NO_ANSWER
+    raise SystemExit(code) from None

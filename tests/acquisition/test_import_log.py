@@ -15,7 +15,7 @@ from log_fuzz import START_POSE, counter_log, six_cables
 from lmeasure import files
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
-from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
+from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError, RecordedError
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_run
 
@@ -48,7 +48,7 @@ def test_a_recording_is_not_written_over_and_faults_of_an_earlier_import_go(tmp_
     table = files.read_toml(tmp_path / "run" / "run.toml")
     table["recording"][0]["frames"] = "pass1.log"
     files.write_toml(tmp_path / "run" / "run.toml", table)
-    with pytest.raises(AcquisitionError, match=r"run\.toml: is there already; nothing is written over a recording"):
+    with pytest.raises(RecordedError, match=r"run\.toml: is there already; nothing is written over a recording"):
         write_import(tmp_path / "run", import_logs([path], six_cables(), START_POSE))
 
 

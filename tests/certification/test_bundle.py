@@ -20,7 +20,7 @@ from lmeasure.certification.certificate import identification
 from lmeasure.certification.measure import Inputs, inputs_in, measure, settings_from
 from lmeasure.certification.signature import fingerprint, new_key, read_private_key, read_public_key, signer
 from lmeasure.certification.verify import read_certificate, told, verify
-from lmeasure.errors import CertificationError, LMeasureError
+from lmeasure.errors import CertificationError, KeyKeptError, LMeasureError
 from lmeasure.report.certificate import PRINTERS, Choices, write_certificate, zip_of
 
 CHANGES = 1000
@@ -285,7 +285,7 @@ def test_keys_are_kept_and_refused(tmp_path: Path) -> None:
     path = tmp_path / "k.pem"
     new_key(path)
     assert path.stat().st_mode & 0o077 == 0
-    with pytest.raises(CertificationError, match="exists already"):
+    with pytest.raises(KeyKeptError, match="exists already"):
         new_key(path)
     for text in ("", "nothing", path.with_name("k.pem.pub").read_text()):
         (tmp_path / "bad").write_text(text)

@@ -138,6 +138,12 @@ def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
         np.testing.assert_array_equal(shown, counts.of("ch4"))
 
 
+def test_a_demo_is_written_over_nothing_but_a_demo() -> None:
+    done = lmeasure("demo", "--out", Path(__file__).parent)
+    assert done.returncode == 2
+    assert "holds other files and no demo.json of an earlier demo" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -146,7 +152,6 @@ def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
         (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "reference_poses.csv: cannot be read: No such file or directory"),
         (("zone", "no.toml", *BOX, "--out", "OUT/zone.nc"), "no.toml: cannot be read: No such file or directory"),
         (("simulate", "no.toml", "--out", "OUT/run"), "no.toml: cannot be read: No such file or directory"),
-        (("demo", "--out", Path(__file__).parent), "holds other files and no demo.json of an earlier demo"),
         (("view", "no.rrd"), "no.rrd: cannot be read: No such file or directory"),
         (("view", __file__), "test_commands.py: is not a whole rerun recording"),
     ],
