@@ -25,6 +25,9 @@ TextArray = NDArray[np.object_]
 """(n,) texts, few of them different: millions of samples share the same strings."""
 
 
+LARGEST_TOML = 1 << 26
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """A temporary name beside `path` to write to; it becomes `path` only when the block ends without an error."""
@@ -71,7 +74,7 @@ def sha256(path: Path) -> str:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """A TOML file as a dictionary; FileFormatError names the file and the line."""
-    raw = read_bytes(path)
+    raw = read_regular(path, LARGEST_TOML)
     try:
         return tomllib.loads(raw.decode("utf-8"))
     except UnicodeDecodeError as error:

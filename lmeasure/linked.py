@@ -5,6 +5,7 @@ from pathlib import Path
 
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
 from lmeasure.errors import FileFormatError
+from lmeasure.opened import inside
 from lmeasure.rig import ObservationPoint, Rig, read_rig
 
 ROUNDING = 1e-6
@@ -17,14 +18,15 @@ _GUIDE = ("guide_alpha_deg", "guide_beta_deg")
 
 
 def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
-    """A rig and the calibration record that its `calibration` key names, which must be there and hold the values of this rig.
+    """A rig and the calibration record that its `calibration` key names, which must be there, in the rig's folder, and hold the
+    values of this rig.
 
     FileFormatError names the parameter and both values where they differ.
     """
     rig = read_rig(path)
     if rig.calibration is None:
         return rig, None
-    beside = Path(path).parent / rig.calibration
+    beside = inside(Path(path).parent, rig.calibration, f"{path}: calibration", "the rig's folder")
     record = read_calibration_record(beside)
     check_linked(rig, record, path, beside)
     return rig, record

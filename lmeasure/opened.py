@@ -1,9 +1,11 @@
 """Opening what is to be read: regular files only, and none larger than makes sense."""
 
+import hashlib
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from lmeasure.errors import FileFormatError
 
@@ -27,6 +29,23 @@ def open_regular(path: Path) -> BinaryIO:
         what = "Is a directory" if stat.S_ISDIR(mode) else "it is no regular file but a pipe or a device; copy it into a file"
         raise FileFormatError(f"{path}: cannot be read: {what}")
     return os.fdopen(number, "rb")
+
+
+def sha256_of(path: Path) -> str:
+    """Hexadecimal SHA-256 of a regular file of any size."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
+
+
+def inside(folder: Path, name: str, what: str, place: str) -> Path:
+    """The path of the name that a file states, in its folder or below; FileFormatError where it leads out of it, by links too."""
+    try:
+        stays = (folder / name).resolve().is_relative_to(folder.resolve())
+    except (ValueError, OSError, RuntimeError) as error:  # a zero byte; links that lead in a circle
+        raise FileFormatError(f"{what} = {name!r} is not the name of a file: {error}") from error
+    if not stays:
+        raise FileFormatError(f"{what} = {name!r} lies outside {place}")
+    return folder / name
 
 
 def read_regular(path: Path, most: int = LARGEST_BYTES) -> bytes:

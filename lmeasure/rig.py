@@ -8,7 +8,16 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from lmeasure import conventions, files
 from lmeasure.can_table import CAN_TABLES, CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
@@ -106,6 +115,11 @@ class Drum(CableOnDrum):
     u_scale: NotNegative | None = None
     u_tangent_length_mm: NotNegative | None = None
     u_axial_offset_mm: NotNegative | None = None
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without `braked` where it says nothing: digests of rigs, which certificates hold, stay what they were before that key was."""
+        return {key: value for key, value in handler(self).items() if key != "braked" or value}
 
     @model_validator(mode="after")
     def _groove_is_shallow(self) -> Self:

@@ -12,6 +12,7 @@ from lmeasure.calibration_record import CalibrationRecord, write_calibration_rec
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import FileFormatError, TrajectoryError
 from lmeasure.linked import read_linked_rig as read_linked_rig
+from lmeasure.opened import inside
 from lmeasure.recorded import Recorded, check_digests, recorded_in
 from lmeasure.rig import Rig, write_rig
 from lmeasure.start import StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
@@ -99,7 +100,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
         raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads {SCHEMA!r}")
     if not isinstance(data.get("rig"), str) and rig_path is None:
         raise FileFormatError(f"{path}: rig is missing; it names the rig file inside this folder")
-    rig, calibration = read_linked_rig(rig_path or _inside(folder, data["rig"], f"{path}: rig"))
+    rig, calibration = read_linked_rig(rig_path or inside(folder, data["rig"], f"{path}: rig", "the run folder"))
     passes = data.get("pass")
     if not isinstance(passes, list) or not passes or not all(isinstance(p, dict) for p in passes):
         raise FileFormatError(f"{path}: [[pass]] is missing")
@@ -113,7 +114,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
         if not isinstance(entry.get("counts"), str):
             raise FileFormatError(f"{path}: pass {number}: counts is missing")
         names.append(entry["counts"])
-        counts.append(_inside(folder, entry["counts"], f"{path}: pass {number}: counts"))
+        counts.append(inside(folder, entry["counts"], f"{path}: pass {number}: counts", "the run folder"))
     recorded = recorded_in(data, path)
     check_digests(recorded, dict(zip(names, counts, strict=True)), path)
     torn = tuple(any(r.early and r.passage == number for r in recorded) for number in range(1, len(counts) + 1))
@@ -155,13 +156,3 @@ def _temperature(data: dict[str, Any], path: Path) -> float | None:
         raise FileFormatError(f"{path}: temperature_c must be a number")
     conventions.check_temperature(value, f"{path}: temperature_c")
     return float(value)
-
-
-def _inside(folder: Path, name: str, what: str) -> Path:
-    try:
-        inside = (folder / name).resolve().is_relative_to(folder.resolve())
-    except ValueError as error:  # a zero byte
-        raise FileFormatError(f"{what} = {name!r} is not the name of a file: {error}") from error
-    if not inside:
-        raise FileFormatError(f"{what} = {name!r} lies outside the run folder")
-    return folder / name

@@ -6,19 +6,16 @@ has been changed since, is somebody's, and is not written over.
 """
 
 import contextlib
-import hashlib
 import json
 import os
 import re
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from io import BufferedReader
 from pathlib import Path
-from typing import cast
 
 from lmeasure.errors import LMeasureError, OverwriteError
-from lmeasure.opened import open_regular
+from lmeasure.opened import open_regular, sha256_of
 
 LEDGER = ".lmeasure-written.json"
 SCHEMA = "lmeasure.written/1"
@@ -80,14 +77,9 @@ def _is_own(command: str, path: Path) -> bool:
     if not isinstance(entry, dict) or entry.get("command") != command:
         return False
     try:
-        return entry.get("sha256") == _digest(path)
+        return entry.get("sha256") == sha256_of(path)
     except LMeasureError:
         return False
-
-
-def _digest(path: Path) -> str:
-    with open_regular(path) as file:
-        return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
 
 
 def _entries(folder: Path) -> dict[str, object]:
@@ -102,7 +94,7 @@ def _entries(folder: Path) -> dict[str, object]:
 
 def _enter(command: str, folder: Path, paths: list[Path]) -> None:
     entries = {name: entry for name, entry in _entries(folder).items() if (folder / name).exists()}
-    entries |= {path.name: {"command": command, "sha256": _digest(path)} for path in paths}
+    entries |= {path.name: {"command": command, "sha256": sha256_of(path)} for path in paths}
     temporary = folder / f"{LEDGER}.{os.getpid()}.part"
     try:
         temporary.write_text(json.dumps({"schema": SCHEMA, "files": entries}, indent=1, sort_keys=True) + "\n", encoding="utf-8")

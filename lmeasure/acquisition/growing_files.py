@@ -11,7 +11,7 @@ from lmeasure.acquisition.samples import Samples
 
 def candump_lines(frames: Frames) -> bytes:
     """The frames as lines of candump, which python-can and can-utils read."""
-    names = ["".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "can0" for name in frames.buses]
+    names = ["".join(c if (c.isascii() and c.isalnum()) or c in "._-" else "_" for c in name) or "can0" for name in frames.buses]
     names = [f"can{name}" if name.isdigit() else name for name in names]
     lines = []
     for t, identifier, flags, length, data, channel in each(frames):

@@ -1,6 +1,5 @@
 """From log files of CAN frames to a run: each log is one pass of the motion."""
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,6 +20,7 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError, RecordedError
+from lmeasure.opened import sha256_of
 from lmeasure.rig import Rig
 from lmeasure.run import Run, write_run
 
@@ -146,8 +146,7 @@ def _import_log(
             raise AcquisitionError(f"{log}: channel {one.channel}: not one count in frames {wanted}; identifiers in the log: {there}")
     start_s = float(assembled.counts.time_s[0])
     counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
-    with log.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = sha256_of(log)
     return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events, fields)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.frames import ERROR, Frames, TimestampSource, frames_from_messages, no_frames
 from lmeasure.acquisition.logfiles import LogReport, log_batches
+from lmeasure.acquisition.udp_group import bind_to_group, is_garbled
 from lmeasure.errors import AcquisitionError, LMeasureError
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ class BusSource:
         self._arrived: deque[_Arrival] = deque()
         self._notices: deque[Notice] = deque()
         self._lost: AcquisitionError | None = None
+        self._garbled = 0
         self._clock = SteadyClock()
         self._done = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -112,6 +114,9 @@ class BusSource:
                     self._arrived.append((message, time.monotonic(), lost))
                     lost = 0
             except (can.CanError, OSError, ValueError, TypeError) as error:
+                if is_garbled(error):
+                    self._garbled += 1
+                    continue
                 try:
                     self._reopen(error)
                 except AcquisitionError as gone:
@@ -124,6 +129,9 @@ class BusSource:
         while len(self._arrived) < MOST_AT_ONCE and time.monotonic() < end and not self._done.is_set():
             time.sleep(min(max(end - time.monotonic(), 0.0), 0.02))
         count = len(self._arrived)
+        if self._garbled:
+            garbled, self._garbled = self._garbled, 0
+            self._notices.append(Notice("unread", f"{garbled} datagram(s) to {self.name} were no frames"))
         if count == 0:
             if self._lost is not None:
                 raise self._lost
@@ -359,6 +367,8 @@ def open_source(
 
     def open_bus() -> "can.BusABC":
         opened = can.Bus(interface=interface, channel=channel, **given)
+        if interface == "udp_multicast":
+            bind_to_group(opened)
         if prepare is not None:
             try:
                 prepare(opened)

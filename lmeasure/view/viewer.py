@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 from lmeasure.errors import FileFormatError, LMeasureError
+from lmeasure.opened import open_regular
 
 # `python -m rerun_cli` would lose the exit code
 RERUN = (sys.executable, "-c", "import sys, rerun_cli.__main__ as r; sys.exit(r.main())")
@@ -17,9 +18,8 @@ def check_recording(path: Path, name: Path | None = None) -> None:
     from rerun.chunk import RrdReader
 
     name = name or path
+    open_regular(path).close()
     try:
-        with Path(path).open("rb") as file:
-            file.read(1)
         with warnings.catch_warnings():
             # a file that was cut off is only warned about
             warnings.simplefilter("error")

@@ -2,6 +2,7 @@
 
 import json
 import random
+import socket
 import struct
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 import pytest
 from can_devices import slcan_adapter
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 
 from lmeasure.acquisition.recorder import Recording, record
 from lmeasure.acquisition.session import Link, connect
+from lmeasure.acquisition.sources import BusSource, open_source
 from lmeasure.errors import LMeasureError
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import read_run
@@ -173,3 +176,38 @@ def test_a_bus_that_is_not_there_is_refused_in_one_line(bus: str, complaint: str
     with pytest.raises(LMeasureError, match=complaint) as refused:
         connect(cell_rig(0), tmp_path, bus).source.receive(0.0)
     assert "\n" not in str(refused.value)
+
+
+def test_two_groups_do_not_hear_each_other_and_a_garbled_datagram_costs_nothing() -> None:
+    """python-can binds its sockets to every address: what any socket of the machine has joined on that port would come through."""
+    groups = [a_group() for _ in range(2)]
+    groups[1]["port"] = groups[0]["port"]
+    options = [{"port": g["port"], "hop_limit": 0} for g in groups]
+    sources = [open_source(f"udp_multicast:{g['channel']}", None, o) for g, o in zip(groups, options, strict=True)]
+    opened = [s.bus for s in sources if isinstance(s, BusSource)]
+    senders = [can.Bus(interface="udp_multicast", channel=str(g["channel"]), port=g["port"], hop_limit=0) for g in groups]
+    stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+    try:
+        for i in range(20):
+            stranger.sendto(b"no frame", (groups[0]["channel"], groups[0]["port"]))
+            stranger.sendto(b"no frame", ("127.0.0.1", groups[0]["port"]))  # to the machine, not to the group
+            for j, sender in enumerate(senders):
+                sender.send(can.Message(arbitration_id=0x100 * (j + 1) + i, is_extended_id=False, data=b"\x01"))
+        found: list[list[int]] = [[], []]
+        end = time.monotonic() + 20.0
+        while min(map(len, found)) < 20 and time.monotonic() < end:
+            for source, ids in zip(sources, found, strict=True):
+                frames = source.receive(0.05)
+                assert frames is not None
+                ids += frames.identifier.tolist()
+        assert found == [[0x100 * (j + 1) + i for i in range(20)] for j in range(2)]
+        told = [sum(int(n.text.split()[0]) for n in s.notices() if n.kind == "unread") for s in sources]
+        assert told == [20, 0]
+        assert [s.bus for s in sources if isinstance(s, BusSource)] == opened  # none was opened again
+    finally:
+        stranger.close()
+        for source in sources:
+            source.close()
+        for sender in senders:
+            sender.shutdown()

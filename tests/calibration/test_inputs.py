@@ -177,7 +177,7 @@ def test_a_channel_that_never_counts_is_refused_unless_its_cable_may_have_kept_i
     with pytest.raises(CalibrationError, match="channel ch1 does not move: all its counts are zero, where the nominal rig has"):
         read_campaign(folder)
     rig = (folder / "rig.toml").read_text(encoding="utf-8")
-    (folder / "rig.toml").write_text(rig.replace("braked = false", "braked = true"), encoding="utf-8")
+    (folder / "rig.toml").write_text(rig.replace("count_sign = 1\n", "count_sign = 1\nbraked = true\n"), encoding="utf-8")
     note = "channel ch1: all its counts are zero; its cable is taken to have kept its length"
     assert note in read_campaign(folder).notes
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
