@@ -54,6 +54,17 @@ class Unobservable(_Record):
     text: str
 
 
+class Dimension(_Record):
+    """A dimension that was not solved and that the rig states to be uncertain, by prior_u: its value as the counts correct it, the standard
+    uncertainty that they leave, its covariance with the parameters (p,) and then with all dimensions (s,), in the units of the names."""
+
+    name: str
+    value: Number
+    u: Annotated[Number, Field(ge=0)]
+    prior_u: Annotated[Number, Field(ge=0)]
+    covariance: tuple[Number, ...]
+
+
 class Finding(_Record):
     """Something the reader must know; code is one of a short list, text is one line."""
 
@@ -103,6 +114,12 @@ class CalibrationRecord(_Record):
     robust: dict[str, Any] = Field(default_factory=dict)
     noise: dict[str, float] = Field(default_factory=dict)
     settings: dict[str, Any] = Field(default_factory=dict)
+    dimensions: tuple[Dimension, ...] = ()
+    """Dimensions that were not solved, and whose uncertainty is in that of the parameters."""
+    temperature_c: Number | None = None
+    """Mean temperature of the counts; None where it was not stated."""
+    taken_as_exact: tuple[dict[str, Any], ...] = ()
+    """What the rig does not state and nothing has solved, and what a usual size of it would do."""
 
     @model_validator(mode="after")
     def _are_covariances(self) -> Self:
@@ -114,7 +131,20 @@ class CalibrationRecord(_Record):
             name, times = Counter(q.name for q in self.parameters).most_common(1)[0]
             if times > 1:
                 raise ValueError(f"parameters: the name {name!r} is given {times} times")
+        for own in self.dimensions:
+            if len(own.covariance) != p + len(self.dimensions):
+                raise ValueError(f"dimensions: {own.name}: covariance: has {len(own.covariance)} numbers, not {p + len(self.dimensions)}")
+        if self.dimensions:
+            cross, own_part = self._of_dimensions()
+            joint = np.block([[self.tangent_matrix(), cross], [cross.T, own_part]])
+            _check_covariance("dimensions: covariance", tuple(map(tuple, joint.tolist())), len(joint))
         return self
+
+    def _of_dimensions(self) -> tuple[FloatArray, FloatArray]:
+        """(p, s) covariance of the parameters with the dimensions, and (s, s) of these."""
+        p = len(self.parameters)
+        rows = np.array([own.covariance for own in self.dimensions], dtype=np.float64).reshape(len(self.dimensions), -1).T
+        return rows[:p], rows[p:]
 
     def covariance_matrix(self) -> FloatArray:
         """(p, p) covariance of the parameters in their own units."""
@@ -130,13 +160,30 @@ class CalibrationRecord(_Record):
         names[j] are the record's names of cable j's parameters in the kernels' order (`kernels.cable.PARAMETERS`).
         Parameters that were not solved are taken as exact.
         """
+        select = self._selection(names)
+        return np.asarray(select @ self.tangent_matrix() @ select.T)
+
+    def dimension_columns(self, names: list[list[str]]) -> tuple[FloatArray, FloatArray]:
+        """Independent errors of the dimensions, of unit variance: (s, s) what each does to these, and (13 m, s) to the kernels' parameters,
+        named as in `cable_covariance`, whose covariance holds the squares of these columns."""
+        cross, own = self._of_dimensions()
+        width = np.sqrt(np.maximum(np.diag(own), 0.0))
+        width = np.where(width > 0.0, width, 1.0)
+        values, vectors = np.linalg.eigh(own / np.outer(width, width))
+        kept = values > 1e-12
+        root = np.where(kept, np.sqrt(np.maximum(values, 0.0)), 0.0)
+        back = np.where(kept, 1.0 / np.where(kept, root, 1.0), 0.0)
+        return width[:, None] * vectors * root, self._selection(names) @ (cross / width) @ (vectors * back)
+
+    def _selection(self, names: list[list[str]]) -> FloatArray:
+        """(13 m, p) the kernels' parameters by the record's."""
         index = {p.name: i for i, p in enumerate(self.parameters)}
         flat = [name for row in names for name in row]
         select = np.zeros((len(flat), len(self.parameters)))
         for i, name in enumerate(flat):
             if name in index:
                 select[i, index[name]] = math.radians(1.0) if name.endswith("_deg") else 1.0
-        return np.asarray(select @ self.tangent_matrix() @ select.T)
+        return select
 
 
 def _matrix(rows: tuple[tuple[float, ...], ...]) -> FloatArray:

@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
+from lmeasure.calibration_record import CalibrationRecord, Dimension, Parameter, read_calibration_record
 from lmeasure.errors import FileFormatError
 from lmeasure.opened import inside
 from lmeasure.rig import ObservationPoint, Rig, read_rig
@@ -40,7 +40,8 @@ def check_linked(rig: Rig, record: CalibrationRecord, rig_path: Path | str, reco
     """
     if record.rig != rig.name:
         raise FileFormatError(f"{record_path}: is the calibration of rig {record.rig!r}; {rig_path} is rig {rig.name!r}")
-    for p in record.parameters:
+    values: list[Parameter | Dimension] = [*record.parameters, *record.dimensions]
+    for p in values:
         owner, _, key = p.name.rpartition(".")
         found = _value(rig, owner, key)
         if isinstance(found, str):

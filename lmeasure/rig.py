@@ -113,6 +113,14 @@ class Drum(CableOnDrum):
     max_cable_acceleration_mm_s2: Positive | None = None
     """Beyond which a cable does not follow the tool: it went slack or is taut again."""
     u_scale: NotNegative | None = None
+    u_count_length_mm: NotNegative | None = None
+    u_groove_pitch_mm: NotNegative | None = None
+    u_run_out_mm: NotNegative | None = None
+    """Of each of a and b, where the cable paid out errs by a cos(2 pi k/N) + b sin(2 pi k/N): a drum out of round or off its axis."""
+    u_backlash_counts: NotNegative | None = None
+    """Of half the width of the band in which a reading lies by the way it was come from: play between drum and encoder."""
+    u_friction_counts: NotNegative | None = None
+    """The same of friction, which stretches the cable one way or the other."""
     u_tangent_length_mm: NotNegative | None = None
     u_axial_offset_mm: NotNegative | None = None
 
@@ -126,6 +134,11 @@ class Drum(CableOnDrum):
         turn = self.counts_per_revolution * self.count_length_mm
         if abs(self.groove_pitch_mm) >= turn:
             raise ValueError(f"groove_pitch_mm: must be less than the cable of one turn, {turn:g} mm")
+        if self.u_count_length_mm is not None and self.u_count_length_mm > 0.5 * self.count_length_mm:
+            raise ValueError(
+                f"u_count_length_mm: {self.u_count_length_mm:g} is more than half of count_length_mm, {self.count_length_mm:g}: "
+                "then no length is known at all"
+            )
         return self
 
     @property
@@ -146,6 +159,17 @@ class ObservationPoint(Strict):
     u_position_mm: NotNegative | None = None
     u_guide_deg: NotNegative | None = None
     u_pulley_radius_mm: NotNegative | None = None
+    u_pulley_eccentricity_mm: NotNegative | None = None
+    """Of each of two components of the way from the swivel pulley's axle to the centre of its groove."""
+
+    @model_validator(mode="after")
+    def _turns_about_an_axle(self) -> Self:
+        if self.u_pulley_eccentricity_mm and self.u_pulley_eccentricity_mm > 0.5 * self.pulley_radius_mm:
+            raise ValueError(
+                f"u_pulley_eccentricity_mm: {self.u_pulley_eccentricity_mm:g} is more than half of pulley_radius_mm, "
+                f"{self.pulley_radius_mm:g}: no pulley turns so"
+            )
+        return self
 
 
 class Cable(Strict):
@@ -177,6 +201,8 @@ class Rig(Strict):
     u_frame_expansion_per_k: NotNegative | None = None
     u_temperature_k: NotNegative | None = None
     """Standard uncertainty of a temperature: of the parts against the thermometer."""
+    u_attachment_mm: NotNegative | None = None
+    """Of each coordinate of every attachment point in the tool frame."""
     observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
     tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]

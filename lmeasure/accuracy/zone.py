@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import unsolved
 from lmeasure.accuracy.bodies import Body, body_rows
 from lmeasure.accuracy.limits import Limits, broken_limits
 from lmeasure.accuracy.refinement import refined_volume
@@ -18,7 +19,9 @@ from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run,
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.conventions import MAX_LENGTH_MM
+from lmeasure.effects import zero_at
 from lmeasure.errors import AccuracyError, GeometryError
+from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
 from lmeasure.lengths import cable_covariance, count_variance, span_lengths
 from lmeasure.rig import Rig
@@ -27,6 +30,7 @@ FloatArray = NDArray[np.float64]
 
 MAX_NODES = 100_000_000
 MAX_ORIENTATIONS = 100_000
+SAMPLED = 500  # poses of a scan at which what cannot be carried from node to node is worked out
 
 
 def axis(start: float, stop: float, step: float) -> FloatArray:
@@ -95,7 +99,8 @@ def scan_zone(
     the zone's edge (`accuracy.refinement.refined_volume`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
 
     u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from
-    independent counts of +-1/2 (variance c^2/12) and, when given, the calibration's. A length is counted from the start pose: a zone
+    independent counts of +-1/2 (variance c^2/12), what the rig states of dimensions that are not solved (`lmeasure.unsolved`) and, when
+    given, the calibration's. A length is counted from the start pose: a zone
     has no run yet, so its default is the box's centre with the mean orientation.
 
     Returns a dataset over x, y, z with `worst_pressure_angle_deg` (90 where a cable cannot run or the pose is singular),
@@ -133,7 +138,7 @@ def scan_zone(
             "schema": SCHEMA,
             "rig": rig.name,
             "node_spacing_mm": list(spacing),
-            "u95_covers": covers(calibration),
+            "u95_covers": covers(rig, calibration),
             "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
             "plan_sha256": plan.digest(),
         },
@@ -182,7 +187,7 @@ def make_plan(
         cables=rows,
         positions=positions,
         quaternions=quaternions,
-        variance=count_variance(rig),
+        variance=count_variance(rig) + drum_variance(rig, positions, rotations, start),
         scales=rig.scales(),
         factor=factor,
         start=np.asarray(start, dtype=np.float64),
@@ -192,6 +197,30 @@ def make_plan(
         order=block_order(rows, positions, quaternions),
         nodes_per_chunk=chunk_size(len(quaternions)),
     )
+
+
+def drum_variance(rig: Rig, positions: FloatArray, rotations: Rotation, start: FloatArray) -> FloatArray:
+    """(m,) variance [mm^2] of the lengths by drums and pulleys that run out and play, where the rig states them: the mean over poses of the
+    scan, as turns of drum and pulley from the start to a place in the cell are many and any."""
+    effects = unsolved.Unsolved(rig, unsolved.stated(rig, kinds=unsolved.OTHERS))
+    if not effects:
+        return np.zeros(len(rig.cable))
+    begun = span_lengths(rig, start[None, :])
+    poses = sampled(positions, rotations)
+    rows = rig.cable_rows()
+    lengths = cable_kernels.span_lengths(rows, poses)
+    runs = np.isfinite(lengths).all(axis=1)
+    counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(lengths[runs] - begun))
+    shifts = effects.shifts(rows, zero_at(start, len(rows), 0.0), poses[runs], counts)
+    # one play where it was zeroed, one at the pose
+    return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2
+
+
+def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:
+    """(n, 7) poses from all over a scan, at most `SAMPLED` of them: places at equal steps, orientations in turn."""
+    chosen = positions[:: -(-len(positions) // SAMPLED)]
+    turns = rotations.as_quat()
+    return np.ascontiguousarray(np.column_stack([chosen, turns[np.arange(len(chosen)) % len(turns)]]))
 
 
 def named_figures(figures: FloatArray, flags: NDArray[np.int64], full: bool, near: bool) -> dict[str, NDArray[Any]]:
@@ -212,14 +241,17 @@ def named_figures(figures: FloatArray, flags: NDArray[np.int64], full: bool, nea
     return out | {"clearance_mm": f["clearance"]} if near else out
 
 
-def covers(calibration: CalibrationRecord | None) -> str:
+def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
     """What the uncertainties hold, in words."""
-    if calibration is None:
+    also = [v.kind.text for v in unsolved.stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
+    stated = f"what the rig states of {', '.join(dict.fromkeys(also))}" if also else ""
+    if calibration is None and not stated:
         return "counts of +-1/2 (variance c^2/12 each) only: the rig links no calibration"
+    parts = " and ".join(part for part in (stated, "" if calibration is None else "the linked calibration's covariance") if part)
     return (
-        "counts of +-1/2 (variance c^2/12 each) and the linked calibration's covariance, of the change of each length since the counters "
+        f"counts of +-1/2 (variance c^2/12 each) and {parts}, of the change of each length since the counters "
         "were zeroed at zero_pose_xyz_mm_qxyzw"
-    )
+    ) + ("" if calibration is not None else "; the rig links no calibration")
 
 
 def _check(axes: Sequence[FloatArray]) -> None:

@@ -18,7 +18,7 @@ from lmeasure.calibration.solve import Calibration
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import cable_covariance, parameter_names
+from lmeasure.lengths import parameter_names
 from lmeasure.rig import Cable, Rig, read_rig
 
 FloatArray = NDArray[np.float64]
@@ -207,7 +207,7 @@ def _variance(rig: Rig, record: CalibrationRecord, rows: FloatArray, raw: FloatA
     kernel_rows, scales = rig.cable_rows(cables), rig.scales(cables)
     g = cable_kernels.length_gradients(kernel_rows, np.ascontiguousarray(rows), raw / scales, scales)
     g = g - g[:1]
-    covariance, width = cable_covariance(rig, record, cables), g.shape[2]
+    covariance, width = record.cable_covariance(parameter_names(rig, cables)), g.shape[2]
     blocks = np.array([covariance[j * width : (j + 1) * width, j * width : (j + 1) * width] for j in range(len(cables))])
     return np.asarray(np.maximum(np.einsum("nma,mab,nmb->nm", g, blocks, g), 0.0))
 

@@ -10,7 +10,7 @@ from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.pose_covariance import pose_covariances
-from lmeasure.lengths import cable_covariance, counts_from_poses
+from lmeasure.lengths import cable_covariance, counts_from_poses, parameter_names
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 
 FloatArray = NDArray[np.float64]
@@ -40,8 +40,9 @@ def workspace(campaign: Campaign, seed: int) -> FloatArray:
     return np.column_stack([low + unit[:, :3] * (high - low), rows[which, 3:]])
 
 
-def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int = 0) -> Prediction:
-    """Propagate the record's covariance to lengths and poses over the reference poses' workspace; counters zeroed at the zero pose."""
+def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int = 0, *, solved: bool = False) -> Prediction:
+    """Propagate the record's covariance, and that of dimensions which the rig states and nothing solved, to lengths and poses over the
+    reference poses' workspace; counters zeroed at the zero pose. solved: the covariance of the record's parameters alone."""
     rows = workspace(campaign, seed)
     cables = campaign.cables
     zero = campaign.poses.rows[campaign.zero[0]]
@@ -51,7 +52,7 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
     counts = counts_from_poses(rig, rows, zero, cables)
     start = cable_kernels.length_gradients(kernel_rows, np.array([zero]), np.zeros((1, len(cables))), scales)
     g = cable_kernels.length_gradients(kernel_rows, np.ascontiguousarray(rows), counts, scales) - start
-    covariance = cable_covariance(rig, record, cables)
+    covariance = record.cable_covariance(parameter_names(rig, cables)) if solved else cable_covariance(rig, record, cables)
     width = g.shape[2]
     u = np.empty(g.shape[:2])
     for j in range(len(cables)):

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.dimensions import Dimensions
 from lmeasure.calibration.joint_model import COMPONENTS, JointModel
 from lmeasure.calibration.prediction import Prediction
 from lmeasure.calibration.refine import Fit, Noise
@@ -13,6 +14,7 @@ from lmeasure.calibration.validation import HeldOut, Validation
 from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual, Unobservable
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.poses import POSITION_COLUMNS
+from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
 
@@ -29,9 +31,11 @@ def make_record(
     noise: Noise,
     findings: list[Finding],
     silent: list[Unobservable],
+    rig: Rig,
+    dimensions: Dimensions,
 ) -> CalibrationRecord:
     """The record of a fit; coarse solutions, ranges, predictions and settings are added by the caller that has them. campaign: with the
-    poses found, where they were unknown."""
+    poses found, where they were unknown; rig: as calibrated, with the corrections of its dimensions."""
     unknowns, own = model.rig, model.own
     u = np.sqrt(np.maximum(np.diag(where.covariance), 0.0))
     reference = {"reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2)))} if model.places_known else {}
@@ -45,6 +49,8 @@ def make_record(
         ),
         covariance=_rows(where.covariance),
         tangent_covariance=_rows(found.covariance[:own, :own]),
+        dimensions=dimensions.entries(rig),
+        temperature_c=None if campaign.temperature_c is None else float(np.mean(campaign.temperature_c[np.isfinite(campaign.counts)])),
         region={
             "probability": PROBABILITY,
             "factor": where.factor,
@@ -53,7 +59,7 @@ def make_record(
         },
         residuals=tuple(
             Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
-            for i, j, r in zip(model.pose_index, model.cable_index, found.residuals, strict=True)
+            for i, j, r in zip(model.pose_index, model.cable_index, dimensions.residuals, strict=True)
         ),
         equations=model.equations,
         unknowns=len(found.theta),
@@ -68,7 +74,7 @@ def make_record(
         noise={
             "chi_squared": found.chi2,
             "degrees_of_freedom": float(found.freedom),
-            "residual_rms_mm": float(np.sqrt(np.mean(found.residuals**2))),
+            "residual_rms_mm": float(np.sqrt(np.mean(dimensions.residuals**2))),
         }
         | reference,
     )

@@ -168,11 +168,14 @@ def measurement_covariance(model: Model, theta: FloatArray, noise: Noise) -> Flo
 
 
 def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
-    """`measurement_covariance`, and physical effects where their errors are stated, and what a robust loss takes back."""
+    """`measurement_covariance`, and physical effects and dimensions where their errors are stated, and what a robust loss takes back."""
     V = measurement_covariance(model, theta, noise)
     effects = model.effect_covariance(theta)
     if effects is not None:
         V = V + effects
+    unsolved = model.unsolved_covariance(theta)
+    if unsolved is not None:
+        V = V + unsolved
     if noise.robust_variance_mm2 is not None:
         campaign = model.campaign
         same = model.cable_index[:, None] == model.cable_index

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
+from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
 from lmeasure.calibration.joint import begun_jointly, fit_jointly, fitted_pose, linear_objective, solve_jointly
 from lmeasure.calibration.joint_model import Frame, JointModel
 from lmeasure.calibration.lp_search import Box, point_data, search_point
@@ -129,15 +130,16 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     judged = _held_out(whole, model, found, noise, kept_out, settings.seed)
     if isinstance(model, JointModel):
         campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
-    rig = rig_with(campaign, model.rig, found.theta[: model.own], "calibration.json")
+    dimensions = dimensions_of(model, found)
+    rig = with_dimensions(rig_with(campaign, model.rig, found.theta[: model.own], "calibration.json"), dimensions)
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
     silent = observability.unobservable_directions(model.rig, found.silent, sight)
-    record = make_record(campaign, model, found, where, noise, findings, silent)
+    record = make_record(campaign, model, found, where, noise, findings, silent, rig, dimensions)
     assumed = {name.split(".")[0] for name in campaign.rig.assumed}
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in begun.points if p.name in assumed]
     predicted = predict(campaign, rig, record, settings.seed)
     held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance(model).tolist()))})
-    undetermined = _underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed))
+    undetermined = _underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
     record = record.model_copy(
         update={
             "warnings": (*record.warnings, *undetermined),

@@ -12,6 +12,7 @@ from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import count_variance, parameter_names
 from lmeasure.rig import ObservationPoint, Rig, rig_from_dict
+from lmeasure.unsolved import Unsolved, stated
 
 FloatArray = NDArray[np.float64]
 
@@ -112,7 +113,8 @@ def unknowns_of(campaign: Campaign, solve: tuple[str, ...], fixed_assumed: bool 
             for axis in range(3):
                 names.append(f"tool.{name}.{'xyz'[axis]}_mm")
                 nominal.append(rig.tool[name][axis])
-                width.append((ASSUMED_WIDTH if name in assumed else DEFAULT_WIDTH)["attachment"])
+                usual = (ASSUMED_WIDTH if name in assumed else DEFAULT_WIDTH)["attachment"]
+                width.append(usual if rig.u_attachment_mm is None else max(rig.u_attachment_mm, 1e-9))
     if not names:
         raise CalibrationError("--solve: nothing is left to solve for")
     return Unknowns(tuple(names), np.array(nominal), np.array(width))
@@ -137,9 +139,11 @@ def _value(point: ObservationPoint, key: str) -> float:
 
 def _width(point: ObservationPoint, key: str, assumed: bool) -> float:
     holder = point.drum if key in _DRUM_KEYS else point
-    stated = getattr(holder, _STATED.get(key, f"u_{key}"), None)
-    if stated is not None:
-        return max(float(stated), 1e-9)
+    u = getattr(holder, _STATED.get(key, f"u_{key}"), None)
+    if u is None and key == "scale" and point.drum.u_count_length_mm is not None:
+        u = point.drum.u_count_length_mm / point.drum.count_length_mm * point.drum.scale
+    if u is not None:
+        return max(float(u), 1e-9)
     return (ASSUMED_WIDTH if assumed else DEFAULT_WIDTH)[key]
 
 
@@ -160,6 +164,7 @@ class Model:
         place = {name: i for i, name in enumerate(unknowns.names)}
         self._where = np.array([[place.get(n, -1) for n in row] for row in parameter_names(campaign.rig, campaign.cables)])
         self._effects = effects_of(campaign.rig, campaign.cables)
+        self.unsolved = Unsolved(campaign.rig, stated(campaign.rig, campaign.cables, unknowns.names), campaign.cables)
         own = self._where[self.cable_index]
         equation, parameter = np.nonzero(own >= 0)
         self._derivatives = equation, parameter, own[equation, parameter]
@@ -267,6 +272,25 @@ class Model:
         if friction is not None:
             V += np.diag(friction[at] ** 2)
         return np.asarray(V) if V.any() else None
+
+    def unsolved_shifts(self, theta: FloatArray) -> FloatArray:
+        """(e, q) how the residuals [mm] would change by one standard uncertainty of each of the `unsolved` variables but play."""
+        rows, _, counts = self.cables(theta)
+        poses, zero = self.poses(theta), self.campaign.zero
+        begun = Zero(poses[zero], counts[zero, np.arange(len(zero))], np.zeros(len(zero)))
+        return np.asarray(self.unsolved.shifts(rows, begun, poses, counts)[self.pose_index, self.cable_index])
+
+    def unsolved_covariance(self, theta: FloatArray) -> FloatArray | None:
+        """(e, e) covariance of the residuals [mm^2] from what the rig states to be uncertain and is not solved; None for nothing.
+
+        A dimension, a drum that runs out, an eccentric pulley err alike in all equations. Which way a cable was pulled to where it rests
+        nobody recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
+        """
+        if not self.unsolved:
+            return None
+        shifts, play = self.unsolved_shifts(theta), self.unsolved.play_mm[self.cable_index] ** 2
+        same = self.cable_index[:, None] == self.cable_index
+        return np.asarray(shifts @ shifts.T + np.diag(play) + np.where(same, play, 0.0))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, p) derivatives of the residuals by the unknowns, in the units of their names."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from lmeasure import files
+from lmeasure import files, unsolved
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.certification.bundle import INPUTS, safe_name
 from lmeasure.certification.canonical import digest
@@ -198,6 +198,9 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
 def _systematic(run: Run) -> str | None:
     # the start pose, clocks of passes and the temperature err anew in every run
     if run.calibration is None or any(run.u_start) or run.rig.passes > 1 or run.temperature_c is not None:
+        return None
+    # drums and pulleys stand otherwise in every run
+    if unsolved.stated(run.rig, kinds=unsolved.OTHERS):
         return None
     return digest([run.rig.model_dump(mode="json"), run.calibration.model_dump(mode="json")])
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.effects import zero_at
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
-from lmeasure.lengths import Lengths, cable_covariance, count_variance, zero_temperature
+from lmeasure.lengths import Lengths, count_variance, solved_covariance, unsolved_columns, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import at_once
@@ -24,11 +25,13 @@ from lmeasure.trajectory.corrections import Correction, correction_of
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
+from lmeasure.unsolved import OTHERS, Unsolved, last_travel, stated
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 PHYSICAL = "temperature, stretch and sag"
+DIMENSIONS = "dimensions as stated"
 CHUNK = 2048  # poses whose factors are in memory at once
 
 
@@ -39,7 +42,8 @@ class PoseCovariances:
     own (n, 6, m): the random error is own @ u, with u (m,) of unit variance for the counts of the m cables, new at every sample.
     factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent standard normal variables for the whole run, so
     that factors[i] @ factors[j].T is its covariance between the samples i and j. sources (K,): what each stands for: "calibration",
-    "start pose", "clock of pass 2", "place of pass 2", "temperature, stretch and sag".
+    "dimensions as stated", "run-out of drums", "eccentric pulleys", "play of drums", "start pose", "clock of pass 2", "place of pass 2",
+    "temperature, stretch and sag".
     """
 
     own: FloatArray
@@ -77,7 +81,10 @@ class Budget:
     ) -> None:
         self.correction = correction
         self.scheme, self.scales, self.variance = scheme, rig.scales(), count_variance(rig)
-        self.parameters = factor_of(_parameters(scheme, rig, calibration))
+        solved = factor_of(_without_point(scheme, _without_point(scheme, solved_covariance(rig, calibration)).T))
+        dimensions = _without_point(scheme, unsolved_columns(rig, calibration))
+        dimensions = dimensions[:, dimensions.any(axis=0)]
+        self.parameters = np.column_stack([solved, dimensions])
         self.start = start
         self._zero = scheme.start_of(start)
         # what a constraint holds is exact, and a point's place has a part in all
@@ -93,10 +100,16 @@ class Budget:
         self.pass_sources = tuple(f"clock of pass {p}" for p, u in enumerate(u_clock_s, 1) if u)
         if self._repeatability_mm:
             self.pass_sources += tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3))
-        own = self.parameters.shape[1], self._start_lengths.shape[1]
-        self.sources = ("calibration",) * own[0] + ("start pose",) * own[1] + self.pass_sources
-        self.sources += (PHYSICAL,) * (0 if correction is None else correction.sources)
-        self.covers = _covers(calibration is not None, bool(own[1]), bool(self.pass_sources), PHYSICAL in self.sources)
+        self.unsolved = Unsolved(rig, stated(rig, kinds=OTHERS))
+        self._begun, self._quantum = zero_at(self._zero, len(scheme.rows), 0.0), 1.0 / self.scales
+        of_drums = self.unsolved.sources + self.unsolved.play_sources
+        self.sources = ("calibration",) * solved.shape[1] + (DIMENSIONS,) * dimensions.shape[1]
+        self.sources += ("start pose",) * self._start_lengths.shape[1] + self.pass_sources
+        self.sources += (PHYSICAL,) * (0 if correction is None else correction.sources) + of_drums
+        also = ((DIMENSIONS,) if dimensions.shape[1] else ()) + tuple(dict.fromkeys(of_drums))
+        self.covers = _covers(
+            calibration is not None, also, bool(self._start_lengths.shape[1]), bool(self.pass_sources), PHYSICAL in self.sources
+        )
 
     def of(
         self,
@@ -107,10 +120,11 @@ class Budget:
         unused: IntArray | None = None,
         temperature_c: FloatArray | None = None,
         compiled: bool = True,
+        travel: FloatArray | None = None,
     ) -> PoseCovariances:
         """Covariances and factors of (n, 7) poses at true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the instants at which
         the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where it is None;
-        compiled: by the kernels, for many poses."""
+        compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
         poses = np.ascontiguousarray(poses)
         G = self._twists(poses, counts, unused, compiled)
         u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
@@ -119,7 +133,13 @@ class Budget:
             return PoseCovariances(own, np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0], ())
         parts = [self.parameter_lengths(poses, counts), np.broadcast_to(self._start_lengths, (len(poses), *self._start_lengths.shape))]
         lengths = np.concatenate(
-            [*parts, self.pass_lengths(poses, speed_mm_s), self.physical_lengths(poses, counts, temperature_c)], axis=2
+            [
+                *parts,
+                self.pass_lengths(poses, speed_mm_s),
+                self.physical_lengths(poses, counts, temperature_c),
+                self.drum_lengths(poses, counts, travel),
+            ],
+            axis=2,
         )
         # a cable without a count, or left out, has no part in the pose
         return PoseCovariances(own, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
@@ -129,8 +149,17 @@ class Budget:
         timed = lengths.u_time_s is not None or any(self._u_clock_s)
         return lengths.speed_mm_s if timed else np.broadcast_to(0.0, lengths.counts.shape)
 
+    def travel(self, lengths: Lengths, state: FloatArray | None = None) -> FloatArray | None:
+        """(n, m) which way the cables of a run travelled last, as `last_travel` has it and its state; None where nothing depends on it."""
+        return last_travel(lengths.counts, self._quantum, state) if self.unsolved.play_mm.any() else None
+
     def covariances(
-        self, poses: FloatArray, lengths: Lengths, unused: IntArray | None = None, compiled: bool = True
+        self,
+        poses: FloatArray,
+        lengths: Lengths,
+        unused: IntArray | None = None,
+        compiled: bool = True,
+        travel: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
@@ -145,6 +174,7 @@ class Budget:
                 None if unused is None else unused[part],
                 None if lengths.temperature_c is None else lengths.temperature_c[part],
                 compiled,
+                None if travel is None else travel[part],
             )
             random[part] = found.random
             systematic[part] = found.systematic if self.sources else np.where(np.isnan(random[part]), np.nan, 0.0)
@@ -186,6 +216,14 @@ class Budget:
             return np.empty((*counts.shape, 0))
         # a modelled cable that is longer has a shorter measured length to agree with
         return -self.correction.shifts(poses, counts, temperature_c)
+
+    def drum_lengths(self, poses: FloatArray, counts: FloatArray, travel: FloatArray | None) -> FloatArray:
+        """(n, m, k) errors of the lengths per variable of drums and pulleys that run out, and of play."""
+        if not self.unsolved:
+            return np.empty((*counts.shape, 0))
+        played = self.unsolved.play(np.ones(counts.shape) if travel is None else travel)
+        # a modelled cable that is longer has a shorter measured length to agree with
+        return -np.concatenate([self.unsolved.shifts(self.scheme.rows, self._begun, poses, counts), played], axis=2)
 
     def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
         if self.scheme.six:
@@ -229,7 +267,9 @@ def covariances(
         known = ~np.isnan(poses[:, 0])
         poses[known, 3:] = (0.0, 0.0, 0.0, 1.0)
     warm = None if lengths.temperature_c is None else lengths.temperature_c[chosen]
-    found = budget.of(poses, lengths.counts[chosen], speed, skew, _left_out(trajectory, lengths)[chosen], warm)
+    travel = budget.travel(lengths)
+    travel = None if travel is None else travel[chosen]
+    found = budget.of(poses, lengths.counts[chosen], speed, skew, _left_out(trajectory, lengths)[chosen], warm, travel=travel)
     return found if scheme.point is None else without_orientation(found)
 
 
@@ -256,21 +296,20 @@ def _left_out(trajectory: Trajectory, lengths: Lengths) -> IntArray:
     return out
 
 
-def _parameters(scheme: Scheme, rig: Rig, calibration: CalibrationRecord | None) -> FloatArray:
-    """(13 m, 13 m) covariance of the cables' parameters; where the point itself is measured its place in the tool frame does not enter."""
-    covariance = cable_covariance(rig, calibration)
-    if scheme.point is not None:
-        attachment = np.tile([name.startswith("attachment") for name in PARAMETERS], len(scheme.rows))
-        covariance[attachment, :] = covariance[:, attachment] = 0.0
-    return covariance
+def _without_point(scheme: Scheme, rows: FloatArray) -> FloatArray:
+    """(13 m, ...) of the cables' parameters; where the point itself is measured its place in the tool frame does not enter."""
+    if scheme.point is None:
+        return rows
+    attachment = np.tile([name.startswith("attachment") for name in PARAMETERS], len(scheme.rows))
+    return np.where(attachment[:, None], 0.0, rows)
 
 
-def _covers(calibrated: bool, start: bool, passes: bool, physical: bool) -> str:
+def _covers(calibrated: bool, also: tuple[str, ...], start: bool, passes: bool, physical: bool) -> str:
     """What the standard uncertainties hold, in words."""
-    more = [text for there, text in ((start, "the start pose"), (passes, "the passes"), (physical, PHYSICAL)) if there]
+    more = [*also, *(text for there, text in ((start, "the start pose"), (passes, "the passes"), (physical, PHYSICAL)) if there)]
     if calibrated:
         parts = ["counts of half a unit", *more, "the linked calibration"]
         return f"{', '.join(parts[:-1])} and {parts[-1]}"
     if more:
-        return f"counts of half a unit and {' and '.join(more)}: the rig links no calibration"
+        return f"{', '.join(['counts of half a unit', *more[:-1]])} and {more[-1]}: the rig links no calibration"
     return "the counts' resolution only: the rig links no calibration"

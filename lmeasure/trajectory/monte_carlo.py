@@ -44,8 +44,8 @@ def by_monte_carlo(
     """The trajectory with covariances from as many trials, each kind of error by itself.
 
     Random: every count is anywhere within half a unit of what was recorded, and its instant uncertain where that is stated. Systematic:
-    the rig's parameters are drawn from the linked calibration, the start pose and the passes' clocks and places from their uncertainties,
-    once per trial for the whole run. Poses that a trial does not find are
+    the rig's parameters are drawn from the linked calibration and what the rig states, drums and pulleys that run out, the start pose and
+    the passes' clocks and places from their uncertainties, once per trial for the whole run. Poses that a trial does not find are
     left out of its sample's covariance.
     TrajectoryError for fewer than 2 trials.
     """
@@ -60,7 +60,8 @@ def by_monte_carlo(
     # what temperature, stretch and sag have taken off the changes stays with the trials
     offset = 0.0 if reconstruction.correction is None else lengths.change_mm - changes_from_counts(rows, counts)
     physical = budget.physical_lengths(trajectory.poses, counts, lengths.temperature_c)
-    passes = np.nan_to_num(np.concatenate([budget.pass_lengths(trajectory.poses, lengths.speed_mm_s), physical], axis=2))
+    drums = budget.drum_lengths(trajectory.poses, counts, budget.travel(lengths))
+    passes = np.nan_to_num(np.concatenate([budget.pass_lengths(trajectory.poses, lengths.speed_mm_s), physical, drums], axis=2))
 
     def random_trial() -> FloatArray:
         drawn = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales

@@ -67,6 +67,7 @@ class Reconstruction:
         m = len(self.scheme.rows)
         self._state = self._new_state(self.start)
         self._many = False
+        self._travelled = np.zeros((m, 2))
         (_, _, _, status, angle, *_), _ = self._next(np.zeros((1, m)), np.zeros(1, np.int64))
         if status[0] != screw.OK:
             raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}{self._lost_at(self.start)}")
@@ -77,7 +78,8 @@ class Reconstruction:
     def _check_side(self) -> None:
         """TrajectoryError when the start, uncertain as it is, may lie beyond a singular pose: then the run may be in another assembly."""
         rows, m = self.scheme.rows, len(self.scheme.rows)
-        systematic = self.budget.of(self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False).systematic[0]
+        found = self.budget.of(self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False, travel=np.zeros((1, m)))
+        systematic = found.systematic[0]
         split = Split(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.variance))
         part = split.twist * split.metric  # of an error of the start that is this twist [mm]
         reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
@@ -107,7 +109,8 @@ class Reconstruction:
         cause = self._explained(cause, status, poses, angle, lengths.change_mm, begun)
         random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
         if covariances:
-            random, systematic = self.budget.covariances(poses, lengths, left_out, compiled)
+            travel = self.budget.travel(lengths, self._travelled)
+            random, systematic = self.budget.covariances(poses, lengths, left_out, compiled, travel)
         trajectory = Trajectory(
             lengths.time_s,
             poses,

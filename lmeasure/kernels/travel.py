@@ -1,0 +1,36 @@
+"""Which way a cable travelled last."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.kernels import kernel
+
+FloatArray = NDArray[np.float64]
+
+
+@kernel
+def last_travel(counts: FloatArray, band: FloatArray, state: FloatArray) -> FloatArray:
+    """(n, m) 1 where a count last rose, -1 where it fell, 0 where it has done neither, by more than its band (m,), for counts (n, m) with
+    NaN for gaps, in which the last way stands.
+
+    state (m, 2), zeros at the beginning, is moved on in place: the farthest count on the present way, and that way.
+    """
+    n, m = counts.shape
+    out = np.empty((n, m))
+    for j in range(m):
+        far, way = state[j, 0], state[j, 1]
+        for i in range(n):
+            k = counts[i, j]
+            if not math.isnan(k):
+                if way == 0.0:
+                    if abs(k - far) > band[j]:
+                        way, far = math.copysign(1.0, k - far), k
+                elif way * (k - far) > 0.0:
+                    far = k
+                elif way * (far - k) > band[j]:
+                    way, far = -way, k
+            out[i, j] = way
+        state[j, 0], state[j, 1] = far, way
+    return out

@@ -1,0 +1,252 @@
+"""What no calibration has solved: how uncertain a rig states its drums, pulleys and attachment points to be, and what that does to lengths.
+
+With F and D of `kernels.cable`, N counts per turn, k the true count, every error as what it adds to f = F(P) - D(k):
+
+    count length    c + dc:               -k dc
+    groove pitch    g + dg:               a(k)/h(k) k/N dg
+    attachment      P + dP in the tool:   (R^T e) . dP
+    run-out         the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more:  minus that
+    eccentricity    below
+    play            the true count is k + s w, s = 1 paying out, s = -1 winding in:  -s c w
+
+each less the same at the pose and count where the counter was zeroed. Of the play, s is that of the last travel: where a run has got
+to it is known, where the counter was zeroed it is not, and as either sign is as likely the two errors are uncorrelated, each of the
+variance of w. Play between drum and encoder and friction along the cable obey the same law: a reading stands still until the band of
+width 2 w is crossed. (While it is crossed s lies between its two values, and the last one is taken.)
+
+Swivel pulley off its axle
+--------------------------
+Cable does not slip on the pulley, so D(k) turns it by psi = D(k)/R, from u towards n (module docstring of `kernels.cable`). Its groove is a
+circle about O + x, with x = x1 (cos psi u + sin psi n) + x2 (cos psi n - sin psi u) fixed to the pulley. A tight cable pulls the pulley by
+its tension times e - u, so that by virtual work the length changes by dF = x . (u - e) to first order, second orders being x^2/R:
+
+    dF = x1 (cos psi (1 - cos phi) - sin psi sin phi) - x2 (sin psi (1 - cos phi) + cos psi sin phi)
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.effects import Zero
+from lmeasure.kernels import travel as kernels
+from lmeasure.rig import Cable, Rig
+
+FloatArray = NDArray[np.float64]
+
+EXPANSION_PER_K = 11.5e-6  # of steel
+WARMER_K = 5.0
+BAND = 2.5  # recorded counts
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of error. key: the rig's key that states it; text: what it is called; usual: a usual size, in words, and typical: in the
+    key's unit, of the value `of` where it is a share of that; parameter: what a calibration calls the same, if it can solve it."""
+
+    key: str
+    text: str
+    usual: str
+    typical: float
+    of: str | None = None
+    parameter: str | None = None
+
+
+COUNT_LENGTH = Kind("u_count_length_mm", "count length", "0.05 %", 5e-4, "count_length_mm", "scale")
+PITCH = Kind("u_groove_pitch_mm", "groove pitch", "0.01 mm", 0.01, None, "groove_pitch_mm")
+RUN_OUT = Kind("u_run_out_mm", "run-out of drums", "0.02 mm", 0.02)
+ECCENTRICITY = Kind("u_pulley_eccentricity_mm", "eccentric pulleys", "0.05 mm", 0.05)
+ATTACHMENT = Kind("u_attachment_mm", "attachment points", "0.1 mm", 0.1, None, "attachment")
+BACKLASH = Kind("u_backlash_counts", "backlash", "a band of 2 counts", 1.0)
+FRICTION = Kind("u_friction_counts", "friction", "a band of 8 counts", 4.0)
+
+PARAMETERS = (COUNT_LENGTH, PITCH, ATTACHMENT)
+"""What is a dimension of the rig, the same in every run and calibration."""
+OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION)
+"""What depends on how drum and pulley stand and which way they turned."""
+KINDS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION)
+TEMPERATURE = f"{WARMER_K:g} K, steel against what does not grow"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One independent error: its kind, the observation point or attachment point it belongs to, and its standard uncertainty in the unit
+    of the kind's key."""
+
+    kind: Kind
+    owner: str
+    u: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its components, those of a calibration's parameters where it could be one."""
+        if self.kind is ATTACHMENT:
+            return tuple(f"tool.{self.owner}.{axis}_mm" for axis in "xyz")
+        key = self.kind.key.removeprefix("u_")
+        return (f"{self.owner}.{key}",) if self.kind in (COUNT_LENGTH, PITCH) else (f"{self.owner}.{key} 1", f"{self.owner}.{key} 2")
+
+
+def stated(
+    rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[Kind, ...] = KINDS
+) -> list[Variable]:
+    """What the rig states to be uncertain; solved: names of a calibration's parameters, which are not counted again."""
+    known = set(solved)
+    given = [(kind, owner, _stated(rig, kind, owner)) for kind, owner in _places(rig, cables, kinds)]
+    return [Variable(kind, owner, u) for kind, owner, u in given if u and not _solved(kind, owner, known)]
+
+
+def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = ()) -> list[Variable]:
+    """What is taken as exact because the rig does not state it and no calibration has solved it, with usual sizes."""
+    known = set(solved)
+    out = []
+    for kind, owner in _places(rig, cables, KINDS):
+        if _stated(rig, kind, owner) is None and not _solved(kind, owner, known):
+            size = kind.typical if kind.of is None else kind.typical * float(getattr(rig.point(owner).drum, kind.of))
+            if kind is not ECCENTRICITY or rig.point(owner).pulley_radius_mm > 0.0:
+                out.append(Variable(kind, owner, size))
+    return out
+
+
+def _places(rig: Rig, cables: tuple[Cable, ...] | None, kinds: tuple[Kind, ...]) -> Iterator[tuple[Kind, str]]:
+    chosen = rig.cable if cables is None else cables
+    for kind in kinds:
+        yield from ((kind, name) for name in dict.fromkeys(c.to_point if kind is ATTACHMENT else c.from_point for c in chosen))
+
+
+def _stated(rig: Rig, kind: Kind, owner: str) -> float | None:
+    if kind is ATTACHMENT:
+        return rig.u_attachment_mm
+    point = rig.point(owner)
+    value: float | None = getattr(point if kind is ECCENTRICITY else point.drum, kind.key)
+    return value
+
+
+def _solved(kind: Kind, owner: str, known: set[str]) -> bool:
+    if kind is ATTACHMENT:
+        return f"tool.{owner}.x_mm" in known
+    return any(f"{owner}.{name}" in known for name in (kind.parameter, kind.key.removeprefix("u_")))
+
+
+class Unsolved:
+    """Errors of the lengths of m cables by what is not solved: variables that all samples share, and play."""
+
+    def __init__(self, rig: Rig, variables: Iterable[Variable], cables: tuple[Cable, ...] | None = None) -> None:
+        self._cables = rig.cable if cables is None else cables
+        chosen = list(variables)
+        self.variables = [v for v in chosen if v.kind not in (BACKLASH, FRICTION)]
+        self.names = tuple(name for v in self.variables for name in v.names)
+        self.sources = tuple(v.kind.text for v in self.variables for _ in v.names)
+        # as they obey one law they are one variable
+        squares: dict[str, float] = {}
+        for v in chosen:
+            if v.kind in (BACKLASH, FRICTION):
+                squares[v.owner] = squares.get(v.owner, 0.0) + v.u**2
+        drums = [rig.point(c.from_point).drum for c in self._cables]
+        self.play_mm = np.array(
+            [np.sqrt(squares.get(c.from_point, 0.0)) * d.count_length_mm / d.scale for c, d in zip(self._cables, drums, strict=True)]
+        )
+        """(m,) half the width of the band, one standard uncertainty of it [mm]."""
+        self._played = [point for point in dict.fromkeys(c.from_point for c in self._cables) if point in squares]
+
+    def __bool__(self) -> bool:
+        return bool(self.variables) or bool(self.play_mm.any())
+
+    def shifts(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray) -> FloatArray:
+        """(n, m, q) changes of modelled less measured changes [mm] by one standard uncertainty of each variable but play, at (n, 7) poses
+        and true counts (n, m); NaN where pose or count is NaN or a cable cannot run."""
+        out = self._at(cable_rows, poses, counts)
+        if not self.variables:
+            return out
+        m = len(cable_rows)
+        begun = self._at(cable_rows, zero.poses, np.broadcast_to(zero.counts, (m, m)))
+        return np.asarray(out - begun[np.arange(m), np.arange(m)])
+
+    def play(self, travel: FloatArray) -> FloatArray:
+        """(n, m, p) the same by play, in a run whose last travel at its samples is travel (n, m): 1 paying out, -1 winding in, 0 not yet.
+
+        A variable for each drum, and one for each cable's count where it was zeroed.
+        """
+        own = [np.array([c.from_point == point for c in self._cables]) for point in self._played]
+        along = [np.where(mask, -travel * self.play_mm, 0.0) for mask in own]
+        begun = [np.where(np.arange(len(u)) == j, (travel != 0.0) * u, 0.0) for u in [self.play_mm] for j in np.flatnonzero(u)]
+        return np.moveaxis(np.array([*along, *begun]).reshape(-1, *travel.shape), 0, 2)
+
+    @property
+    def play_sources(self) -> tuple[str, ...]:
+        """(p,) what the columns of `play` stand for."""
+        return ("play of drums",) * (len(self._played) + int(np.count_nonzero(self.play_mm)))
+
+    def _at(self, rows: FloatArray, poses: FloatArray, counts: FloatArray) -> FloatArray:
+        """(n, m, q) what each variable adds to F(P) - D(k)."""
+        out = np.zeros((*counts.shape, len(self.names)))
+        if not self.variables:
+            return out
+        turn = np.zeros((len(poses), 3, 3))
+        known = np.isfinite(poses).all(axis=1)
+        turn[~known] = np.nan
+        turn[known] = Rotation.from_quat(poses[known, 3:]).as_matrix()
+        cosine, sine, e = _leaving(rows, poses, turn)
+        column = 0
+        for v in self.variables:
+            own = [j for j, c in enumerate(self._cables) if v.owner == (c.to_point if v.kind is ATTACHMENT else c.from_point)]
+            for j in own:
+                row, k = rows[j], counts[:, j]
+                if v.kind is COUNT_LENGTH:
+                    found = -k[:, None]
+                elif v.kind is PITCH:
+                    a = row[11] + row[12] * k
+                    found = (a / np.maximum(np.hypot(row[10], a), 1e-300) * k / row[16])[:, None]
+                elif v.kind is RUN_OUT:
+                    angle = 2.0 * np.pi * k / row[16]
+                    found = -np.column_stack([np.cos(angle), np.sin(angle)])
+                elif v.kind is ECCENTRICITY:
+                    psi = paid_out(row, k) / row[6]
+                    lift = 1.0 - cosine[:, j]
+                    c, s = np.cos(psi), np.sin(psi)
+                    found = np.column_stack([c * lift - s * sine[:, j], -s * lift - c * sine[:, j]])
+                else:
+                    found = np.einsum("nij,ni->nj", turn, e[:, j])
+                out[:, j, column : column + found.shape[1]] = v.u * found
+            column += len(v.names)
+        # what a length does not depend on is no error of it, but a sample without a pose or a count has none
+        out[~known] = np.nan
+        out[~np.isfinite(counts)] = np.nan
+        return out
+
+
+def paid_out(row: FloatArray, k: FloatArray) -> FloatArray:
+    """(n,) cable [mm] past the fixed pulley when k (n,) counts are paid out, D(k) of `kernels.cable`, without compiling."""
+    return np.asarray(k * row[13] - (np.hypot(row[10], row[11] + row[12] * k) - np.hypot(row[10], row[11])))
+
+
+def _leaving(rows: FloatArray, poses: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n, m) cosine and sine of the wrapped angles and (n, m, 3) unit vectors of the free spans, as `kernels.cable.wrapped_span`, without
+    compiling; base_from_tool turns (n, 3, 3)."""
+    u, radius = rows[:, 3:6], rows[:, 6]
+    d = poses[:, None, :3] + np.einsum("nij,mj->nmi", turn, rows[:, 7:10]) - rows[:, 0:3]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        q = np.einsum("nmi,mi->nm", d, u)
+        across = d - q[:, :, None] * u
+        p = np.linalg.norm(across, axis=2)
+        x = p - radius
+        t = np.sqrt(q * q + x * x - radius * radius)
+        k = 1.0 / (q * q + x * x)
+        cosine, sine = k * (q * t - x * radius), k * (q * radius + x * t)
+        e = np.where(
+            (radius == 0.0)[:, None],
+            d / np.linalg.norm(d, axis=2)[:, :, None],
+            cosine[:, :, None] * u + (sine / p)[:, :, None] * across,
+        )
+    return cosine, sine, e
+
+
+def last_travel(counts: FloatArray, quantum: FloatArray, state: FloatArray | None = None) -> FloatArray:
+    """(n, m) which way each cable travelled last: 1 paid out, -1 wound in, 0 not yet, from true counts (n, m) since counters were zeroed.
+
+    A way back of less than `BAND` recorded counts, quantum (m,) true counts each, is not seen: a counter flickers. state (m, 2), zeros
+    where counting began, is moved on in place.
+    """
+    state = np.zeros((counts.shape[1], 2)) if state is None else state
+    return np.asarray(kernels.last_travel(np.ascontiguousarray(counts), BAND * quantum, state))
