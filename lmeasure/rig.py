@@ -106,6 +106,9 @@ class Drum(CableOnDrum):
     count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     """Decoding factor: recorded count = count_sign * scale * k."""
+    zero_exact: bool = False
+    """Whether k = 0 is exact. A counter is zeroed anywhere within a count: recorded = round(count_sign * scale * k + phase), the phase
+    uniform within half a recorded count and one draw for all rows until the counter is zeroed again."""
     counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
     braked: bool = False
     """Its winch stood still on purpose: a count that never changes is a reading, not a dead encoder."""
@@ -140,6 +143,11 @@ class Drum(CableOnDrum):
                 "then no length is known at all"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_so_by_default(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # rigs written before, and digests of them, do not have the key
+        return {key: value for key, value in handler(self).items() if key != "zero_exact" or value}
 
     @property
     def axial_per_count_mm(self) -> float:
@@ -246,7 +254,7 @@ class Rig(Strict):
     def parameter_names(self) -> list[str]:
         """Names that `assumed` may hold: `<observation point>.<key>`, drum keys included, and `<attachment point>`."""
         keys = [k for k in ObservationPoint.model_fields if k not in {"name", "drum"} and not k.startswith("u_")]
-        keys += [k for k in Drum.model_fields if not k.startswith("u_")]
+        keys += [k for k in Drum.model_fields if not k.startswith("u_") and k != "zero_exact"]
         return [f"{p.name}.{k}" for p in self.observation_point for k in keys] + list(self.tool)
 
     def point(self, name: str) -> ObservationPoint:
@@ -299,6 +307,23 @@ class Rig(Strict):
     def scales(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:
         """(m,) decoding scales of the cables' counters."""
         return np.array([self.point(c.from_point).drum.scale for c in (self.cable if cables is None else cables)])
+
+    def zeroings(self, cables: tuple[Cable, ...] | None = None) -> NDArray[np.int64]:
+        """(m,) which zeroing of a counter each cable is counted from, numbered from 0 in the order of the cables, default all.
+
+        A channel that leads the same cable, from and to, in passes that follow one another on it is taken not to be zeroed again between
+        them. To lead another it has to be taken off at the start pose, fastened there and zeroed.
+        """
+        zeroing: dict[tuple[str, int], int] = {}
+        led: dict[str, tuple[str, str, int]] = {}
+        for c in sorted(self.cable, key=lambda c: c.passage):
+            before = led.get(c.channel)
+            same = before is not None and before[:2] == (c.from_point, c.to_point)
+            led[c.channel] = c.from_point, c.to_point, before[2] if before is not None and same else c.passage
+            zeroing[c.channel, c.passage] = led[c.channel][2]
+        begun = [(c.channel, zeroing[c.channel, c.passage]) for c in (self.cable if cables is None else cables)]
+        number = {key: i for i, key in enumerate(dict.fromkeys(begun))}
+        return np.array([number[key] for key in begun], dtype=np.int64)
 
     def require_pose(self) -> None:
         """RigError unless the cables can tell a whole pose: six of them, to attachment points that do not lie on one line."""

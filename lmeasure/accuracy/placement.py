@@ -20,7 +20,7 @@ from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.errors import AccuracyError, FileFormatError
 from lmeasure.kernels import placement as kernels
 from lmeasure.kernels.zone_rows import LANES
-from lmeasure.lengths import count_variance
+from lmeasure.lengths import length_variance
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -365,5 +365,5 @@ def placement_record(placed: Placed, seed: int) -> dict[str, Any]:
         "before": placed.before,
         "after": placed.after,
         "sensitivity_deg_per_mm": placed.sensitivity,
-        "rig_sha256": digest_of({"cables": placed.rig.cable_rows(), "variance": count_variance(placed.rig)}),
+        "rig_sha256": digest_of({"cables": placed.rig.cable_rows(), "variance": length_variance(placed.rig)}),
     }

@@ -23,7 +23,7 @@ from lmeasure.effects import zero_at
 from lmeasure.errors import AccuracyError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
-from lmeasure.lengths import cable_covariance, count_variance, span_lengths
+from lmeasure.lengths import cable_covariance, length_variance, span_lengths, zeroed_exactly
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -99,8 +99,9 @@ def scan_zone(
     the zone's edge (`accuracy.refinement.refined_volume`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
 
     u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from
-    independent counts of +-1/2 (variance c^2/12), what the rig states of dimensions that are not solved (`lmeasure.unsolved`) and, when
-    given, the calibration's. A length is counted from the start pose: a zone
+    independent counts of +-1/2 (variance c^2/12), as much again for where within a count each counter was zeroed unless that is exact
+    (`zero_exact`), what the rig states of dimensions that are not solved (`lmeasure.unsolved`) and, when given, the calibration's. A length
+    is counted from the start pose: a zone
     has no run yet, so its default is the box's centre with the mean orientation.
 
     Returns a dataset over x, y, z with `worst_pressure_angle_deg` (90 where a cable cannot run or the pose is singular),
@@ -187,7 +188,7 @@ def make_plan(
         cables=rows,
         positions=positions,
         quaternions=quaternions,
-        variance=count_variance(rig) + drum_variance(rig, positions, rotations, start),
+        variance=length_variance(rig) + drum_variance(rig, positions, rotations, start),
         scales=rig.scales(),
         factor=factor,
         start=np.asarray(start, dtype=np.float64),
@@ -243,14 +244,18 @@ def named_figures(figures: FloatArray, flags: NDArray[np.int64], full: bool, nea
 
 def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
     """What the uncertainties hold, in words."""
+    exact = zeroed_exactly(rig)
+    counts = "counts of +-1/2 (variance c^2/12 each)"
+    if not exact.all():
+        which = "the zero phase" if not exact.any() else "the zero phase of those whose zero is not exact"
+        counts += f", {which} (as much again)"
     also = [v.kind.text for v in unsolved.stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
     stated = f"what the rig states of {', '.join(dict.fromkeys(also))}" if also else ""
     if calibration is None and not stated:
-        return "counts of +-1/2 (variance c^2/12 each) only: the rig links no calibration"
+        return f"{counts} only: the rig links no calibration"
     parts = " and ".join(part for part in (stated, "" if calibration is None else "the linked calibration's covariance") if part)
     return (
-        f"counts of +-1/2 (variance c^2/12 each) and {parts}, of the change of each length since the counters "
-        "were zeroed at zero_pose_xyz_mm_qxyzw"
+        f"{counts} and {parts}, of the change of each length since the counters were zeroed at zero_pose_xyz_mm_qxyzw"
     ) + ("" if calibration is not None else "; the rig links no calibration")
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.calibration_record import Input
 from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
-from lmeasure.lengths import counts_from_poses
+from lmeasure.lengths import counts_from_poses, zeroed_exactly
 from lmeasure.poses import Poses, joined, read_poses
 from lmeasure.rig import Cable, Drum, Rig, read_rig
 
@@ -43,7 +44,8 @@ class Campaign:
     dwell_variance: FloatArray | None = None
     """(n, m) variances of the means of dwells [recorded counts^2]; None where each pose was read once."""
     zero_variance: FloatArray | None = None
-    """(m,) variances of what the zero poses' readings are off, which all equations of a cable share; 0 for a counter zeroed there."""
+    """(m,) variances of what the zero poses' readings are off [recorded counts^2], which all equations of a cable share; None where each
+    was read once. See `zero_variances`."""
     reference: NDArray[np.int64] | None = None
     """(n,) the reference pose that a pose is a visit of, whose error its visits share; None where each was visited once."""
     u_visit: FloatArray | None = None
@@ -56,6 +58,31 @@ class Campaign:
     def reference_of(self) -> NDArray[np.int64]:
         """(n,) index of the reference pose of each pose, its own where it is not a later visit."""
         return np.arange(len(self.poses)) if self.reference is None else self.reference
+
+    @property
+    def zero_variances(self) -> FloatArray:
+        """(m,) variances of what the zero poses' readings are off [recorded counts^2].
+
+        A counter zeroed at its zero pose stands anywhere within its count there, unless that zero is exact, and every count since is off
+        by that phase. Of one that was not zeroed there, and shows another count than 0, the phase cancels; its reading there is rounded.
+        Either is uniform within half a count, and it is never both. Of several readings of a dwell the mean tells the phase as well as it
+        tells any length: what is left is what a mean of rounded readings is off (`calibration.dwells`).
+        """
+        if self.zero_variance is not None:
+            return self.zero_variance
+        return np.where(zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0), 0.0, 1.0 / 12.0)
+
+    @property
+    def zero_readings(self) -> NDArray[np.int64]:
+        """(m,) numbers of the errors that the cables' zero readings have: one for cables of several passes that were counted from one
+        zeroing (`Rig.zeroings`), each its own for counters that were not zeroed at their zero pose."""
+        of = self.rig.zeroings(self.cables)
+        m = len(of)
+        return np.where(self._at_zero == 0.0, of, m + np.arange(m))
+
+    @property
+    def _at_zero(self) -> FloatArray:
+        return np.asarray(self.counts[self.zero, np.arange(len(self.cables))])
 
     @property
     def used(self) -> BoolArray:
@@ -86,6 +113,24 @@ def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:
     return replace(campaign, counts=counts)
 
 
+def of_cables(campaign: Campaign, keep: list[int]) -> Campaign:
+    """The campaign with some of its cables only."""
+
+    def kept(values: Any) -> Any:
+        return None if values is None else np.ascontiguousarray(values[:, keep])
+
+    return replace(
+        campaign,
+        cables=tuple(campaign.cables[j] for j in keep),
+        counts=kept(campaign.counts),
+        zero=campaign.zero[keep],
+        temperature_c=kept(campaign.temperature_c),
+        dwell_variance=kept(campaign.dwell_variance),
+        zero_variance=None if campaign.zero_variance is None else campaign.zero_variance[keep],
+        counted=kept(campaign.counted),
+    )
+
+
 def extended(
     campaign: Campaign, more: Poses, counts: FloatArray, u_visit: FloatArray | None = None, reading: float = 1.0 / 12.0
 ) -> Campaign:
@@ -102,7 +147,7 @@ def extended(
         counts=np.vstack([campaign.counts, counts]),
         temperature_c=None,
         dwell_variance=np.vstack([before, np.full((k, m), reading)]),
-        zero_variance=np.zeros(m) if campaign.zero_variance is None else campaign.zero_variance,
+        zero_variance=campaign.zero_variances,
         reference=np.concatenate([campaign.reference_of, n + np.arange(k)]),
         u_visit=np.vstack(visits),
         counted=None,
@@ -162,7 +207,8 @@ def read_campaign(folder: Path) -> Campaign:
             variance[i, j] = mean_variance(scatter, len(values))
             dwelt = dwelt or len(values) > 1
         zero[j] = place[visit_of[rows[0]], pose_of[rows[0]]]
-        if scatter > 0.0 and len(readings.get(int(zero[j]), ())) > 1:
+        read = readings.get(int(zero[j]), np.zeros(1))
+        if not (drum.zero_exact and not read.any()) or (scatter > 0.0 and len(read) > 1):
             at_zero[j] = variance[zero[j], j]
         if not np.isfinite(counts[zero[j], j]):
             raise FileFormatError(f"{path}: line {rows[0] + 2}: channel {c.channel} has no count at its zero pose {names[rows[0]]!r}")

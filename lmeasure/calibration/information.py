@@ -1,9 +1,9 @@
 """What counts at a pose would tell: the calibration's information matrix as a sum over poses.
 
 The estimator (`refine`) weighs residuals with V = counts + pose errors, where what errs at the zero pose is shared by all equations of its
-cables: the pose, the robot's way of coming to it, the reading. With these shared errors of the cables as unknowns of their own, L eta
-with L L^T their covariance and eta's prior a unit normal, what is left of V is a block per pose, and the information of a campaign is a
-sum over its poses,
+cables: the pose, the robot's way of coming to it, where within a count the counters were zeroed. With these shared errors of the cables as
+unknowns of their own, L eta with L L^T their covariance and eta's prior a unit normal, what is left of V is a block per pose, and the
+information of a campaign is a sum over its poses,
 
     M = I + sum_c A_c^T A_c,    A_c = V_c^{-1/2} [J_c W, L],
 
@@ -22,7 +22,7 @@ from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.refine import Noise, measurement_covariance
 from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import count_variance, counts_from_poses
+from lmeasure.lengths import count_variance, counts_from_poses, phase_columns
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Cable, Rig
 
@@ -54,10 +54,12 @@ class Instrument:
         self._variance = count_variance(rig, cables)
 
     def zero(self, row: FloatArray) -> Zero:
-        """All counters zeroed at one pose (7,), known as well as any other."""
+        """All counters zeroed at one pose (7,), known as well as any other, each anywhere within a count unless its zero is exact."""
         P = cable_kernels.span_rows(self.rig.cable_rows(self.cables), row)
+        phases = phase_columns(self.rig, self.cables)
         anew = [np.where((self._passage == n)[:, None], P * self.visit, 0.0) for n in np.unique(self._passage) if self.visit.any()]
-        return Zero(row[None, :], np.zeros(len(self.cables), np.int64), np.hstack([P * self.sigma, *anew]))
+        shared = np.hstack([P * self.sigma, *anew, phases])
+        return Zero(row[None, :], np.zeros(len(self.cables), np.int64), _root(shared @ shared.T)[1])
 
     def _campaign(self, zeros: FloatArray, rows: FloatArray, of: IntArray, cables: tuple[Cable, ...]) -> Campaign:
         """What the rig would count, not rounded, at the zero poses (z, 7) and then at rows (n, 7)."""
@@ -98,7 +100,7 @@ class Instrument:
         for j, c in enumerate(self.cables):
             counted = np.isfinite(campaign.counts[:, j])
             counts[counted, j] = counts_from_poses(self.rig, rows[counted], rows[campaign.zero[j]], (c,))[:, 0]
-        return replace(campaign, rig=self.rig, cables=self.cables, counts=counts)
+        return replace(campaign, rig=self.rig, cables=self.cables, counts=counts, zero_variance=campaign.zero_variances)
 
     def recorded(self, campaign: Campaign) -> tuple[FloatArray, Zero]:
         """(p + m, p + m) information of poses already counted, without the prior, and their zero poses."""
@@ -111,14 +113,19 @@ class Instrument:
         V = measurement_covariance(model, theta, Noise.of(model.campaign.poses))
         own = model.pose_index < len(campaign.poses)
         probe = np.flatnonzero(~own)[np.argsort(model.cable_index[~own])]
-        values, vectors = np.linalg.eigh(V[np.ix_(probe, probe)])
-        scale = np.sqrt(np.maximum(values, 0.0))
-        root = vectors * scale
+        vectors, root = _root(V[np.ix_(probe, probe)])
+        scale = np.linalg.norm(root, axis=0)
         known = scale > 1e-9 * max(float(scale.max()), 1e-300)
         K = V[np.ix_(own, probe)] @ (vectors * np.where(known, 1.0 / np.where(known, scale, 1.0), 0.0))
         A = np.hstack([model.jacobian(theta)[own] * self.unknowns.width, K])
         M = A.T @ np.linalg.solve(V[np.ix_(own, own)] - K @ K.T, A)
         return np.asarray(M + M.T) / 2, Zero(campaign.poses.rows[distinct], of.astype(np.int64), root.reshape(m, m))
+
+
+def _root(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m, m) eigenvectors of a covariance (m, m), and scaled to its root: as few columns as there are cables, whatever it is made of."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors), np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def parameter_information(M: FloatArray, p: int) -> FloatArray:

@@ -11,8 +11,9 @@ whitened residuals by x. The truth is the rig at which the residuals are the noi
 it negligible beside the part in the plane, as it is here.) In a silent direction xi is the nominal value's own error, one prior standard
 uncertainty. The mean square of the second-order part is added to the linear covariance; xi and its even part do not correlate.
 
-xi itself is drawn from what the data are (JCGM 101): rounding to whole counts is uniform, and a Gaussian 95 % region would hold 97.5 % of
-three rounding errors and nearly all of six; reference poses are Gaussian; a noise level estimated from few residuals makes it Student's.
+xi itself is drawn from what the data are (JCGM 101): rounding to whole counts is uniform, as is where within a count a counter was zeroed,
+and a Gaussian 95 % region would hold 97.5 % of three rounding errors and nearly all of six; reference poses are Gaussian; a noise level
+estimated from few residuals makes it Student's.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 from lmeasure.calibration.joint import Joint
 from lmeasure.calibration.refine import Fit, Whitened
 from lmeasure.calibration.unknowns import Model
-from lmeasure.lengths import count_variance
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -107,21 +107,19 @@ def _drawn_jointly(model: Model, fit: Joint, rng: np.random.Generator) -> tuple[
 
 
 def whole_counts(model: Model) -> BoolArray:
-    """(e,) whether the recorded count behind each residual is a whole number: rounded, and not averaged or interpolated."""
-    campaign = model.campaign
-    recorded = campaign.counts * campaign.rig.scales(campaign.cables)
-    whole = np.abs(recorded - np.rint(recorded)) <= 1e-9 * np.maximum(1.0, np.abs(recorded))
-    return np.asarray(whole[model.pose_index, model.cable_index])
+    """(e,) whether the recorded count behind each residual is a whole number."""
+    return model.whole(model.pose_index, model.cable_index)
 
 
 def _noise(model: Model, fit: Fit, rng: np.random.Generator) -> FloatArray:
-    """(e, DRAWS) errors of the residuals [mm] with covariance V: uniform where counts are rounded, the rest Gaussian."""
-    campaign = model.campaign
-    rounding = np.where(whole_counts(model), count_variance(campaign.rig, campaign.cables)[model.cable_index], 0.0)
-    rounding = np.minimum(rounding, np.diag(fit.V))
-    rest = fit.V - np.diag(rounding)
+    """(e, DRAWS) errors of the residuals [mm] with covariance V: uniform where counts are rounded, and, shared by residuals, for where
+    within a count their counters were zeroed; the rest Gaussian."""
+    own, shared, uniform = model.readings
+    rounding, zeros = np.where(whole_counts(model), own, 0.0), shared[:, uniform]
+    rest = fit.V - np.diag(rounding) - zeros @ zeros.T
     out = rng.uniform(-1.0, 1.0, (len(rest), DRAWS)) * np.sqrt(3.0 * rounding)[:, None]
-    if np.any(rest):
+    out += np.sqrt(3.0) * zeros @ rng.uniform(-1.0, 1.0, (zeros.shape[1], DRAWS))
+    if np.abs(rest).max(initial=0.0) > 1e-12 * np.diag(fit.V).max(initial=0.0):
         values, vectors = np.linalg.eigh(rest)
         out += (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.normal(size=(len(rest), DRAWS))
     return np.asarray(out)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration import diagnosis, observability
-from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
+from lmeasure.calibration.campaign import Campaign, all_visits, of_cables, without_poses
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
 from lmeasure.calibration.joint import begun_jointly, fit_jointly, fitted_pose, linear_objective, solve_jointly
@@ -270,12 +270,7 @@ def _coarse_entry(point: str, channel: str, place: int, s: CoarseSolution) -> di
 
 def _of_point(campaign: Campaign, name: str) -> Campaign:
     keep = [j for j, c in enumerate(campaign.cables) if c.from_point == name]
-    return replace(
-        campaign,
-        cables=tuple(campaign.cables[j] for j in keep),
-        counts=np.ascontiguousarray(campaign.counts[:, keep]),
-        zero=campaign.zero[keep],
-    )
+    return of_cables(campaign, keep)
 
 
 def _solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise) -> _Point:

@@ -15,6 +15,8 @@ from lmeasure.rig import ObservationPoint, Rig, rig_from_dict
 from lmeasure.unsolved import Unsolved, stated
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 GROUPS = {
     "position": ("x_mm", "y_mm", "z_mm"),
@@ -236,15 +238,32 @@ class Model:
         return Zero(poses[self.campaign.zero], counts[start], warm[start]), poses, counts, warm
 
     def reading_covariance(self) -> FloatArray:
-        """(e, e) covariance of the residuals [mm^2] from reading the counters: whole counts, or means of dwells as `Campaign` has them."""
-        variance = count_variance(self.campaign.rig, self.campaign.cables)
-        if self.campaign.dwell_variance is None or self.campaign.zero_variance is None:
-            return np.diag(variance[self.cable_index])
+        """(e, e) covariance of the residuals [mm^2] from reading the counters."""
+        own, shared, _ = self.readings
+        return np.asarray(np.diag(own) + shared @ shared.T)
+
+    @property
+    def readings(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """What the residuals err by from reading the counters: whole counts, or means of dwells as `Campaign` has them.
+
+        (e,) variances [mm^2] of the readings at the poses; (e, z) the residuals' errors [mm] by one standard deviation of what each zero
+        reading is off, which residuals of a cable share; (z,) whether that is uniform: where within a whole count the counter was zeroed,
+        or stood.
+        """
+        campaign, j = self.campaign, self.cable_index
         # uniform within half a count is a twelfth
-        zero = 12.0 * variance * self.campaign.zero_variance
-        variance = 12.0 * variance * self.campaign.dwell_variance
-        same = self.cable_index[:, None] == self.cable_index
-        return np.asarray(np.diag(variance[self.pose_index, self.cable_index]) + np.where(same, zero[self.cable_index], 0.0))
+        of_count = 12.0 * count_variance(campaign.rig, campaign.cables)
+        own = of_count[j] / 12.0 if campaign.dwell_variance is None else of_count[j] * campaign.dwell_variance[self.pose_index, j]
+        u_zero, reading = np.sqrt(of_count * campaign.zero_variances), campaign.zero_readings
+        uncertain = np.unique(reading[u_zero > 0.0])
+        shared = np.where(reading[j][:, None] == uncertain, u_zero[j][:, None], 0.0)
+        whole = self.whole(campaign.zero, np.arange(len(campaign.cables)))
+        return np.asarray(own), shared, np.array([whole[reading == number].all() for number in uncertain], dtype=np.bool_)
+
+    def whole(self, poses: IntArray, cables: IntArray) -> BoolArray:
+        """Whether the recorded counts of cables at poses, index by index, are whole numbers: rounded, and not averaged or interpolated."""
+        recorded = self.campaign.counts[poses, cables] * self._scales[cables]
+        return np.asarray(np.abs(recorded - np.rint(recorded)) <= 1e-9 * np.maximum(1.0, np.abs(recorded)))
 
     def effect_covariance(self, theta: FloatArray) -> FloatArray | None:
         """(e, e) covariance of the residuals [mm^2] from what is uncertain in temperature, stretch and sag; None when nothing is.

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory, covariances
 from lmeasure.trajectory.passes import Alignment
+from lmeasure.trajectory.sources import PHASE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,7 +22,9 @@ class PoseErrors:
 
     The error is own u + local z + shared s: own (n, 6, q) with u (q,) new at every pose, local (n, 6, l) with z (l,) drawn once for each
     place of this part, shared (n, 6, K) with s (K,) drawn once for the run. place (n,): numbers of the places, from 0. All variables are
-    independent and of unit variance, s is normal; rounded: u and z are what rounding leaves, uniform, else they are normal.
+    independent and of unit variance; rounded: u and z are what rounding leaves, uniform, else they are normal. s is normal but where
+    uniform (K,) says otherwise. counted (K,): which of s are errors of the counters, drawn anew in every run, as u and z are, while the
+    others are those of the instrument. Both are False throughout by default.
     """
 
     own: FloatArray
@@ -29,11 +32,20 @@ class PoseErrors:
     place: IntArray
     shared: FloatArray
     rounded: bool = False
+    uniform: tuple[bool, ...] = ()
+    counted: tuple[bool, ...] = ()
 
     @classmethod
-    def of(cls, own: FloatArray, shared: FloatArray, rounded: bool = False) -> "PoseErrors":
+    def of(
+        cls,
+        own: FloatArray,
+        shared: FloatArray,
+        rounded: bool = False,
+        uniform: tuple[bool, ...] = (),
+        counted: tuple[bool, ...] = (),
+    ) -> "PoseErrors":
         """Errors that poses at one place have no more in common than others."""
-        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded)
+        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded, uniform, counted)
 
     def __len__(self) -> int:
         return len(self.own)
@@ -54,11 +66,18 @@ class PoseErrors:
         return replace(self, own=matrices @ self.own, local=matrices @ self.local, shared=matrices @ self.shared)
 
     def __getitem__(self, index: IntArray) -> "PoseErrors":
-        return PoseErrors(self.own[index], self.local[index], self.place[index], self.shared[index], self.rounded)
+        return replace(self, own=self.own[index], local=self.local[index], place=self.place[index], shared=self.shared[index])
 
     def drawn(self, rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
         """Draws of u or z, of any shape."""
         return np.sqrt(12.0) * (rng.random(shape) - 0.5) if self.rounded else rng.standard_normal(shape)
+
+    def drawn_common(self, rng: np.random.Generator, trials: int) -> FloatArray:
+        """(trials, K) draws of s."""
+        common = rng.standard_normal((trials, self.shared.shape[2]))
+        uniform = np.flatnonzero(self.uniform)
+        common[:, uniform] = np.sqrt(12.0) * (rng.random((trials, len(uniform))) - 0.5)
+        return common
 
     @property
     def factors(self) -> FloatArray:
@@ -69,6 +88,11 @@ class PoseErrors:
         of_places = np.zeros((n, 6, places, self.local.shape[2]))
         of_places[np.arange(n), :, self.place] = self.local
         return np.concatenate([of_places.reshape(n, 6, -1), self.shared], axis=2)
+
+    def drawn_factors(self, rng: np.random.Generator, trials: int) -> FloatArray:
+        """(trials, L) draws of the variables of `factors`."""
+        of_places = self.factors.shape[2] - self.shared.shape[2]
+        return np.hstack([self.drawn(rng, (trials, of_places)), self.drawn_common(rng, trials)])
 
 
 def roots(covariance: FloatArray) -> FloatArray:
@@ -97,7 +121,9 @@ class ErrorsOfRun:
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
-        errors = PoseErrors.of(np.nan_to_num(found.own), np.nan_to_num(found.factors), rounded=True)
+        errors = PoseErrors.of(
+            np.nan_to_num(found.own), np.nan_to_num(found.factors), True, found.uniform, tuple(s == PHASE for s in found.sources)
+        )
         sources = ["the resolution of the counts", *dict.fromkeys(found.sources)]
         missing = "" if "calibration" in sources else "; not the calibration: the rig links none"
         return errors, ", ".join(sources) + missing

@@ -267,7 +267,7 @@ def _errors_from(
         turns = Rotation.from_quat(poses[:, 3:])
         apart[:, :3] = (turns * turns.mean().inv()).as_rotvec()
     start = phases(law, apart, rng, trials)
-    common = rng.standard_normal((trials, law.factors.shape[2])) if absolute else np.empty((trials, 0))
+    common = law.drawn_factors(rng, trials) if absolute else np.empty((trials, 0))
     out = []
     for j, (stretch, (finer, points), at) in enumerate(zip(cycles, found, places, strict=True)):
         moved = stretch.moved(at)

@@ -88,10 +88,15 @@ class _Law:
     rng: np.random.Generator
 
     def draw(self, common: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Random and systematic errors (trials, n, 6) each, with the run's own draws common (trials, K)."""
+        """Errors by the counts and by the instrument (trials, n, 6) each, with the run's own draws common (trials, K)."""
         e, trials, n = self.errors, len(common), len(self.errors)
         random = np.einsum("nij,tnj->tni", e.own, e.drawn(self.rng, (trials, n, e.own.shape[2])), optimize=True)
-        systematic = (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
+        of_counts = np.flatnonzero(e.counted)
+        by_counts = np.zeros_like(common)
+        by_counts[:, of_counts] = common[:, of_counts]
+        shared = e.shared.reshape(n * 6, -1).T
+        random += (by_counts @ shared).reshape(trials, n, 6)
+        systematic = ((common - by_counts) @ shared).reshape(trials, n, 6)
         if e.local.any():
             drawn = e.drawn(self.rng, (trials, int(e.place.max()) + 1, e.local.shape[2]))
             systematic += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
@@ -113,7 +118,7 @@ def propagate(
     """The spread of each figure over as many trials; every part draws from its own stream, the run's common errors from one."""
     points = max(sum(len(p.errors) for p in parts.values()), 1)
     at_once = int(np.clip(POINTS_AT_ONCE // points, 1, trials))
-    sources = max((p.errors.shared.shape[2] for p in parts.values()), default=0)
+    widest = max((p.errors for p in parts.values()), key=lambda e: e.shared.shape[2], default=None)
     streams = np.random.default_rng(seed).spawn(len(parts) + 1)
     laws = {name: _Law(p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:], strict=True)}
     still = {name: np.zeros((len(p.errors), 6)) for name, p in parts.items()}
@@ -128,7 +133,7 @@ def propagate(
     linear = np.empty((2, len(figures), min(trials, LINEAR_TRIALS)))
     for first in range(0, trials, at_once):
         last = min(first + at_once, trials)
-        common = streams[0].standard_normal((last - first, sources))
+        common = np.empty((last - first, 0)) if widest is None else widest.drawn_common(streams[0], last - first)
         drawn = {name: law.draw(common[:, : parts[name].errors.shared.shape[2]]) for name, law in laws.items()}
         both = values({name: r + s for name, (r, s) in drawn.items()}, True)
         for i, value in enumerate(both):

@@ -62,7 +62,7 @@ def calibrated_cell(out: Path, true: Rig, rng: np.random.Generator, step: Step) 
         nominal_shift_mm=NOMINAL_SHIFT_MM,
         nominal_shift_deg=NOMINAL_SHIFT_DEG,
     )
-    campaign = replace(asked, recorded=count_at_stops(true, asked.poses, report))
+    campaign = replace(asked, recorded=count_at_stops(true, asked.poses, rng, report))
     write_campaign(out / "campaign", campaign)
 
     report = step(CALIBRATE)

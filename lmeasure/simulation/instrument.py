@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.counts import Counts
-from lmeasure.lengths import counts_from_poses, recorded_from_counts
+from lmeasure.lengths import counts_from_poses, drawn_phases, recorded_from_counts
 from lmeasure.poses import Poses, poses_from_rows
 from lmeasure.rig import Rig
 from lmeasure.run import Run
@@ -47,20 +47,21 @@ def simulate_run(
     rng: np.random.Generator,
     temperature_c: FloatArray | None = None,
 ) -> SimulatedRun:
-    """Every pass of the rig along the same motion, zeroed at its first pose.
+    """Every pass of the rig along the same motion, zeroed at its first pose, anywhere within a count unless the drum's zero is exact.
 
     noise_mm: standard deviation of each length at each sample, independent. temperature_c (n,), the first at the zero pose, has the effects
     that the rig states. GeometryError when a cable cannot run at a pose.
     """
     warm = None if temperature_c is None else float(temperature_c[0])
     start = poses[0]
-    passes = []
+    # of its own stream: what else is drawn does not depend on it
+    phase, passes = drawn_phases(rig, rng.spawn(1)[0]), []
     for number in range(1, rig.passes + 1):
         cables = rig.cables_of(number)
         true = counts_from_poses(rig, poses, start, cables, temperature_c, warm)
         length = np.array([rig.point(c.from_point).drum.count_length_mm for c in cables])
         noisy = true + rng.normal(0.0, 1.0, true.shape) * noise_mm / length if noise_mm else true
-        recorded = recorded_from_counts(rig, noisy, cables)
+        recorded = recorded_from_counts(rig, noisy, cables, phase[[c.passage == number for c in rig.cable]])
         passes.append(
             Counts(time_s, tuple(c.channel for c in cables), recorded, source=f"simulated pass {number}", temperature_c=temperature_c)
         )
@@ -108,11 +109,13 @@ def campaign_at(
     """Counts at reference poses (n, 7) whose measurement has the given standard uncertainties.
 
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
-    temperature_c (n,) at the poses has the effects that the rig states.
+    temperature_c (n,) at the poses has the effects that the rig states. The counters are zeroed at the first pose, anywhere within a count
+    unless the drum's zero is exact.
     """
     count, cables = len(poses), rig.cables_of(1)
     warm = None if temperature_c is None else float(temperature_c[0])
-    recorded = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0], cables, temperature_c, warm), cables)
+    counts = counts_from_poses(rig, poses, poses[0], cables, temperature_c, warm)
+    recorded = recorded_from_counts(rig, counts, cables, drawn_phases(rig, rng.spawn(1)[0], cables))
     rows = poses.copy()
     rows[:, :3] += u_position_mm * rng.normal(size=(count, 3))
     rows[:, 3:] = (Rotation.from_rotvec(u_rotation_rad * rng.normal(size=(count, 3))) * Rotation.from_quat(rows[:, 3:])).as_quat()

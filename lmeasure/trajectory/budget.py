@@ -1,12 +1,13 @@
 """Where the uncertainty of a pose comes from, sample by sample: what is drawn anew at every sample, and what a whole run shares.
 
 A pose errs by delta = G dl, G the inverse of its rows. Random are the lengths' own errors, independent from sample to sample. Systematic
-are a few errors that every sample of the run has in common - of the calibration, of the start pose, of a pass's clock and place - so each
-is a standard normal variable z_k and the pose errs by sum_k factor_k z_k, with factors of its own at every sample and the same z: from the
-factors the errors of differences, means and lines follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC).
+are a few errors that every sample of the run has in common - of the calibration, of where within a count the counters were zeroed, of the
+start pose, of a pass's clock and place - so each is a variable z_k of unit variance, normal or uniform, and the pose errs by
+sum_k factor_k z_k, with factors of its own at every sample and the same z: from the factors the errors of differences, means and lines
+follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). What the sources are: `trajectory.sources`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from lmeasure.effects import zero_at
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
-from lmeasure.lengths import Lengths, count_variance, solved_covariance, unsolved_columns, zero_temperature
+from lmeasure.lengths import Lengths, count_variance, length_variance, solved_covariance, unsolved_columns, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import at_once
@@ -25,11 +26,13 @@ from lmeasure.trajectory.corrections import Correction, correction_of
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
+from lmeasure.trajectory.sources import PHASE, Situation, Source, zero_phase
 from lmeasure.unsolved import OTHERS, Unsolved, last_travel, stated
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+CALIBRATION = "calibration"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
 CHUNK = 2048  # poses whose factors are in memory at once
@@ -40,15 +43,16 @@ class PoseCovariances:
     """Errors of poses, delta = (rotation [rad]; tool origin [mm]), R_true = Exp(delta_rotation) R, base axes; NaN where there is no pose.
 
     own (n, 6, m): the random error is own @ u, with u (m,) of unit variance for the counts of the m cables, new at every sample.
-    factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent standard normal variables for the whole run, so
+    factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent variables of unit variance for the whole run, so
     that factors[i] @ factors[j].T is its covariance between the samples i and j. sources (K,): what each stands for: "calibration",
-    "dimensions as stated", "run-out of drums", "eccentric pulleys", "play of drums", "start pose", "clock of pass 2", "place of pass 2",
-    "temperature, stretch and sag".
+    "dimensions as stated", "start pose", "zero phase", "clock of pass 2", "place of pass 2", "temperature, stretch and sag", "run-out of
+    drums", "eccentric pulleys", "play of drums". uniform (K,): whether the variable is uniform, or normal; none is by default.
     """
 
     own: FloatArray
     factors: FloatArray
     sources: tuple[str, ...]
+    uniform: tuple[bool, ...] = ()
 
     @property
     def random(self) -> FloatArray:
@@ -81,6 +85,8 @@ class Budget:
     ) -> None:
         self.correction = correction
         self.scheme, self.scales, self.variance = scheme, rig.scales(), count_variance(rig)
+        self.length_variance = length_variance(rig)
+        """(m,) [mm^2] of a single length, the zero phase included: what lengths are weighed and told apart by."""
         solved = factor_of(_without_point(scheme, _without_point(scheme, solved_covariance(rig, calibration)).T))
         dimensions = _without_point(scheme, unsolved_columns(rig, calibration))
         dimensions = dimensions[:, dimensions.any(axis=0)]
@@ -97,19 +103,30 @@ class Budget:
             self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(rig.cable))])
         self._passage = np.array([c.passage for c in rig.cable], dtype=np.int64)
         self._u_clock_s, self._repeatability_mm = u_clock_s, repeatability_mm if rig.passes > 1 else 0.0
-        self.pass_sources = tuple(f"clock of pass {p}" for p, u in enumerate(u_clock_s, 1) if u)
-        if self._repeatability_mm:
-            self.pass_sources += tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3))
+        clocks = tuple(f"clock of pass {p}" for p, u in enumerate(u_clock_s, 1) if u)
+        places = tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
+        physical = (PHYSICAL,) * (0 if correction is None else correction.sources)
         self.unsolved = Unsolved(rig, stated(rig, kinds=OTHERS))
         self._begun, self._quantum = zero_at(self._zero, len(scheme.rows), 0.0), 1.0 / self.scales
         of_drums = self.unsolved.sources + self.unsolved.play_sources
-        self.sources = ("calibration",) * solved.shape[1] + (DIMENSIONS,) * dimensions.shape[1]
-        self.sources += ("start pose",) * self._start_lengths.shape[1] + self.pass_sources
-        self.sources += (PHYSICAL,) * (0 if correction is None else correction.sources) + of_drums
-        also = ((DIMENSIONS,) if dimensions.shape[1] else ()) + tuple(dict.fromkeys(of_drums))
-        self.covers = _covers(
-            calibration is not None, also, bool(self._start_lengths.shape[1]), bool(self.pass_sources), PHYSICAL in self.sources
+        self._phase = zero_phase(rig)
+        parameters = (CALIBRATION,) * solved.shape[1] + (DIMENSIONS,) * dimensions.shape[1]
+        moved = (
+            Source(parameters, DIMENSIONS if dimensions.shape[1] else "", lambda at: self._parameter_lengths(at.poses, at.counts)),
+            Source(("start pose",) * self._start_lengths.shape[1], "the start pose", lambda _: self._start_lengths),
         )
+        by_length = (
+            self._phase,
+            Source((*clocks, *places), "the passes", lambda at: self._pass_lengths(at.poses, at.speed_mm_s)),
+            Source(physical, PHYSICAL, self._physical_lengths),
+            Source(of_drums, ", ".join(dict.fromkeys(of_drums)), self._drum_lengths),
+        )
+        self.by_length = tuple(source for source in by_length if source.names)
+        """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""
+        self._every = (*(source for source in moved if source.names), *self.by_length)
+        self.sources = tuple(name for source in self._every for name in source.names)
+        self.uniform = tuple(source.uniform for source in self._every for _ in source.names)
+        self.covers = _covers(calibration is not None, [source.said for source in self._every])
 
     def of(
         self,
@@ -125,24 +142,18 @@ class Budget:
         """Covariances and factors of (n, 7) poses at true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the instants at which
         the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where it is None;
         compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
-        poses = np.ascontiguousarray(poses)
-        G = self._twists(poses, counts, unused, compiled)
-        u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
-        own = G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
-        if not self.sources:
-            return PoseCovariances(own, np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0], ())
-        parts = [self.parameter_lengths(poses, counts), np.broadcast_to(self._start_lengths, (len(poses), *self._start_lengths.shape))]
-        lengths = np.concatenate(
-            [
-                *parts,
-                self.pass_lengths(poses, speed_mm_s),
-                self.physical_lengths(poses, counts, temperature_c),
-                self.drum_lengths(poses, counts, travel),
-            ],
-            axis=2,
-        )
-        # a cable without a count, or left out, has no part in the pose
-        return PoseCovariances(own, G @ np.where(np.isfinite(lengths), lengths, 0.0), self.sources)
+        G, own = self._own(poses, counts, speed_mm_s, u_time_s, unused, compiled)
+        factors = self._factors(G, Situation(poses, counts, speed_mm_s, temperature_c, travel), self._every)
+        return PoseCovariances(own, factors, self.sources, self.uniform)
+
+    def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
+        """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources."""
+        n, m = situation.counts.shape
+        every = [np.empty((n, m, 0))]
+        for source in sources:
+            lengths = source.lengths(situation)
+            every.append(np.broadcast_to(lengths, (n, *lengths.shape[-2:])))
+        return np.concatenate(every, axis=2)
 
     def speed_mm_s(self, lengths: Lengths) -> FloatArray:
         """(n, m) speeds of the cables, for `of`; zero where nothing of this run is uncertain in time, and no speed matters."""
@@ -164,20 +175,21 @@ class Budget:
         """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
         speed_mm_s = self.speed_mm_s(lengths)
+        # each counter zeroed by itself, and all anywhere: the phases scatter as the counts do, and cost nothing
+        alike = lengths.u_time_s is None and len(self._phase.names) == len(self.variance)
+        sources = tuple(source for source in self._every if not (alike and source is self._phase))
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
-            found = self.of(
-                poses[part],
-                lengths.counts[part],
-                speed_mm_s[part],
-                None if lengths.u_time_s is None else lengths.u_time_s[part],
-                None if unused is None else unused[part],
-                None if lengths.temperature_c is None else lengths.temperature_c[part],
-                compiled,
-                None if travel is None else travel[part],
-            )
-            random[part] = found.random
-            systematic[part] = found.systematic if self.sources else np.where(np.isnan(random[part]), np.nan, 0.0)
+            u_time_s = None if lengths.u_time_s is None else lengths.u_time_s[part]
+            left = None if unused is None else unused[part]
+            warm = None if lengths.temperature_c is None else lengths.temperature_c[part]
+            gone = None if travel is None else travel[part]
+            G, own = self._own(poses[part], lengths.counts[part], speed_mm_s[part], u_time_s, left, compiled)
+            random[part] = own @ np.swapaxes(own, 1, 2)
+            systematic[part] = random[part] if alike else np.where(np.isnan(random[part]), np.nan, 0.0)
+            if sources:
+                factors = self._factors(G, Situation(poses[part], lengths.counts[part], speed_mm_s[part], warm, gone), sources)
+                systematic[part] += factors @ np.swapaxes(factors, 1, 2)
         return random, systematic
 
     def drawn_start(self, generator: np.random.Generator, moved: FloatArray) -> FloatArray:
@@ -189,46 +201,62 @@ class Budget:
         turned = Rotation.from_rotvec(delta[:3]) * Rotation.from_quat(self.start[3:])
         return self.scheme.start_of(np.concatenate([self.start[:3] + delta[3:], turned.as_quat()]))
 
-    def parameter_lengths(self, poses: FloatArray, counts: FloatArray) -> FloatArray:
+    def _own(
+        self,
+        poses: FloatArray,
+        counts: FloatArray,
+        speed_mm_s: FloatArray,
+        u_time_s: FloatArray | None,
+        unused: IntArray | None,
+        compiled: bool,
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, 6, m) each: twists per unit of each length, and the random errors as `PoseCovariances.own` has them."""
+        G = self._twists(np.ascontiguousarray(poses), counts, unused, compiled)
+        u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
+        return G, G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
+
+    def _factors(self, G: FloatArray, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
+        """(n, 6, K) errors of poses whose twists per unit of each length are G (n, 6, m), by the variables of these sources."""
+        if not sources:
+            return np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0]
+        lengths = self.lengths_of(situation, sources)
+        # a cable without a count, or left out, has no part in the pose
+        return np.asarray(G @ np.where(np.isfinite(lengths), lengths, 0.0))
+
+    def _parameter_lengths(self, poses: FloatArray, counts: FloatArray) -> FloatArray:
         """(n, m, r) errors of the lengths per calibration variable. A parameter acts at the pose and at the zero pose, where counting
         began."""
         rows, m = self.scheme.rows, len(self.scheme.rows)
         factor = self.parameters.reshape(m, len(PARAMETERS), -1)
-        if factor.shape[2] == 0:
-            return np.empty((len(poses), m, 0))
         gradients = length_gradients(rows, poses, counts, self.scales)
         if self._u_length is None:
             gradients -= length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)
         return -np.swapaxes(np.swapaxes(gradients, 0, 1) @ factor, 0, 1)
 
-    def pass_lengths(self, poses: FloatArray, speed_mm_s: FloatArray) -> FloatArray:
-        """(n, m, k) errors of the lengths per `pass_sources`: the cables of a pass are late together and displaced together."""
-        n, m = speed_mm_s.shape
+    def _pass_lengths(self, poses: FloatArray, speed_mm_s: FloatArray) -> FloatArray:
+        """(n, m, k) errors of the lengths by the passes' clocks and places: the cables of a pass are late and displaced together."""
         columns = [np.where(self._passage == p, speed_mm_s * u, 0.0)[:, :, None] for p, u in enumerate(self._u_clock_s, 1) if u]
         if self._repeatability_mm:
             shifts = span_rows_of(self.scheme.rows, np.ascontiguousarray(poses))[:, :, 3:] * self._repeatability_mm
             columns += [np.where((self._passage == p)[:, None], shifts, 0.0) for p in range(1, self._passage.max() + 1)]
-        return np.concatenate(columns, axis=2) if columns else np.empty((n, m, 0))
+        return np.concatenate(columns, axis=2)
 
-    def physical_lengths(self, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray | None) -> FloatArray:
+    def _physical_lengths(self, at: Situation) -> FloatArray:
         """(n, m, q) errors of the lengths per variable of temperature, stretch and sag."""
-        if self.correction is None or not self.correction.sources:
-            return np.empty((*counts.shape, 0))
+        assert self.correction is not None
         # a modelled cable that is longer has a shorter measured length to agree with
-        return -self.correction.shifts(poses, counts, temperature_c)
+        return -self.correction.shifts(at.poses, at.counts, at.temperature_c)
 
-    def drum_lengths(self, poses: FloatArray, counts: FloatArray, travel: FloatArray | None) -> FloatArray:
+    def _drum_lengths(self, at: Situation) -> FloatArray:
         """(n, m, k) errors of the lengths per variable of drums and pulleys that run out, and of play."""
-        if not self.unsolved:
-            return np.empty((*counts.shape, 0))
-        played = self.unsolved.play(np.ones(counts.shape) if travel is None else travel)
+        played = self.unsolved.play(np.ones(at.counts.shape) if at.travel is None else at.travel)
         # a modelled cable that is longer has a shorter measured length to agree with
-        return -np.concatenate([self.unsolved.shifts(self.scheme.rows, self._begun, poses, counts), played], axis=2)
+        return -np.concatenate([self.unsolved.shifts(self.scheme.rows, self._begun, at.poses, at.counts), played], axis=2)
 
     def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
         if self.scheme.six:
             return np.asarray((pose_covariance if compiled else at_once).twists(self.scheme.rows, poses))
-        weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.variance.min() / self.variance))
+        weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.length_variance.min() / self.length_variance))
         if unused is not None:
             left = np.flatnonzero(unused >= 0)
             weights[left, unused[left]] = 0.0
@@ -277,7 +305,7 @@ def without_orientation(found: PoseCovariances) -> PoseCovariances:
     """The same where the orientation is not measured: NaN."""
     own, factors = found.own.copy(), found.factors.copy()
     own[:, :3] = factors[:, :3] = np.nan
-    return PoseCovariances(own, factors, found.sources)
+    return replace(found, own=own, factors=factors)
 
 
 def factor_of(covariance: FloatArray) -> FloatArray:
@@ -304,12 +332,11 @@ def _without_point(scheme: Scheme, rows: FloatArray) -> FloatArray:
     return np.where(attachment[:, None], 0.0, rows)
 
 
-def _covers(calibrated: bool, also: tuple[str, ...], start: bool, passes: bool, physical: bool) -> str:
+def _covers(calibrated: bool, said: list[str]) -> str:
     """What the standard uncertainties hold, in words."""
-    more = [*also, *(text for there, text in ((start, "the start pose"), (passes, "the passes"), (physical, PHYSICAL)) if there)]
-    if calibrated:
-        parts = ["counts of half a unit", *more, "the linked calibration"]
-        return f"{', '.join(parts[:-1])} and {parts[-1]}"
-    if more:
-        return f"{', '.join(['counts of half a unit', *more[:-1]])} and {more[-1]}: the rig links no calibration"
-    return "the counts' resolution only: the rig links no calibration"
+    more = [text for text in said if text]
+    if not calibrated and set(more) <= {f"the {PHASE}"}:
+        return f"the counts' resolution{''.join(f' and {text}' for text in more)} only: the rig links no calibration"
+    parts = ["counts of half a unit", *more, *(["the linked calibration"] if calibrated else [])]
+    told = f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return told if calibrated else f"{told}: the rig links no calibration"

@@ -42,7 +42,7 @@ class LivePose:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose needs six cables counted in one pass")
         self.channels = tuple(c.channel for c in rig.cable)
         self._rows, self._start = reconstruction.scheme.rows, reconstruction.start
-        self._u = np.sqrt(reconstruction.budget.variance)
+        self._u = np.sqrt(reconstruction.budget.length_variance)
         drums = [rig.point(c.from_point).drum for c in rig.cable]
         self._channels = np.array(
             [

@@ -12,6 +12,7 @@ from lmeasure.kernels.cable import PARAMETERS, changes_from_counts
 from lmeasure.lengths import Lengths
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.sources import Situation, drawn
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -44,8 +45,9 @@ def by_monte_carlo(
     """The trajectory with covariances from as many trials, each kind of error by itself.
 
     Random: every count is anywhere within half a unit of what was recorded, and its instant uncertain where that is stated. Systematic:
-    the rig's parameters are drawn from the linked calibration and what the rig states, drums and pulleys that run out, the start pose and
-    the passes' clocks and places from their uncertainties, once per trial for the whole run. Poses that a trial does not find are
+    the rig's parameters are drawn from the linked calibration and what the rig states, the start pose and whatever else acts on the lengths
+    (the zero phase, the passes' clocks and places, temperature, drums and pulleys that run out) from their own laws, once per trial for the
+    whole run. Poses that a trial does not find are
     left out of its sample's covariance.
     TrajectoryError for fewer than 2 trials.
     """
@@ -59,13 +61,12 @@ def by_monte_carlo(
     lengths = reconstruction.corrected(lengths)
     # what temperature, stretch and sag have taken off the changes stays with the trials
     offset = 0.0 if reconstruction.correction is None else lengths.change_mm - changes_from_counts(rows, counts)
-    physical = budget.physical_lengths(trajectory.poses, counts, lengths.temperature_c)
-    drums = budget.drum_lengths(trajectory.poses, counts, budget.travel(lengths))
-    passes = np.nan_to_num(np.concatenate([budget.pass_lengths(trajectory.poses, lengths.speed_mm_s), physical, drums], axis=2))
+    situation = Situation(trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
+    shifts = np.nan_to_num(budget.lengths_of(situation, budget.by_length))
 
     def random_trial() -> FloatArray:
-        drawn = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales
-        changes = changes_from_counts(rows, drawn) + offset
+        within = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales
+        changes = changes_from_counts(rows, within) + offset
         if skew is not None:
             changes += skew * generator.standard_normal(changes.shape)
         return reconstruction.solve(rows, start, changes, lengths.flags)
@@ -74,7 +75,7 @@ def by_monte_carlo(
         shift = (factor @ generator.standard_normal(factor.shape[1])).reshape(len(rows), len(PARAMETERS))
         moved, scales = moved_rows(rows, shift), budget.scales
         k = counts * scales / (scales + shift[:, PARAMETERS.index("scale")])
-        changes = changes_from_counts(moved, k) + offset + passes @ generator.standard_normal(passes.shape[2])
+        changes = changes_from_counts(moved, k) + offset + shifts @ drawn(budget.by_length, generator)
         return reconstruction.solve(moved, budget.drawn_start(generator, moved), changes, lengths.flags)
 
     done = [0]

@@ -80,7 +80,7 @@ class Reconstruction:
         rows, m = self.scheme.rows, len(self.scheme.rows)
         found = self.budget.of(self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False, travel=np.zeros((1, m)))
         systematic = found.systematic[0]
-        split = Split(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.variance))
+        split = Split(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.length_variance))
         part = split.twist * split.metric  # of an error of the start that is this twist [mm]
         reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
         probes = [self.start]
@@ -160,7 +160,7 @@ class Reconstruction:
         return self._follow(self.scheme.rows, self.start, self._state, changes, flags), True
 
     def _follow(self, rows: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
-        u = np.sqrt(self.budget.variance)
+        u = np.sqrt(self.budget.length_variance)
         if self.scheme.six:
             follow = lanes.follow if len(changes) >= COMPILING_PAYS else screw.resume
             return tuple(follow(rows, start, state, changes, flags, u))
@@ -182,7 +182,9 @@ class Reconstruction:
         return cause, cable
 
     def _lost_at(self, pose: FloatArray) -> str:
-        return f"; not determined: {Split(self.scheme.rows, pose, self.scheme.free_index, np.sqrt(self.budget.variance)).lost.text()}"
+        return (
+            f"; not determined: {Split(self.scheme.rows, pose, self.scheme.free_index, np.sqrt(self.budget.length_variance)).lost.text()}"
+        )
 
     def _explained(
         self,
@@ -198,7 +200,7 @@ class Reconstruction:
         near = (status == screw.OK) & (angle > np.radians(NEARLY))
         if not (singular.any() or near.any()):
             return cause
-        cause, u, free = cause.copy(), np.sqrt(self.budget.variance), self.scheme.free_index
+        cause, u, free = cause.copy(), np.sqrt(self.budget.length_variance), self.scheme.free_index
         m = len(u)
         before = np.maximum.accumulate(np.where(status == screw.OK, np.arange(len(status)), -1))
         for last in np.unique(before[singular]):

@@ -42,18 +42,20 @@ def draw(
     off: tuple[float, float] = (0.0, 0.0),
     oriented: bool = True,
     spread: tuple[float, float] = (300.0, 0.3),
+    phased: bool = False,
 ) -> Drawn:
     """A rig of drums on a shell around the cell, a campaign in it, and a nominal rig off by its own prior uncertainties.
 
     noise: "gaussian" adds to every count what whole counts add in variance, "rounded" rounds; u_position_mm is drawn on the stated
     reference poses. attachments: points of the tool that the cables lead to in turn, one of them its origin; off: what the reference poses
-    are wrong by beside it, unstated [mm, rad]; not oriented: their positions alone are known; spread: of the poses [mm, rad].
+    are wrong by beside it, unstated [mm, rad]; not oriented: their positions alone are known; spread: of the poses [mm, rad]; phased: the
+    counters were zeroed anywhere within a count, else exactly.
     """
     rng = np.random.default_rng([seed, points, poses])
     data = {
         "schema": "lmeasure.rig/1",
         "name": f"drawn {seed}",
-        "observation_point": [_point(f"B{i + 1}", rng) for i in range(points)],
+        "observation_point": [_point(f"B{i + 1}", rng, not phased) for i in range(points)],
         "tool": _tool(attachments),
         "cable": [
             {"name": f"c{i + 1}", "channel": f"ch{i + 1}", "from": f"B{i + 1}", "to": f"P{i % attachments + 1}"} for i in range(points)
@@ -63,10 +65,11 @@ def draw(
     half, tilt = spread
     rows = np.column_stack([rng.uniform(-half, half, (poses, 3)), Rotation.from_rotvec(rng.uniform(-tilt, tilt, (poses, 3))).as_quat()])
     counts = counts_from_poses(truth, rows, rows[0])
+    phase = np.random.default_rng([seed, 7]).uniform(-0.5, 0.5, points) if phased else np.zeros(points)
     if noise == "rounded":
-        counts = np.rint(counts)
+        counts = np.rint(counts + phase)
     else:
-        counts[1:] += rng.normal(0, 1 / np.sqrt(12), (poses - 1, points))
+        counts[1:] += phase + rng.normal(0, 1 / np.sqrt(12), (poses - 1, points))
     stated = rows.copy()
     stated[:, :3] += rng.normal(0, 1, (poses, 3)) * u_position_mm
     if any(off):
@@ -91,7 +94,7 @@ def _tool(attachments: int) -> dict[str, list[float]]:
     return {f"P{i + 1}": [150 * float(np.cos(a)), 150 * float(np.sin(a)), 0.0] for i, a in enumerate(np.radians([90, 210, 330]))}
 
 
-def _point(name: str, rng: np.random.Generator) -> dict[str, object]:
+def _point(name: str, rng: np.random.Generator, zero_exact: bool) -> dict[str, object]:
     """A pulley 1.2 to 2.2 m from the cell's centre whose drum stands behind and below it."""
     way = rng.normal(size=3)
     way[2] = abs(way[2]) - 0.3
@@ -109,6 +112,7 @@ def _point(name: str, rng: np.random.Generator) -> dict[str, object]:
             "groove_pitch_mm": rng.uniform(0.8, 1.6),
             "tangent_length_mm": rng.uniform(130, 240),
             "axial_offset_mm": rng.uniform(20, 30),
+            "zero_exact": zero_exact,
         },
     }
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from zeroed import zeroed_exactly
 
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
 from lmeasure.calibration.refine import Noise, fit
@@ -43,12 +44,12 @@ def held_out_errors(found: Rig, truth: Rig, poses: int = 150) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def twelve() -> Calibration:
-    return calibrate(read_campaign(TRUTH / "cell-12-poses"))
+    return calibrate(zeroed_exactly(read_campaign(TRUTH / "cell-12-poses")))
 
 
 @pytest.fixture(scope="module")
 def four() -> Calibration:
-    return calibrate(read_campaign(TRUTH / "thesis-4-poses"))
+    return calibrate(zeroed_exactly(read_campaign(TRUTH / "thesis-4-poses")))
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +85,7 @@ def test_stated_uncertainty_holds_the_truth(twelve: Calibration) -> None:
 
 
 def test_noisy_reference_poses_are_noticed_and_carried() -> None:
-    campaign = read_campaign(TRUTH / "cell-20-poses-noisy")
+    campaign = zeroed_exactly(read_campaign(TRUTH / "cell-20-poses-noisy"))
     result = calibrate(campaign)
     error = held_out_errors(result.rig, true_rig(campaign.rig, TRUTH / "cell-20-poses-noisy"))
     assert np.sqrt(np.mean(error**2)) < 0.041
@@ -130,7 +131,7 @@ def test_prior_everywhere_pulls_towards_the_nominal(four: Calibration) -> None:
 
 
 def test_half_scale_channel_is_named_and_no_other() -> None:
-    campaign = read_campaign(TRUTH / "thesis-16-poses-half-scale")
+    campaign = zeroed_exactly(read_campaign(TRUTH / "thesis-16-poses-half-scale"))
     result = calibrate(campaign)
     named = [(w.channel, w.value) for w in result.record.warnings if w.code == "scale"]
     assert named == [("ch3", 0.5)]
@@ -138,7 +139,7 @@ def test_half_scale_channel_is_named_and_no_other() -> None:
 
 
 def test_a_scale_that_is_solved_for_is_found() -> None:
-    campaign = read_campaign(TRUTH / "thesis-16-poses-half-scale")
+    campaign = zeroed_exactly(read_campaign(TRUTH / "thesis-16-poses-half-scale"))
     data = campaign.rig.to_dict()
     data["observation_point"][2]["drum"]["scale"] = 0.49
     halved = campaign.counts.copy()
@@ -150,7 +151,7 @@ def test_a_scale_that_is_solved_for_is_found() -> None:
 
 
 def test_reversed_channel_is_named() -> None:
-    campaign = read_campaign(TRUTH / "cell-12-poses")
+    campaign = zeroed_exactly(read_campaign(TRUTH / "cell-12-poses"))
     counts = campaign.counts.copy()
     counts[:, 1] *= -1
     named = [(w.code, w.channel) for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code in {"sign", "scale"}]
@@ -158,7 +159,7 @@ def test_reversed_channel_is_named() -> None:
 
 
 def test_swapped_channels_are_named() -> None:
-    campaign = read_campaign(TRUTH / "cell-12-poses")
+    campaign = zeroed_exactly(read_campaign(TRUTH / "cell-12-poses"))
     counts = campaign.counts.copy()
     counts[:, [1, 4]] = counts[:, [4, 1]]
     named = [w for w in calibrate(replace(campaign, counts=counts)).record.warnings if w.code in {"swapped", "sign", "scale", "attachment"}]
@@ -167,7 +168,7 @@ def test_swapped_channels_are_named() -> None:
 
 
 def test_cable_at_another_attachment_point_is_named() -> None:
-    campaign = read_campaign(TRUTH / "cell-12-poses")
+    campaign = zeroed_exactly(read_campaign(TRUTH / "cell-12-poses"))
     data = campaign.rig.to_dict()
     assert data["cable"][3]["to"] == "P2"
     data["cable"][3]["to"] = "P3"
@@ -183,7 +184,7 @@ def test_cable_at_another_attachment_point_is_named() -> None:
 
 def test_wrong_angle_convention_is_named() -> None:
     """Pose angles written by another controller: read as the rig's, they fit only in their own convention."""
-    campaign = read_campaign(TRUTH / "cell-12-poses")
+    campaign = zeroed_exactly(read_campaign(TRUTH / "cell-12-poses"))
     angles = angles_from_rotation("staubli-xyz", campaign.poses.rotation)
     wrong = np.column_stack([campaign.poses.rows[:, :3], rotation_from_angles("puma-oat", angles).as_quat()])
     result = calibrate(replace(campaign, poses=poses_from_rows(wrong, campaign.poses.names)))

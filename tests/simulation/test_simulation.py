@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from zeroed import exactly
 
 from lmeasure import files
 from lmeasure.errors import FileFormatError, GeometryError
@@ -185,6 +186,6 @@ def test_the_counts_are_those_of_an_independent_simulator(name: str, motion: str
     authority = Path(__file__).parent.parent / "authorities" / "truth"
     recorded = read_run(authority / name)
     poses = np.loadtxt(authority / motion / "truth.csv.gz", delimiter=",", skiprows=1)[:, 1:]
-    simulated = simulate_run(recorded.rig, recorded.passes[0].time_s, poses, 0.0, np.random.default_rng(0)).run
+    simulated = simulate_run(exactly(recorded.rig), recorded.passes[0].time_s, poses, 0.0, np.random.default_rng(0)).run
     for mine, theirs in zip(simulated.passes, recorded.passes, strict=True):
         np.testing.assert_array_equal(mine.recorded, theirs.recorded)

@@ -38,6 +38,7 @@ def observation_point(name: str, position: tuple[float, float, float], bits: int
         "tangent_length_mm": 140.0 + 15.0 * number,
         "axial_offset_mm": 20.0 + number,
         "count_sign": 1 if number % 2 else -1,
+        "zero_exact": True,
     }
     # u points along (-cos a sin b, -cos a cos b, sin a): towards the origin, turned by some degrees
     alpha = np.degrees(np.arctan2(-z, np.hypot(x, y))) + 8.0
@@ -53,7 +54,8 @@ def observation_point(name: str, position: tuple[float, float, float], bits: int
 
 
 def cell(bits: int | None = 32, **changes: Any) -> Rig:
-    """Six drums around a cell, two cables to each corner of a triangle; keyword arguments replace keys of the rig."""
+    """Six drums around a cell, two cables to each corner of a triangle, zeroed exactly, as `record` does it; keyword arguments replace keys
+    of the rig."""
     data: dict[str, Any] = {
         "schema": "lmeasure.rig/1",
         "name": "cell",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from zeroed import zeroed_exactly
 
 from lmeasure.run import read_run
 from lmeasure.trajectory import Trajectory, reconstruct
@@ -35,7 +36,7 @@ def rms(values: NDArray[np.float64]) -> float:
 
 def test_exact_counts_give_the_exact_motion() -> None:
     """Nothing is rounded here, so what is left is the model's and the solver's own error: none beyond floating point."""
-    distance, angle = errors(reconstruct(read_run(AUTHORITY / "cell-run-exact")), truth_of("cell-run-exact"))
+    distance, angle = errors(reconstruct(zeroed_exactly(read_run(AUTHORITY / "cell-run-exact"))), truth_of("cell-run-exact"))
     assert distance.max() < 1e-9
     assert angle.max() < 1e-12
 
@@ -45,7 +46,7 @@ def test_exact_counts_give_the_exact_motion() -> None:
     [("cell-run", 0.004612, 3.963e-5), ("three-drums-two-passes", 0.005721, 3.633e-5), ("cell-run-long", 0.004859, 4.378e-5)],
 )
 def test_whole_counts_cost_what_they_cost_a_generic_optimiser(name: str, position_mm: float, rotation_rad: float) -> None:
-    distance, angle = errors(reconstruct(read_run(AUTHORITY / name)), truth_of(name))
+    distance, angle = errors(reconstruct(zeroed_exactly(read_run(AUTHORITY / name))), truth_of(name))
     assert rms(distance) == pytest.approx(position_mm, rel=0.05)
     assert rms(angle) == pytest.approx(rotation_rad, rel=0.05)
 
@@ -53,7 +54,7 @@ def test_whole_counts_cost_what_they_cost_a_generic_optimiser(name: str, positio
 @pytest.mark.parametrize("name", ["cell-run", "three-drums-two-passes", "cell-run-long"])
 def test_stated_uncertainty_is_the_error_met(name: str) -> None:
     """No calibration is linked, the rig is the true one: rounding is the only error, and the stated uncertainties must be its size."""
-    trajectory, truth = reconstruct(read_run(AUTHORITY / name)), truth_of(name)
+    trajectory, truth = reconstruct(zeroed_exactly(read_run(AUTHORITY / name))), truth_of(name)
     difference = trajectory.poses[:, :3] - truth[:, 1:4]
     turn = (Rotation.from_quat(truth[:, 4:]) * Rotation.from_quat(trajectory.poses[:, 3:]).inv()).as_rotvec()
     normalised = np.hstack([difference, turn]) / trajectory.u
@@ -62,12 +63,12 @@ def test_stated_uncertainty_is_the_error_met(name: str) -> None:
 
 
 def test_a_counter_of_16_bits_tells_the_same_motion() -> None:
-    wide, narrow = (reconstruct(read_run(AUTHORITY / name)) for name in ("cell-run-long", "cell-run-16-bit"))
+    wide, narrow = (reconstruct(zeroed_exactly(read_run(AUTHORITY / name))) for name in ("cell-run-long", "cell-run-16-bit"))
     assert set(narrow.status) == {0}
     np.testing.assert_array_equal(narrow.poses, wide.poses)
 
 
 def test_smoothed_cell_run_is_within_three_micrometres() -> None:
-    found = motion_of(reconstruct(read_run(AUTHORITY / "cell-run")))
+    found = motion_of(reconstruct(zeroed_exactly(read_run(AUTHORITY / "cell-run"))))
     distance = np.linalg.norm(found.poses[:, :3] - truth_of("cell-run")[:, 1:4], axis=1)
     assert np.sqrt(np.mean(distance**2)) <= 0.003

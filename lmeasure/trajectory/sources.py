@@ -1,0 +1,68 @@
+"""Sources of systematic error: what every sample of a run has in common, as errors of the lengths.
+
+A source is a few variables, each drawn once for the whole run, and what one standard deviation of each does to the lengths of the cables
+at a sample. Whatever can be said so is a source: `budget.Budget` takes a tuple of them, and the covariances, Monte Carlo and the
+certificate's draws follow.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.lengths import phase_columns
+from lmeasure.rig import Rig
+
+FloatArray = NDArray[np.float64]
+
+PHASE = "zero phase"
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What errors of lengths may depend on: poses (n, 7), true counts (n, m), speeds of the cables (n, m) [mm/s], their temperatures (n, m)
+    [deg C], those of the start where None, and which way they travelled last (n, m), paying out where None."""
+
+    poses: FloatArray
+    counts: FloatArray
+    speed_mm_s: FloatArray
+    temperature_c: FloatArray | None = None
+    travel: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """One kind of error.
+
+    names (k,): of its variables, as `PoseCovariances.sources` has them; said: what it is in the words of `Budget.covers`. lengths: errors
+    of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the same at all samples. uniform:
+    whether the variables are uniform, of unit variance, or normal.
+    """
+
+    names: tuple[str, ...]
+    said: str
+    lengths: Callable[[Situation], FloatArray]
+    uniform: bool = False
+
+
+def zero_phase(rig: Rig) -> Source:
+    """Where within a count the counters were zeroed: recorded = round(k + phase), so that every decoded count of a zeroing is off by the
+    same phase, uniform within half a recorded count, and on top of it by its own rounding.
+
+    The lengths are those of the zero pose and what was counted since. So the phase stays in all of them, whether the zero pose was stated
+    or came from lengths (`[start] lengths_mm`): nothing takes it out.
+    """
+    shifts = phase_columns(rig)
+    return Source((PHASE,) * shifts.shape[1], f"the {PHASE}", lambda _: shifts, uniform=True)
+
+
+def drawn(sources: tuple[Source, ...], generator: np.random.Generator) -> FloatArray:
+    """(K,) a draw of the variables of these sources, one source after the other."""
+    every = [standard(generator, (len(s.names),), s.uniform) for s in sources]
+    return np.concatenate(every) if every else np.empty(0)
+
+
+def standard(generator: np.random.Generator, shape: tuple[int, ...], uniform: bool) -> FloatArray:
+    """Draws of unit variance, uniform or normal."""
+    return np.sqrt(12.0) * (generator.random(shape) - 0.5) if uniform else generator.standard_normal(shape)
