@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from zeroed import exactly
 
 from lmeasure.calibration import Settings, calibrate, read_campaign
 from lmeasure.counts import Counts
@@ -158,7 +159,7 @@ def test_uncertainty_of_effects_is_that_of_drawn_rigs() -> None:
 
 
 def test_temperature_and_friction_are_in_the_uncertainty() -> None:
-    run, _ = exact_run(rig_with(CABLE, FRAME))
+    run, _ = exact_run(exactly(rig_with(CABLE, FRAME)))
     assert reconstruct(run).systematic.max() == 0.0
     for more in ({"u_temperature_k": 0.5}, {}):
         friction = {} if more else {"u_cable_tension_change_n": 0.1}

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from zeroed import exactly
 from zone_oracle import length_rows, pressure_angles, sphere_radius
 from zone_rigs import cell, published
 
@@ -16,7 +17,7 @@ from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.conventions import rotation_from_angles
 from lmeasure.errors import AccuracyError, FileFormatError, RigError
 from lmeasure.kernels.pose_covariance import pose_covariances
-from lmeasure.lengths import cable_covariance, count_variance, counts_from_poses
+from lmeasure.lengths import cable_covariance, counts_from_poses, length_variance
 from lmeasure.rig import Rig
 
 COUNT_MM = 0.0125
@@ -36,8 +37,13 @@ def test_angles_and_radius_are_those_of_the_definitions(rig: Rig) -> None:
         angles = pressure_angles(at, turn.as_matrix(), cables)
         assert zone["worst_pressure_angle_deg"].item() == pytest.approx(np.degrees(angles.max()), abs=1e-4)
         inverse = np.linalg.inv(length_rows(at, turn.as_matrix(), cables))
-        covariance = inverse[3:] @ inverse[3:].T * COUNT_MM**2 / 12
+        # each count is rounded, and counted from somewhere within one
+        covariance = inverse[3:] @ inverse[3:].T * 2 * COUNT_MM**2 / 12
         assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
+        sure = scan_zone(exactly(rig), None, at[:1], at[1:2], at[2:], Rotation.concatenate([turn]))
+        assert sure["u95_position_mm"].item() == pytest.approx(zone["u95_position_mm"].item() / np.sqrt(2.0), rel=1e-9)
+    assert "the zero phase (as much again)" in zone.attrs["u95_covers"]
+    assert "phase" not in sure.attrs["u95_covers"]
 
 
 def test_worst_is_over_all_orientations() -> None:
@@ -104,7 +110,7 @@ def test_linked_calibration_enters_with_the_zero_pose() -> None:
     zone = scan_zone(rig, calibration, at[:1], at[1:2], at[2:], Rotation.identity(1), start=start)
     pose = np.concatenate([at, [0, 0, 0, 1]])[None, :]
     counts = counts_from_poses(rig, pose, start)
-    both = pose_covariances(rig.cable_rows(), start, pose, counts, rig.scales(), count_variance(rig), cable_covariance(rig, calibration))
+    both = pose_covariances(rig.cable_rows(), start, pose, counts, rig.scales(), length_variance(rig), cable_covariance(rig, calibration))
     covariance = (both[0] + both[1])[0, 3:, 3:]
     assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
     assert "linked calibration" in zone.attrs["u95_covers"]

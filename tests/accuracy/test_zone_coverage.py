@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy.zone import scan_zone, tilts
 from lmeasure.kernels import screw
-from lmeasure.lengths import changes_from_counts, count_variance, counts_from_poses, span_lengths
+from lmeasure.lengths import changes_from_counts, counts_from_poses, drawn_phases, length_variance, span_lengths
 from lmeasure.rig import Rig, read_rig
 
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -37,18 +37,18 @@ def worst_pose(rig: Rig, at: np.ndarray) -> tuple[np.ndarray, float, float]:
 
 def study(rig: Rig, nodes: np.ndarray, draws: int, random: np.random.Generator) -> np.ndarray:
     """(nodes, 4): share within the radius with Gaussian lengths and with whole counts, share within what thesis 5.7 promises, angle."""
-    sigma = np.sqrt(count_variance(rig))
+    sigma = np.sqrt(length_variance(rig))
     out = []
     for at in nodes:
         pose, radius, angle = worst_pose(rig, at)
         true = span_lengths(rig, pose[None])[0] - span_lengths(rig, START[None])[0]
         gaussian = reconstructed(rig, pose, true + sigma * random.standard_normal((draws, 6)))
-        # whole counts: the pose moves a little, so that each count falls anywhere within its step
+        # whole counts, zeroed anywhere within one: the pose moves a little, so that each count falls anywhere within its step
         rounded = np.empty((draws, 3))
         moved = np.repeat(pose[None], draws, axis=0)
         moved[:, :3] += random.uniform(-1, 1, (draws, 3))
         moved[:, 3:] = (Rotation.from_rotvec(random.uniform(-0.003, 0.003, (draws, 3))) * Rotation.from_quat(pose[3:])).as_quat()
-        counts = np.rint(counts_from_poses(rig, moved, START))
+        counts = np.rint(counts_from_poses(rig, moved, START) + [drawn_phases(rig, random) for _ in range(draws)])
         for k, change in enumerate(changes_from_counts(rig, counts)):
             rounded[k] = reconstructed(rig, moved[k], change[None])[0] - moved[k, :3]
         errors = np.linalg.norm(gaussian - at, axis=1), np.linalg.norm(rounded, axis=1)

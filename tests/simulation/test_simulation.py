@@ -108,6 +108,13 @@ def test_a_scenario_becomes_a_run_folder_with_the_truth_beside_it(tmp_path: Path
     scenario, rig = read_scenario(tmp_path / "scenario.toml")
     simulated = simulate(scenario, rig)
     write_simulated(tmp_path / "run", simulated)
+    assert simulated.campaign is not None
+    off = simulated.campaign.recorded - counts_from_poses(rig, simulated.campaign.poses, simulated.campaign.poses[0])
+    # zeroed anywhere within a count
+    assert 0.5 < np.abs(off).max() < 1.0
+    rig = exactly(rig)
+    simulated = simulate(scenario, rig)
+    write_simulated(tmp_path / "run", simulated)
     run = read_run(tmp_path / "run")
     assert simulated.run is not None
     np.testing.assert_array_equal(run.passes[0].recorded, simulated.run.run.passes[0].recorded)
