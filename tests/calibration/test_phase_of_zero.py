@@ -177,7 +177,7 @@ def test_calibrated_values_err_as_stated_where_counters_stand_anywhere_within_th
         freedom += found.rank
         where = regions(model, found, seed)
         d = truth - found.theta
-        inside += d @ np.linalg.solve(where.covariance, d) <= where.factor**2
+        inside += bool(d @ np.linalg.solve(where.covariance, d) <= where.factor**2)
         sure = model_of(zeroed_exactly(drawn.campaign))
         gain = fit(sure, truth, Noise.of(drawn.campaign.poses), False)
         told = gain.directions[gain.known] @ (gain.gain(sure) @ r / model.unknowns.width) * gain.s[gain.known]
