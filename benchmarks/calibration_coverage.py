@@ -74,7 +74,7 @@ def _predicted(drawn: Drawn, result: Calibration, record: object, rows: FloatArr
 def study(case: str, seed: int) -> dict[str, object]:
     """One campaign, drawn and calibrated."""
     noise, u, points, poses = CASES[case]
-    drawn = draw(seed, points=points, poses=poses + seed % 11, noise=noise, u_position_mm=u)
+    drawn = draw(seed, points=points, poses=poses + seed % 11, noise=noise, u_position_mm=u, phased=True)
     result = calibrate(drawn.campaign, Settings())
     record = result.record
     codes = {w.code for w in record.warnings}

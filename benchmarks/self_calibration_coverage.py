@@ -86,7 +86,7 @@ def lengths(model: JointModel, theta: FloatArray, rows: FloatArray) -> FloatArra
 def study(case: str, seed: int) -> dict[str, object]:
     """One campaign, drawn and calibrated."""
     given, settings = CASES[case]
-    drawn = draw(seed, **given)  # type: ignore[arg-type]
+    drawn = draw(seed, phased=True, **given)  # type: ignore[arg-type]
     result = calibrate(drawn.campaign, settings)
     record = result.record
     free = free_components(drawn.campaign, trusted=not settings.self_calibration)
