@@ -4,10 +4,10 @@ python benchmarks/certificate_coverage.py [--campaigns 2000] [--seed 1] [--first
 
 Each campaign is a robot with its own known errors - offsets per pose, scatter, lag, drift, overshoot, compliance - that runs a program of
 five poses of the cube, a line while turning, a rectangle, a weave, moves and loads, measured by an instrument of its own: the true rig is
-drawn from the covariance of a calibration, the counts are those of the true rig, whole; the certificate knows only the calibrated rig and
-the counts. Truth is what the same figures are of the true poses of the same cycles. Scatter of the robot runs from a sixth of a count to
-four. --keep saves errors and U95 of the campaigns [first, first + campaigns) for --write, which joins such pieces in
-results/certificate_coverage.md.
+drawn from the covariance of a calibration, the counts are those of the true rig, whole, of counters zeroed anywhere within a count; the
+certificate knows only the calibrated rig and the counts. Truth is what the same figures are of the true poses of the same cycles. Scatter of
+the robot runs from a sixth of a count to four. --keep saves errors and U95 of the campaigns [first, first + campaigns) for --write, which
+joins such pieces in results/certificate_coverage.md.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.certification import Evaluation, PoseErrors, Settings, evaluate
 from lmeasure.counts import Counts
 from lmeasure.kernels import screw
-from lmeasure.lengths import counts_from_poses, lengths_from_counts, recorded_from_counts
+from lmeasure.lengths import counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts
 from lmeasure.program import Program
 from lmeasure.run import Run
 from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
@@ -289,10 +289,10 @@ class Instrument:
         self.run = Run(found.rig, START, (), found.record)
         self.solver = Reconstruction(found.rig, START, found.record)
 
-    def measure(self, motion: Motion) -> tuple[Run, Trajectory]:
-        """What the true rig records of a motion, whole counts, and the trajectory that the calibrated rig makes of them."""
+    def measure(self, motion: Motion, rng: np.random.Generator) -> tuple[Run, Trajectory]:
+        """What the true rig records of a motion, whole counts zeroed anywhere within one, and what the calibrated rig makes of them."""
         time_s, poses = joined(motion.sampled)
-        recorded = recorded_from_counts(self.true, counts_from_poses(self.true, poses, START))
+        recorded = recorded_from_counts(self.true, counts_from_poses(self.true, poses, START), phase=drawn_phases(self.true, rng))
         counts = Counts(time_s, tuple(c.channel for c in self.true.cable), recorded, source="simulated")
         run = replace(self.run, passes=(counts,))
         lengths = lengths_from_counts(run)
@@ -324,7 +324,8 @@ def campaign(instrument: Instrument, seed: int, trials: int) -> tuple[list[str],
     rng = np.random.default_rng(seed)
     robot = draw_robot(rng)
     motion, program = robot_motion(robot, rng)
-    run, trajectory = instrument.measure(motion)
+    # of its own stream: the robot does not depend on it
+    run, trajectory = instrument.measure(motion, rng.spawn(1)[0])
     settings = Settings(trials=trials, seed=seed, limit_angle_deg=None, planes=30)
     found = evaluate(trajectory, program, run=run, settings=settings)
     truth = evaluate(trajectory_of(*joined(motion.true)), program, NoErrors(), settings=replace(settings, trials=1))

@@ -146,8 +146,8 @@ class Drum(CableOnDrum):
 
     @model_serializer(mode="wrap")
     def _without_what_is_so_by_default(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # rigs written before, and digests of them, do not have the key
-        return {key: value for key, value in handler(self).items() if key != "zero_exact" or value}
+        # rigs written before, and digests of them, do not have these keys
+        return {key: value for key, value in handler(self).items() if key not in {"zero_exact", "braked"} or value}
 
     @property
     def axial_per_count_mm(self) -> float:
