@@ -6,8 +6,8 @@ Each campaign is a robot with its own known errors - offsets per pose, scatter, 
 five poses of the cube, a line while turning, a rectangle, a weave, moves and loads, measured by an instrument of its own: the true rig is
 drawn from the covariance of a calibration, the counts are those of the true rig, whole, of counters zeroed anywhere within a count; the
 certificate knows only the calibrated rig and the counts. Truth is what the same figures are of the true poses of the same cycles. The robot
-scatters by a sixth of a count to four. --keep saves errors and U95 of the campaigns [first, first + campaigns) for --write, which joins such
-pieces in results/certificate_coverage.md.
+scatters by a sixth of a count to four. --keep saves errors and U95 of the campaigns [first, first + campaigns) for --write, which joins
+such pieces in results/certificate_coverage.md.
 """
 
 import argparse
