@@ -8,6 +8,7 @@ import pytest
 from random_campaigns import draw
 from scipy.optimize import least_squares
 from test_calibrate import TRUTH, held_out_errors, true_rig
+from zeroed import zeroed_exactly
 
 from lmeasure.calibration import Settings, calibrate, read_campaign
 from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
@@ -58,7 +59,7 @@ def test_the_priors_share_of_lengths_is_told() -> None:
 def test_optimum_is_that_of_a_generic_least_squares() -> None:
     """Twelve exact poses: SciPy from the nominal rig, without priors, reaches the same held-out error, 0.0025 mm."""
     folder: Path = TRUTH / "cell-12-poses"
-    campaign = read_campaign(folder)
+    campaign = zeroed_exactly(read_campaign(folder))
     result, truth = calibrate(campaign), true_rig(campaign.rig, folder)
     model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
     width = model.unknowns.width
@@ -71,7 +72,7 @@ def test_optimum_is_that_of_a_generic_least_squares() -> None:
 
 def test_noisy_poses_stay_within_the_stated_uncertainty() -> None:
     folder = TRUTH / "cell-20-poses-noisy"
-    campaign = read_campaign(folder)
+    campaign = zeroed_exactly(read_campaign(folder))
     result = calibrate(campaign)
     error = held_out_errors(result.rig, true_rig(campaign.rig, folder), 3000)
     assert np.sqrt(np.mean(error**2)) < 0.041
