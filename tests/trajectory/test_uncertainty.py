@@ -66,6 +66,12 @@ CALIBRATED = {
 }
 
 
+def _value(rig: Rig, name: str, key: str) -> float:
+    point = rig.point(name)
+    holder = point if hasattr(point, key) else point.drum
+    return point.position_mm["xyz".index(key[0])] if key in ("x_mm", "y_mm", "z_mm") else float(getattr(holder, key))
+
+
 def calibrated() -> tuple[Rig, CalibrationRecord]:
     """A rig with a record whose parameters are correlated within each point."""
     rig = cell(None)
@@ -79,7 +85,8 @@ def calibrated() -> tuple[Rig, CalibrationRecord]:
         correlation = factor @ factor.T
         d = np.sqrt(np.diag(correlation))
         covariance[i : i + k, i : i + k] = correlation / np.outer(d, d) * np.outer(u[i : i + k], u[i : i + k])
-    parameters = [{"name": n, "value": 0.0, "u": float(s), "prior_u": 1.0} for n, s in zip(names, u, strict=True)]
+    values = [_value(rig, *name.rsplit(".", 1)) for name in names]
+    parameters = [{"name": n, "value": v, "u": float(s), "prior_u": 1.0} for n, v, s in zip(names, values, u, strict=True)]
     record_ = CalibrationRecord.model_validate(
         {
             "schema": "lmeasure.calibration/1",
