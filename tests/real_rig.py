@@ -152,6 +152,7 @@ class RealRig:
                         "groove_pitch_mm": float(self.pitch[j]),
                         "tangent_length_mm": float(self.tangent[j]),
                         "axial_offset_mm": float(self.axial[j]),
+                        "zero_exact": not self.flaws.phase,
                     },
                 }
                 for j in range(len(self.base))

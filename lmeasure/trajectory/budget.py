@@ -112,21 +112,21 @@ class Budget:
         self._phase = zero_phase(rig)
         parameters = (CALIBRATION,) * solved.shape[1] + (DIMENSIONS,) * dimensions.shape[1]
         moved = (
-            Source(parameters, DIMENSIONS if dimensions.shape[1] else "", lambda at: self._parameter_lengths(at.poses, at.counts)),
-            Source(("start pose",) * self._start_lengths.shape[1], "the start pose", lambda _: self._start_lengths),
+            Source(parameters, (DIMENSIONS,) * bool(dimensions.shape[1]), lambda at: self._parameter_lengths(at.poses, at.counts)),
+            Source(("start pose",) * self._start_lengths.shape[1], ("the start pose",), lambda _: self._start_lengths),
         )
         by_length = (
             self._phase,
-            Source((*clocks, *places), "the passes", lambda at: self._pass_lengths(at.poses, at.speed_mm_s)),
-            Source(physical, PHYSICAL, self._physical_lengths),
-            Source(of_drums, ", ".join(dict.fromkeys(of_drums)), self._drum_lengths),
+            Source((*clocks, *places), ("the passes",), lambda at: self._pass_lengths(at.poses, at.speed_mm_s)),
+            Source(physical, (PHYSICAL,), self._physical_lengths),
+            Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
         )
         self.by_length = tuple(source for source in by_length if source.names)
         """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""
         self._every = (*(source for source in moved if source.names), *self.by_length)
         self.sources = tuple(name for source in self._every for name in source.names)
         self.uniform = tuple(source.uniform for source in self._every for _ in source.names)
-        self.covers = _covers(calibration is not None, [source.said for source in self._every])
+        self.covers = _covers(calibration is not None, [text for source in self._every for text in source.said])
 
     def of(
         self,
@@ -332,9 +332,8 @@ def _without_point(scheme: Scheme, rows: FloatArray) -> FloatArray:
     return np.where(attachment[:, None], 0.0, rows)
 
 
-def _covers(calibrated: bool, said: list[str]) -> str:
+def _covers(calibrated: bool, more: list[str]) -> str:
     """What the standard uncertainties hold, in words."""
-    more = [text for text in said if text]
     if not calibrated and set(more) <= {f"the {PHASE}"}:
         return f"the counts' resolution{''.join(f' and {text}' for text in more)} only: the rig links no calibration"
     parts = ["counts of half a unit", *more, *(["the linked calibration"] if calibrated else [])]

@@ -35,13 +35,13 @@ class Situation:
 class Source:
     """One kind of error.
 
-    names (k,): of its variables, as `PoseCovariances.sources` has them; said: what it is in the words of `Budget.covers`. lengths: errors
-    of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the same at all samples. uniform:
+    names (k,): of its variables, as `PoseCovariances.sources` has them; said: what they are in the words of `Budget.covers`. lengths:
+    errors of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the same at all samples. uniform:
     whether the variables are uniform, of unit variance, or normal.
     """
 
     names: tuple[str, ...]
-    said: str
+    said: tuple[str, ...]
     lengths: Callable[[Situation], FloatArray]
     uniform: bool = False
 
@@ -54,7 +54,7 @@ def zero_phase(rig: Rig) -> Source:
     or came from lengths (`[start] lengths_mm`): nothing takes it out.
     """
     shifts = phase_columns(rig)
-    return Source((PHASE,) * shifts.shape[1], f"the {PHASE}", lambda _: shifts, uniform=True)
+    return Source((PHASE,) * shifts.shape[1], (f"the {PHASE}",), lambda _: shifts, uniform=True)
 
 
 def drawn(sources: tuple[Source, ...], generator: np.random.Generator) -> FloatArray:
