@@ -43,6 +43,8 @@ RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "temperature_c", "pose", "pass
 """Columns of counts files that are no counter."""
 MAX_LENGTH_MM = 1e6
 """A kilometre: beyond it a length is a slip of units."""
+LARGEST_ANGLE = 1e6
+"""In degrees or radians: thousands of turns; beyond it an angle is a slip."""
 QUATERNION_COLUMNS = ("qx", "qy", "qz", "qw")
 
 
@@ -53,10 +55,22 @@ def convention(name: str) -> AngleConvention:
     return CONVENTIONS[name]
 
 
+def check_angles(values: ArrayLike, what: str) -> None:
+    """FileFormatError, naming what, for an angle beyond `LARGEST_ANGLE`: of 1e20 degrees not even the turn is left in a double."""
+    numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    bad = np.abs(numbers) > LARGEST_ANGLE
+    if bad.any():
+        raise FileFormatError(f"{what}: an angle of {numbers[bad][0]:g}; {LARGEST_ANGLE:g} is the most")
+
+
 def rotation_from_angles(name: str, angles: ArrayLike) -> Rotation:
-    """base_from_tool rotations from (..., 3) angles in the convention's own columns and units (degrees, or radians for a vector)."""
+    """base_from_tool rotations from (..., 3) angles in the convention's own columns and units (degrees, or radians for a vector).
+
+    FileFormatError for one beyond `LARGEST_ANGLE`.
+    """
     c = convention(name)
     values = np.asarray(angles, dtype=np.float64)
+    check_angles(values, name)
     if c.axes == "rotvec":
         return Rotation.from_rotvec(values)
     return Rotation.from_euler(c.axes, values + np.asarray(c.offset_deg), degrees=True)

@@ -136,7 +136,9 @@ def read_poses(path: Path, angles: str, *, positions_alone: bool = False) -> Pos
     if all(c in table.columns for c in conventions.QUATERNION_COLUMNS):
         quaternion = table.matrix(conventions.QUATERNION_COLUMNS)
     elif all(c in table.columns for c in columns):
-        quaternion = conventions.rotation_from_angles(angles, table.matrix(columns)).as_quat()
+        stated = table.matrix(columns)
+        conventions.check_angles(stated, f"{path}: {', '.join(columns)}")
+        quaternion = conventions.rotation_from_angles(angles, stated).as_quat()
     elif positions_alone and not any(c in table.columns for c in _ORIENTATION_COLUMNS):
         quaternion, oriented = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1)), False
     else:

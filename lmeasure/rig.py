@@ -104,7 +104,7 @@ class Drum(CableOnDrum):
     tangent_length_mm: NotNegative
     axial_offset_mm: Length
     count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
-    scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    scale: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
     """Decoding factor: recorded count = count_sign * scale * k."""
     zero_exact: bool = False
     """Whether k = 0 is exact. A counter is zeroed anywhere within a count: recorded = round(count_sign * scale * k + phase), the phase

@@ -154,7 +154,9 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
     if "quaternion_xyzw" in start:
         quaternion = _numbers(start, "quaternion_xyzw", 4, path)
     else:
-        quaternion = conventions.rotation_from_angles(angles, _numbers(start, angle_key, 3, path)).as_quat()
+        turned = _numbers(start, angle_key, 3, path)
+        conventions.check_angles(turned, f"{path}: start: {angle_key}")
+        quaternion = conventions.rotation_from_angles(angles, turned).as_quat()
     try:
         return np.asarray(poses_from_rows(np.concatenate([position, quaternion])).rows[0])
     except FileFormatError as error:

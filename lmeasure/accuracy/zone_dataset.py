@@ -12,6 +12,7 @@ from lmeasure import files
 from lmeasure.accuracy.limits import REASONS, Limits, broken_limits
 from lmeasure.accuracy.scan import digest_of
 from lmeasure.errors import FileFormatError
+from lmeasure.opened import open_regular
 
 SCHEMA = "lmeasure.zone/1"
 DIMS = ("x", "y", "z")
@@ -104,12 +105,34 @@ def write_zone(path: Path, zone: xr.Dataset) -> None:
 
 def read_zone(path: Path) -> xr.Dataset:
     """Read what `write_zone` wrote, into memory; FileFormatError names the file and what it lacks."""
-    files.read_bytes(path)
+    open_regular(path).close()
     try:
         with xr.open_dataset(path, engine="h5netcdf") as stored:
             data = stored.load()
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise FileFormatError(f"{path}: cannot be read as netCDF: {' '.join(str(error).split())}") from error
+    except Exception as error:  # HDF5's readers raise whatever a broken file leads them into
+        raise FileFormatError(f"{path}: cannot be read as netCDF: {' '.join(str(error).split())[:200]}") from error
     if data.attrs.get("schema") != SCHEMA:
         raise FileFormatError(f"{path}: schema = {data.attrs.get('schema')!r}; this program reads {SCHEMA!r}")
+    _check(path, data)
     return data
+
+
+def _check(path: Path, data: xr.Dataset) -> None:
+    """FileFormatError names the axis, variable or attribute that does not hold what a zone needs: somebody else wrote or changed it."""
+    for name in DIMS:
+        if name not in data.coords or data.coords[name].dims != (name,):
+            raise FileFormatError(f"{path}: coordinate {name} is missing")
+        values = data.coords[name].values
+        if values.dtype.kind not in "fiu" or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
+            raise FileFormatError(f"{path}: coordinate {name} does not hold finite, rising numbers")
+    if "in_zone" not in data:
+        raise FileFormatError(f"{path}: variable in_zone is missing")
+    for name in ("in_zone", *(v for v in ABOUT if v in data)):
+        if data[name].dims != DIMS or data[name].values.dtype.kind not in "fiub":
+            raise FileFormatError(f"{path}: variable {name} does not hold numbers over {', '.join(DIMS)}")
+    if not np.isin(data["in_zone"].values, (0, 1)).all():
+        raise FileFormatError(f"{path}: variable in_zone holds more than 0 and 1")
+    for name, count in (("node_spacing_mm", 3), ("zone_volume_mm3", 1), ("limit_deg", 1)):
+        values = np.atleast_1d(data.attrs.get(name, np.empty(0)))
+        if values.shape != (count,) or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+            raise FileFormatError(f"{path}: attribute {name} does not hold {count} finite number(s)")

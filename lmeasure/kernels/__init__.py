@@ -6,9 +6,10 @@ Conventions of every kernel
   (base_from_tool, unit quaternion).
 * What cannot exist is NaN, never an exception: the callers turn it into an error or a status.
 * Compiled code is kept between runs, in a folder named by a digest of these sources. Numba's own cache looks only at the file a
-  function stands in; a change in an inlined helper of another file would be missed.
+  function stands in; a change in an inlined helper of another file would be missed. `kept` says what is believed.
 """
 
+import contextlib
 import hashlib
 import os
 import sys
@@ -19,12 +20,17 @@ from typing import Any
 import numba
 from numba import njit
 
+from lmeasure.kernels.kept import KeptCode, own_folder
+
 # a * b + c in one rounding and a division by a reciprocal are allowed; both keep the meaning of NaN, which the rest of fastmath does not
 _FAST = {"contract", "arcp"}
 
-kernel: Any = njit(error_model="numpy", cache=True, nogil=True, fastmath=_FAST, forceinline=True)
-"""Decorator of a compiled function that Python calls. Called by another kernel it is inlined: a process that compiles would otherwise call
-the one it compiled apart, one that loads the kept code the copy inside it, with other last digits."""
+
+def kernel(function: Any) -> Any:
+    """Decorator of a compiled function that Python calls. Called by another kernel it is inlined: a process that compiles would otherwise
+    call the one it compiled apart, one that loads the kept code the copy inside it, with other last digits."""
+    return _keeping(njit(error_model="numpy", nogil=True, fastmath=_FAST, forceinline=True)(function))
+
 
 inline: Any = njit(error_model="numpy", forceinline=True, fastmath=_FAST)
 """Decorator of a small function that only other kernels call."""
@@ -35,7 +41,7 @@ def strict_kernel(function: Any) -> Any:
 
     What it calls is compiled apart for it, since a small function keeps the licence of `inline` wherever it is used.
     """
-    return njit(error_model="numpy", cache=True, nogil=True, fastmath=False)(_calling_strict(function))
+    return _keeping(njit(error_model="numpy", nogil=True, fastmath=False)(_calling_strict(function)))
 
 
 def _calling_strict(function: Any) -> Any:
@@ -61,6 +67,14 @@ def _cache_folder() -> Path:
     return root / "lmeasure" / f"kernels-{digest.hexdigest()[:16]}"
 
 
+def _keeping(dispatcher: Any) -> Any:
+    if _KEEPS:
+        with contextlib.suppress(OSError, RuntimeError):  # numba finds no place for it
+            dispatcher._cache = KeptCode(dispatcher.py_func)
+    return dispatcher
+
+
 if "NUMBA_CACHE_DIR" not in os.environ:
     os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
     numba.config.reload_config()  # type: ignore[no-untyped-call]
+_KEEPS = own_folder(Path(os.environ["NUMBA_CACHE_DIR"]))

@@ -55,11 +55,15 @@ class Reconstruction:
         temperature_c: float | None = None,
     ) -> None:
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
-        if not np.isfinite(at_once.span_rows(rig.cable_rows(), start[None])[0]).all():
+        spans, directions, *_ = at_once.span_rows(rig.cable_rows(), start[None])
+        if not np.isfinite(spans).all():
             try:
                 span_lengths(rig, start[None, :])
             except GeometryError as error:
                 raise GeometryError(f"start {error}") from None
+        if not np.isfinite(directions).all():
+            lost = rig.cable[int(np.argmax(~np.isfinite(directions[0]).all(axis=1)))]
+            raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
         self.start = self.scheme.start_of(start)
         self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
         self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm, self.correction)

@@ -2,11 +2,14 @@
 
 import importlib
 import os
+import pickle
 import pkgutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numba
 import pytest
 
 from lmeasure import kernels
@@ -51,3 +54,86 @@ def test_a_process_that_compiles_gives_the_digits_of_one_that_loads(tmp_path: Pa
         for _ in range(2)
     ]
     assert outputs[0] == outputs[1]
+
+
+ONE = """
+import numpy as np
+from lmeasure.kernels.counter import rests
+found = rests(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
+assert found.tolist() == [[1, 3]], found
+print("hits", sum(rests.stats.cache_hits.values()), "misses", sum(rests.stats.cache_misses.values()))
+"""
+
+
+def one(folder: Path, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", ONE],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(folder)} | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
+    return done.stdout.strip()
+
+
+class Payload:
+    """What is unpickled makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (str(self.path),)
+
+
+def test_what_was_planted_among_the_kept_code_does_not_run(tmp_path: Path) -> None:
+    """Numba unpickles what it finds. Here everything stands behind a digest, in a folder of the user's own."""
+    folder, ran = tmp_path / "kept", tmp_path / "ran"
+    assert one(folder) == "hits 0 misses 1"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert one(folder) == "hits 1 misses 0"
+    kept = [path for path in folder.rglob("*") if path.is_file()]
+    assert {path.suffix for path in kept} == {".nbi", ".nbc"}
+    for path in kept:
+        path.write_bytes(pickle.dumps(numba.__version__) + pickle.dumps(Payload(ran)))
+    assert one(folder) == "hits 0 misses 1"
+    assert not ran.exists()
+    assert one(folder) == "hits 1 misses 0"  # kept again
+    for path in kept:
+        content = path.read_bytes()
+        path.write_bytes(content[:-20] if path.suffix == ".nbi" else content[:300] + b"\xff" + content[301:])
+        assert one(folder) == "hits 0 misses 1", path
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can make files of another user")
+@pytest.mark.parametrize("what", ["folder", "files"])
+def test_code_of_another_user_is_not_loaded(tmp_path: Path, what: str) -> None:
+    folder = tmp_path / "kept"
+    one(folder)
+    for path in [folder] if what == "folder" else [p for p in folder.rglob("*") if p.is_file()]:
+        os.chown(path, 65534, 65534)
+    assert one(folder) == "hits 0 misses 1"
+
+
+def test_where_nothing_can_be_kept_it_is_compiled(tmp_path: Path) -> None:
+    open_to_all = tmp_path / "open"
+    open_to_all.mkdir()
+    open_to_all.chmod(0o777)
+    (tmp_path / "file").write_text("")
+    linked = tmp_path / "linked"
+    linked.symlink_to(open_to_all)
+    for folder in (open_to_all, tmp_path / "file" / "below", linked):
+        assert one(folder) == "hits 0 misses 1"
+    assert list(open_to_all.iterdir()) == []
+
+
+def test_a_full_disk_costs_the_compile_time_only(tmp_path: Path) -> None:
+    """Files of no size at all stand for the disk: what is kept cannot be written."""
+    limited = (
+        f"import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n{ONE}"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONDONTWRITEBYTECODE": "1"}
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", limited], env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == "hits 0 misses 1"

@@ -1,0 +1,100 @@
+"""Compiled code kept between runs, believed only where nobody else can have written it.
+
+Numba keeps its code pickled: who writes an index or a code file runs what he likes in every process that loads it. The folder is therefore
+the user's own, of mode 0700; each file in it must be his too, and begins with a digest of what follows. What is not so, what is cut off or
+changed, is passed over, and the function is compiled as if nothing were kept. A full disk costs the compile time, nothing else.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import stat
+from pathlib import Path
+from typing import Any
+
+from numba.core import caching
+
+_Function: Any = caching.FunctionCache
+_IndexAndData: Any = caching.IndexDataCacheFile
+
+MARK = b"lmeasure kept code 1\n"
+
+
+def own_folder(path: Path) -> bool:
+    """Whether the folder is there, made if need be, and is the user's own: nobody else may write in it."""
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = path.lstat()
+        if not stat.S_ISDIR(found.st_mode) or not _is_mine(found):
+            return False
+        if os.name != "nt" and found.st_mode & 0o077:
+            path.chmod(0o700)
+    except OSError:
+        return False
+    return os.access(path, os.W_OK | os.X_OK)
+
+
+def _is_mine(found: os.stat_result) -> bool:
+    # Windows has no such owners and modes: there the folder lies in the user's profile
+    return os.name == "nt" or (found.st_uid == os.geteuid() and not found.st_mode & 0o022)
+
+
+def _read(path: str) -> bytes | None:
+    """What was kept there; None where it is not as it was written, or not by this user."""
+    with open(path, "rb") as file:  # noqa: PTH123 - numba's own paths are texts
+        found = os.fstat(file.fileno())
+        if not stat.S_ISREG(found.st_mode) or not _is_mine(found):
+            return None
+        content = file.read()
+    head = len(MARK) + hashlib.sha256().digest_size
+    if not content.startswith(MARK) or content[len(MARK) : head] != hashlib.sha256(content[head:]).digest():
+        return None
+    return content[head:]
+
+
+class _Files(_IndexAndData):  # type: ignore[misc]
+    """Numba's index and code files, each behind its digest."""
+
+    def _load_index(self) -> Any:
+        try:
+            content = _read(self._index_path)
+        except FileNotFoundError:
+            return {}
+        version, stamp, overloads = pickle.loads(content) if content is not None else (None, None, {})
+        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _save_index(self, overloads: Any) -> None:
+        self._write(self._index_path, self._dump((self._version, self._source_stamp, overloads)))
+
+    def _load_data(self, name: str) -> Any:
+        content = _read(self._data_path(name))
+        if content is None:
+            raise OSError(f"{name}: is not as it was kept")  # which numba takes for a file that is gone
+        return pickle.loads(content)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), self._dump(data))
+
+    def _write(self, path: str, content: bytes) -> None:
+        with self._open_for_write(path) as file:
+            file.write(MARK + hashlib.sha256(content).digest() + content)
+
+
+class KeptCode(_Function):  # type: ignore[misc]
+    """The cache of one function; whatever fails in it costs a compilation, never a command."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kept code for a signature, or None."""
+        with contextlib.suppress(Exception):
+            return super().load_overload(sig, target_context)
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code, if it can be."""
+        with contextlib.suppress(Exception):
+            super().save_overload(sig, data)

@@ -1,0 +1,25 @@
+"""What is shipped beside the code: the licence, the types, and bounds where a file format or a kernel depends on a package."""
+
+import re
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_the_licence_is_there_and_named() -> None:
+    assert PROJECT["project"]["license"] == "Apache-2.0"
+    (name,) = PROJECT["project"]["license-files"]
+    assert "Apache License\n                           Version 2.0, January 2004" in (ROOT / name).read_text(encoding="utf-8")
+
+
+def test_types_are_shipped() -> None:
+    assert (ROOT / "lmeasure" / "py.typed").is_file()
+    assert PROJECT["tool"]["setuptools"]["package-data"]["lmeasure"] == ["py.typed"]
+
+
+def test_packages_that_a_format_or_a_kernel_depends_on_are_bounded() -> None:
+    stated = {re.split(r"[\[<>=]", text)[0]: text for text in PROJECT["project"]["dependencies"]}
+    for name in ("cantools", "h5netcdf", "h5py", "numba", "numpy", "python-can", "rerun-sdk", "typst"):
+        assert "<" in stated[name], name
