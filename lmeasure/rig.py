@@ -43,6 +43,15 @@ def _one_line(value: str) -> str:
     return value
 
 
+LEAST_SCALE = 1e-6
+
+
+def _scale(value: float) -> float:
+    if value < LEAST_SCALE:
+        raise ValueError(f"is {value:g}; {LEAST_SCALE:g} is the least")
+    return value
+
+
 Length = Annotated[float, AfterValidator(_finite_length)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(_finite_length)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
@@ -104,7 +113,7 @@ class Drum(CableOnDrum):
     tangent_length_mm: NotNegative
     axial_offset_mm: Length
     count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
-    scale: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
+    scale: Annotated[float, Field(gt=0, le=1e6), AfterValidator(_scale)] = 1.0
     """Decoding factor: recorded count = count_sign * scale * k."""
     zero_exact: bool = False
     """Whether k = 0 is exact. A counter is zeroed anywhere within a count: recorded = round(count_sign * scale * k + phase), the phase
