@@ -158,8 +158,13 @@ def unwrap(recorded: FloatArray, time_s: FloatArray, max_rate: float, bits: int 
         seen.add(recorded, time_s)
         bits = inferred = seen.bits()
     state = np.zeros(counter.STATE) if state is None else state
-    counts, what = counter.resume(recorded, time_s, max_rate, 0.0 if bits is None else 2.0**bits, state)
+    counts, what = counter.resume(recorded, time_s, max_rate, 0.0 if bits is None else 2.0**bits, state, _usual(time_s))
     return Unwrapped(counts, what, inferred)
+
+
+def _usual(time_s: FloatArray) -> float:
+    """The usual interval [s] of stamps (n,): a counter may have gone for as long between two stamps that are closer."""
+    return float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
 
 
 class WidthEvidence:
@@ -181,7 +186,7 @@ class WidthEvidence:
         if self._last is not None:
             values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
         self._last = float(values[-1]), float(times[-1])
-        steps, limit = np.abs(np.diff(values)), self._rate * np.diff(times) + 1.0
+        steps, limit = np.abs(np.diff(values)), self._rate * np.maximum(np.diff(times), _usual(time_s)) + 1.0
         impossible = steps > limit
         steps, limit = steps[impossible], limit[impossible]
         for bits in INFERRED_BITS:

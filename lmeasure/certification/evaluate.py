@@ -15,11 +15,13 @@ from lmeasure.certification.figures import SIGNED, Figure
 from lmeasure.certification.gathered import Gathered
 from lmeasure.certification.paths import LEAST_PLANES, Crossings
 from lmeasure.certification.settings import Settings as Settings
+from lmeasure.certification.timing import on_times, with_time
 from lmeasure.certification.uncertainty import Spread, propagate
 from lmeasure.errors import CertificationError
 from lmeasure.program import Program
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.stamps import Stamps, stamps_of
 
 FloatArray = NDArray[np.float64]
 
@@ -78,12 +80,14 @@ def evaluate(
     run: Run | None = None,
     settings: Settings | None = None,
     progress: Callable[[int, int], None] | None = None,
+    stamps: Stamps | None = None,
 ) -> Evaluation:
     """The characteristics that the program's poses and paths allow, each with U95 and a verdict.
 
     covariances: where the errors of poses come from; by default the run's rig and calibration, or without a run the uncertainties of the
     trajectory, whose common part is not known and is therefore taken as whatever is worse for each figure. Parts without windows are looked
-    for in the trajectory's rests. CertificationError names the window and sample when a pose or path cannot be told.
+    for in the trajectory's rests. stamps: as judged already, else by the motion
+    itself. CertificationError names the window and sample when a pose or path cannot be told.
     """
     settings = settings or Settings()
     _check(trajectory, program, settings)
@@ -94,8 +98,11 @@ def evaluate(
         models = (ErrorsOfRun(run),)
     else:
         models = (ErrorsOfFile(together=True), ErrorsOfFile(together=False))
+    stamps = stamps or stamps_of(trajectory)
+    trajectory = replace(trajectory, time_s=stamps.time_s)
+    program = on_times(program, stamps)
     program, notes = with_windows(trajectory, program, Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64)), settings.still_mm)
-    work = Gathered(trajectory, program, settings, run.rig.angles if run is not None else None)
+    work = Gathered(trajectory, program, settings, run.rig.angles if run is not None else None, stamps)
     spreads: list[list[Spread]] = []
     values: list[float] = []
     laws = [work.errors_of(model) for model in models]
@@ -118,6 +125,7 @@ def evaluate(
     signed = [f.signed for f in figures]
     extra = work.from_motion(by_name, [errors for errors, _ in laws])
     found += extra
+    found = with_time(found, work.paths, program, stamps)
     signed += [c.name in SIGNED for c in extra]
     own = [with_verdict(c, program.tolerance, settings.capability, settings.rule, s) for c, s in zip(found, signed, strict=True)]
     vectors = {(c.name, c.pose, c.path): c for c in own}
@@ -134,7 +142,7 @@ def evaluate(
         work.angles,
         laws[0][1],
         settings,
-        (*notes, *work.notes),
+        (*((stamps.note,) if stamps.note else ()), *notes, *work.notes),
     )
 
 

@@ -27,14 +27,16 @@ from lmeasure.certification.figures import (
 )
 from lmeasure.certification.motion import Motion
 from lmeasure.certification.path_figures import CornerPart, Passing, PathPart, at_corner, corner_figures, corners_of, path_figures
-from lmeasure.certification.paths import crossings
+from lmeasure.certification.paths import LEAST_PLANES, Crossings, crossings
 from lmeasure.certification.rounding import of_crossings, of_dwells
 from lmeasure.certification.settings import Settings
+from lmeasure.certification.timing import most_planes
 from lmeasure.certification.uncertainty import Moving, Part
 from lmeasure.certification.weaving import WeavePart, weaves, weaving_figures
 from lmeasure.errors import CertificationError
-from lmeasure.program import Distance, Program
+from lmeasure.program import CommandedPath, Distance, Program
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.stamps import Stamps
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -44,10 +46,13 @@ PLAIN_ANGLES = "fanuc-wpr"
 
 
 class Gathered:
-    """What a trajectory holds of a program: its poses and paths as attained, their errors, and the figures they allow."""
+    """What a trajectory holds of a program: its poses and paths as attained, their errors, and the figures they allow.
 
-    def __init__(self, trajectory: Trajectory, program: Program, settings: Settings, angles: str | None) -> None:
-        self.trajectory, self.program, self.settings = trajectory, program, settings
+    stamps: those of the trajectory as recorded, which has its samples at their times otherwise.
+    """
+
+    def __init__(self, trajectory: Trajectory, program: Program, settings: Settings, angles: str | None, stamps: Stamps) -> None:
+        self.trajectory, self.program, self.settings, self.stamps = trajectory, program, settings, stamps
         self.stated = settings.angles or program.angles
         self.angles = self.stated or angles or conventions.DEFAULT
         conventions.convention(self.angles)
@@ -58,7 +63,7 @@ class Gathered:
             self.frame = replace(self.frame, base_from_program=fit_frame(self.poses))
             self.poses = attained_poses(trajectory, program, self.frame, settings.still_mm)
         check_order(self.poses, program, settings.still_mm)
-        self.paths = {p.name: crossings(trajectory, p, settings.planes, self.frame) for p in program.path if p.windows_s}
+        self.paths = {p.name: self._crossed(p) for p in program.path if p.windows_s}
         self.loaded = [
             attain(c.pose, self.commanded(c.pose), c.windows_s, trajectory, self.frame, settings.still_mm) for c in program.compliance
         ]
@@ -74,6 +79,11 @@ class Gathered:
         }
         self.excluded: dict[tuple[str, str], str] = {}
         self.samples = self._samples()
+
+    def _crossed(self, path: CommandedPath) -> Crossings:
+        shortest = min(end - start for start, end in path.windows_s)
+        planes = max(LEAST_PLANES, min(self.settings.planes, most_planes(self.stamps, shortest)))
+        return crossings(self.trajectory, path, planes, self.frame)
 
     def commanded(self, name: str) -> FloatArray:
         """(7,) the commanded pose of that name."""
@@ -103,7 +113,7 @@ class Gathered:
 
     def errors_of(self, model: ErrorModel) -> tuple[PoseErrors, str]:
         """Errors of what is certified at all `samples`, and what they hold."""
-        errors, covers = model.at(self.trajectory, self.samples)
+        errors, covers = model.at(replace(self.trajectory, time_s=self.stamps.stamp_s), self.samples)
         return self.frame.of_errors(self.trajectory.poses[self.samples], errors), covers
 
     def at(self, errors: PoseErrors, samples: IntArray) -> PoseErrors:
@@ -145,7 +155,7 @@ class Gathered:
             errors = self.at(every, crossed.samples.ravel())
             if every.rounded:
                 errors = of_crossings(errors, crossed.weights, crossed.step, crossed.between)
-            parts[key] = part_of_path = PathPart(crossed, errors, convention)
+            parts[key] = part_of_path = PathPart(crossed, errors, convention, self.stamps)
             figures += path_figures(key, part_of_path, path)
             for corner, passed in self.corners[path.name]:
                 of_corner = self.at(every, self._of_corner(path.name, passed))
@@ -218,7 +228,8 @@ class Gathered:
                 self.notes.append(f"{kind} {name}: its pressure angles are not known, and not held against the zone")
             if radius is None or (kind, name) in self.excluded or f"{kind} {name}" not in parts:
                 continue
-            e = parts[f"{kind} {name}"].errors
+            part = parts[f"{kind} {name}"]
+            e = part.places if isinstance(part, PathPart) else part.errors
             covariance = e.covariance[:, 3:, 3:]
             largest = covariance[int(np.argmax(np.trace(covariance, axis1=1, axis2=2)))]
             u95 = exact_radius_95(np.linalg.eigvalsh(largest))

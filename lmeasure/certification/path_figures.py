@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
 from lmeasure.certification.paths import Crossings, Cycle
+from lmeasure.certification.timing import with_instants
 from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED
 from lmeasure.certification.waves import cosines, reduced
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
+from lmeasure.trajectory.stamps import Stamps
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,13 +45,20 @@ class Planes:
 
 @dataclass(frozen=True)
 class PathPart:
-    """The crossings of a path with the law of the errors of its m n poses, plane by plane; see `uncertainty.Part`."""
+    """The crossings of a path with the law of the errors of its m n places, plane by plane, and of their instants; see
+    `uncertainty.Part`."""
 
     crossings: Crossings
-    errors: PoseErrors
+    places: PoseErrors
     convention: str | None
+    stamps: Stamps
     _states: dict[bool, Planes] = field(init=False, default_factory=dict)
     _rates: list[FloatArray] = field(init=False, default_factory=list)
+
+    @cached_property
+    def errors(self) -> PoseErrors:
+        """See `uncertainty.Part`."""
+        return with_instants(self.places, self.crossings, self.stamps)
 
     def __post_init__(self) -> None:
         c = self.crossings

@@ -20,7 +20,10 @@ def motion(
     found = motion_of(read_trajectory(trajectory), half_width_s)
     write_motion(out, found)
     u = np.nanmedian(np.linalg.norm(found.u_velocity[:, 3:], axis=1))
+    largest, u95 = found.largest_speed()
     typer.echo(
         f"{len(found.time_s)} samples, window +-{found.half_width_s:g} s: path {np.nanmax(found.path_mm):.3f} mm, "
-        f"speed up to {np.nanmax(found.speed_mm_s):.3f} mm/s (standard uncertainty {u:.3f} mm/s, of independent errors)"
+        f"speed up to {largest:.3f} +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s, of independent errors)"
     )
+    if found.stamps.note:
+        typer.echo(f"note: {found.stamps.note}")

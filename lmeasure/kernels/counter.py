@@ -33,12 +33,17 @@ def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
     A value that no counter of that size shows is FOREIGN and nothing else. Continuous counts are the recorded ones plus whole turns,
     exactly.
     """
-    return resume(recorded, time_s, max_rate, full, np.zeros(STATE))
+    return resume(recorded, time_s, max_rate, full, np.zeros(STATE), 0.0)
 
 
 @kernel
-def resume(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray) -> tuple[FloatArray, IntArray]:
-    """`follow` for the next piece of a recording; state (STATE,), zeros at its beginning, is moved on in place."""
+def resume(
+    recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
+) -> tuple[FloatArray, IntArray]:
+    """`follow` for the next piece of a recording; state (STATE,), zeros at its beginning, is moved on in place.
+
+    least_s: taken for the time between samples whose stamps are closer: a host that was busy stamps at once what came one by one.
+    """
     n = len(recorded)
     counts, what = np.full(n, np.nan), np.full(n, EMPTY)
     for i in range(n):
@@ -49,7 +54,7 @@ def resume(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
             what[i] = FOREIGN
             continue
         step = shortest(x - state[_SEEN], full)
-        reach = max_rate * (time_s[i] - state[_SEEN_TIME]) + 1.0
+        reach = max_rate * max(time_s[i] - state[_SEEN_TIME], least_s) + 1.0
         possible = abs(step) <= reach
         if state[_ANY] == 0.0:
             counts[i] = shortest(x, full)
@@ -57,7 +62,7 @@ def resume(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
         else:
             if state[_LOST] != 0.0 and not possible:
                 step = shortest(x - state[_GOOD], full)
-                reach = max_rate * (time_s[i] - state[_GOOD_TIME]) + 1.0
+                reach = max_rate * max(time_s[i] - state[_GOOD_TIME], least_s) + 1.0
                 state[_LOST] = 1.0 if abs(step) > reach else 0.0
             elif not possible:
                 state[_LOST] = 1.0

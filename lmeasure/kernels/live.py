@@ -28,7 +28,7 @@ def step(
     """
     changes, flags, now = np.empty((1, CABLES)), np.zeros(1, np.int64), np.full(1, time_s)
     for j in range(CABLES):
-        counts, what = counter.resume(recorded[j : j + 1], now, channels[j, 1], channels[j, 2], counters[j])
+        counts, what = counter.resume(recorded[j : j + 1], now, channels[j, 1], channels[j, 2], counters[j], 0.0)
         if what[0] != counter.FOLLOWED and flags[0] == OK:
             flags[0] = JUMP if what[0] == counter.JUMPED or what[0] == counter.FOREIGN else GAP
         changes[0, j] = drum_change(counts[0] * channels[j, 0], cables[j, 10], cables[j, 11], cables[j, 12], channels[j, 3])

@@ -49,6 +49,19 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
             r"no windows stated: (\d+) rests of at least (.*) s within (.*) mm found, the second half of each taken",
             r"интервалы не заданы: найдено остановок {0} не короче {n1} с в пределах {n2} мм, взята вторая половина каждой",
         ),
+        (
+            r"time stamps jitter, (.*) to (.*) ms apart: the motion shows each in error by (.*) ms \(standard uncertainty\), which "
+            r"speeds and times carry",
+            r"метки времени дрожат, промежутки от {n0} до {n1} мс: по движению погрешность каждой {n2} мс (стандартная "
+            r"неопределённость), она учтена в скоростях и временах",
+        ),
+        (
+            r"time stamps jitter, (.*) to (.*) ms apart: the motion shows samples taken evenly, every (.*) ms, known to (.*) of it and "
+            r"each to (.*) ms \(standard uncertainties\); even times are taken, and speeds and times carry it",
+            r"метки времени дрожат, промежутки от {n0} до {n1} мс: по движению отсчёты взяты равномерно, через {n2} мс с относительной "
+            r"неопределённостью {n3}, каждый до {n4} мс (стандартные неопределённости); взяты равномерные времена, неопределённость учтена "
+            r"в скоростях и временах",
+        ),
         (r"limit band (.*) mm", r"граничная полоса {n0} мм"),
         (r"limit band (.*) mm, the pose's repeatability", r"граничная полоса {n0} мм – повторяемость позы"),
         (

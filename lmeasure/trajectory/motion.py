@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from lmeasure import files
 from lmeasure.conventions import QUATERNION_COLUMNS
@@ -13,10 +14,16 @@ from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import motion as kernels
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.stamps import Stamps, stamps_of
 
 FloatArray = NDArray[np.float64]
 
 HALF_WIDTH_S = 0.02
+FULL = 0.5 * (kernels.LEAST + 1)
+"""Periods of a half width that holds enough samples on both sides."""
+COVERAGE = 0.95
+NEAR = 6.0
+"""Standard uncertainties below the largest speed that another may lie and still be the one that erred most."""
 _AXES = ("x", "y", "z")
 
 
@@ -26,8 +33,9 @@ class Motion:
 
     time_s (n,); poses (n, 7) base_from_tool; velocity, acceleration, jerk (n, 6) of (rotation [rad]; tool origin [mm]) per s, s^2, s^3, in
     base axes; u_pose, u_velocity, u_acceleration, u_jerk (n, 6) standard uncertainties in the same order, from the independent errors
-    of the samples: an error that all samples share moves the poses and hardly their derivatives. path_mm (n,): way of the tool origin
-    since the beginning, over gaps as the crow flies. half_width_s: of the window; motion much faster than it is smoothed away.
+    of the samples: an error that all samples share moves the poses and hardly their derivatives. u_speed_mm_s (n,): of the speed. path_mm
+    (n,): way of the tool origin since the beginning, over gaps as the crow flies. half_width_s: of the window; motion much faster than it
+    is smoothed away. stamps: when the samples were taken, which is time_s; where the recorded stamps jitter, all uncertainties hold it.
     """
 
     time_s: FloatArray
@@ -39,20 +47,32 @@ class Motion:
     u_velocity: FloatArray
     u_acceleration: FloatArray
     u_jerk: FloatArray
+    u_speed_mm_s: FloatArray
     path_mm: FloatArray
     half_width_s: float
+    stamps: Stamps
 
     @property
     def speed_mm_s(self) -> FloatArray:
         """(n,) speed of the tool origin."""
         return np.asarray(np.linalg.norm(self.velocity[:, 3:], axis=1))
 
+    def largest_speed(self) -> tuple[float, float]:
+        """The largest of all speeds [mm/s] and its U95 as such: the largest of many is one that erred upwards, by what as many independent
+        windows as there are of about its speed err at most (Bonferroni)."""
+        speed = self.speed_mm_s
+        top = int(np.nanargmax(speed))
+        u = float(self.u_speed_mm_s[top])
+        near = speed >= speed[top] - NEAR * u
+        windows = max(1.0, float(np.diff(self.time_s, prepend=self.time_s[0])[near].sum()) / self.half_width_s)
+        return float(speed[top]), float(-ndtri(0.5 * (1.0 - COVERAGE) / windows) * u)
+
     def columns(self) -> dict[str, Any]:
-        """Columns of a motion file."""
+        """Columns of a motion file; with the recorded stamps and the uncertainty of the times where those jitter."""
         out: dict[str, Any] = {"time_s": self.time_s}
         out |= dict(zip(POSITION_COLUMNS, self.poses[:, :3].T, strict=True))
         out |= dict(zip(QUATERNION_COLUMNS, self.poses[:, 3:].T, strict=True))
-        out |= {"speed_mm_s": self.speed_mm_s, "path_mm": self.path_mm}
+        out |= {"speed_mm_s": self.speed_mm_s, "u_speed_mm_s": self.u_speed_mm_s, "path_mm": self.path_mm}
         for letters, power, values, u in (
             (("v", "w"), "", self.velocity, self.u_velocity),
             (("a", "alpha"), "2", self.acceleration, self.u_acceleration),
@@ -61,27 +81,70 @@ class Motion:
             for prefix, table in (("", values), ("u_", u)):
                 out |= {f"{prefix}{letters[0]}{axis}_mm_s{power}": table[:, 3 + i] for i, axis in enumerate(_AXES)}
                 out |= {f"{prefix}{letters[1]}{axis}_rad_s{power}": table[:, i] for i, axis in enumerate(_AXES)}
+        if self.stamps.kind != "sound":
+            out |= {"stamp_s": self.stamps.stamp_s, "u_time_s": np.full(len(self.time_s), self.stamps.u_time_s)}
         return out
 
 
-def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S) -> Motion:
-    """Motion of a trajectory by cubics over +- half_width_s; TrajectoryError when the orientation is not measured or no window is full."""
+def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S, stamps: Stamps | None = None) -> Motion:
+    """Motion of a trajectory by cubics over +- half_width_s, or wider where even times found for stamps that jitter need it; stamps: as
+    judged already, else by the motion itself.
+
+    TrajectoryError when the orientation is not measured or no window is full.
+    """
     if not half_width_s > 0:
         raise TrajectoryError(f"half width of the window: {half_width_s:g} s is not positive")
     if np.isnan(trajectory.poses[:, 3:]).all() and not np.isnan(trajectory.poses[:, :3]).all():
         raise TrajectoryError("motion: the trajectory has no orientation")
-    poses, derivatives, factors = kernels.local_cubics(trajectory.time_s, np.ascontiguousarray(trajectory.poses), half_width_s)
+    stamps = stamps or stamps_of(trajectory)
+    time_s = stamps.time_s
+    if stamps.kind == "even":
+        # a window that ends at a sample holds it or not by the last digit of the period
+        half_width_s = max(half_width_s, FULL * float(np.median(np.diff(time_s))))
+    poses, derivatives, factors = kernels.local_cubics(time_s, np.ascontiguousarray(trajectory.poses), half_width_s)
     if np.isnan(poses[:, 0]).all():
         raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {kernels.LEAST} poses")
     u = np.sqrt(np.einsum("nii->ni", trajectory.random))
     steps = np.diff(poses[~np.isnan(poses[:, 0]), :3], axis=0)
     path = np.full(len(poses), np.nan)
     path[~np.isnan(poses[:, 0])] = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
-    u_pose, u_velocity, u_acceleration, u_jerk = (factors[:, a, None] * u for a in range(kernels.TERMS))
-    velocity, acceleration, jerk = (derivatives[:, a] for a in range(3))
-    return Motion(trajectory.time_s, poses, velocity, acceleration, jerk, u_pose, u_velocity, u_acceleration, u_jerk, path, half_width_s)
+    rates = [derivatives[:, a] for a in range(3)]
+    u_speed = factors[:, 1] * _along(rates[0][:, 3:], u[:, 3:])
+    if stamps.kind != "sound":
+        # an error of an instant is one of the pose by the twist there, one of the rate is one of each derivative by its order
+        speed = np.linalg.norm(rates[0][:, 3:], axis=1)
+        u = np.hypot(u, np.abs(rates[0]) * stamps.u_time_s)
+        u_speed = np.hypot(u_speed, speed * np.hypot(factors[:, 1] * stamps.u_time_s, stamps.u_rate))
+    u_pose, *u_rates = (factors[:, a, None] * u for a in range(kernels.TERMS))
+    if stamps.kind != "sound":
+        u_rates = [np.hypot(v, order * stamps.u_rate * np.abs(rate)) for order, v, rate in zip((1, 2, 3), u_rates, rates, strict=True)]
+    velocity, acceleration, jerk = rates
+    u_velocity, u_acceleration, u_jerk = u_rates
+    return Motion(
+        time_s,
+        poses,
+        velocity,
+        acceleration,
+        jerk,
+        u_pose,
+        u_velocity,
+        u_acceleration,
+        u_jerk,
+        u_speed,
+        path,
+        half_width_s,
+        stamps,
+    )
+
+
+def _along(velocity: FloatArray, u: FloatArray) -> FloatArray:
+    """(n,) standard uncertainty of a length along velocities (n, 3), from those of its components (n, 3)."""
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    unit = np.divide(velocity, speed, out=np.full_like(velocity, np.sqrt(1.0 / 3.0)), where=speed > 0.0)
+    return np.asarray(np.linalg.norm(unit * u, axis=1))
 
 
 def write_motion(path: Path, motion: Motion) -> None:
     """Write .parquet or .csv, whole or not at all."""
-    files.write_table(path, motion.columns(), {"half_width_s": repr(motion.half_width_s)})
+    note = {"note": motion.stamps.note} if motion.stamps.note else {}
+    files.write_table(path, motion.columns(), {"half_width_s": repr(motion.half_width_s)} | note)

@@ -16,6 +16,7 @@ from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels import screw
 from lmeasure.poses import POSITION_COLUMNS
+from lmeasure.trajectory.stamps import stamps_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -99,6 +100,8 @@ class Summary:
         self.worst_angle = self.u_position = self.u_rotation = 0.0
         self.covers = ""
         self.notes: list[str] = []
+        self.apart_s: tuple[float, float] | None = None
+        """Least and largest interval of stamps where those jitter."""
 
     def add(self, piece: Trajectory) -> None:
         """Take the next piece into account."""
@@ -115,6 +118,10 @@ class Summary:
         self.u_rotation = float(np.fmax.reduce(np.linalg.norm(piece.u[:, 3:], axis=1), initial=self.u_rotation))
         self.covers = piece.covers
         self.notes += [note for note in piece.notes if note not in self.notes]
+        if stamps_of(piece).kind != "sound":
+            intervals = np.diff(piece.time_s)
+            least, largest = self.apart_s or (np.inf, 0.0)
+            self.apart_s = min(least, float(intervals.min())), max(largest, float(intervals.max()))
 
     def text(self) -> str:
         """The lines."""
@@ -126,7 +133,14 @@ class Summary:
             lines.append(
                 f"worst pressure angle {self.worst_angle:.1f} deg; largest standard uncertainty {self.u_position:.4f} mm, {rotation}"
             )
-        return "\n".join([*lines, f"uncertainties: {self.covers}", *(f"note: {note}" for note in self.notes)])
+        lines += [f"uncertainties: {self.covers}", *(f"note: {note}" for note in self.notes)]
+        if self.apart_s is not None:
+            least, largest = (1e3 * interval for interval in self.apart_s)
+            lines.append(
+                f"note: time stamps jitter, {least:.3g} to {largest:.3g} ms apart, where the motion is even: poses are those of "
+                "the samples, whenever taken; `motion` and `certify` judge when that was"
+            )
+        return "\n".join(lines)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from lmeasure.certification.paths import Line
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, Program
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.stamps import sound
 
 FloatArray = NDArray[np.float64]
 
@@ -172,7 +173,7 @@ def test_level_speeds_of_several_lines_are_likely_level() -> None:
     place = np.column_stack([np.interp(way, [0.0, 200.0, 400.0, 600.0, 810.0], points[:, i]) for i in range(3)])
     rng = np.random.default_rng(6)
     trajectory, windows = runs(way, [place + 0.005 * rng.normal(size=place.shape) for _ in range(5)])
-    gathered = Gathered(trajectory, program_of(SQUARE | {"speed_mm_s": 250.0}, windows), Settings(), None)
+    gathered = Gathered(trajectory, program_of(SQUARE | {"speed_mm_s": 250.0}, windows), Settings(), None, sound(trajectory.time_s))
     errors, _ = gathered.errors_of(StatedErrors(np.diag([0.0, 0.0, 0.0, 25e-6, 25e-6, 25e-6])))
     part = gathered.parts(errors)[0]["path square"]
     measured, likely = (part.state(np.zeros((len(part.errors), 6)), reduced).speed_mm_s for reduced in (False, True))

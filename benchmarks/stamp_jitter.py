@@ -1,0 +1,215 @@
+"""Study: speeds from counts whose time stamps jitter, before and after the stamps are judged by the motion.
+
+    python benchmarks/stamp_jitter.py [--runs 200] [--cases uniform,burst] [--write]
+
+A tool goes to and fro on a straight line of 500 mm at exactly 250 mm/s between rests; six drums are read in whole counts, nominally every
+5 ms (1 ms in the last cases), and every sample gets a stamp by the case's law. "Before" takes the stamps as they are, in the first runs
+only. Of each run: the speed of one sample on the line, drawn; the largest of all speeds, as `motion` prints it; and AV, RV and FV of the
+cycles, which are 0 in truth.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "trajectory"))
+
+from cells import cell
+
+from lmeasure.certification import Settings, evaluate
+from lmeasure.counts import Counts
+from lmeasure.lengths import counts_from_poses, recorded_from_counts
+from lmeasure.program import Program
+from lmeasure.run import Run
+from lmeasure.trajectory import Trajectory, reconstruct, screw_method
+from lmeasure.trajectory.motion import motion_of
+from lmeasure.trajectory.stamps import sound, stamps_of
+
+FloatArray = NDArray[np.float64]
+
+RESULTS = Path(__file__).parent / "results" / "stamp_jitter.md"
+SPEED, WAY, RAMP_S, REST_S = 250.0, 500.0, 0.25, 0.5
+CYCLES = 3
+BEFORE = 40
+"""Runs in which stamps are taken as they are, too."""
+LEG_S = WAY / SPEED + RAMP_S
+BEGIN, END = np.array([-150.0, -200.0, 60.0]), np.array([150.0, 200.0, 60.0])
+LEAST_S = 5e-5
+"""Two stamps are at least so far apart: a host stamps one frame after the other."""
+Law = Callable[[np.random.Generator, FloatArray], tuple[FloatArray, FloatArray]]
+
+
+def in_order(stamps_s: FloatArray) -> FloatArray:
+    """A host stamps frames in the order of their coming."""
+    steps = LEAST_S * np.arange(len(stamps_s))
+    return np.asarray(np.maximum.accumulate(stamps_s - steps) + steps)
+
+
+def bursts(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A host that is away now and then for up to 50 ms, and then stamps what has waited at once."""
+    free, begin = np.zeros(len(t)), np.flatnonzero(rng.random(len(t)) < 0.01)
+    free[begin] = t[begin] + rng.uniform(0.005, 0.05, len(begin))
+    return t, in_order(np.maximum(t, np.maximum.accumulate(free)) + rng.exponential(2e-4, len(t)))
+
+
+def lost(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    kept = rng.random(len(t)) > 0.02
+    return t[kept], in_order(t + rng.uniform(0.0, 0.01, len(t)))[kept]
+
+
+def asked(rng: np.random.Generator, t: FloatArray, latency_s: float) -> tuple[FloatArray, FloatArray]:
+    """Taken when the host asks, 0 to 10 ms after the last, and stamped up to a latency later."""
+    true = np.cumsum(rng.uniform(2e-4, 2.0 * (t[1] - t[0]), len(t)))
+    true = true[true <= t[-1]]
+    return true, np.sort(true + rng.uniform(0.0, latency_s, len(true)))
+
+
+LAWS: dict[str, tuple[str, float, Law]] = {
+    "uniform": ("late by 0 to 10 ms, uniform", 0.005, lambda r, t: (t, in_order(t + r.uniform(0.0, 0.01, len(t))))),
+    "sorted": ("the same, latencies exchanged where they overtake", 0.005, lambda r, t: (t, np.sort(t + r.uniform(0.0, 0.01, len(t))))),
+    "exponential": ("late by 3 ms on average, exponential", 0.005, lambda r, t: (t, in_order(t + r.exponential(0.003, len(t))))),
+    "normal": ("off by 3 ms to both sides, normal", 0.005, lambda r, t: (t, in_order(t + r.normal(0.0, 0.003, len(t))))),
+    "burst": ("pauses of up to 50 ms, what waited stamped at once", 0.005, bursts),
+    "clocks": (
+        "two clocks: the device's 300 ppm slow, 2 ms late on average",
+        0.005,
+        lambda r, t: (1.0003 * t, in_order(1.0003 * t + r.exponential(0.002, len(t)))),
+    ),
+    "lost": ("late by 0 to 10 ms, one sample of 50 lost", 0.005, lost),
+    "walk": (
+        "intervals of 5 +- 4 ms added up, though samples come evenly",
+        0.005,
+        lambda r, t: (t, np.cumsum(r.normal(0.005, 0.004, len(t)).clip(LEAST_S))),
+    ),
+    "asked": ("taken 0.2 to 10 ms after the last, stamps right", 0.005, lambda r, t: asked(r, t, 0.0)),
+    "asked late": ("the same, stamps late by 0 to 1 ms", 0.005, lambda r, t: asked(r, t, 0.001)),
+    "sound": ("1 kHz, stamps right", 0.001, lambda r, t: (t, t)),
+    "micro": ("1 kHz, off by 2 us", 0.001, lambda r, t: (t, t + r.normal(0.0, 2e-6, len(t)))),
+    "some": ("1 kHz, late by 0 to 0.2 ms", 0.001, lambda r, t: (t, t + r.uniform(0.0, 2e-4, len(t)))),
+}
+
+
+def places(t: FloatArray) -> FloatArray:
+    """(n, 7) true poses at times (n,): to and fro at SPEED between rests, by quadratic ramps."""
+    phase = np.mod(t, 2.0 * (REST_S + LEG_S))
+    back = phase > REST_S + LEG_S
+    s = np.clip(np.where(back, phase - REST_S - LEG_S, phase) - REST_S, 0.0, LEG_S)
+    ramp = 0.5 * SPEED / RAMP_S * np.minimum(np.minimum(s, LEG_S - s), RAMP_S) ** 2
+    plain = SPEED * (s - 0.5 * RAMP_S)
+    part = np.where(s < RAMP_S, ramp, np.where(s > LEG_S - RAMP_S, WAY - ramp, plain)) / WAY
+    part = np.where(back, 1.0 - part, part)
+    turn = Rotation.from_rotvec(np.outer(part, [0.1, -0.05, 0.15])).as_quat()
+    return np.column_stack([BEGIN + part[:, None] * (END - BEGIN), turn])
+
+
+def program(true: FloatArray, stamps_s: FloatArray) -> Program:
+    """The line forth, cycle by cycle, by the stamps of samples taken at true instants; rests at both ends belong to the windows."""
+    begins = 2.0 * (REST_S + LEG_S) * np.arange(CYCLES) + 0.5 * REST_S
+    path = {
+        "name": "line",
+        "kind": "linear",
+        "start_mm": BEGIN.tolist(),
+        "end_mm": END.tolist(),
+        "speed_mm_s": SPEED,
+        "windows_s": [np.interp([b, b + LEG_S + REST_S], true, stamps_s).tolist() for b in begins],
+    }
+    return Program.model_validate({"schema": "lmeasure.program/1", "path": [path]})
+
+
+def recorded(law: Law, period_s: float, rng: np.random.Generator) -> tuple[Run, FloatArray]:
+    """A run as it is recorded, and its true instants."""
+    t = np.arange(0.0, 2.0 * CYCLES * (REST_S + LEG_S) + REST_S, period_s)
+    true, stamps = law(rng, t)
+    rig = cell()
+    poses = places(true)
+    poses[:, :3] += rng.uniform(-1.0, 1.0, 3)  # where within a count
+    counts = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0]))
+    return Run(rig, poses[0], (Counts(stamps, tuple(c.channel for c in rig.cable), counts),)), true
+
+
+@dataclass
+class Tally:
+    """What of one case and one way of taking the stamps was met."""
+
+    inside: dict[str, list[bool]]
+    error: dict[str, list[float]]
+    u95: dict[str, list[float]]
+
+    def add(self, name: str, error: float, u95: float) -> None:
+        self.inside.setdefault(name, []).append(abs(error) <= u95)
+        self.error.setdefault(name, []).append(error)
+        self.u95.setdefault(name, []).append(u95)
+
+    def told(self, name: str) -> str:
+        """Share inside, root mean square error and median U95."""
+        share, error = np.mean(self.inside[name]), np.sqrt(np.mean(np.square(self.error[name])))
+        return f"{100.0 * share:.1f} % ({error:.2g}; {np.median(self.u95[name]):.2g})"
+
+
+FIGURES = ("speed", "largest", "AV", "RV", "FV")
+
+
+def measure(trajectory: Trajectory, run: Run, true: FloatArray, tally: Tally, judge: bool, rng: np.random.Generator) -> str:
+    """Errors of one run's figures into the tally; the kind its stamps were found to be."""
+    stamps = stamps_of(trajectory) if judge else sound(trajectory.time_s)
+    motion = motion_of(trajectory, stamps=stamps)
+    phase = np.mod(true, REST_S + LEG_S) - REST_S
+    level = np.flatnonzero((phase > RAMP_S + 0.05) & (phase < LEG_S - RAMP_S - 0.05) & ~np.isnan(motion.speed_mm_s))
+    at = int(rng.choice(level))
+    tally.add("speed", float(motion.speed_mm_s[at] - SPEED), 1.96 * float(motion.u_speed_mm_s[at]))
+    largest, u95 = motion.largest_speed()
+    tally.add("largest", largest - SPEED, u95)
+    found = evaluate(trajectory, program(true, trajectory.time_s), run=run, settings=Settings(trials=100, planes=50), stamps=stamps)
+    for c in found.characteristics:
+        if c.name in FIGURES:
+            tally.add(c.name, c.value, c.u95)
+    return stamps.kind
+
+
+def main() -> None:
+    """Print the table, or write it."""
+    screw_method.COMPILING_PAYS = 1  # for so many short runs it does
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--cases", default=",".join(LAWS))
+    parser.add_argument("--write", action="store_true")
+    asked_for = parser.parse_args()
+    lines = [
+        "# Time stamps that jitter",
+        "",
+        f"`python benchmarks/stamp_jitter.py --write`: {asked_for.runs} runs a case ({BEFORE} before), seeded. A tool on a line at "
+        "250 mm/s, whole counts of 0.012 mm. Each cell: share of runs whose stated U95 holds the truth (root mean square error; median "
+        "U95), of the speed of one sample [mm/s], the largest speed of the run as `motion` prints it [mm/s], and AV [%], RV [%], FV [mm/s] "
+        "of a certificate.",
+        "",
+        "| stamps | found | | " + " | ".join(FIGURES) + " |",
+        "|---|---|---|" + "---|" * len(FIGURES),
+    ]
+    for name in asked_for.cases.split(","):
+        text, period_s, law = LAWS[name]
+        before, after = (Tally({}, {}, {}) for _ in range(2))
+        kinds: list[str] = []
+        for seed in range(asked_for.runs):
+            rng = np.random.default_rng([seed, list(LAWS).index(name)])
+            run, true = recorded(law, period_s, rng)
+            trajectory = reconstruct(run)
+            drawn = rng.integers(2**32)
+            kinds.append(measure(trajectory, run, true, after, True, np.random.default_rng(drawn)))
+            if seed < BEFORE:
+                measure(trajectory, run, true, before, False, np.random.default_rng(drawn))
+        found = ", ".join(f"{kind} {kinds.count(kind)}" for kind in dict.fromkeys(kinds))
+        lines.append(f"| {text} | | before | " + " | ".join(before.told(f) for f in FIGURES) + " |")
+        lines.append(f"| | {found} | after | " + " | ".join(after.told(f) for f in FIGURES) + " |")
+        print("\n".join(lines[-2:]), flush=True)
+    if asked_for.write:
+        RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,224 @@
+"""Time stamps that jitter: evenly taken samples get even times, stamps in error carry it, sound ones stay as they are."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import cell
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from lmeasure.cli import app
+from lmeasure.counts import Counts, unwrap
+from lmeasure.kernels.counter import JUMPED
+from lmeasure.lengths import counts_from_poses, recorded_from_counts
+from lmeasure.run import Run, write_run
+from lmeasure.trajectory import read_trajectory, reconstruct
+from lmeasure.trajectory.evenly import clock, numbers
+from lmeasure.trajectory.motion import motion_of
+from lmeasure.trajectory.stamps import judged
+
+FloatArray = NDArray[np.float64]
+Law = Callable[[np.random.Generator, FloatArray], FloatArray]
+
+PERIOD_S, SPEED, RAMP_S = 0.005, 250.0, 0.25
+NOISE_MM = 0.0046
+LAST_S = 8.0
+LEVEL = slice(200, 1300)
+"""Samples, of 1600, at SPEED."""
+
+
+def way(t: FloatArray) -> FloatArray:
+    """(n,) way [mm] at times (n,): rest until 0.5 s, at SPEED until 7.25 s, ramps of RAMP_S, rest."""
+    s, end = np.clip(t - 0.5, 0.0, LAST_S - 1.0), LAST_S - 1.0
+    ramp = 0.5 * SPEED / RAMP_S
+    out = np.where(s < RAMP_S, ramp * s**2, SPEED * (s - 0.5 * RAMP_S))
+    return np.where(s > end - RAMP_S, SPEED * (end - RAMP_S) - ramp * (end - s) ** 2, out)
+
+
+def on_line(t: FloatArray) -> FloatArray:
+    """(n, 3) places on a line in space."""
+    return way(t)[:, None] * np.array([0.6, 0.0, 0.8])
+
+
+def measured(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places with their noise, and its standard uncertainties."""
+    return on_line(t) + rng.normal(0.0, NOISE_MM, (len(t), 3)), np.full(len(t), NOISE_MM)
+
+
+def instants(n: int, rate_hz: float = 1.0 / PERIOD_S) -> FloatArray:
+    """(n,) even times [s]."""
+    return np.asarray(np.arange(n) / rate_hz, dtype=np.float64)
+
+
+def in_order(stamps: FloatArray) -> FloatArray:
+    steps = 5e-5 * np.arange(len(stamps))
+    return np.asarray(np.maximum.accumulate(stamps - steps) + steps)
+
+
+def pauses(rng: np.random.Generator, t: FloatArray) -> FloatArray:
+    """A host that is away for 20 to 50 ms at a time."""
+    free, begin = np.zeros(len(t)), np.flatnonzero(rng.random(len(t)) < 0.01)
+    free[begin] = t[begin] + rng.uniform(0.02, 0.05, len(begin))
+    return in_order(np.maximum(t, np.maximum.accumulate(free)) + rng.exponential(2e-4, len(t)))
+
+
+EVEN_LAWS: dict[str, Law] = {
+    "uniform": lambda rng, t: in_order(t + rng.uniform(0.0, 0.01, len(t))),
+    "overtaking": lambda rng, t: np.sort(t + rng.uniform(0.0, 0.01, len(t))),
+    "exponential": lambda rng, t: in_order(t + rng.exponential(0.003, len(t))),
+    "both sides": lambda rng, t: in_order(t + rng.normal(0.0, 0.003, len(t))),
+    "pauses": pauses,
+    "tenth of a period": lambda rng, t: t + rng.uniform(0.0, 5e-4, len(t)),
+}
+
+
+@pytest.mark.parametrize("name", EVEN_LAWS)
+def test_late_stamps_of_even_samples_give_even_times(name: str) -> None:
+    t = instants(1600)
+    of_rate = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        places, u = measured(rng, t)
+        stamps = EVEN_LAWS[name](rng, t)
+        found = judged(stamps, places, u)
+        assert found.kind == "even"
+        assert np.ptp(np.diff(found.time_s)) < 1e-9
+        # where windows of time fall stays as it was recorded
+        assert np.mean(found.time_s - stamps) == pytest.approx(0.0, abs=1e-9)
+        of_rate.append((np.diff(found.time_s).mean() / PERIOD_S - 1.0) / found.u_rate)
+        assert found.u_rate < 1e-4
+        assert found.u_time_s * SPEED < 2.0 * NOISE_MM
+    # 16 if the stated uncertainty is right, and hardly above 30
+    assert 0.5 < np.sum(np.square(of_rate)) < 30.0
+
+
+def test_lost_samples_leave_holes_of_whole_periods() -> None:
+    t = instants(1600)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        kept = rng.random(len(t)) > 0.02
+        stamps, number = in_order(t + rng.uniform(0.0, 0.01, len(t)))[kept], np.flatnonzero(kept)
+        places, u = measured(rng, t[kept])
+        found = judged(stamps, places, u)
+        assert found.kind == "even"
+        moving = (number > 120) & (number < 1480)
+        np.testing.assert_allclose(np.diff(found.time_s[moving]) / PERIOD_S, np.diff(number[moving]), atol=1e-3)
+
+
+def test_a_hole_while_the_tool_rests_is_told_by_the_stamps_alone() -> None:
+    t = np.delete(instants(1600), slice(1530, 1533))
+    rng = np.random.default_rng(3)
+    stamps = in_order(t + rng.uniform(0.0, 0.01, len(t)))
+    found = numbers(stamps, measured(rng, t)[0], NOISE_MM)
+    assert found.number[-1] == 1599
+    # at the transition it is not where, but how many that can be told
+    assert np.array_equal(found.number[:1500], np.arange(1500))
+    even = clock(stamps, found)
+    assert even is not None
+    assert even.period_s == pytest.approx(PERIOD_S, rel=2e-4)
+
+
+def test_samples_that_a_host_asked_for_keep_their_stamps() -> None:
+    rng = np.random.default_rng(5)
+    true = np.cumsum(rng.uniform(2e-4, 0.01, 1500))
+    places, u = measured(rng, true)
+    asked = judged(true, places, u)
+    assert asked.kind == "sound"
+    assert asked.time_s is true
+    late = np.sort(true + rng.uniform(0.0, 0.001, len(true)))
+    found = judged(late, places, u)
+    assert found.kind == "uneven"
+    assert found.time_s is late
+    assert found.u_time_s == pytest.approx(0.001 / np.sqrt(12.0), rel=0.25)
+    assert "in error by 0.2" in found.note or "in error by 0.3" in found.note
+
+
+@pytest.mark.parametrize(("rate_hz", "off_s"), [(1000.0, 0.0), (1000.0, 2e-6), (200.0, 2e-6), (200.0, 1e-6)])
+def test_sound_stamps_stay_as_they_are(rate_hz: float, off_s: float) -> None:
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        t = instants(round(LAST_S * rate_hz), rate_hz)
+        stamps = t + rng.uniform(-off_s, off_s, len(t))
+        found = judged(stamps, *measured(rng, t))
+        assert found.kind == "sound"
+        assert found.time_s is stamps
+        assert found.note == ""
+
+
+def test_what_no_motion_tells_stays() -> None:
+    rng = np.random.default_rng(0)
+    t = instants(1600)
+    stamps = in_order(t + rng.uniform(0.0, 0.01, len(t)))
+    assert judged(stamps, rng.normal(0.0, NOISE_MM, (len(t), 3)), np.full(len(t), NOISE_MM)).kind == "sound"
+    assert judged(stamps[:20], on_line(t[:20]), np.full(20, NOISE_MM)).kind == "sound"
+    assert judged(stamps, np.full((len(t), 3), np.nan), np.full(len(t), np.nan)).kind == "sound"
+
+
+def test_without_stated_noise_it_is_that_across_the_motion() -> None:
+    rng = np.random.default_rng(1)
+    t = instants(1600)
+    places, _ = measured(rng, t)
+    for off_s, kind in ((3e-6, "sound"), (1e-3, "even")):
+        stamps = t + rng.uniform(0.0, off_s, len(t))
+        assert judged(stamps, places, np.zeros(len(t))).kind == kind
+
+
+def run_with(stamps: FloatArray, t: FloatArray) -> Run:
+    """Whole counts of a cell, taken at true times and stamped."""
+    rig, places = cell(), on_line(t) / 6.0 - [80.0, 0.0, 100.0]
+    poses = np.column_stack([places, np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1))])
+    counts = recorded_from_counts(rig, counts_from_poses(rig, poses, poses[0]))
+    return Run(rig, poses[0], (Counts(stamps, tuple(c.channel for c in rig.cable), counts),))
+
+
+def test_speeds_hold_what_they_say(tmp_path: Path) -> None:
+    t = instants(1600)
+    inside, largest = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        trajectory = reconstruct(run_with(in_order(t + rng.uniform(0.0, 0.01, len(t))), t))
+        assert "time stamps jitter" in trajectory.summary()
+        motion = motion_of(trajectory)
+        error = motion.speed_mm_s[LEVEL] - SPEED / 6.0
+        inside.append(np.mean(np.abs(error) <= 1.96 * motion.u_speed_mm_s[LEVEL]))
+        assert np.abs(error).max() < 1.0
+        value, u95 = motion.largest_speed()
+        largest.append(abs(value - SPEED / 6.0) <= u95)
+    assert 0.9 < np.mean(inside) < 0.99
+    assert sum(largest) >= 5
+
+
+def test_the_commands_say_it(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    t = instants(1600)
+    write_run(tmp_path / "run", run_with(in_order(t + rng.uniform(0.0, 0.01, len(t))), t))
+    call = CliRunner().invoke
+    out, motion = tmp_path / "t.csv", tmp_path / "m.csv"
+    done = call(app, ["reconstruct", str(tmp_path / "run"), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "note: time stamps jitter" in done.output
+    recorded = read_trajectory(out).time_s
+    done = call(app, ["motion", str(out), "--out", str(motion)])
+    assert done.exit_code == 0, done.output
+    assert "samples taken evenly, every 5.00" in done.output.replace("4.99", "5.00")
+    header, *rows = motion.read_text().splitlines()
+    table = {
+        name: np.array(column) for name, column in zip(header.split(","), zip(*(r.split(",") for r in rows), strict=True), strict=True)
+    }
+    np.testing.assert_array_equal(table["stamp_s"].astype(float), recorded)
+    assert np.ptp(np.diff(table["time_s"].astype(float))) < 1e-9
+
+
+def test_a_busy_hosts_stamps_are_no_jump() -> None:
+    # 20 samples, 1.25 mm each, stamped within a millisecond behind a pause
+    t = instants(200)
+    counts = np.rint(1.25 / 0.012 * np.arange(200))
+    stamps = t.copy()
+    stamps[100:120] = t[120] - 1e-3 + 5e-5 * np.arange(20)
+    found = unwrap(counts, stamps, 20000.0 / 0.012, 32)
+    np.testing.assert_array_equal(found.counts, counts)
+    # what nothing can have gone in the usual time is one still
+    counts[150:] += 100_000
+    assert unwrap(counts, stamps, 20000.0 / 0.012, 32).what[150] == JUMPED
