@@ -33,8 +33,8 @@ whole ones."""
 PAUSE_S = 1.0
 """Behind a longer one the device may have started anew: its phase is not that of before."""
 BLOCKS, LEAST_OF_BLOCK = 32, 25
-WHITE = 1.0
-"""Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 1 % of 20 such below 1."""
+WHITE = 1.3
+"""Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 2 % of 30 such below 1.3."""
 PASSES = 5
 SETTLING = 4
 NORMAL_95 = 1.959963984540054
