@@ -64,6 +64,10 @@ class KeyKeptError(OverwriteError, CertificationError):
     """A key is there already: what it signed could not be checked any more."""
 
 
+class ForeignFolderError(OverwriteError, CertificationError):
+    """Where a certificate is to be written stands something else than an earlier certificate."""
+
+
 class RobotError(LMeasureError, ValueError):
     """A robot that cannot do what its program asks; `sample` is where, when a path was asked."""
 

@@ -31,6 +31,7 @@ from lmeasure.kernels.screw import CABLES, WIDTH
 from lmeasure.kernels.zone_lanes import scan_lanes
 from lmeasure.kernels.zone_linked import Linked, strict_gradients, strict_lengths
 from lmeasure.kernels.zone_rows import LANES
+from lmeasure.opened import open_regular
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -314,7 +315,7 @@ class _Kept:
         if not path.exists():
             return None
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            with open_regular(path) as file, np.load(file, allow_pickle=False) as stored:
                 return stored["figures"], stored["flags"]
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise AccuracyError(f"{path}: is no chunk of a scan ({_one_line(error)}); remove it, and it is done again") from error

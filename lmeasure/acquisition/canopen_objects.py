@@ -8,6 +8,7 @@ from typing import Any
 from lmeasure.acquisition.decoders import ALL_BITS, CounterField, Place, field_at
 from lmeasure.can_table import CanOpenCan, NodeChannel
 from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.opened import open_regular
 from lmeasure.rig import Rig
 
 POSITIONS = {0x6004: "position value", 0x6008: "64-bit position value"}
@@ -43,6 +44,7 @@ class DataSheet(Objects):
         from canopen.objectdictionary import import_od
 
         self.name = f"{path}: node {node}"
+        open_regular(path).close()
         try:
             self._dictionary: Any = import_od(str(path), node)
         except OSError as error:

@@ -362,10 +362,13 @@ class _Writer:
 
 
 def _content(path: Path) -> bytes | None:
-    try:
-        return path.read_bytes()
-    except OSError:
+    """The file's bytes, none of what is there and no file, None where nothing is."""
+    if not path.exists():
         return None
+    try:
+        return files.read_bytes(path)
+    except LMeasureError:
+        return b""
 
 
 def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:

@@ -26,7 +26,7 @@ from typing import Any
 from lmeasure import files
 from lmeasure.certification.canonical import canonical, digest
 from lmeasure.certification.signature import fingerprint, sign, signer
-from lmeasure.errors import CertificationError, LMeasureError
+from lmeasure.errors import CertificationError, ForeignFolderError, LMeasureError
 
 SCHEMA = "lmeasure.bundle/1"
 MANIFEST = "manifest.json"
@@ -52,7 +52,7 @@ class Difference:
 def new_folder(out: Path) -> Iterator[Path]:
     """A folder under a temporary name beside `out`, which becomes `out` when the block ends without an error.
 
-    CertificationError when `out` is a file or holds anything but an earlier certificate, which is replaced.
+    ForeignFolderError when `out` is a file or holds anything but an earlier certificate, which is replaced.
     """
     out = Path(out)
     try:
@@ -88,12 +88,12 @@ def new_folder(out: Path) -> Iterator[Path]:
 
 def _claim(out: Path) -> None:
     if out.is_symlink() or (out.exists() and not out.is_dir()):
-        raise CertificationError(f"{out}: is not a folder; a certificate needs a folder of its own")
+        raise ForeignFolderError(f"{out}: is not a folder; a certificate needs a folder of its own")
     if out.is_dir() and any(out.iterdir()):
         known = _listed(out / MANIFEST)
         strange = sorted(found_files(out) - known - {MANIFEST, SIGNATURE}) if known else ["other files"]
         if strange:
-            raise CertificationError(f"{out}: holds {strange[0]}, no part of an earlier certificate; give --out a folder of its own")
+            raise ForeignFolderError(f"{out}: holds {strange[0]}, no part of an earlier certificate; give --out a folder of its own")
 
 
 def _listed(manifest: Path) -> set[str]:

@@ -6,9 +6,11 @@ from pathlib import Path
 
 from lmeasure import files
 from lmeasure.errors import LMeasureError, OverwriteError
+from lmeasure.opened import read_regular
 
 SCHEMA = "lmeasure.demo/1"
 MARK = "demo.json"
+LARGEST_MARK = 1 << 20
 
 
 def claim(out: Path) -> None:
@@ -26,8 +28,8 @@ def claim(out: Path) -> None:
 
 def _is_mark(path: Path) -> bool:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = json.loads(read_regular(path, LARGEST_MARK))
+    except (LMeasureError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and content.get("schema") == SCHEMA
 

@@ -95,7 +95,9 @@ def _compare(g: Given) -> Paths:
 
 
 def _certify(g: Given) -> Paths:
-    return Paths([], [], (g["out"].parent,))
+    zipped = g["out"].resolve()
+    packed = _in(zipped.parent, f"{zipped.name}.zip", f"{zipped.name}.zip.sha256") if g["zipped"] else []
+    return Paths(packed, _paths(g["trajectory"], g["program"], g["details"], g["key"], g["xsd"]), (g["out"].parent,))
 
 
 RULES: dict[str, Callable[[Given], Paths]] = {

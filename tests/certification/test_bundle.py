@@ -20,7 +20,7 @@ from lmeasure.certification.certificate import identification
 from lmeasure.certification.measure import Inputs, inputs_in, measure, settings_from
 from lmeasure.certification.signature import fingerprint, new_key, read_private_key, read_public_key, signer
 from lmeasure.certification.verify import read_certificate, told, verify
-from lmeasure.errors import CertificationError, KeyKeptError, LMeasureError
+from lmeasure.errors import CertificationError, ForeignFolderError, KeyKeptError, LMeasureError
 from lmeasure.report.certificate import PRINTERS, Choices, write_certificate, zip_of
 
 CHANGES = 1000
@@ -321,9 +321,9 @@ def test_zips_that_would_write_elsewhere_or_grow_are_refused(tmp_path: Path) -> 
 
 def test_a_folder_of_somebody_else_is_not_touched(tmp_path: Path, campaign: Path) -> None:
     (tmp_path / "own.txt").write_text("mine")
-    with pytest.raises(CertificationError, match="holds other files"), new_folder(tmp_path):
+    with pytest.raises(ForeignFolderError, match="holds other files"), new_folder(tmp_path):
         pass
-    with pytest.raises(CertificationError, match="is not a folder"), new_folder(tmp_path / "own.txt"):
+    with pytest.raises(ForeignFolderError, match="is not a folder"), new_folder(tmp_path / "own.txt"):
         pass
     out = tmp_path / "out"
     with pytest.raises(ZeroDivisionError), new_folder(out) as folder:

@@ -72,6 +72,8 @@ def test_every_command_is_held_to_the_rule() -> None:
         "place run/rig.toml --task notes.txt --out run",
         "program --out program --x 0:100 --y 0:100 --z 0:100",
         "key --out notes.txt",
+        "certify t.csv --program notes.txt --out run",
+        "certify t.csv --program notes.txt --out notes --zip",
         "demo --out run",
     ],
 )
@@ -79,6 +81,7 @@ def test_nothing_is_written_over_what_is_not_the_command_s_own(cell: Path, words
     monkeypatch.chdir(cell)
     for name in ("notes.csv", "notes.rrd"):
         (cell / name).write_text("mine")
+    (cell / "notes.zip").write_text("mine")
     (cell / "program").mkdir()
     (cell / "program" / "commands.csv").write_text("mine")
     (cell / "log.log").write_text("(1.0) can0 080#\n" + "".join(f"(1.1) can0 {i:03X}#00000000\n" for i in range(0x181, 0x187)))
