@@ -4,6 +4,10 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
+from lmeasure import extras
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
@@ -23,3 +27,14 @@ def test_packages_that_a_format_or_a_kernel_depends_on_are_bounded() -> None:
     stated = {re.split(r"[\[<>=]", text)[0]: text for text in PROJECT["project"]["dependencies"]}
     for name in ("cantools", "h5netcdf", "h5py", "numba", "numpy", "python-can", "rerun-sdk", "typst"):
         assert "<" in stated[name], name
+
+
+def test_hints_name_the_folder_or_the_packages_and_nothing_that_no_index_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    for extra, packages in PROJECT["project"]["optional-dependencies"].items():
+        assert extras.how_to_install(extra) == f"pip install '{ROOT}[{extra}]'"
+        assert packages
+    stated = ["numpy>=2", 'mcap>=1.2; extra == "ros"', "asammdf>=8.0; extra == 'mf4'"]
+    monkeypatch.setattr(extras, "requires", lambda name: stated)
+    monkeypatch.setattr(extras, "__file__", "/site-packages/lmeasure/extras.py")
+    assert extras.how_to_install("ros") == "pip install 'mcap>=1.2'"
+    assert extras.how_to_install("mf4") == "pip install 'asammdf>=8.0'"
