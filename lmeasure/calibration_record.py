@@ -146,6 +146,11 @@ class CalibrationRecord(_Record):
         rows = np.array([own.covariance for own in self.dimensions], dtype=np.float64).reshape(len(self.dimensions), -1).T
         return rows[:p], rows[p:]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all that the calibration tells something of: parameters and dimensions."""
+        return (*(p.name for p in self.parameters), *(d.name for d in self.dimensions))
+
     def covariance_matrix(self) -> FloatArray:
         """(p, p) covariance of the parameters in their own units."""
         return _matrix(self.covariance)

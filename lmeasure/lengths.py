@@ -397,7 +397,7 @@ def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[C
     chosen = rig.cable if cables is None else cables
     names = parameter_names(rig, chosen)
     known = () if record is None else record.dimensions
-    solved = () if record is None else (*(p.name for p in record.parameters), *(d.name for d in known))
+    solved = () if record is None else record.names
     stated = {n: v.u for v in unsolved.stated(rig, chosen, solved, unsolved.PARAMETERS) for n in v.names}
     own = _selected(rig, chosen, tuple(stated)) * np.array(list(stated.values()))
     if record is None or not known:

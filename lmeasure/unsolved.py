@@ -38,6 +38,7 @@ FloatArray = NDArray[np.float64]
 
 EXPANSION_PER_K = 11.5e-6  # of steel
 WARMER_K = 5.0
+ALIKE_K = 0.5  # temperatures that are not told apart
 BAND = 2.5  # recorded counts
 
 
@@ -67,7 +68,46 @@ PARAMETERS = (COUNT_LENGTH, PITCH, ATTACHMENT)
 OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION)
 """What depends on how drum and pulley stand and which way they turned."""
 KINDS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION)
-TEMPERATURE = f"{WARMER_K:g} K, steel against what does not grow"
+TEMPERATURE = "temperature"
+CALIBRATIONS = "the calibration's"
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What is taken as exact because nobody stated it: what it is, a usual size in words, and the standard uncertainty of the tool's place
+    [mm] that this size would add, the largest over the poses that were asked for. stated: it is no usual size but what was stated."""
+
+    text: str
+    usual: str
+    mm: float
+    stated: bool = False
+
+    def line(self) -> str:
+        """A sentence for a person."""
+        if self.stated:
+            return f"no expansion is stated, and it was {self.usual}: steel would add up to {self.mm:.3g} mm"
+        return f"taken as exact, not stated: {self.text}; {self.usual} would add up to {self.mm:.3g} mm"
+
+
+def worst(taken: Iterable[Taken]) -> tuple[Taken, ...]:
+    """The same things taken as exact by several pieces of a run, each where it is worst."""
+    out: dict[tuple[str, bool], Taken] = {}
+    for t in taken:
+        if (t.text, t.stated) not in out or t.mm > out[t.text, t.stated].mm:
+            out[t.text, t.stated] = t
+    return tuple(out.values())
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """What is known of the temperature of a run: that at which the rig's dimensions hold and those of the run [deg C], None where nobody
+    stated them; expands: whether the rig says how it grows; of: whose the first is, in words."""
+
+    reference_c: float | None
+    lowest_c: float | None
+    highest_c: float | None
+    expands: bool
+    of: str = CALIBRATIONS
 
 
 @dataclass(frozen=True)
@@ -216,9 +256,65 @@ class Unsolved:
         return out
 
 
+def taken_as_exact(
+    rig: Rig,
+    variables: Iterable[Variable],
+    rows: FloatArray,
+    zero: Zero,
+    poses: FloatArray,
+    counts: FloatArray,
+    twists: FloatArray,
+    warmth: Warmth | None = None,
+    cables: tuple[Cable, ...] | None = None,
+) -> tuple[Taken, ...]:
+    """What usual sizes of the variables, those of `exact`, would do to the tool's place at (n, 7) poses and true counts (n, m), with twists
+    (n, 6, m) per length; and what the temperature would. Poses and cables without a count have no part in it."""
+    chosen = list(variables)
+    out = []
+    for kind in KINDS:
+        own = [v for v in chosen if v.kind is kind]
+        if own:
+            effect = Unsolved(rig, own, cables)
+            columns = np.concatenate([effect.shifts(rows, zero, poses, counts), effect.play(np.ones(counts.shape))], axis=2)
+            out.append(Taken(kind.text, kind.usual, _added(twists, columns)))
+    if warmth is not None:
+        paid = np.stack([paid_out(row, counts[:, j]) for j, row in enumerate(rows)], axis=1)
+        # a whole rig of another temperature: a matter of scale; a cable that warms after it was zeroed: of all that is free of it
+        free = paid + np.hypot(rows[:, 10], rows[:, 11]) + free_lengths(rows, zero.poses)
+        scale, drift = (_added(twists, EXPANSION_PER_K * length[:, :, None]) for length in (paid, free))
+        out += _of_temperature(warmth, scale, drift)
+    return tuple(out)
+
+
+def _added(twists: FloatArray, columns: FloatArray) -> float:
+    """The largest standard uncertainty of the tool's place [mm] by independent errors (n, m, q) of lengths."""
+    moved = twists[:, 3:] @ np.where(np.isfinite(columns), columns, 0.0)
+    return float(np.sqrt(np.nanmax((moved**2).sum(axis=(1, 2)), initial=0.0)))
+
+
+def _of_temperature(warmth: Warmth, scale: float, drift: float) -> list[Taken]:
+    """What the temperature would add, from what a kelvin does: of the whole rig, drums and cables against the frame, and since zeroing."""
+    if warmth.expands and warmth.lowest_c is not None:
+        return []
+    if warmth.reference_c is None or warmth.lowest_c is None or warmth.highest_c is None:
+        at = f", calibrated at {warmth.reference_c:.1f} deg C" if warmth.of == CALIBRATIONS and warmth.reference_c is not None else ""
+        return [Taken(TEMPERATURE, f"{WARMER_K:g} K since zeroing{at}", WARMER_K * drift)]
+    off = max(abs(warmth.lowest_c - warmth.reference_c), abs(warmth.highest_c - warmth.reference_c))
+    if off < ALIKE_K:
+        return []
+    mm = off * scale + (warmth.highest_c - warmth.lowest_c) * drift
+    return [Taken(TEMPERATURE, f"up to {off:.1f} K off {warmth.of} {warmth.reference_c:.1f} deg C", mm, stated=True)]
+
+
 def paid_out(row: FloatArray, k: FloatArray) -> FloatArray:
     """(n,) cable [mm] past the fixed pulley when k (n,) counts are paid out, D(k) of `kernels.cable`, without compiling."""
     return np.asarray(k * row[13] - (np.hypot(row[10], row[11] + row[12] * k) - np.hypot(row[10], row[11])))
+
+
+def free_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:
+    """(m,) lengths from B to the attachment point [mm] of each cable at its own pose (m, 7), along straight lines, without compiling."""
+    points = poses[:, :3] + Rotation.from_quat(poses[:, 3:]).apply(rows[:, 7:10])
+    return np.asarray(np.linalg.norm(points - rows[:, 0:3], axis=1))
 
 
 def _leaving(rows: FloatArray, poses: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

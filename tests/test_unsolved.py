@@ -66,6 +66,14 @@ def drawn_flaws(rng: np.random.Generator, name: str, cables: int = 6) -> dict[st
     return flaws[name]()
 
 
+def nominal(true: real_rig.RealRig) -> dict[str, Any]:
+    """Its drawing, with counters zeroed exactly."""
+    data = true.nominal()
+    for point in data["observation_point"]:
+        point["drum"]["zero_exact"] = True
+    return data
+
+
 def truth(seed: int) -> real_rig.RealRig:
     return real_rig.draw(seed, real_rig.Flaws(phase=False))
 
@@ -91,7 +99,7 @@ def test_shifts_are_what_flawed_rigs_are_off_by(name: str) -> None:
     """One thousandth of the stated flaw on one component after the other, central differences of the forward model."""
     # the forward model turns the pulley by what the drum winds off: without a groove that is what runs over the pulley
     true = replace(truth(3), pitch=np.zeros(6)) if name == "eccentricity" else truth(3)
-    rig = stating(true.nominal(), name)
+    rig = stating(nominal(true), name)
     rng = np.random.default_rng(3)
     poses = real_rig.scattered(rng, 12)
     (variable,) = {v.kind for v in unsolved.stated(rig)}
@@ -116,7 +124,7 @@ def test_shifts_are_what_flawed_rigs_are_off_by(name: str) -> None:
 
 
 def test_at_the_count_and_pose_where_it_was_zeroed_nothing_is_off() -> None:
-    rig = stating(truth(1).nominal(), *STATED)
+    rig = stating(nominal(truth(1)), *STATED)
     effects = unsolved.Unsolved(rig, unsolved.stated(rig))
     found = effects.shifts(rig.cable_rows(), zero_at(START, 6, 0.0), START[None], np.zeros((1, 6)))
     np.testing.assert_allclose(found, 0.0, atol=1e-15)
@@ -168,7 +176,7 @@ def test_errors_of_rigs_drawn_from_what_is_stated_are_what_is_stated(names: tupl
     for seed in range(DRAWS):
         rng = np.random.default_rng([seed, 11])
         true = truth(seed)
-        rig, poses = stating(true.nominal(), *names), way_of(rng)
+        rig, poses = stating(nominal(true), *names), way_of(rng)
         run = run_of(rig, recorded_by(true, poses, rng, names))
         found = reconstruct(run)
         at = np.sort(rng.choice(np.arange(30, len(poses)), 2, replace=False))
@@ -196,7 +204,7 @@ def test_errors_of_rigs_drawn_from_what_is_stated_are_what_is_stated(names: tupl
     ],
 )
 def test_keys_that_cannot_be(where: str, keys: dict[str, float], told: str) -> None:
-    data = truth(1).nominal()
+    data = nominal(truth(1))
     point = data["observation_point"][0]
     {"drum": point["drum"], "point": point, "rig": data}[where].update(keys)
     with pytest.raises(RigError, match=told):
@@ -205,7 +213,7 @@ def test_keys_that_cannot_be(where: str, keys: dict[str, float], told: str) -> N
 
 def test_what_is_stated_of_dimensions_is_a_covariance_of_the_cables_parameters() -> None:
     """Columns of the kernels' parameters, through their gradients, are the shifts of the lengths."""
-    rig = stating(truth(5).nominal(), "count length", "groove pitch", "attachment")
+    rig = stating(nominal(truth(5)), "count length", "groove pitch", "attachment")
     poses = real_rig.scattered(np.random.default_rng(5), 8)
     counts = truth(5).true_counts(poses, START)
     rows, scales = rig.cable_rows(), rig.scales()
@@ -217,14 +225,14 @@ def test_what_is_stated_of_dimensions_is_a_covariance_of_the_cables_parameters()
     # a drum's scale moves its pay-out point too, by a hundredth of the cable
     apart = np.abs(through[:, :, [names.index(name) for name in shifts.names]] - direct)
     assert (apart.max(axis=(0, 1)) < 0.01 * np.abs(direct).max(axis=(0, 1))).all()
-    assert not cable_covariance(rig_from_dict(truth(5).nominal()), None).any()
+    assert not cable_covariance(rig_from_dict(nominal(truth(5))), None).any()
 
 
 def test_monte_carlo_draws_what_is_stated() -> None:
     names = ("count length", "attachment", "run-out", "eccentricity", "backlash")
     rng = np.random.default_rng(4)
     true = truth(4)
-    rig, poses = stating(true.nominal(), *names), real_rig.path(rng, 60)[::12]
+    rig, poses = stating(nominal(true), *names), real_rig.path(rng, 60)[::12]
     run = run_of(rig, true.true_counts(poses, poses[0]))
     linear, drawn = reconstruct(run), reconstruct(run, trials=300, seed=1)
     u = np.sqrt(np.einsum("nii->ni", linear.systematic))
@@ -235,7 +243,7 @@ def test_monte_carlo_draws_what_is_stated() -> None:
 
 
 def test_a_rig_that_states_zero_is_exact() -> None:
-    rig = rig_from_dict(truth(1).nominal() | {"u_attachment_mm": 0.0})
+    rig = rig_from_dict(nominal(truth(1)) | {"u_attachment_mm": 0.0})
     run = run_of(rig, np.rint(truth(1).true_counts(real_rig.path(np.random.default_rng(1), 120)[:20], START)))
     assert not reconstruct(run).systematic.any()
     assert "attachment points" not in {v.kind.text for v in unsolved.exact(rig)}
@@ -247,7 +255,7 @@ def test_zone_holds_what_is_stated() -> None:
     true = truth(6)
     at = (120.0, -80.0, 60.0)
     x, y, z = (np.array([v]) for v in at)
-    rig = stating(true.nominal(), *names)
+    rig = stating(nominal(true), *names)
     zone = scan_zone(rig, None, x, y, z, tilts(0.0, 1), start=START)
     rng, pose = np.random.default_rng(6), np.array([[*at, 0, 0, 0, 1.0]])
     inverse = np.linalg.inv(span_rows(rig.cable_rows(), pose[0]))
@@ -262,5 +270,5 @@ def test_zone_holds_what_is_stated() -> None:
     inside = np.mean(np.array(errors) < radius)
     assert 0.925 < inside < 0.975, inside
     assert "count length, groove pitch, run-out of drums, eccentric pulleys, attachment points" in zone.attrs["u95_covers"]
-    plain = scan_zone(rig_from_dict(true.nominal()), None, x, y, z, tilts(0.0, 1), start=START)
+    plain = scan_zone(rig_from_dict(nominal(true)), None, x, y, z, tilts(0.0, 1), start=START)
     assert radius > 5 * float(plain["u95_position_mm"].values.ravel()[0])

@@ -141,6 +141,7 @@ def scan_zone(
             "node_spacing_mm": list(spacing),
             "u95_covers": covers(rig, calibration),
             "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
+            "taken_as_exact": "\n".join(t.line() for t in taken_as_exact(rig, calibration, positions, rotations, start)),
             "plan_sha256": plan.digest(),
         },
     )
@@ -215,6 +216,27 @@ def drum_variance(rig: Rig, positions: FloatArray, rotations: Rotation, start: F
     shifts = effects.shifts(rows, zero_at(start, len(rows), 0.0), poses[runs], counts)
     # one play where it was zeroed, one at the pose
     return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2
+
+
+def taken_as_exact(
+    rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, start: FloatArray
+) -> tuple[unsolved.Taken, ...]:
+    """What nobody stated and nothing has solved, and what it would add at the better half of the places of a scan."""
+    rows = rig.cable_rows()
+    poses, begun = sampled(positions, rotations), cable_kernels.span_lengths(rows, start[None])
+    lengths = cable_kernels.span_lengths(rows, poses)
+    poses = poses[np.isfinite(lengths).all(axis=1)]
+    if not (len(poses) and np.isfinite(begun).all()):
+        return ()
+    turns = cable_kernels.span_rows_of(rows, poses)
+    well = np.abs(np.linalg.det(turns))
+    chosen = well >= max(float(np.median(well)), np.finfo(float).tiny)
+    poses, twists = poses[chosen], np.linalg.inv(turns[chosen])
+    counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(cable_kernels.span_lengths(rows, poses) - begun))
+    variables = unsolved.exact(rig, None, () if calibration is None else calibration.names)
+    reference = None if calibration is None else calibration.temperature_c
+    warmth = unsolved.Warmth(reference, None, None, False)
+    return unsolved.taken_as_exact(rig, variables, rows, zero_at(start, len(rows), 0.0), poses, counts, twists, warmth)
 
 
 def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:

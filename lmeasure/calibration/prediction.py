@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from lmeasure import unsolved
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.effects import effects_of, zero_at
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.lengths import cable_covariance, counts_from_poses, parameter_names
@@ -16,6 +18,7 @@ from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 FloatArray = NDArray[np.float64]
 
 SAMPLES_LOG2 = 8
+TAKEN_AT = 64  # poses at most at which what is taken as exact is looked at
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,30 @@ def workspace(campaign: Campaign, seed: int) -> FloatArray:
     low, high = rows[:, :3].min(axis=0), rows[:, :3].max(axis=0)
     which = (unit[:, 3] * len(rows)).astype(np.int64)
     return np.column_stack([low + unit[:, :3] * (high - low), rows[which, 3:]])
+
+
+def taken_as_exact(campaign: Campaign, rig: Rig, record: CalibrationRecord, rows: FloatArray) -> tuple[unsolved.Taken, ...]:
+    """What nobody stated and nothing has solved, and what usual sizes of it would add to the tool's place at (n, 7) poses of the workspace;
+    to all lengths together where the cables do not make a pose."""
+    cables, kernel_rows, start = campaign.cables, rig.cable_rows(campaign.cables), campaign.poses.rows[campaign.zero[0]]
+    rows = np.ascontiguousarray(rows[:: -(-len(rows) // TAKEN_AT)])
+    counts = counts_from_poses(rig.without_effects(), rows, start, cables)
+    m = len(cables)
+    if m == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
+        twists = np.linalg.inv(cable_kernels.span_rows_of(kernel_rows, rows))
+    else:
+        twists = np.broadcast_to(np.vstack([np.zeros((3, m)), np.eye(m)]), (len(rows), 3 + m, m))
+    warm = None if campaign.temperature_c is None else campaign.temperature_c[np.isfinite(campaign.counts)]
+    effects = effects_of(rig, cables)
+    warmth = unsolved.Warmth(
+        record.temperature_c,
+        None if warm is None else float(warm.min()),
+        None if warm is None else float(warm.max()),
+        effects is not None and effects.thermal,
+        "the campaign's mean of",
+    )
+    variables = unsolved.exact(rig, cables, record.names)
+    return unsolved.taken_as_exact(rig, variables, kernel_rows, zero_at(start, m, 0.0), rows, counts, twists, warmth, cables)
 
 
 def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int = 0, *, solved: bool = False) -> Prediction:

@@ -16,7 +16,7 @@ from lmeasure.calibration.joint import begun_jointly, fit_jointly, fitted_pose, 
 from lmeasure.calibration.joint_model import Frame, JointModel
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.misfit import explain_misfit
-from lmeasure.calibration.prediction import Prediction, predict
+from lmeasure.calibration.prediction import Prediction, predict, taken_as_exact
 from lmeasure.calibration.ranges import position_range
 from lmeasure.calibration.recording import held_out_entry, make_record, predicted_entry
 from lmeasure.calibration.refine import Fit, Noise, Refit, fit
@@ -26,6 +26,7 @@ from lmeasure.calibration.unknown_poses import counted_poses, free_components
 from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
 from lmeasure.calibration.validation import HeldOut, held_out
 from lmeasure.calibration_record import CalibrationRecord, Finding, Unobservable
+from lmeasure.effects import effects_of
 from lmeasure.errors import CalibrationError
 from lmeasure.rig import Rig
 
@@ -140,9 +141,12 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     predicted = predict(campaign, rig, record, settings.seed)
     held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance(model).tolist()))})
     undetermined = _underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
+    taken = taken_as_exact(campaign, rig, record, predicted.rows)
+    warm = [Finding(code="temperature", text=t.line(), value=t.mm) for t in taken if t.stated]
     record = record.model_copy(
         update={
-            "warnings": (*record.warnings, *undetermined),
+            "warnings": (*record.warnings, *undetermined, *warm, *_unknown_temperature(campaign)),
+            "taken_as_exact": tuple(asdict(t) for t in taken),
             "coarse": tuple(
                 _coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
             ),
@@ -238,6 +242,15 @@ def _held_out(whole: Campaign, model: Model, found: Fit, noise: Noise, poses: tu
             )
         theta = fitted_pose(every, theta, pose, seed)
     return held_out(every, theta, found, model, noise, poses)
+
+
+def _unknown_temperature(campaign: Campaign) -> list[Finding]:
+    """A rig that says how it grows, and counts that do not say how warm it was."""
+    effects = effects_of(campaign.rig, campaign.cables)
+    if effects is None or not effects.thermal or campaign.temperature_c is not None:
+        return []
+    text = f"the rig states expansions and no file a temperature_c: {effects.reference_c:g} deg C is taken, the rig's reference"
+    return [Finding(code="temperature", text=text)]
 
 
 def _underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable], by_prior: Prediction) -> list[Finding]:

@@ -30,6 +30,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
                 ("value", "result", "u", "U95", "prior u"),
                 ((p.name, f"{p.value:.4f}", f"{p.u:.3g}", f"{p.U95:.3g}", f"{p.prior_u:.3g}") for p in record.parameters),
             ),
+            *_dimensions(record),
             *_ranges(record),
             *_predicted(calibration),
             *_validation(record),
@@ -67,6 +68,31 @@ def _region(record: CalibrationRecord) -> list[str]:
             "lengths and poses hardly feel it and inherit the linear covariance."
         )
     ]
+
+
+def _dimensions(record: CalibrationRecord) -> list[str]:
+    """What was not solved: stated to be uncertain, or taken as exact."""
+    parts = []
+    if record.dimensions:
+        rows = ((d.name, f"{d.value:.7g}", f"{d.u:.3g}", f"{d.prior_u:.3g}") for d in record.dimensions)
+        parts += [
+            html.heading("Dimensions stated to be uncertain"),
+            html.paragraph("They were not solved. The residuals correct them as far as they tell, and the rig has the corrected values."),
+            html.table(("value", "corrected", "u", "stated u"), rows),
+        ]
+    if record.taken_as_exact:
+        of_place = "position_rms_mm" in record.predicted
+        usual = ((str(t["text"]), str(t["usual"]), f"{t['mm']:.3g}") for t in record.taken_as_exact)
+        parts += [
+            html.heading("Taken as exact, not stated"),
+            html.paragraph(
+                "What the rig does not state and nothing has solved is in no uncertainty here. What a usual size of it would add to "
+                + ("the tool's place in a run, " if of_place else "the lengths together in a run, ")
+                + "at worst over the workspace, by itself; the keys that state it are in docs/budget.md."
+            ),
+            html.table(("what", "usual size", "mm"), usual),
+        ]
+    return parts
 
 
 def _silence(record: CalibrationRecord) -> list[str]:

@@ -96,7 +96,8 @@ def findings(zone: xr.Dataset, found: Extent) -> list[str]:
         )
     if attrs["assemblies_in_zone"] > 1:
         lines.append("The zone holds more than one assembly: between its parts the cables do not determine the pose.")
-    return [*lines, f"The 95 % radius covers {attrs['u95_covers']}."]
+    taken = str(attrs.get("taken_as_exact", "")).splitlines()
+    return [*lines, f"The 95 % radius covers {attrs['u95_covers']}.", *(f"{line[:1].upper()}{line[1:]}." for line in taken)]
 
 
 def figures(zone: xr.Dataset, found: Extent) -> Rows:

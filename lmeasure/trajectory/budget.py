@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.effects import zero_at
+from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
@@ -27,7 +27,7 @@ from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
 from lmeasure.trajectory.sources import PHASE, Situation, Source, zero_phase
-from lmeasure.unsolved import OTHERS, Unsolved, last_travel, stated
+from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,6 +35,7 @@ IntArray = NDArray[np.int64]
 CALIBRATION = "calibration"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
+SAMPLED = 64  # poses of a piece at which what is taken as exact is looked at
 CHUNK = 2048  # poses whose factors are in memory at once
 
 
@@ -69,7 +70,8 @@ class Budget:
     """The sources of error of one run.
 
     u_start: standard uncertainties of the start pose as `Run` holds them; u_clock_s: of each pass's time against pass 1's;
-    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in a pass.
+    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in a pass; temperature_c: at the start,
+    None where nobody stated it.
     """
 
     def __init__(
@@ -82,8 +84,16 @@ class Budget:
         u_clock_s: tuple[float, ...] = (),
         repeatability_mm: float = 0.0,
         correction: Correction | None = None,
+        temperature_c: float | None = None,
     ) -> None:
         self.correction = correction
+        self._rig, self._calibration, self._temperature_c = rig, calibration, temperature_c
+        # where the point itself is measured its place in the tool frame does not enter
+        self._exact = [
+            v
+            for v in exact(rig, None, () if calibration is None else calibration.names)
+            if scheme.point is None or v.kind is not ATTACHMENT
+        ]
         self.scheme, self.scales, self.variance = scheme, rig.scales(), count_variance(rig)
         self.length_variance = length_variance(rig)
         """(m,) [mm^2] of a single length, the zero phase included: what lengths are weighed and told apart by."""
@@ -252,6 +262,31 @@ class Budget:
         played = self.unsolved.play(np.ones(at.counts.shape) if at.travel is None else at.travel)
         # a modelled cable that is longer has a shorter measured length to agree with
         return -np.concatenate([self.unsolved.shifts(self.scheme.rows, self._begun, at.poses, at.counts), played], axis=2)
+
+    def taken_as_exact(self, poses: FloatArray, lengths: Lengths) -> tuple[Taken, ...]:
+        """What nobody stated and nothing has solved, and what it would add at some of the (n, 7) poses of a run."""
+        known = np.flatnonzero(~np.isnan(poses[:, 0]))
+        if not len(known):
+            return ()
+        at = known[:: -(-len(known) // SAMPLED)]
+        few = np.ascontiguousarray(poses[at])
+        if self.scheme.point is not None:
+            few[:, 3:] = (0.0, 0.0, 0.0, 1.0)
+        counts = lengths.counts[at]
+        twists = self._twists(few, counts, None, compiled=False)
+        return taken_as_exact(self._rig, self._exact, self.scheme.rows, self._begun, few, counts, twists, self._warmth(lengths))
+
+    def _warmth(self, lengths: Lengths) -> Warmth:
+        """What is known of the run's temperature: at its start and at these samples."""
+        rig, record = self._rig, self._calibration
+        at_start = np.nan if self._temperature_c is None else self._temperature_c
+        seen = np.append(at_start, () if lengths.temperature_c is None else lengths.temperature_c)
+        seen = seen[np.isfinite(seen)]
+        of_rig = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
+        reference = of_rig if record is None else record.temperature_c
+        effects = effects_of(rig)
+        low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
+        return Warmth(reference, low, high, effects is not None and effects.thermal, "the rig's" if record is None else CALIBRATIONS)
 
     def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
         if self.scheme.six:

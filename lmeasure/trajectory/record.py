@@ -17,6 +17,7 @@ from lmeasure.errors import FileFormatError
 from lmeasure.kernels import screw
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.trajectory.stamps import stamps_of
+from lmeasure.unsolved import Taken, worst
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -53,6 +54,8 @@ class Trajectory:
     covers: str
     notes: tuple[str, ...] = ()
     chi_squared: FloatArray | None = None
+    taken_as_exact: tuple[Taken, ...] = ()
+    """What nobody stated and nothing has solved, and what usual sizes of it would add."""
 
     @property
     def u(self) -> FloatArray:
@@ -102,6 +105,7 @@ class Summary:
         self.notes: list[str] = []
         self.apart_s: tuple[float, float] | None = None
         """Least and largest interval of stamps where those jitter."""
+        self.taken_as_exact: tuple[Taken, ...] = ()
 
     def add(self, piece: Trajectory) -> None:
         """Take the next piece into account."""
@@ -122,6 +126,7 @@ class Summary:
             intervals = np.diff(piece.time_s)
             least, largest = self.apart_s or (np.inf, 0.0)
             self.apart_s = min(least, float(intervals.min())), max(largest, float(intervals.max()))
+        self.taken_as_exact = worst((*self.taken_as_exact, *piece.taken_as_exact))
 
     def text(self) -> str:
         """The lines."""
@@ -133,7 +138,12 @@ class Summary:
             lines.append(
                 f"worst pressure angle {self.worst_angle:.1f} deg; largest standard uncertainty {self.u_position:.4f} mm, {rotation}"
             )
-        lines += [f"uncertainties: {self.covers}", *(f"note: {note}" for note in self.notes)]
+        lines.append(f"uncertainties: {self.covers}")
+        usual = [f"{t.text} ({t.usual}) {t.mm:.2g}" for t in self.taken_as_exact if not t.stated]
+        if usual:
+            lines.append(f"taken as exact, not stated; usual sizes would add up to, in mm: {', '.join(usual)}")
+        notes = [*self.notes, *(t.line() for t in self.taken_as_exact if t.stated)]
+        lines += [f"note: {note}" for note in notes]
         if self.apart_s is not None:
             least, largest = (1e3 * interval for interval in self.apart_s)
             lines.append(

@@ -66,7 +66,7 @@ class Reconstruction:
             raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
         self.start = self.scheme.start_of(start)
         self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
-        self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm, self.correction)
+        self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm, self.correction, temperature_c)
         self.covers = self.budget.covers
         m = len(self.scheme.rows)
         self._state = self._new_state(self.start)
@@ -129,6 +129,7 @@ class Reconstruction:
             self.covers,
             (*lengths.notes, *self._notes()),
             chi_squared,
+            self.budget.taken_as_exact(poses, lengths),
         )
         return _without_orientation(trajectory) if scheme.point else trajectory
 

@@ -28,7 +28,10 @@ U_MM, U_RAD = 0.02, 1e-4
 def campaign_of(true: real_rig.RealRig, names: tuple[str, ...], rng: np.random.Generator, poses: int = 16) -> Campaign:
     """A campaign on a rig as drawn, whose drawing states what may be wrong with it."""
     rows = real_rig.scattered(rng, poses)
-    rig = stating(true.drawing(rng, 2.0, 0.5), *names)
+    data = true.drawing(rng, 2.0, 0.5)
+    for point in data["observation_point"]:
+        point["drum"]["zero_exact"] = True
+    rig = stating(data, *names)
     way = rng.choice([-1.0, 1.0], (poses, 6))
     counts = true.counts(rows, rows[0], way)
     # the reading at the zero pose is 0, whichever way it was come from
