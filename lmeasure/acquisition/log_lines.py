@@ -18,6 +18,7 @@ from lmeasure.kernels.frames import LATEST_S, Bytes
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a CAN FD frame by its length code, ISO 11898-1."""
+MOST_BUSES = 1000
 LARGEST_STANDARD = 0x7FF
 WHOLE = re.compile(r"\d+", re.ASCII)
 HEXADECIMAL = re.compile(r"[0-9A-Fa-f]+")
@@ -53,10 +54,13 @@ def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Dialect, report: 
             try:
                 line = dialect.read(raw.decode("utf-8", "replace").strip())
                 if line is not None:
+                    if len(buses) == MOST_BUSES and line.bus not in buses:
+                        raise ValueError(f"a bus beyond the first {MOST_BUSES}")  # noqa: TRY301
                     found.append(_checked(line))
+                    buses.setdefault(line.bus, len(buses))
             except FileFormatError:
                 raise  # of the header: nothing behind it can be read
-            except (ValueError, IndexError, OverflowError) as error:
+            except (ValueError, IndexError, OverflowError, OSError) as error:
                 report.cannot_read(raw, str(error))
         yield _frames(found, buses, path)
 
@@ -77,7 +81,7 @@ def _checked(line: Line) -> Line:
 def _frames(found: list[Line], buses: dict[str, int], path: Path) -> Frames:
     width = FD_BYTES if any(len(f.data) > CLASSIC_BYTES for f in found) else CLASSIC_BYTES
     data = np.frombuffer(b"".join(f.data.ljust(width, b"\0") for f in found), np.uint8).reshape(-1, width)
-    channel = np.array([buses.setdefault(f.bus, len(buses)) for f in found], np.int16)
+    channel = np.array([buses[f.bus] for f in found], np.int16)
     return Frames(
         np.array([f.time_s for f in found], np.float64),
         np.array([f.identifier for f in found], np.uint32),
@@ -115,6 +119,8 @@ def hexadecimal(text: str) -> int:
 def data_bytes(cells: Iterable[str], least: int = 2) -> bytes:
     """Bytes of two hexadecimal digits each, or of at least so many; ValueError otherwise."""
     texts = list(cells)
+    if set(map(len, texts)) <= {2}:
+        return bytes.fromhex("".join(texts))
     for text in texts:
         if not least <= len(text) <= 2 or not HEXADECIMAL.fullmatch(text):
             raise ValueError(f"{text[:20]!r} is no byte")

@@ -57,7 +57,7 @@ def _are_differences(block: Bytes) -> bool:
             continue
         try:
             time_s = _seconds(found["time"])
-        except ValueError:
+        except (ValueError, OverflowError, OSError):
             continue
         if time_s >= SINCE_1970_S:
             return False

@@ -134,7 +134,8 @@ def _end(code: "int | str | None", text: str = "") -> NoReturn:
     if text:
         print(f"lmeasure: {' '.join(text.split())}", file=sys.stderr)
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by whoever called
+            sys.stdout.flush()
     except OSError as error:
         # the interpreter would try again at its end, and say so in its own way
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -10,7 +10,8 @@ from lmeasure.cli.options import Rerun
 
 def import_(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Log of each pass: .blf, .asc, .log (also .gz), .csv, .trc, .mf4 (extra mf4).")
+        list[Path],
+        typer.Argument(metavar="LOG...", help="Log of each pass: .blf, .asc, .log, .txt, .trc, .csv (all also .gz), .mf4 (extra mf4)."),
     ],
     rig: Annotated[Path, typer.Option("--rig", help="rig.toml; its [can] table says which frames carry the counters.")],
     out: Annotated[Path, typer.Option("--out", metavar="RUN", help="Run folder to write.")],

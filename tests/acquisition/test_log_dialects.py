@@ -1,5 +1,6 @@
 """Logs as others write them: TRC of every version, candump's screen, SavvyCAN, text of any name; against python-can where it can."""
 
+import contextlib
 import gzip
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -8,6 +9,7 @@ import can
 import numpy as np
 import pytest
 from log_corpus import START, Row, library_rows, messages, rows, write
+from log_fuzz import mutated
 
 from lmeasure.acquisition.frames import BITRATE_SWITCH, ERROR_STATE, messages_from_frames
 from lmeasure.acquisition.log_lines import FD_LENGTHS
@@ -310,3 +312,30 @@ def test_flags_of_fd_frames_are_those_of_the_document(tmp_path: Path) -> None:
     path.write_text(";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n" + lines)
     flags = read_log(path)[0].flags & (BITRATE_SWITCH | ERROR_STATE)
     assert flags.tolist() == [0, BITRATE_SWITCH, ERROR_STATE, BITRATE_SWITCH | ERROR_STATE]
+
+
+def test_more_buses_than_anybody_has(tmp_path: Path) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text("".join(f" (1.0)  bus{i}  181   [1]  05\n" for i in range(1200)))
+    found, report = read_rows(path)
+    assert len(found) == 1000
+    assert report.unread == 200
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mutated_dialects_are_read_or_refused(tmp_path: Path, seed: int) -> None:
+    """Bytes, digits and lines changed at random: frames, counted lines or one line of refusal, never anything else."""
+    rng = np.random.default_rng(seed)
+    log = fd_log(8, seed)
+    whole = {
+        "log.trc": trc(log, "2.1", "N,O,T,B,I,d,R,L,D"),
+        "old.trc": trc([m for m in log if not m.is_fd], "1.3"),
+        "log.txt": screen(log, "Ad"[seed % 2], extra=True, text=True),
+        "log.csv": gvret([m for m in log if not m.is_remote_frame]),
+    }
+    for name, text in whole.items():
+        for _ in range(60):
+            path = tmp_path / name
+            path.write_bytes(mutated(text.encode(), rng))
+            with contextlib.suppress(FileFormatError):
+                assert len(read_rows(path)[0]) <= 3 * len(log)
