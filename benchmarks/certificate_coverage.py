@@ -29,11 +29,12 @@ from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.certification import Evaluation, PoseErrors, Settings, evaluate
 from lmeasure.counts import Counts
 from lmeasure.kernels import screw
-from lmeasure.lengths import counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts
+from lmeasure.lengths import counts_from_poses, lengths_from_counts, recorded_from_counts
 from lmeasure.program import Program
 from lmeasure.run import Run
 from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
 from lmeasure.trajectory import Reconstruction, Trajectory
+from lmeasure.zeroing import drawn_phases
 
 FloatArray = NDArray[np.float64]
 

@@ -33,10 +33,11 @@ from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.counts import Counts
 from lmeasure.errors import LMeasureError
 from lmeasure.kernels import screw
-from lmeasure.lengths import counts_from_poses, drawn_phases
+from lmeasure.lengths import counts_from_poses
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import reconstruct
+from lmeasure.zeroing import drawn_phases
 
 FloatArray = NDArray[np.float64]
 

@@ -136,19 +136,11 @@ def counts_from_poses(
     return counts
 
 
-def drawn_phases(rig: Rig, rng: np.random.Generator, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(m,) where within a recorded count the cables' counters were zeroed: one draw within +-1/2 for each zeroing, 0 for one that is
-    exact."""
-    of = rig.zeroings(cables)
-    drawn = rng.uniform(-0.5, 0.5, len(np.unique(of)))[of]
-    return np.where(zeroed_exactly(rig, cables), 0.0, drawn)
-
-
 def recorded_from_counts(
     rig: Rig, counts: FloatArray, cables: tuple[Cable, ...] | None = None, phase: FloatArray | None = None
 ) -> FloatArray:
     """(n, m) counts as the encoders record them: whole, with sign and scale, wrapped to signed counters of the stated width; phase (m,) as
-    `drawn_phases` has it, zero by default."""
+    `zeroing.drawn_phases` has it, zero by default."""
     chosen = rig.cable if cables is None else cables
     within = np.zeros(len(chosen)) if phase is None else phase
     out = np.empty_like(counts)
@@ -172,28 +164,6 @@ def count_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatAr
     chosen = rig.cable if cables is None else cables
     drums = [rig.point(c.from_point).drum for c in chosen]
     return np.array([(d.count_length_mm / d.scale) ** 2 / 12.0 for d in drums])
-
-
-def zeroed_exactly(rig: Rig, cables: tuple[Cable, ...] | None = None) -> NDArray[np.bool_]:
-    """(m,) whether a recorded count of zero is k = 0 exactly."""
-    return np.array([rig.point(c.from_point).drum.zero_exact for c in (rig.cable if cables is None else cables)], dtype=np.bool_)
-
-
-def phase_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(m,) variance [mm^2] of a length by where within a count its counter was zeroed: uniform within half a recorded count, the same for
-    all rows counted from one zeroing (`Rig.zeroings`); 0 where the zero is exact."""
-    return np.where(zeroed_exactly(rig, cables), 0.0, count_variance(rig, cables))
-
-
-def phase_columns(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(m, z) what one standard deviation of the phase of each zeroing, none that is exact, makes of the lengths [mm]."""
-    u_mm, of = np.sqrt(phase_variance(rig, cables)), rig.zeroings(cables)
-    return np.where(of[:, None] == np.unique(of[u_mm > 0.0]), u_mm[:, None], 0.0)
-
-
-def length_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(m,) variance [mm^2] of a single length: of the count and of where it was zeroed."""
-    return count_variance(rig, cables) + phase_variance(rig, cables)
 
 
 def counter_rate(drum: Drum) -> float:

@@ -20,8 +20,8 @@ from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.errors import AccuracyError, FileFormatError
 from lmeasure.kernels import placement as kernels
 from lmeasure.kernels.zone_rows import LANES
-from lmeasure.lengths import length_variance
 from lmeasure.rig import Rig
+from lmeasure.zeroing import length_variance
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]

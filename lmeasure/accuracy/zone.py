@@ -23,8 +23,9 @@ from lmeasure.effects import zero_at
 from lmeasure.errors import AccuracyError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
-from lmeasure.lengths import cable_covariance, length_variance, span_lengths, zeroed_exactly
+from lmeasure.lengths import cable_covariance, span_lengths
 from lmeasure.rig import Rig
+from lmeasure.zeroing import length_variance, zeroed_exactly
 
 FloatArray = NDArray[np.float64]
 

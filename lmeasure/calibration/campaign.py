@@ -12,9 +12,10 @@ from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.calibration_record import Input
 from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
-from lmeasure.lengths import counts_from_poses, zeroed_exactly
+from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses, joined, read_poses
 from lmeasure.rig import Cable, Drum, Rig, read_rig
+from lmeasure.zeroing import zeroed_exactly
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -22,9 +22,10 @@ from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.refine import Noise, measurement_covariance
 from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import count_variance, counts_from_poses, phase_columns
+from lmeasure.lengths import count_variance, counts_from_poses
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Cable, Rig
+from lmeasure.zeroing import phase_columns
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

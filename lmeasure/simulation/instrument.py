@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.counts import Counts
-from lmeasure.lengths import counts_from_poses, drawn_phases, recorded_from_counts
+from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.poses import Poses, poses_from_rows
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.simulation.motion import scattered_poses
+from lmeasure.zeroing import drawn_phases
 
 FloatArray = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
-from lmeasure.lengths import Lengths, count_variance, length_variance, solved_covariance, unsolved_columns, zero_temperature
+from lmeasure.lengths import Lengths, count_variance, solved_covariance, unsolved_columns, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import at_once
@@ -28,6 +28,7 @@ from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
 from lmeasure.trajectory.sources import PHASE, Situation, Source, zero_phase
 from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
+from lmeasure.zeroing import length_variance
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

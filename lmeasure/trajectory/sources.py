@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.lengths import phase_columns
 from lmeasure.rig import Rig
+from lmeasure.zeroing import phase_columns
 
 FloatArray = NDArray[np.float64]
 

@@ -17,8 +17,9 @@ from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.conventions import rotation_from_angles
 from lmeasure.errors import AccuracyError, FileFormatError, RigError
 from lmeasure.kernels.pose_covariance import pose_covariances
-from lmeasure.lengths import cable_covariance, counts_from_poses, length_variance
+from lmeasure.lengths import cable_covariance, counts_from_poses
 from lmeasure.rig import Rig
+from lmeasure.zeroing import length_variance
 
 COUNT_MM = 0.0125
 
