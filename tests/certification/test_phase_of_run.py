@@ -19,7 +19,9 @@ CAMPAIGNS, CYCLES = 40, 10
 def test_accuracy_lies_within_u95_of_the_truth() -> None:
     """Each campaign has a pose, cycles about it and phases of its own; its rig is known, so that nothing but the counts errs. Roundings
     average over the cycles, phases do not."""
-    held, sure, parts = [], [], []
+    held: list[bool] = []
+    sure: list[bool] = []
+    parts: list[tuple[float, float]] = []
     for seed in range(CAMPAIGNS):
         rng = np.random.default_rng(seed)
         there = np.r_[rng.uniform(-200.0, 200.0, 3), Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)).as_quat()]
