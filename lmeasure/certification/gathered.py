@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure import conventions
 from lmeasure.accuracy.radius import exact_radius_95
 from lmeasure.certification import direct
-from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, check_order, fit_frame, worst_angle
+from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, check_order, fit_frame, window, worst_angle
 from lmeasure.certification.characteristic import Characteristic
 from lmeasure.certification.errors_of_poses import ErrorModel, PoseErrors
 from lmeasure.certification.figures import (
@@ -36,6 +36,7 @@ from lmeasure.certification.weaving import WeavePart, weaves, weaving_figures
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, Distance, Program
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.evidence import SUSPECTED
 from lmeasure.trajectory.stamps import Stamps
 
 FloatArray = NDArray[np.float64]
@@ -214,7 +215,8 @@ class Gathered:
         return moved
 
     def exclude(self, parts: dict[str, Part]) -> None:
-        """Parts outside the instrument's zone, by the worst pressure angle met and by the radius that holds 95 %."""
+        """Parts outside the instrument's zone, by the worst pressure angle met and by the radius that holds 95 %; parts with samples that
+        hang on counts suspected lost."""
         met = [("pose", p.name, p.angle_deg) for p in self.poses] + [("path", n, c.angle_deg) for n, c in self.paths.items()]
         met += [("compliance", str(i), p.angle_deg) for i, p in enumerate(self.loaded, 1)]
         moves = [("settling", p.name, p.settling_s) for p in self.program.pose if p.settling_s]
@@ -235,6 +237,16 @@ class Gathered:
             u95 = exact_radius_95(np.linalg.eigvalsh(largest))
             if u95 > radius:
                 self.excluded[kind, name] = f"U95 of a position {u95:.4g} mm; the zone ends at {radius:g} mm"
+        suspected = {text for text in set(self.trajectory.cause.tolist()) if SUSPECTED in text}
+        if suspected:
+            windows = [("pose", p.name, p.windows_s) for p in self.program.pose]
+            windows += [("path", p.name, p.windows_s) for p in self.program.path]
+            windows += [("compliance", str(i), c.windows_s) for i, c in enumerate(self.program.compliance, 1)]
+            for kind, name, asked in [*windows, *moves]:
+                seen = {t for w in asked for t in self.trajectory.cause[window(self.trajectory, *w, f"{kind} {name}")].tolist()}
+                if seen & suspected:
+                    text = min(seen & suspected)
+                    self.excluded[kind, name] = text[text.index(SUSPECTED) :]
 
     def reason(self, *needs: str) -> str | None:
         """Why a figure of these parts gets no verdict."""

@@ -23,6 +23,7 @@ from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.trajectory import at_once
 from lmeasure.trajectory.corrections import Correction, correction_of
+from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
@@ -222,7 +223,7 @@ class Budget:
         compiled: bool,
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, m) each: twists per unit of each length, and the random errors as `PoseCovariances.own` has them."""
-        G = self._twists(np.ascontiguousarray(poses), counts, unused, compiled)
+        G = self.twists(np.ascontiguousarray(poses), counts, unused, compiled)
         u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
         return G, G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
 
@@ -289,7 +290,8 @@ class Budget:
         low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
         return Warmth(reference, low, high, effects is not None and effects.thermal, "the rig's" if record is None else CALIBRATIONS)
 
-    def _twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
+    def twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
+        """(n, 6, m) what the poses move by per mm of each length."""
         if self.scheme.six:
             return np.asarray((pose_covariance if compiled else at_once).twists(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.length_variance.min() / self.length_variance))
@@ -333,7 +335,13 @@ def covariances(
     warm = None if lengths.temperature_c is None else lengths.temperature_c[chosen]
     travel = budget.travel(lengths)
     travel = None if travel is None else travel[chosen]
-    found = budget.of(poses, lengths.counts[chosen], speed, skew, _left_out(trajectory, lengths)[chosen], warm, travel=travel)
+    unused = left_out(trajectory, lengths.cables)[chosen]
+    found = budget.of(poses, lengths.counts[chosen], speed, skew, unused, warm, travel=travel)
+    if aligned.evidence.closure_mm.any():
+        closing = closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, lengths.counts[chosen], unused)
+        sources = (*found.sources, *(CLOSURE,) * closing.shape[2])
+        uniform = (*found.uniform, *(False,) * closing.shape[2])
+        found = replace(found, factors=np.concatenate([found.factors, closing], axis=2), sources=sources, uniform=uniform)
     return found if scheme.point is None else without_orientation(found)
 
 
@@ -352,10 +360,18 @@ def factor_of(covariance: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def _left_out(trajectory: Trajectory, lengths: Lengths) -> IntArray:
+def closure_factors(
+    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, counts: FloatArray, unused: IntArray, compiled: bool = True
+) -> FloatArray:
+    """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
+    G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled)
+    return np.asarray(G @ evidence.closure_lengths(time_s))
+
+
+def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> IntArray:
     """(n,) the cable that an `ok` sample names because it was not used, or -1."""
     out = np.full(len(trajectory.time_s), -1)
-    for j, name in enumerate(lengths.cables):
+    for j, name in enumerate(cables):
         out[(trajectory.status == screw.OK) & (trajectory.cable == name)] = j
     return out
 

@@ -10,6 +10,7 @@ from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
 from lmeasure.lengths import Lengths, lengths_from_counts
 from lmeasure.run import Run
+from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +33,13 @@ class Alignment:
     def lengths(self) -> Lengths:
         """Its lengths, worked out once for all who ask for them."""
         return lengths_from_counts(self.run)
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What its rests tell of its counters."""
+        finder = EvidenceFinder(self.run.rig, self.run.recorded)
+        finder.add(self.lengths)
+        return finder.found()
 
 
 def align(run: Run | Alignment) -> Alignment:

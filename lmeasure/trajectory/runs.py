@@ -3,8 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
+from lmeasure.kernels.screw import OK
+from lmeasure.lengths import Lengths
 from lmeasure.recorded import notes_of
-from lmeasure.run import Run
+from lmeasure.run import Run, RunHead
+from lmeasure.trajectory.budget import CHUNK, closure_factors, left_out
+from lmeasure.trajectory.evidence import Evidence
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
@@ -33,10 +39,42 @@ def reconstruct(
     run, lengths, clocks = aligned.run, aligned.lengths, aligned.u_time_s
     given = run.u_start, clocks, repeatability_mm, run.temperature_c
     reconstruction = Reconstruction(run.rig, run.known_start, run.calibration, constraint, *given)
-    trajectory = reconstruction.add(lengths, covariances=covariances or run.rig.passes > 1 or trials > 0)
+    covariances = covariances or run.rig.passes > 1 or trials > 0
+    trajectory = reconstruction.add(lengths, covariances=covariances)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed, progress)
-    notes = (*trajectory.notes, *notes_of(run.recorded), *aligned.notes)
+    trajectory = with_evidence(reconstruction, trajectory, lengths, aligned.evidence, run, covariances=covariances)
+    notes = (*trajectory.notes, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
         notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
     return replace(trajectory, notes=notes)
+
+
+def with_evidence(
+    reconstruction: Reconstruction, trajectory: Trajectory, lengths: Lengths, evidence: Evidence, run: Run | RunHead, *, covariances: bool
+) -> Trajectory:
+    """A piece of a run's trajectory with what the run tells of its own counts: notes, causes of `ok` samples that hang on counts that are
+    suspected, and what does not close in the systematic covariances."""
+    trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(run.recorded), *evidence.notes))
+    if evidence.sound:
+        return trajectory
+    unused, ok = left_out(trajectory, lengths.cables), trajectory.status == OK
+    cause = trajectory.cause.copy()
+    for mask, text in evidence.causes(trajectory.time_s, unused):
+        cause[ok & mask] = [f"{before}; {text}" if before else text for before in cause[ok & mask]]
+    trajectory = replace(trajectory, cause=cause)
+    if not covariances or not evidence.closure_mm.any():
+        return trajectory
+    systematic, poses = trajectory.systematic.copy(), trajectory.poses
+    if reconstruction.scheme.point is not None:
+        poses = np.where(np.isnan(poses) & ~np.isnan(poses[:, :1]), [0.0] * 6 + [1.0], poses)
+    for begin in range(0, len(systematic), CHUNK):
+        i = slice(begin, begin + CHUNK)
+        factors = closure_factors(reconstruction.budget, evidence, trajectory.time_s[i], poses[i], lengths.counts[i], unused[i])
+        systematic[i] += factors @ np.swapaxes(factors, 1, 2)
+    return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
+
+
+def covered(covers: str, evidence: Evidence) -> str:
+    """What the standard uncertainties hold, in words, with what does not close."""
+    return f"{covers}; and what does not close in the counts" if evidence.closure_mm.any() else covers

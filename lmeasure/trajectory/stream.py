@@ -9,10 +9,11 @@ import numpy as np
 from lmeasure.counts import Counts, WidthEvidence, read_counts_in_pieces
 from lmeasure.kernels import counter
 from lmeasure.lengths import Lengths, counter_rate, lengths_from_counts
-from lmeasure.recorded import notes_of
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
+from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.record import Summary, Trajectory, trajectory_writer
+from lmeasure.trajectory.runs import covered, with_evidence
 from lmeasure.trajectory.screw_method import Reconstruction
 
 Progress = Callable[[int, int], None]
@@ -43,17 +44,26 @@ def reconstruct_stream(
     reconstruction = Reconstruction(rig, head.known_start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
     counters = np.zeros((len(rig.cable), counter.STATE))
     summary = Summary()
-    with trajectory_writer(out, reconstruction.covers, angles) as write:
+    evidence = _evidence(head, rig)
+    with trajectory_writer(out, covered(reconstruction.covers, evidence), angles) as write:
         for piece in read_counts_in_pieces(head.counts[0], progress):
             lengths = lengths_from_counts(Run(rig, head.start, (piece,)), counters)
             lengths = replace(lengths, notes=(*notes, *lengths.notes))
             trajectory = reconstruction.add(lengths)
-            trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(head.recorded)))
+            trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, head, covariances=True)
             write(trajectory)
             summary.add(trajectory)
             if each is not None:
                 each(piece, lengths, trajectory)
     return summary
+
+
+def _evidence(head: RunHead, rig: Rig) -> Evidence:
+    """What the whole run tells of its counters: a step may show only at the end of the file."""
+    finder, counters = EvidenceFinder(rig, head.recorded), np.zeros((len(rig.cable), counter.STATE))
+    for piece in read_counts_in_pieces(head.counts[0]):
+        finder.add(lengths_from_counts(Run(rig, head.start, (piece,)), counters))
+    return finder.found()
 
 
 def _with_widths(head: RunHead) -> tuple[Rig, list[str]]:
