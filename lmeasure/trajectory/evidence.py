@@ -29,15 +29,15 @@ SCATTERS = 3.0
 ALONE = 8.0
 """Times as much as the other channels together (root mean square): a robot that steps moves several cables."""
 AT_ONCE = 0.5
-"""Of a step must lie between the two visits of each place next to it: a drift is spread over all."""
+"""Of a step must lie between the two visits of each place next to it, beyond what lies between others near: a drift is spread over all."""
 TRENDED = 6
 """Degrees of freedom from which a linear drift is taken off."""
 TOLD = 3
-"""Degrees of freedom from which a scatter is told."""
+"""Changes from visit to visit from which their scatter is told."""
 CLOSED_COUNTS = 3.0
+CLOSED_MM = 0.1
 CLOSED_SCATTERS = 5.0
-"""Of the difference of two visits: up to these the counts close."""
-CLOSED_ALONE = 5.0
+"""Of the difference of two visits: up to these the counts close; the second is what robots drift by."""
 MOST_STEPS = 12
 TERMS = 8
 """Of the series of a closure that was lost at an unknown moment."""
@@ -134,13 +134,13 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = ()) -> 
         for j, i, k, by in _steps(rests, count_mm)
     )
     notes = [f"suspected: {step.text}; poses after that hang on it, and get no verdict" for step in steps]
-    limit = np.maximum(CLOSED_COUNTS * count_mm, CLOSED_SCATTERS * np.sqrt(2.0) * _scatter(rests, steps))
+    limit = np.maximum(np.maximum(CLOSED_COUNTS * count_mm, CLOSED_MM), CLOSED_SCATTERS * np.sqrt(2.0) * _scatter(rests, steps))
     whole = (float(rests.begin_s[0]), float(rests.end_s[-1])) if len(rests) else (0.0, 0.0)
     back = [(_without(steps, difference, between), between) for difference, between in _returns(rests)]
     back += [(_without(steps, _recorded(rig, entry, per_mm), whole), whole) for entry in recorded if entry.closure_counts]
     closure, span = np.zeros(len(drums)), whole
     for difference, between in back:
-        lost = (np.abs(difference) > np.maximum(limit, np.abs(closure))) & _alone(difference, CLOSED_ALONE)
+        lost = (np.abs(difference) > np.maximum(limit, np.abs(closure))) & _alone(difference)
         if lost.any():
             closure, span = np.where(lost, difference, closure), between
     for j in np.flatnonzero(closure):
@@ -184,23 +184,24 @@ def _returns(rests: Rests) -> list[tuple[FloatArray, tuple[float, float]]]:
     return out
 
 
-def _alone(sizes: FloatArray, times: float) -> NDArray[np.bool_]:
-    """(m,) which of m channels is so many times as large as the others together (root mean square); none can be told of few."""
+def _alone(sizes: FloatArray) -> NDArray[np.bool_]:
+    """(m,) which of m channels is ALONE times as large as the others together (root mean square); none can be told of few."""
     m = len(sizes)
     others = np.sqrt(np.maximum((sizes**2).sum() - sizes**2, 0.0) / max(m - 1, 1))
-    return (np.abs(sizes) > times * others) & (m >= LEAST_CABLES)
+    return (np.abs(sizes) > ALONE * others) & (m >= LEAST_CABLES)
 
 
 def _scatter(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
-    """(m,) standard deviations [mm] of single visits about their places' means, the suspected steps taken off; zero where no place has
-    enough visits to tell."""
+    """(m,) standard deviations [mm] of single visits, the suspected steps taken off, by the changes from visit to visit of a place, which a
+    slow drift hardly enters; zero where there are too few to tell."""
     values = rests.length_mm.copy()
     for step in steps:
         values[rests.begin_s >= step.before_s, step.cable] -= step.length_mm
-    within, freedom = _within(values, rests.places())
-    if freedom < TOLD:
+    places = rests.places() if len(rests) else np.empty(0, np.int64)
+    changes = np.concatenate([np.diff(values[places == place], axis=0) for place in np.unique(places)] or [values])
+    if len(changes) < TOLD:
         return np.zeros(values.shape[1])
-    each = np.sqrt((within**2).sum(axis=0) / freedom)
+    each = np.sqrt(np.mean(changes**2, axis=0) / 2.0)
     return np.asarray(np.maximum(each, np.sqrt(np.mean(each**2))))
 
 
@@ -260,7 +261,7 @@ def _step(values: FloatArray, labels: IntArray, time_s: FloatArray, count_mm: Fl
     # six lengths of a robot's three or six ways to be off: counted as if half of them were independent
     p = 2.0 * float(stdtr(max(0.5 * m * freedom - 1.0, 1.0), -t[k, j])) * m * int(usable.sum())
     by = float(size[k, j])
-    enough = abs(by) >= max(LEAST_COUNTS * count_mm[j], SCATTERS * scatter[k, j]) and _alone(size[k], ALONE)[j]
+    enough = abs(by) >= max(LEAST_COUNTS * count_mm[j], SCATTERS * scatter[k, j]) and _alone(size[k])[j]
     if p >= SIGNIFICANCE or not enough or not _at_once(values[:, j], labels, k + 1) / by >= AT_ONCE:
         return None
     return j, k + 1, by
@@ -281,10 +282,16 @@ def _squares(labels: IntArray) -> FloatArray:
 
 
 def _at_once(values: FloatArray, labels: IntArray, k: int) -> float:
-    """The mean, over the places visited on both sides of row k, of the first value behind it less the last before it."""
+    """By how much values (N,) change at row k: the mean, over the places (N,) visited on both sides, of the first value behind it less the
+    last before it, beyond the mean change from visit to visit next to that."""
     changes = []
     for place in np.unique(labels[k:]):
-        before, behind = np.flatnonzero(labels[:k] == place), np.flatnonzero(labels[k:] == place)
-        if len(before) and len(behind):
-            changes.append(values[k + behind[0]] - values[before[-1]])
+        visits = np.flatnonzero(labels == place)
+        behind = int(np.searchsorted(visits, k))
+        if not 0 < behind < len(visits):
+            continue
+        near = np.diff(values[visits[max(behind - 2, 0) : behind + 2]])
+        here = min(behind, 2) - 1
+        others = np.delete(near, here)
+        changes.append(near[here] - (others.mean() if len(others) else 0.0))
     return float(np.mean(changes))

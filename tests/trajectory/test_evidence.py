@@ -104,6 +104,17 @@ def test_a_channel_that_scatters_by_itself_is_no_step() -> None:
         assert not evidence_of(rig, rests).steps
 
 
+def test_a_cable_that_creeps_did_not_step_but_does_not_close() -> None:
+    rng = np.random.default_rng(4)
+    rig = cell_rig(3)
+    for _ in range(20):
+        rests = visits(rng, rig, 3, 8, 0.01, 0.0)
+        rests.length_mm[:, 5] += 3.0 * (1.0 - np.exp(-np.arange(25) / 8.0))
+        found = evidence_of(rig, rests)
+        assert found.steps == ()
+        assert np.flatnonzero(found.closure_mm).tolist() == [5]
+
+
 def rested(slips: dict[int, tuple[float, int]], cycles: int = 5, rig: Rig | None = None) -> tuple[Run, FloatArray, FloatArray]:
     """A run in cycles over the places that ends at the first, with (part of the run, counts) lost by cables; times and true poses."""
     rng = np.random.default_rng(0)
