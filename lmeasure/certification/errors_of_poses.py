@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory, covariances
+from lmeasure.trajectory.evidence import CLOSURE
 from lmeasure.trajectory.passes import Alignment
 from lmeasure.trajectory.sources import PHASE
 
@@ -122,7 +123,7 @@ class ErrorsOfRun:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
         errors = PoseErrors.of(
-            np.nan_to_num(found.own), np.nan_to_num(found.factors), True, found.uniform, tuple(s == PHASE for s in found.sources)
+            np.nan_to_num(found.own), np.nan_to_num(found.factors), True, found.uniform, tuple(s in (PHASE, CLOSURE) for s in found.sources)
         )
         sources = ["the resolution of the counts", *dict.fromkeys(found.sources)]
         missing = "" if "calibration" in sources else "; not the calibration: the rig links none"

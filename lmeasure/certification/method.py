@@ -1,7 +1,7 @@
 """The number of the way in which figures are computed.
 
 1: certificates that state none. 2: vibration within dwells as one signal, the largest of many samples behind a corner, the unknown phase of
-counters, what a rig does not state, verdicts of components alone.
+counters, what a rig does not state, verdicts of components alone, counts that were lost or do not close.
 """
 
 from collections.abc import Mapping

@@ -16,7 +16,7 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
         (r"the resolution of the counts, (.*)", r"дискретность отсчётов, {0}"),
         (
             r"(calibration|zero phase|start pose|(?:clock|place) of pass \d+|temperature, stretch and sag|dimensions as stated|"
-            r"run-out of drums|eccentric pulleys|play of drums), (.*)",
+            r"run-out of drums|eccentric pulleys|play of drums|closure of the counts), (.*)",
             r"{0}, {1}",
         ),
         (r"dimensions as stated", r"размеры в заявленных пределах"),
@@ -45,6 +45,28 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
         (r"clock of pass (\d+)", r"часы прохода {0}"),
         (r"place of pass (\d+)", r"положение в проходе {0}"),
         (r"temperature, stretch and sag", r"температура, растяжение и провисание тросов"),
+        (r"closure of the counts", r"незамыкание отсчётов"),
+        (
+            r"channel (.*) \(cable (.*)\) stepped by (.*) counts \((.*) mm\) between (.*) and (.*) s",
+            r"канал {0} (трос {1}): скачок на {n2} отсч. ({n3} мм) между {n4} и {n5} с",
+        ),
+        (r"counts suspected lost: (.*)", r"возможна потеря отсчётов: {0}"),
+        (
+            r"suspected: (.*); poses after that hang on it, and get no verdict",
+            r"возможна потеря отсчётов: {0}; позы после этого зависят от неё и остаются без заключения",
+        ),
+        (
+            r"channel (.*) does not close: (.*) counts \((.*) mm\) between two rests at one place, which enter the uncertainties as lost "
+            r"at a moment that is not known",
+            r"канал {0} не замыкается: {n1} отсч. ({n2} мм) между двумя остановками в одном месте; в неопределённостях учтены как "
+            r"потерянные в неизвестный момент",
+        ),
+        (
+            r"back at the first place of rest the counts differ by (.*): the robot moved, or several channels lost counts",
+            r"по возвращении к первому месту остановки отсчёты отличаются на {0}: сместился робот либо несколько каналов потеряли отсчёты",
+        ),
+        (r"pass (\d+): the recording ended early(.*)", r"проход {0}: запись оборвалась{1}"),
+        (r"pass (\d+): faults while it was recorded: (.*)", r"проход {0}: сбои при записи: {1}"),
         (
             r"the uncertainties of the trajectory, systematic ones taken as common to the cycles of a pose or path, random ones so or as "
             r"independent, whichever is worse",

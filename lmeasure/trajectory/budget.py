@@ -275,7 +275,7 @@ class Budget:
         if self.scheme.point is not None:
             few[:, 3:] = (0.0, 0.0, 0.0, 1.0)
         counts = lengths.counts[at]
-        twists = self._twists(few, counts, None, compiled=False)
+        twists = self.twists(few, counts, None, compiled=False)
         return taken_as_exact(self._rig, self._exact, self.scheme.rows, self._begun, few, counts, twists, self._warmth(lengths))
 
     def _warmth(self, lengths: Lengths) -> Warmth:
