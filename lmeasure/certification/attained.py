@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import conventions
 from lmeasure.certification.errors_of_poses import PoseErrors, at_tool_point
+from lmeasure.certification.vibration import Vibration, vibration
 from lmeasure.errors import CertificationError
 from lmeasure.kernels import screw
 from lmeasure.program import Program, Windows
@@ -57,8 +58,8 @@ class Frame:
 @dataclass(frozen=True)
 class AttainedPose:
     """The cycles of a commanded pose (7,): attained poses (n, 7), mm and unit quaternions, middles of their windows time_s (n,) and samples
-    (n,). within (n, 6, 6): covariance of (rotation [rad]; position [mm]) of the samples in each window; readings (n,): how many different
-    readings it holds; angle_deg: worst pressure angle in the windows; excluded: why no verdict is given.
+    (n,). vibration: how the samples in the windows swing; readings (n,): how many different ones each holds; angle_deg: worst pressure
+    angle in the windows; excluded: why no verdict is given.
     """
 
     name: str
@@ -66,7 +67,7 @@ class AttainedPose:
     poses: FloatArray
     time_s: FloatArray
     samples: IntArray
-    within: FloatArray
+    vibration: Vibration
     readings: IntArray
     angle_deg: float
     excluded: str | None = None
@@ -118,13 +119,16 @@ def mean_pose(poses: FloatArray) -> FloatArray:
 
 def scatter(poses: FloatArray) -> FloatArray:
     """(6, 6) covariance of (rotation [rad]; position [mm]) of poses (n, 7) that lie close together; zero where it is not measured."""
-    if len(poses) < 2:
-        return np.zeros((6, 6))
-    away = np.zeros((len(poses), 6))
+    return np.zeros((6, 6)) if len(poses) < 2 else np.asarray(np.cov(displacements(poses).T))
+
+
+def displacements(poses: FloatArray) -> FloatArray:
+    """(n, 6) (rotation [rad]; position [mm]) of poses (n, 7) that lie close together, from their mean; zero where it is not measured."""
+    away, mean = np.zeros((len(poses), 6)), mean_pose(poses)
     if not np.isnan(poses[0, 3]):
-        away[:, :3] = (Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(mean_pose(poses)[3:]).inv()).as_rotvec()
-    away[:, 3:] = poses[:, :3]
-    return np.asarray(np.cov(away.T))
+        away[:, :3] = (Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(mean[3:]).inv()).as_rotvec()
+    away[:, 3:] = poses[:, :3] - mean[:3]
+    return away
 
 
 def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, still_mm: float, what: str) -> tuple[slice, FloatArray]:
@@ -143,19 +147,18 @@ def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, st
 
 def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Trajectory, frame: Frame, still_mm: float) -> AttainedPose:
     """The attained poses of one commanded pose (7,), one per window."""
-    rows, middles, within, readings, worst = [], [], [], [], np.nan
+    rows, middles, sampled, readings, worst = [], [], [], [], np.nan
     for cycle, (start, end) in enumerate(windows, 1):
         part, poses = dwell(trajectory, frame, start, end, still_mm, f"pose {name}, cycle {cycle}")
         rows.append(mean_pose(poses))
         middles.append((part.start + part.stop - 1) // 2)
         changed = (np.abs(np.diff(trajectory.poses[part], axis=0)) > SAME).any(axis=1)
         readings.append(1 + int(changed.sum()))
-        within.append(scatter(poses) if changed.any() else np.zeros((6, 6)))
+        sampled.append((trajectory.time_s[part], displacements(poses) if changed.any() else np.zeros((len(poses), 6))))
         worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
     times = np.array([0.5 * (start + end) for start, end in windows])
-    return AttainedPose(
-        name, commanded, np.array(rows), times, np.array(middles, dtype=np.int64), np.array(within), np.array(readings), worst
-    )
+    middle = np.array(middles, dtype=np.int64)
+    return AttainedPose(name, commanded, np.array(rows), times, middle, vibration(sampled), np.array(readings), worst)
 
 
 def attained_poses(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[AttainedPose, ...]:

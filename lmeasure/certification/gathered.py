@@ -32,6 +32,7 @@ from lmeasure.certification.rounding import of_crossings, of_dwells
 from lmeasure.certification.settings import Settings
 from lmeasure.certification.timing import most_planes
 from lmeasure.certification.uncertainty import Moving, Part
+from lmeasure.certification.vibration import averaged, with_rest
 from lmeasure.certification.weaving import WeavePart, weaves, weaving_figures
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, Distance, Program
@@ -125,8 +126,10 @@ class Gathered:
         """A pose with the errors of its dwells, which stand in groups (n,) at one place each."""
         errors = self.at(every, pose.samples)
         if every.rounded:
-            errors = of_dwells(errors, pose.within, pose.between(groups), pose.readings, groups)
-        return PosePart(pose, errors, convention, groups)
+            # what means scatter by because robots swing is not where they rest
+            between = pose.between(groups) - pose.vibration.of_mean
+            errors = of_dwells(errors, averaged(errors, pose.vibration, pose.readings), between, groups)
+        return PosePart(pose, with_rest(errors, pose.vibration, groups), convention, groups)
 
     def parts(self, every: PoseErrors) -> tuple[dict[str, Part], list[Figure]]:
         """All parts by one law of errors, and their figures."""

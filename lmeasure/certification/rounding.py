@@ -7,6 +7,7 @@ them are correlated by
 
 (the Fourier series of the sawtooth, averaged over where the mean length lies within a count): 1 where nothing moves, 0.5 at a tenth of a
 count, 0.02 at three tenths. That fraction of the variance is not averaged away by more samples of a dwell nor by more cycles of a pose.
+What is kept where a robot swings is in `vibration`.
 """
 
 from dataclasses import replace
@@ -54,22 +55,18 @@ def whitened_variance(covariance: FloatArray, of_one: FloatArray) -> FloatArray:
     return np.asarray(total / np.maximum(rank, 1))
 
 
-def of_dwells(errors: PoseErrors, within: FloatArray, between: FloatArray, readings: IntArray, groups: IntArray) -> PoseErrors:
+def of_dwells(errors: PoseErrors, factor: FloatArray, between: FloatArray, groups: IntArray) -> PoseErrors:
     """Errors of the means over n dwells of one pose from those of single samples.
 
-    within (n, 6, 6): covariance of the samples in each dwell; readings (n,): how many different readings each dwell has; groups (n,):
-    number of the group of dwells at one place; between (6, 6): covariance of dwells about the mean of their group. A dwell whose samples
-    stay within a count is one draw. Between the dwells of a group, what rounding keeps is common; the scatter that it hides is not, and
-    the whole of it stays.
+    factor (n, q): which part of the variance of one rounding the mean of each dwell has (`vibration.averaged`); groups (n,): number of the
+    group of dwells at one place; between (6, 6): covariance of dwells about the mean of their group. Between the dwells of a group, what
+    rounding keeps is common; the scatter that it hides is not, and the whole of it stays.
     """
-    random = errors.random
-    share = kept(scatter_counts(whitened_variance(np.nan_to_num(within), random)))
-    factor = share + (1.0 - share) / readings
-    mean = random.mean(axis=0)
+    mean = errors.random.mean(axis=0)
     common = kept(scatter_counts(whitened_variance(np.nan_to_num(between), mean)))
-    local = np.sqrt(common * factor.mean()) * errors.own.mean(axis=0)
+    local = np.sqrt(common * factor.mean(axis=0)) * errors.own.mean(axis=0)
     several = np.bincount(groups)[groups] > 1
-    own = np.sqrt(factor)[:, None, None] * errors.own
+    own = np.sqrt(factor)[:, None, :] * errors.own
     return replace(errors, own=own, local=np.where(several[:, None, None], local, 0.0), place=groups)
 
 
@@ -114,7 +111,7 @@ def phases(errors: PoseErrors, apart: FloatArray, rng: np.random.Generator, tria
     common = rng.random((trials, 1, m))
     if n == 1 or m == 0:
         return np.broadcast_to(common, (trials, n, m))
-    counts = apart @ _per_count(errors.own.mean(axis=0)).T
+    counts = apart @ per_count(errors.own.mean(axis=0)).T
     sigma = float(scatter_counts(12.0 * counts.var(axis=0, ddof=1).mean()))
     return np.asarray(common + sigma * rng.standard_normal((trials, n, m)))
 
@@ -126,12 +123,12 @@ def roundings(own: FloatArray, moved: FloatArray, phase: FloatArray, away: Float
     What is measured is whole counts from the place, the truth is not: a count and more away lengths lie anywhere, by phases away (trials,
     m).
     """
-    lengths = moved @ _per_count(own).T
+    lengths = moved @ per_count(own).T
     lengths = phase[:, None, :] + lengths + np.minimum(np.abs(lengths), 1.0) * away[:, None, :]
     return np.asarray(np.sqrt(12.0) * (np.rint(lengths) - lengths) @ own.T)
 
 
-def _per_count(own: FloatArray) -> FloatArray:
+def per_count(own: FloatArray) -> FloatArray:
     """(m, 6) counts that a pose's displacement makes, own (6, m) as in `roundings`."""
     size = np.linalg.norm(own, axis=1)
     per = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)

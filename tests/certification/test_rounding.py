@@ -48,14 +48,14 @@ def test_errors_of_counts_are_drawn_uniform_and_others_normal() -> None:
 def test_dwells_of_a_still_robot_are_one_draw_and_share_it() -> None:
     one = np.diag(np.repeat([1e-10, 1e-5], 3))
     errors = PoseErrors.of(roots(np.tile(one, (4, 1, 1))), np.zeros((4, 6, 0)))
-    still = of_dwells(errors, np.zeros((4, 6, 6)), np.zeros((6, 6)), np.ones(4, dtype=np.int64), np.zeros(4, dtype=np.int64))
+    still = of_dwells(errors, np.ones((4, 6)), np.zeros((6, 6)), np.zeros(4, dtype=np.int64))
     np.testing.assert_allclose(still.random, errors.random)
     np.testing.assert_allclose(still.local @ still.local.transpose(0, 2, 1), errors.random, atol=1e-18)
     np.testing.assert_allclose(still.factors @ still.factors.transpose(0, 2, 1), errors.random, atol=1e-18)
-    # motion of many counts in each dwell and between them: a hundred readings are averaged, nothing is in common
-    moving = of_dwells(errors, np.tile(5000.0 * one, (4, 1, 1)), 5000.0 * one, np.full(4, 100), np.zeros(4, dtype=np.int64))
+    # means of a hundred readings each, and motion of many counts between the dwells: nothing is in common
+    moving = of_dwells(errors, np.full((4, 6), 0.01), 5000.0 * one, np.zeros(4, dtype=np.int64))
     # of two places two dwells each, and of one that stands alone: what is in common is so within a place
-    apart = of_dwells(errors, np.zeros((4, 6, 6)), np.zeros((6, 6)), np.ones(4, dtype=np.int64), np.array([0, 1, 0, 2]))
+    apart = of_dwells(errors, np.ones((4, 6)), np.zeros((6, 6)), np.array([0, 1, 0, 2]))
     np.testing.assert_allclose(apart.factors[0] @ apart.factors[2].T, one, atol=1e-18)
     assert not (apart.factors[0] @ apart.factors[1].T).any()
     assert not apart.local[[1, 3]].any()

@@ -20,6 +20,7 @@ from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.details import read_details
 from lmeasure.certification.measure import Inputs
 from lmeasure.certification.pictures import prediction_ellipse, round_up, targets
+from lmeasure.certification.vibration import vibration
 from lmeasure.errors import CertificationError, FileFormatError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate import Choices, write_certificate
@@ -341,9 +342,8 @@ def test_a_scatter_too_small_for_paper_is_enlarged_and_said_to_be() -> None:
     commanded = np.zeros(7)
     poses = np.zeros((30, 7))
     poses[:, :3] = np.array([1.0, 0.5, 0.0]) + np.random.default_rng(0).normal(0.0, 0.01, (30, 3))
-    pose = AttainedPose(
-        "P1", commanded, poses, np.arange(30.0), np.ones(30, dtype=np.int64), np.zeros((30, 6, 6)), np.ones(30, dtype=np.int64), 10.0
-    )
+    still = vibration([(np.arange(3.0), np.zeros((3, 6)))] * 30)
+    pose = AttainedPose("P1", commanded, poses, np.arange(30.0), np.ones(30, dtype=np.int64), still, np.ones(30, dtype=np.int64), 10.0)
     plain, large = targets(pose)[0], targets(pose, readable=True)[0]
     assert plain.enlarged == 1.0
     assert large.enlarged in (10.0, 20.0)
