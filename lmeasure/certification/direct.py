@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from lmeasure.certification import iso9283_path, iso9283_time
 from lmeasure.certification.attained import window
 from lmeasure.certification.characteristic import Characteristic
+from lmeasure.certification.corners import Corner, at_corner
 from lmeasure.certification.motion import MARGIN, Motion, Reading, Stretch, Told
-from lmeasure.certification.path_figures import Corner, at_corner
 from lmeasure.certification.paths import Crossings
 from lmeasure.certification.uncertainty import NORMAL_95
 from lmeasure.errors import CertificationError

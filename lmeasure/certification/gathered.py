@@ -13,6 +13,7 @@ from lmeasure.accuracy.radius import exact_radius_95
 from lmeasure.certification import direct
 from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, check_order, fit_frame, window, worst_angle
 from lmeasure.certification.characteristic import Characteristic
+from lmeasure.certification.corners import CornerPart, Passing, at_corner, corner_figures, corners_of
 from lmeasure.certification.errors_of_poses import ErrorModel, PoseErrors
 from lmeasure.certification.figures import (
     Figure,
@@ -26,7 +27,7 @@ from lmeasure.certification.figures import (
     singular,
 )
 from lmeasure.certification.motion import Motion
-from lmeasure.certification.path_figures import CornerPart, Passing, PathPart, at_corner, corner_figures, corners_of, path_figures
+from lmeasure.certification.path_figures import PathPart, path_figures
 from lmeasure.certification.paths import LEAST_PLANES, Crossings, crossings
 from lmeasure.certification.rounding import of_crossings, of_dwells
 from lmeasure.certification.settings import Settings
@@ -164,8 +165,7 @@ class Gathered:
             for corner, passed in self.corners[path.name]:
                 of_corner = self.at(every, self._of_corner(path.name, passed))
                 name = f"{key} corner {corner.number}"
-                nearest, between, beyond = (np.array([getattr(p, key) for p in passed]) for key in ("nearest", "part", "beyond"))
-                parts[name] = CornerPart(nearest, between, beyond, of_corner)
+                parts[name] = CornerPart(corner, tuple(passed), of_corner)
                 figures += corner_figures(name, corner, path, len(passed))
             if path.name in self.weaves:
                 cycles = self.weaves[path.name]

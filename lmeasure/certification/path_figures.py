@@ -1,6 +1,5 @@
-"""Figures of clauses 8 and 11: what is certified of paths and of corners."""
+"""Figures of clause 8: what is certified of paths, but for their corners."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -10,15 +9,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.certification import iso9283_path as iso
-from lmeasure.certification.between import FINER, finer, share
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
 from lmeasure.certification.iso9283_pose import wrapped
-from lmeasure.certification.paths import Crossings, Cycle
+from lmeasure.certification.paths import Crossings
 from lmeasure.certification.timing import with_instants
 from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED
 from lmeasure.certification.waves import cosines, reduced
-from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
 from lmeasure.trajectory.stamps import Stamps
 
@@ -182,118 +179,3 @@ def path_figures(key: str, part: PathPart, path: CommandedPath) -> list[Figure]:
             out.append(Figure("RV", "8.6.3", "%", of=lambda s: iso.velocity_repeatability(s[key].speed_mm_s, speed), **common))
     out.append(Figure("FV", "8.6.4", "mm/s", of=lambda s: iso.velocity_fluctuation(s[key].speed_mm_s), **common))
     return out
-
-
-@dataclass(frozen=True)
-class Corner:
-    """A corner of a path: number, its place (3,) [mm], unit directions (3,) into it and out of it, and how far each line goes [mm]."""
-
-    number: int
-    place: FloatArray
-    incoming: FloatArray
-    outgoing: FloatArray
-    way_mm: float
-    before_mm: float
-    after_mm: float
-
-
-def corners_of(crossings: Crossings) -> list[Corner]:
-    """The corners between the straight lines of a path."""
-    turns = crossings.line.turns()
-    if not turns:
-        return []
-    points, arc = crossings.line.corners, crossings.line.arc
-    steps = np.diff(points, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    units = steps / lengths[:, None]
-    return [Corner(i, points[i], units[i - 1], units[i], float(arc[i]), float(lengths[i - 1]), float(lengths[i])) for i in turns]
-
-
-@dataclass(frozen=True)
-class CornerPart:
-    """What each cycle does at a corner, as vectors [mm] with the law of their errors (n poses): nearest (n, 3) from the corner to the
-    nearest point of the path, at part (n,) of the step between two samples, beyond (n, k, 3) from the second line to points about the
-    farthest in the direction of the first."""
-
-    nearest: FloatArray
-    part: FloatArray
-    beyond: FloatArray
-    of_cycles: PoseErrors
-
-    @property
-    def errors(self) -> PoseErrors:
-        """Of the n nearest points, read between samples, and the n k others: the largest of many is larger than what they are of."""
-        n, k, _ = self.beyond.shape
-        every = self.of_cycles[np.concatenate([np.arange(n), np.repeat(np.arange(n), k)])]
-        of_one = np.concatenate([share(self.part), np.ones(n * k)])
-        return replace(every, own=np.sqrt(of_one)[:, None, None] * every.own)
-
-    def state(self, errors: FloatArray, reduced: bool) -> tuple[FloatArray, FloatArray]:
-        """See `uncertainty.Part`; likely are the parabolas through the points about the farthest."""
-        n, k, _ = self.beyond.shape
-        beyond = self.beyond
-        if reduced:
-            powers = np.linspace(-1.0, 1.0, k)[:, None] ** np.arange(3)
-            beyond = powers @ np.linalg.pinv(powers) @ beyond
-        moved = errors[..., 3:]
-        return self.nearest + moved[..., :n, :], finer(beyond + moved[..., n:, :].reshape(*moved.shape[:-2], n, k, 3), kinks=True)
-
-
-ABOUT = 7  # samples on either side of the farthest
-NEAR = 50  # samples on either side of the nearest that a corner is seen by
-
-
-@dataclass(frozen=True)
-class Passing:
-    """How a cycle passes a corner: `nearest` (3,), `part` and `beyond` (k, 3) of `CornerPart`; behind: its samples from the one before the
-    nearest point on, half way to the next corner."""
-
-    nearest: FloatArray
-    part: float
-    beyond: FloatArray
-    behind: slice
-
-
-def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
-    """How a cycle passes a corner; what: the cycle, for CertificationError when it does not."""
-    near = np.flatnonzero((cycle.way_mm > corner.way_mm - 0.5 * corner.before_mm) & (cycle.way_mm < corner.way_mm + 0.5 * corner.after_mm))
-    if len(near) < 2:
-        raise CertificationError(f"{what}: has {len(near)} samples within half a side of corner {corner.number}; at least 2")
-    positions = cycle.poses[near[0] : near[-1] + 1, :3] - corner.place
-    closest = int(np.argmin((positions**2).sum(axis=1)))
-    first = max(closest - NEAR, 0)
-    fine = finer(positions[first : closest + NEAR + 1], kinks=True)
-    steps = np.diff(fine, axis=0)
-    square = np.maximum((steps**2).sum(axis=1), 1e-300)
-    part = np.clip(-(fine[:-1] * steps).sum(axis=1) / square, 0.0, 1.0)
-    feet = fine[:-1] + part[:, None] * steps
-    nearest = int(np.argmin((feet**2).sum(axis=1)))
-    i = first + nearest // FINER
-    after = positions[i:]
-    away = after - (after @ corner.outgoing)[:, None] * corner.outgoing
-    side = corner.incoming - (corner.incoming @ corner.outgoing) * corner.outgoing
-    k = int(np.argmax(away @ side))
-    begin = int(np.clip(k - ABOUT, 0, max(len(away) - 2 * ABOUT - 1, 0)))
-    about = np.minimum(begin + np.arange(2 * ABOUT + 1), len(away) - 1)
-    return Passing(feet[nearest], (nearest + float(part[nearest])) % FINER / FINER, away[about], slice(int(near[0]) + i, int(near[-1]) + 1))
-
-
-def corner_figures(key: str, corner: Corner, path: CommandedPath, cycles: int) -> list[Figure]:
-    """Clause 8.5: CR and CO of one corner."""
-    side = corner.incoming - (corner.incoming @ corner.outgoing) * corner.outgoing
-    side /= np.linalg.norm(side)
-    common: dict[str, Any] = {
-        "cycles": cycles,
-        "needs": (f"path {path.name}",),
-        "path": path.name,
-        "part": f"corner {corner.number}",
-        "clause": "8.5",
-    }
-
-    def overshoot(s: Mapping[str, Any]) -> FloatArray:
-        return iso.cornering_overshoot(s[key][1], side)
-
-    return [
-        Figure("CR", unit="mm", of=lambda s: iso.cornering_round_off(s[key][0]), **common),
-        Figure("CO", unit="mm", of=overshoot, **common),
-    ]

@@ -94,13 +94,18 @@ def of_crossings(errors: PoseErrors, weights: FloatArray, step: FloatArray, betw
     return replace(crossed, local=np.repeat(local, n, axis=0), place=np.repeat(np.arange(m), n))
 
 
+def kept_over(errors: PoseErrors, step_mm: FloatArray) -> FloatArray:
+    """(n,) correlation of the rounding errors of samples that follow each other in steps (n,) or (1,) [mm], errors of each (n)."""
+    of_count = np.sqrt(12.0 * np.trace(errors.random[:, 3:, 3:], axis1=1, axis2=2) / 3.0)
+    step_mm = np.broadcast_to(step_mm, of_count.shape)
+    counts = np.divide(step_mm, of_count, out=np.zeros_like(of_count), where=of_count > 0.0)
+    return kept(counts / np.sqrt(2.0))
+
+
 def of_neighbours(errors: PoseErrors, step_mm: FloatArray, row: IntArray) -> PoseErrors:
     """Errors of samples that follow each other in rows, row (n,) their number from 0, from those of single samples: what rounding keeps
     over steps (n,) [mm] from one to the next is common to a row."""
-    random = errors.random
-    of_count = np.sqrt(12.0 * np.trace(random[:, 3:, 3:], axis1=1, axis2=2) / 3.0)
-    counts = np.divide(step_mm, of_count, out=np.zeros_like(step_mm), where=of_count > 0.0)
-    share = kept(counts / np.sqrt(2.0))[:, None, None]
+    share = kept_over(errors, step_mm)[:, None, None]
     return replace(errors, own=np.sqrt(1.0 - share) * errors.own, local=np.sqrt(share) * errors.own, place=row)
 
 

@@ -407,3 +407,40 @@ def test_an_error_of_each_sample_moves_all() -> None:
     # v = (s_b - s_a) / t over the middle 250 mm: errors of two ends, mean of ten cycles
     assert found["AV"].u95 == pytest.approx(100.0 * 1.96 * np.sqrt(2.0) * 0.01 / 245.0 / np.sqrt(10), rel=0.1)
     assert found["FV"].u95 > 0.1
+
+
+COUNT_MM = 0.012
+
+
+def passed_corner(overshoot_mm: float, seed: int, rate_hz: float) -> tuple[float, float, float]:
+    """CO, its U95 and the truth where three cycles run an angle of 100 mm and swing beyond the second line by a bump of 5 mm of way."""
+    rng = np.random.default_rng(seed)
+    cycles, true = [], []
+    for _ in range(3):
+        way = np.arange(-5.0, 205.0, 100.0 / rate_hz) + 100.0 / rate_hz * rng.random()
+        behind = np.maximum(way - 100.0, 0.0)
+        bump = overshoot_mm * np.exp(-(((behind - 10.0) / 5.0) ** 2)) * (behind > 0.0)
+        place = np.column_stack([np.minimum(way, 100.0) + bump, behind, 0.0 * way])
+        true.append(bump.max())
+        # three lengths at an angle to each other, read in whole counts
+        axes = np.array([[0.8, 0.6, 0.0], [-0.48, 0.64, 0.6], [0.36, -0.48, 0.8]])
+        phase = rng.random(3)
+        cycles.append((COUNT_MM * (np.rint(place @ axes.T / COUNT_MM + phase) - phase)) @ axes)
+    most = min(len(c) for c in cycles)
+    trajectory, windows = runs(np.arange(float(most)), [c[:most] for c in cycles], rate_hz)
+    path = {"name": "angle", "kind": "points", "points_mm": [(0.0, 0, 0), (100.0, 0, 0), (100.0, 100.0, 0)], "windows_s": windows}
+    law = np.zeros((6, 6))
+    law[3:, 3:] = COUNT_MM**2 / 12.0 * np.eye(3)
+    program = Program.model_validate({"schema": "lmeasure.program/1", "path": [path]})
+    found = evaluate(trajectory, program, StatedErrors(law, rounded=True), settings=Settings(trials=200, seed=seed, planes=20))
+    co = next(c for c in found.characteristics if c.name == "CO")
+    return co.value, co.u95, float(np.mean(true))
+
+
+@pytest.mark.parametrize(("overshoot_mm", "rate_hz"), [(0.0, 100.0), (0.0, 1000.0), (0.03, 250.0), (1.0, 250.0)])
+def test_u95_of_an_overshoot_holds_that_of_a_robot_without_one(overshoot_mm: float, rate_hz: float) -> None:
+    """The largest of hundreds of samples is so much larger than none: it never was within U95 by the samples about it alone."""
+    found = np.array([passed_corner(overshoot_mm, seed, rate_hz) for seed in range(30)])
+    assert np.mean(np.abs(found[:, 0] - found[:, 2]) <= found[:, 1]) >= 0.9
+    # nor is it only wide: a large overshoot is told to half a count
+    assert np.median(found[:, 1]) < (0.5 if overshoot_mm == 1.0 else 1.2) * COUNT_MM
