@@ -1,6 +1,6 @@
 """Figures of clause 8: what is certified of paths, but for their corners."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 

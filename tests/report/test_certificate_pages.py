@@ -1,5 +1,7 @@
 """A certificate as people read it: PDF read back page by page, page opened in a browser, texts in every language, hostile names."""
 
+import base64
+import hashlib
 import re
 import string
 import sys
@@ -23,6 +25,7 @@ from lmeasure.certification.pictures import prediction_ellipse, round_up, target
 from lmeasure.certification.vibration import vibration
 from lmeasure.errors import CertificationError, FileFormatError
 from lmeasure.report import certificate_text as say
+from lmeasure.report import html
 from lmeasure.report.certificate import Choices, write_certificate
 from lmeasure.report.certificate_html import _LINES
 from lmeasure.report.sentences import SENTENCES, sentence
@@ -168,11 +171,29 @@ def test_page_opens_without_an_error_and_runs_nobody_elses_script(english: tuple
         text = page.evaluate("document.body.innerText")
         assert page.evaluate("typeof window.hacked") == "undefined"
         assert page.errors == []
+        # what is no script of the page does not run, and nothing is fetched, not even from the page itself
+        page.evaluate(
+            "(() => { const s = document.createElement('script'); s.textContent = 'window.hacked = 5'; document.body.append(s); })()"
+        )
+        assert page.evaluate("typeof window.hacked") == "undefined"
+        assert page.evaluate("fetch('data:,x').then(() => 'came', () => 'refused')") == "refused"
     for name in (HOSTILE["P1"], HOSTILE["line"], "=HYPERLINK(1)", content["id"]):
         assert name in text
-    html = (folder / "report.html").read_text(encoding="utf-8")
-    assert 'src="http' not in html
-    assert "<script>window.hacked" not in html
+    written = (folder / "report.html").read_text(encoding="utf-8")
+    assert 'src="http' not in written
+    assert "<script>window.hacked" not in written
+
+
+def test_every_page_states_what_may_run_in_it() -> None:
+    told = html.page("t", ["<script>a < b</script>", '<p><script type="x">c\n</script></p>'])
+    policy = re.search('Content-Security-Policy" content="([^"]*)"', told)
+    assert policy is not None
+    parts = dict(part.strip().split(" ", 1) for part in policy[1].split(";"))
+    expected = {base64.b64encode(hashlib.sha256(code).digest()).decode() for code in (b"a < b", b"c\n")}
+    assert {p[8:-1] for p in parts["script-src"].split() if p.startswith("'sha256-")} == expected
+    assert "'unsafe-inline'" not in parts["script-src"]
+    assert parts["connect-src"] == parts["default-src"] == parts["base-uri"] == parts["form-action"] == "'none'"
+    assert "script-src 'none'" in html.page("t", ["<p>nothing runs</p>"])
 
 
 def test_russian_has_no_english_left_of_ours(campaign: Path) -> None:
