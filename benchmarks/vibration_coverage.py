@@ -1,13 +1,15 @@
 """Does U95 hold where the robot vibrates while it rests, and where it turns corners without any error?
 
-python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--first 0] [--keep FILE.csv] [--table FILE.csv ...]
+python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--first 0] [--keep FILE.csv]
+    [--table FILE.csv ... [--before FILE.csv ...]]
 
 A robot with offsets and scatter of its own rests at two poses in turn, and swings about where it rests by a sinusoid of 5 to 13 Hz of one
 amplitude in a direction that is drawn for each pose, of a phase that is drawn for each dwell or, `locked`, is the same in all. The rig is
 known exactly and its counters were set to zero exactly, so that nothing but the dwells themselves can be wrong. The truth is taken in two
 ways: where the robot rests, about which it swings, and the mean of its true motion over the window. Corners: a robot without any error
 runs a rectangle.
-Each campaign adds lines to --keep: case, seed, figure, reading, error, U95; --table prints those files.
+Each campaign adds lines to --keep: case, seed, figure, reading, error, U95; --table prints those files, with
+those of an earlier program beside them.
 """
 
 import argparse
@@ -175,19 +177,40 @@ SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
-def table(data: pd.DataFrame) -> list[str]:
-    """Lines of the table of results."""
-    data = data.assign(inside=data["error"].abs() <= data["u95"] + 1e-12)
-    lines = ["| case | figure | truth | figures | inside U95 | median U95 | median error / U95 |", "|---|---|---|---|---|---|---|"]
+def table(data: pd.DataFrame, before: pd.DataFrame | None) -> list[str]:
+    """Lines of the table of results, with those of an earlier program in the last column."""
+    head = [
+        "case",
+        "truth",
+        "figure",
+        "figures",
+        "inside U95",
+        "median U95, mm",
+        "median error / U95",
+        *(["before"] if before is not None else []),
+    ]
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for case in [*CASES, *CORNERS]:
         for reading, figures in SHOWN.items():
             for name, members in figures.items():
-                own = data[(data["case"] == case) & (data["reading"] == reading) & data["figure"].isin(members)]
+                own, old = (chosen(d, case, reading, members) for d in (data, data if before is None else before))
                 if len(own):
                     ratio, u95 = (own["error"].abs() / own["u95"]).median(), own["u95"].median()
-                    cells = (case, name, reading, len(own), f"{own['inside'].mean():.1%}", f"{u95:.5f}", f"{ratio:.2f}")
-                    lines.append("| " + " | ".join(map(str, cells)) + " |")
+                    cells = [case, reading, name, str(len(own)), f"{own['inside'].mean():.1%}", f"{u95:.5f}", f"{ratio:.2f}"]
+                    cells += [f"{old['inside'].mean():.1%}"] if before is not None else []
+                    lines.append("| " + " | ".join(cells) + " |")
     return lines
+
+
+def chosen(data: pd.DataFrame, case: str, reading: str, members: tuple[str, ...]) -> pd.DataFrame:
+    """Figures of a case by one truth, with whether they lie inside U95."""
+    own = data[(data["case"] == case) & (data["reading"] == reading) & data["figure"].isin(members)]
+    return own.assign(inside=own["error"].abs() <= own["u95"] + 1e-12)
+
+
+def read(paths: list[Path]) -> pd.DataFrame:
+    """What was kept, every figure once."""
+    return pd.concat([pd.read_csv(p) for p in paths]).drop_duplicates(["case", "seed", "figure", "where", "reading"])
 
 
 def main() -> None:
@@ -198,6 +221,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--keep", type=Path, default=Path("vibration_coverage.csv"))
     parser.add_argument("--table", type=Path, nargs="+")
+    parser.add_argument("--before", type=Path, nargs="+")
     asked = parser.parse_args()
     if not asked.table:
         for seed in range(asked.first, asked.first + asked.campaigns):
@@ -209,8 +233,7 @@ def main() -> None:
                     if new:
                         writer.writeheader()
                     writer.writerows(lines)
-    data = pd.concat([pd.read_csv(p) for p in asked.table or [asked.keep]]).drop_duplicates(["case", "seed", "figure", "where", "reading"])
-    print("\n".join(table(data)))
+    print("\n".join(table(read(asked.table or [asked.keep]), read(asked.before) if asked.before else None)))
 
 
 if __name__ == "__main__":
