@@ -365,10 +365,11 @@ def test_a_rig_of_elsewhere_and_its_record_are_copied_beside_each_other(campaign
     rigs.mkdir(parents=True)
     text = (campaign / "run" / "rig.toml").read_text()
     record = {"rig": "simulated cell 0", "parameters": [], "covariance": [], "residuals": [], "equations": 0, "unknowns": 0, "rank": 0}
-    (tmp_path / "rigs" / "record.json").write_text(json.dumps(record))
-    (rigs / "calibrated.toml").write_text('calibration = "../record.json"\n' + text)
+    (rigs / "records").mkdir()
+    (rigs / "records" / "record.json").write_text(json.dumps(record))
+    (rigs / "calibrated.toml").write_text('calibration = "records/record.json"\n' + text)
     chosen = inputs(campaign, rig=rigs / "calibrated.toml")
-    assert chosen.copies()["inputs/record.json"] == rigs / "../record.json"
+    assert chosen.copies()["inputs/rig/records/record.json"] == rigs / "records/record.json"
     content = write_certificate(tmp_path / "c", chosen, Settings(), Choices())
     assert content["instrument"]["calibrated"]
     shutil.rmtree(tmp_path / "rigs")
@@ -376,7 +377,7 @@ def test_a_rig_of_elsewhere_and_its_record_are_copied_beside_each_other(campaign
     rigs.mkdir(parents=True)
     (rigs / "calibrated.toml").write_text('calibration = "../../../record.json"\n' + text)
     (tmp_path.parent / "record.json").write_text(json.dumps(record))
-    with pytest.raises(CertificationError, match="put the record beside the rig"):
+    with pytest.raises(LMeasureError, match="lies outside the rig's folder"):
         inputs(campaign, rig=rigs / "calibrated.toml").copies()
 
 
