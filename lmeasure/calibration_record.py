@@ -109,6 +109,8 @@ class CalibrationRecord(_Record):
     """Reference poses that were estimated with the rig, and the standard uncertainties of what was unknown of each."""
     predicted: dict[str, Any] = Field(default_factory=dict)
     validation: dict[str, Any] = Field(default_factory=dict)
+    u_length_mm: dict[str, Number] = Field(default_factory=dict)
+    """By which the length of a cable errs on its own at every pose, beside what the parameters make, where residuals showed it."""
     tangent_covariance: tuple[tuple[Number, ...], ...] | None = None
     region: dict[str, Any] = Field(default_factory=dict)
     robust: dict[str, Any] = Field(default_factory=dict)

@@ -42,6 +42,8 @@ class Poses:
     then its root mean squares."""
     oriented: bool = True
     """False where only positions were measured: the rotations are the identity then, and mean nothing."""
+    absent: tuple[str, ...] = ()
+    """Which of "position" and "rotation" have no uncertainty stated: then it is not known, and no zero."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -68,6 +70,25 @@ class Poses:
             self.u_rotation_rad[index],
             None if self.covariance is None else self.covariance[index],
             self.oriented,
+            self.absent,
+        )
+
+    def with_uncertainty(self, u_position_mm: float | None = None, u_rotation_rad: float | None = None) -> "Poses":
+        """With these standard uncertainties instead of what is stated, or is not; None leaves what there is."""
+        place, turn = self.u_position_mm, self.u_rotation_rad
+        covariance = None if self.covariance is None else self.covariance.copy()
+        for u, own in ((u_position_mm, slice(3, 6)), (u_rotation_rad, slice(0, 3))):
+            if u is not None and covariance is not None:
+                covariance[:, own, :] = covariance[:, :, own] = 0.0
+                covariance[:, own, own] = u**2 * np.eye(3)
+        return replace(
+            self,
+            u_position_mm=place if u_position_mm is None else np.full(len(self), u_position_mm),
+            u_rotation_rad=turn if u_rotation_rad is None else np.full(len(self), u_rotation_rad),
+            covariance=covariance,
+            absent=tuple(
+                name for name, u in (("position", u_position_mm), ("rotation", u_rotation_rad)) if name in self.absent and u is None
+            ),
         )
 
     def or_uncertain(self, u_position_mm: float, u_rotation_rad: float) -> "Poses":
@@ -154,11 +175,13 @@ def read_poses(path: Path, angles: str, *, positions_alone: bool = False) -> Pos
         if (values < 0).any():
             raise FileFormatError(f"{path}: column {column!r}: a standard uncertainty is negative")
     covariance = _covariance(table, u["u_position_mm"], np.radians(u["u_rotation_deg"]))
+    columns_of = {"position": ("u_position_mm", "u_x_mm"), "rotation": ("u_rotation_deg", "u_rx_deg")}
+    absent = tuple(n for n, c in columns_of.items() if not set(c) & set(table.columns) and (oriented or n == "position"))
     if covariance is None:
-        return Poses(poses.names, poses.rows, u["u_position_mm"], np.radians(u["u_rotation_deg"]), oriented=oriented)
+        return Poses(poses.names, poses.rows, u["u_position_mm"], np.radians(u["u_rotation_deg"]), oriented=oriented, absent=absent)
     variance = np.einsum("nii->ni", covariance)
     rotation, place = np.sqrt(variance[:, :3].mean(axis=1)), np.sqrt(variance[:, 3:].mean(axis=1))
-    return Poses(poses.names, poses.rows, place, rotation, covariance, oriented)
+    return Poses(poses.names, poses.rows, place, rotation, covariance, oriented, absent)
 
 
 def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: FloatArray) -> FloatArray | None:

@@ -1,11 +1,11 @@
 """A rig as real ones are, for tests and benchmarks only: nothing here imports lmeasure or shares its code.
 
-A forward model in NumPy of drums, swivelling pulleys and straight cables (the contract's geometry), with what real rigs have beside it:
-counters zeroed somewhere within their count, drums of another circumference or groove, that run out, pulleys off their axis, friction and
-play of the encoders, attachment points off their drawing, warm days. Millimetres and radians.
+A forward model in NumPy of drums, swivelling pulleys and straight cables, as the text of a rig file describes them, with what real rigs
+have beside it: counters zeroed somewhere within their count, drums of another circumference or groove, that run out, pulleys off their
+axis, friction and play of the encoders, attachment points off their drawing, warm days. Millimetres and radians.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,7 @@ class Flaws:
     circumference: relative error of the cable per turn, 1 sigma, another for each drum. pitch_mm: of the groove's pitch, likewise.
     run_out_mm: amplitude of the length error over a turn of the drum. eccentric_mm: of the pulley's centre off its axis. friction_counts
     and play_counts: width of the band within which a reading lies by the way it was come from. attachment_mm: per coordinate.
-    expansion_per_k: of the cable against the frame, and warmer_k: how much warmer it is than stated. phase: counters are zeroed within a
-    count.
+    expansion_per_k: of the cable against the frame. phase: counters are zeroed anywhere within a count.
     """
 
     circumference: float = 0.0
@@ -37,7 +36,6 @@ class Flaws:
     play_counts: float = 0.0
     attachment_mm: float = 0.0
     expansion_per_k: float = 0.0
-    warmer_k: float = 0.0
     phase: bool = True
 
 
@@ -70,7 +68,6 @@ class RealRig:
     tool: FloatArray
     tied: NDArray[np.int64]
     flaws: Drawn
-    channels: tuple[str, ...] = field(default=())
 
     @property
     def arriving(self) -> FloatArray:
@@ -152,7 +149,6 @@ class RealRig:
                         "groove_pitch_mm": float(self.pitch[j]),
                         "tangent_length_mm": float(self.tangent[j]),
                         "axial_offset_mm": float(self.axial[j]),
-                        "zero_exact": not self.flaws.phase,
                     },
                 }
                 for j in range(len(self.base))

@@ -65,6 +65,10 @@ class Joint(Fit):
         J, own = model.jacobian(self.theta), len(self.s)
         return np.hstack([J[:, :own] * model.unknowns.width[:own] @ self.directions[self.known].T, J[:, own:]])
 
+    def undetermined(self, model: Model) -> FloatArray:
+        """(e, q) changes of the residuals by one standard uncertainty of what only nominal values tell."""
+        return np.asarray(model.jacobian(self.theta) @ self.held)
+
     def gain(self, model: Model) -> FloatArray:
         """(P, e) how theta follows errors of the residuals, with the other sign."""
         return self.follows

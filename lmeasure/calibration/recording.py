@@ -1,10 +1,13 @@
 """The calibration record of a fit: values with their uncertainties, and what holds them together."""
 
+from dataclasses import asdict
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.dimensions import Dimensions
+from lmeasure.calibration.guard import AgainstNominal
 from lmeasure.calibration.joint_model import COMPONENTS, JointModel
 from lmeasure.calibration.prediction import Prediction
 from lmeasure.calibration.refine import Fit, Noise
@@ -130,6 +133,11 @@ def held_out_entry(poses: list[HeldOut]) -> dict[str, object]:
             ],
         }
     }
+
+
+def nominal_entry(compared: AgainstNominal | None) -> dict[str, object]:
+    """How poses left out were predicted by the calibrated and by the nominal rig."""
+    return {} if compared is None else {"against_nominal": asdict(compared)}
 
 
 def _spectrum(unknowns: Unknowns, found: Fit) -> list[dict[str, object]]:

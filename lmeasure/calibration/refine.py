@@ -26,6 +26,8 @@ MAX_STEPS = 100
 UNDECIDED = 25  # steps after which a direction that was undetermined once stays so
 SETTLED = 0.01  # of a standard uncertainty
 FLOOR = 3.0  # standard uncertainties of the data, within which a step may also go along the valley
+ASSUMED = {"position": 0.1, "rotation": np.radians(0.02)}
+"""Standard uncertainty [mm, rad] of reference poses that state none and cannot be judged by their residuals: an industrial robot's."""
 WALL = 30.0  # standard uncertainties of the data, from where Gauss-Newton comes back to the floor of a valley
 
 
@@ -39,16 +41,42 @@ class Noise:
     """(n, 6, 6) of (rotation; position), where more is stated than the two, which are then its root mean squares."""
     robust_variance_mm2: FloatArray | None = None
     """(n,) the variance with which a robust loss takes every length of a reference pose back; None without one."""
+    u_length_mm: FloatArray | None = None
+    """(m,) by which the lengths of each cable err on their own, at every pose anew, the zero pose among them; None where they do not."""
+    absent: tuple[str, ...] = ()
+    """Which of "position" and "rotation" the poses do not state: those are assumed."""
 
     @classmethod
     def of(cls, poses: Poses) -> Self:
-        """As the file of the poses states it."""
-        return cls(poses.u_position_mm, poses.u_rotation_rad, poses.covariance)
+        """As the file of the poses states it, and an assumed size of what it does not state."""
+        none = cls(poses.u_position_mm, poses.u_rotation_rad, poses.covariance, absent=poses.absent)
+        return none.widened(*(size if name in poses.absent else 0.0 for name, size in ASSUMED.items()))
 
-    def widened(self, u_mm: float) -> "Noise":
-        """With an independent error of that standard uncertainty in each coordinate."""
-        more = None if self.covariance is None else self.covariance + np.diag([0.0, 0.0, 0.0, u_mm**2, u_mm**2, u_mm**2])
-        return replace(self, u_position_mm=np.hypot(self.u_position_mm, u_mm), covariance=more)
+    def bare(self) -> Self:
+        """Without what was assumed. A covariance by axes has the other part alone."""
+        place, turn = ("position" not in self.absent, "rotation" not in self.absent)
+        own = None if self.covariance is None else self.covariance * np.outer(*2 * (np.repeat([turn, place], 3),))
+        return replace(self, u_position_mm=self.u_position_mm * place, u_rotation_rad=self.u_rotation_rad * turn, covariance=own)
+
+    def widened(self, u_mm: float, u_rad: float) -> Self:
+        """With an independent error of these standard uncertainties in each coordinate and each component of a small rotation."""
+        more = None if self.covariance is None else self.covariance + np.diag(np.repeat([u_rad**2, u_mm**2], 3))
+        return replace(
+            self, u_position_mm=np.hypot(self.u_position_mm, u_mm), u_rotation_rad=np.hypot(self.u_rotation_rad, u_rad), covariance=more
+        )
+
+    def times(self, factor: float) -> Self:
+        """With all standard uncertainties of the poses multiplied."""
+        return replace(
+            self,
+            u_position_mm=self.u_position_mm * factor,
+            u_rotation_rad=self.u_rotation_rad * factor,
+            covariance=None if self.covariance is None else self.covariance * factor**2,
+        )
+
+    def with_lengths(self, u_mm: FloatArray) -> Self:
+        """With independent errors (m,) of the cables' lengths."""
+        return replace(self, u_length_mm=np.hypot(0.0 if self.u_length_mm is None else self.u_length_mm, u_mm))
 
     @property
     def stated(self) -> bool:
@@ -122,6 +150,10 @@ class Fit:
         """(e, rank) derivatives of the residuals [mm] along the directions that the data determine, in prior widths."""
         return np.asarray(model.jacobian(self.theta) * model.unknowns.width @ self.directions[self.known].T)
 
+    def undetermined(self, model: Model) -> FloatArray:
+        """(e, k) changes of the residuals [mm] by one standard uncertainty of what only nominal values tell."""
+        return np.asarray(model.jacobian(self.theta) * model.unknowns.width @ self.directions[~self.known].T)
+
     def gain(self, model: Model) -> FloatArray:
         """(p, e) how theta follows errors of the residuals [mm], with the other sign."""
         data, width = self.gains[0], model.unknowns.width
@@ -168,7 +200,8 @@ def measurement_covariance(model: Model, theta: FloatArray, noise: Noise) -> Flo
 
 
 def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatArray:
-    """`measurement_covariance`, and physical effects and dimensions where their errors are stated, and what a robust loss takes back."""
+    """`measurement_covariance`, physical effects and dimensions where their errors are stated, errors of lengths of their own, and what a
+    robust loss takes back."""
     V = measurement_covariance(model, theta, noise)
     effects = model.effect_covariance(theta)
     if effects is not None:
@@ -184,6 +217,9 @@ def residual_covariance(model: Model, theta: FloatArray, noise: Noise) -> FloatA
         at, zero = reference[model.pose_index], reference[campaign.zero[model.cable_index]]
         h = (at[:, None] == poses).astype(np.float64) - (zero[:, None] == poses)
         V = V + same * ((h * noise.robust_variance_mm2) @ h.T)
+    if noise.u_length_mm is not None:
+        own = noise.u_length_mm[model.cable_index] ** 2
+        V = V + np.diag(own) + np.where(model.cable_index[:, None] == model.cable_index, own, 0.0)
     return np.asarray(V)
 
 

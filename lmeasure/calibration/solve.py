@@ -3,23 +3,23 @@
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.calibration import diagnosis, observability
-from lmeasure.calibration.campaign import Campaign, all_visits, of_cables, without_poses
-from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
+from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
+from lmeasure.calibration.guard import AgainstNominal, against_nominal
 from lmeasure.calibration.joint import begun_jointly, fit_jointly, fitted_pose, linear_objective, solve_jointly
-from lmeasure.calibration.joint_model import Frame, JointModel
-from lmeasure.calibration.lp_search import Box, point_data, search_point
-from lmeasure.calibration.misfit import explain_misfit
+from lmeasure.calibration.joint_model import JointModel
+from lmeasure.calibration.lp_search import Box
+from lmeasure.calibration.misfit import Problem, explain_misfit
+from lmeasure.calibration.points import Point, Settings, box_of, coarse_entry, solve_point
 from lmeasure.calibration.prediction import Prediction, predict, taken_as_exact
 from lmeasure.calibration.ranges import position_range
-from lmeasure.calibration.recording import held_out_entry, make_record, predicted_entry
-from lmeasure.calibration.refine import Fit, Noise, Refit, fit
+from lmeasure.calibration.recording import held_out_entry, make_record, nominal_entry, predicted_entry
+from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.regions import BENT, regions
 from lmeasure.calibration.robust import robust_fit
 from lmeasure.calibration.unknown_poses import counted_poses, free_components
@@ -33,27 +33,8 @@ from lmeasure.rig import Rig
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-STARTS = 6  # distinct LP candidates that are polished per point
 BEGINS = "no point can be searched for alone: the nominal rig starts the least squares"
-APART = 10.0  # standard uncertainties between two results that are not one
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Options of a calibration; see the contract's `lmeasure calibrate`."""
-
-    solve: tuple[str, ...] = ("position", "guide")
-    neighbourhood_mm: float = 100.0
-    neighbourhood_deg: float = 15.0
-    prior: bool = False
-    seed: int = 0
-    robust: bool = False
-    hold_out: tuple[str, ...] = ()
-    """Poses that take no part in the fit and judge it."""
-    self_calibration: bool = False
-    """Poses are estimated with the points, and not trusted; see `calibration.joint`."""
-    frame: Frame = "rig"
-    """What holds the frame of a self-calibration: the nominal rig or the reference poses."""
+_WHO = ("outlier", "slip")  # findings that name a pose or a channel
 
 
 @dataclass(frozen=True)
@@ -64,29 +45,19 @@ class Calibration:
     record: CalibrationRecord
     campaign: Campaign
     predicted: Prediction
-
-
-@dataclass(frozen=True)
-class _Point:
-    name: str
-    coarse: dict[str, list[CoarseSolution]]
-    boxes: list[Box]
-    fit: Fit
-    model: Model
-    rivals: list[Fit]
+    refused: str | None = None
+    """Why the rig must not be used: it predicts lengths significantly worse than the nominal one, and nothing cured that."""
 
 
 @dataclass(frozen=True)
 class _Begun:
-    """Where the least squares of everything begin: first fit and how to fit again, findings of gross slips, single points' solutions, and
+    """Where the least squares of everything begin: the problem and its first fit, findings of gross slips, single points' solutions, and
     the boxes in which a result is no surprise."""
 
-    model: Model
-    noise: Noise
+    problem: Problem
     first: Fit
-    refit: Refit
     gross: list[Finding]
-    points: list[_Point]
+    points: list[Point]
     searched: dict[str, list[Box]]
 
 
@@ -94,10 +65,25 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     """Calibrate the observation points of a campaign.
 
     Residuals that the model cannot explain, and directions the data cannot tell, are written into the record's warnings and unobservable;
-    the result is never a bare optimum. The campaign of the result has the poses found, where they were unknown. CalibrationError when
-    there is nothing to solve.
+    the result is never a bare optimum. One that predicts lengths at poses left out significantly worse than the nominal rig is tried again
+    with the nominal rig as a prior everywhere, and `refused` when that is no better. The campaign of the result has the poses found, where
+    they were unknown. CalibrationError when there is nothing to solve.
     """
     settings = settings or Settings()
+    result, compared = _calibrated(campaign, settings, progress)
+    if compared is None or not compared.worse:
+        return result
+    if not settings.prior:
+        again, then = _calibrated(campaign, replace(settings, prior=True), progress)
+        if then is not None and not then.worse:
+            text = f"without priors {compared.text()}: the nominal rig was kept as a prior everywhere, with which {then.text()}"
+            kept = Finding(code="kept_nominal", text=text, value=compared.rms_mm / compared.nominal_mm)
+            return replace(again, record=again.record.model_copy(update={"warnings": (kept, *again.record.warnings)}))
+    return replace(result, refused=f"the calibrated rig is worse than the nominal one: {compared.text()}")
+
+
+def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | None) -> tuple[Calibration, AgainstNominal | None]:
+    """`calibrate`, whatever comes of it, and how it compares with the nominal rig."""
     free = free_components(campaign, trusted=not settings.self_calibration)
     # of poses that are unknown and were not counted nothing is found
     whole = counted_poses(campaign) if free else campaign
@@ -105,20 +91,20 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     campaign = without_poses(whole, kept_out)
     steps = 3 if free else len({c.from_point for c in campaign.cables}) + 2
     begun = _begun_jointly(campaign, settings, free) if free else _begun(campaign, settings, progress, steps)
-    model, first, campaign = begun.model, begun.first, begun.model.campaign
+    campaign = begun.problem.model.campaign
     if progress:
         progress(steps - 1, steps)
     blamed = [w.channel or w.code for w in begun.gross]
-    found, noise, misfits = explain_misfit(model, first, begun.noise, begun.refit, blamed)
-    weights = None
+    explained = explain_misfit(begun.problem, begun.first, blamed)
+    misfits, weights = explained.findings, None
     if settings.robust:
         # who contradicts the others is told as without a robust loss; how large the noise is, by the poses that it leaves
-        found, robust_noise, weights = robust_fit(model, first, begun.noise, begun.refit)
-        found, noise, remaining = explain_misfit(model, found, robust_noise, begun.refit, blamed)
-        misfits = [w for w in misfits if w.code != "misfit"] + [w for w in remaining if w.code == "misfit"]
+        found, noise, weights = robust_fit(begun.problem.model, begun.first, begun.problem.noise, begun.problem.refit)
+        explained = explain_misfit(replace(begun.problem, noise=noise), found, blamed)
+        misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
         misfits += weights.findings(campaign.poses.names)
-    estimated = any(w.code == "misfit" for w in misfits)
-    where = regions(model, found, settings.seed, found.freedom if estimated else None)
+    model, noise, found = explained.problem.model, explained.problem.noise, explained.fit
+    where = regions(model, found, settings.seed, found.freedom if explained.estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*_poses_findings(model, found), *begun.gross, *misfits]
     findings += _shape_findings(campaign, model.rig, found, begun.points, begun.searched)
@@ -128,6 +114,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
             "that; lengths are told better than the values suggest"
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
+    compared = against_nominal(model, found)
     judged = _held_out(whole, model, found, noise, kept_out, settings.seed)
     if isinstance(model, JointModel):
         campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
@@ -148,7 +135,7 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
             "warnings": (*record.warnings, *undetermined, *warm, *_unknown_temperature(campaign)),
             "taken_as_exact": tuple(asdict(t) for t in taken),
             "coarse": tuple(
-                _coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
+                coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
             ),
             "ranges": tuple(
                 {"point": r.point, "low_mm": r.low.tolist(), "high_mm": r.high.tolist(), "fitting": r.fitting, "tried": r.tried}
@@ -156,48 +143,71 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
                 if r is not None
             ),
             "predicted": predicted_entry(campaign, predicted),
-            "validation": record.validation | held_out_entry(judged),
+            "validation": record.validation | held_out_entry(judged) | nominal_entry(compared),
+            "u_length_mm": {c.name: float(u) for c, u in zip(campaign.cables, explained.u_length_mm, strict=True) if u > 0.0},
             "robust": {} if weights is None else weights.entry(campaign.poses.names),
             "settings": asdict(settings) | {"solve": list(settings.solve), "hold_out": list(settings.hold_out)},
         }
     )
     if progress:
         progress(steps, steps)
-    return Calibration(rig, record, campaign, predicted)
+    return Calibration(rig, record, campaign, predicted), compared
 
 
 def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, steps: int) -> _Begun:
     """Each point alone first, at the reference poses: coarse solutions, LP-search, descent."""
     unknowns, noise = unknowns_of(campaign, settings.solve), Noise.of(campaign.poses)
-    points: list[_Point] = []
+    points: list[Point] = []
     for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.cables)):
         if progress:
             progress(i, steps)
-        points.append(_solve_point(campaign, name, settings, noise))
+        points.append(solve_point(campaign, name, settings, noise))
     if progress:
         progress(len(points), steps)
     everywhere = replace(settings, prior=True)
     stated = {p.name: fit(p.model, p.fit.theta, noise, prior_everywhere=True) for p in points}
-    gross = diagnosis.diagnose(campaign, stated, lambda other, name: _solve_point(other, name, everywhere, noise).fit)
+    gross = diagnosis.diagnose(campaign, stated, lambda other, name: solve_point(other, name, everywhere, noise).fit)
     start = unknowns.nominal.copy()
     for point in points:
         for value, name in zip(point.fit.theta, point.model.unknowns.names, strict=True):
             start[unknowns.names.index(name)] = value
-    model = Model(campaign, unknowns)
+    problem = _problem(campaign, settings.solve, noise, settings.prior)
+    return _Begun(problem, problem.refit(start, noise, False), gross, points, {p.name: p.boxes for p in points})
+
+
+def _problem(campaign: Campaign, solve: tuple[str, ...], noise: Noise, prior: bool) -> Problem:
+    """A campaign at known poses, solved for these groups of values."""
+    model = Model(campaign, unknowns_of(campaign, solve))
 
     def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
-        return fit(model, theta, noise, settings.prior, near)
+        return fit(model, theta, noise, prior, near)
 
-    return _Begun(model, noise, refit(start, noise, False), refit, gross, points, {p.name: p.boxes for p in points})
+    def freed(group: str) -> Problem | None:
+        return None if group in solve else _problem(campaign, (*solve, group), noise, prior)
+
+    return Problem(model, noise, refit, freed)
+
+
+def _joint_problem(model: JointModel, solve: tuple[str, ...], noise: Noise, prior: bool) -> Problem:
+    """A campaign whose poses are unknown too, solved for these groups of values."""
+
+    def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
+        return fit_jointly(model, theta, noise, prior, near)
+
+    def freed(group: str) -> Problem | None:
+        if group in solve:
+            return None
+        rig = unknowns_of(model.campaign, (*solve, group))
+        wider = JointModel(model.campaign, rig, tuple(model.free.tolist()), model.frame)
+        return _joint_problem(wider, (*solve, group), noise, prior)
+
+    return Problem(model, noise, refit, freed)
 
 
 def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]) -> _Begun:
     """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
     model, first = solve_jointly(campaign, settings.solve, settings.prior, free, settings.frame, settings.seed)
     noise = model.noise(campaign.poses)
-
-    def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
-        return fit_jointly(model, theta, noise, settings.prior, near)
 
     def judge(other: Campaign) -> Fit:
         return begun_jointly(replace(other, poses=campaign.poses), model.rig, free, settings.frame, settings.seed)[1]
@@ -209,19 +219,8 @@ def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]
     gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, model.places_known)
     names = dict.fromkeys(c.from_point for c in campaign.cables)
     # nearest to the reference poses the whole may lie anywhere
-    searched = {} if model.frame == "poses" else {name: [_box(campaign, name, settings)] for name in names}
-    return _Begun(model, noise, first, refit, gross, [], searched)
-
-
-def _box(campaign: Campaign, name: str, settings: Settings) -> Box:
-    """The neighbourhood of a nominal point."""
-    half = np.array([settings.neighbourhood_mm] * 3 + [math.radians(settings.neighbourhood_deg)] * 2)
-    # nobody measured an assumed angle: all of its range is searched
-    for key, i, whole in (("guide_alpha_deg", 3, math.pi / 2), ("guide_beta_deg", 4, math.pi)):
-        if f"{name}.{key}" in campaign.rig.assumed:
-            half[i] = whole
-    point = campaign.rig.point(name)
-    return Box(np.array([*point.position_mm, *np.radians([point.guide_alpha_deg, point.guide_beta_deg])]), half)
+    searched = {} if model.frame == "poses" else {name: [box_of(campaign, name, settings)] for name in names}
+    return _Begun(_joint_problem(model, settings.solve, noise, settings.prior), first, gross, [], searched)
 
 
 def _held_out(whole: Campaign, model: Model, found: Fit, noise: Noise, poses: tuple[str, ...], seed: int) -> list[HeldOut]:
@@ -269,75 +268,6 @@ def _underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable
     return out
 
 
-def _coarse_entry(point: str, channel: str, place: int, s: CoarseSolution) -> dict[str, Any]:
-    return {
-        "point": point,
-        "channel": channel,
-        "position_mm": s.position.tolist(),
-        "first_length_mm": s.first_length,
-        "rms_mm": s.rms,
-        "physical": s.physical,
-        "chosen": place == 0 and s.physical,
-    }
-
-
-def _of_point(campaign: Campaign, name: str) -> Campaign:
-    keep = [j for j, c in enumerate(campaign.cables) if c.from_point == name]
-    return of_cables(campaign, keep)
-
-
-def _solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise) -> _Point:
-    """Coarse solutions, search boxes and the best of several polished starts for one observation point."""
-    own = _of_point(campaign, name)
-    unknowns = unknowns_of(own, settings.solve)
-    model = Model(own, unknowns)
-    nominal = campaign.rig.point(name)
-    coarse = {}
-    for j, c in enumerate(own.cables):
-        rows = np.flatnonzero(np.isfinite(own.counts[:, j]))
-        # thesis 5.6: straight cables, dl = k * 0.012 mm; the drum's own part is as small as the wrap that is left out
-        change = own.counts[rows, j] * nominal.drum.count_length_mm
-        zero = int(np.flatnonzero(rows == own.zero[j])[0])
-        points = own.poses.points(own.rig.tool[c.to_point])[rows]
-        coarse[c.channel] = coarse_solutions(points, change, zero, np.array(nominal.position_mm))
-    around = _box(campaign, name, settings)
-    boxes = [around]
-    boxes += [
-        Box(np.array([*s.position, *around.centre[3:]]), around.half) for solutions in coarse.values() for s in solutions[:1] if s.physical
-    ]
-    starts = [unknowns.nominal]
-    free = [f"{name}.{key}" for key in ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")]
-    for candidate in search_point(point_data(campaign, name), boxes, settings.seed):
-        start = unknowns.nominal.copy()
-        values = [*candidate[:3], *np.degrees(candidate[3:])]
-        for key, value in zip(free, values, strict=True):
-            if key in unknowns.names:
-                start[unknowns.names.index(key)] = value
-        starts.append(start)
-    best, *others = sorted(
-        (fit(model, start, noise, settings.prior) for start in _distinct(starts, unknowns.width)), key=lambda f: f.objective
-    )
-    rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]
-    if best.rank < len(unknowns.names):
-        rivals = []  # the priors decide there, which is said
-    return _Point(name, coarse, boxes, best, model, rivals)
-
-
-def _apart(a: Fit, b: Fit, width: FloatArray) -> float:
-    """Distance of two results in the directions that the data determine at either, in standard uncertainties there: the smaller one."""
-    d = (a.theta - b.theta) / width
-    return min(float(np.linalg.norm((f.s * (f.directions @ d))[f.known])) for f in (a, b))
-
-
-def _distinct(starts: list[FloatArray], width: FloatArray) -> list[FloatArray]:
-    """The first STARTS starts that differ by more than a hundredth of a prior width in some value."""
-    out: list[FloatArray] = []
-    for start in starts:
-        if all(np.abs((start - other) / width).max() > 1e-2 for other in out):
-            out.append(start)
-    return out[: STARTS + 1]
-
-
 def _poses_findings(model: Model, found: Fit) -> list[Finding]:
     """What was unknown of the poses, and what holds the frame."""
     if not isinstance(model, JointModel):
@@ -358,7 +288,7 @@ def _poses_findings(model: Model, found: Fit) -> list[Finding]:
 
 
 def _shape_findings(
-    campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[_Point], searched: dict[str, list[Box]]
+    campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[Point], searched: dict[str, list[Box]]
 ) -> list[Finding]:
     """Results at the edge of the search or beyond, missing coarse solutions, and a fit that did not settle."""
     out = []

@@ -1,7 +1,8 @@
 """What each pose and channel says about the others: deletion residuals, outlier poses, slipped counters.
 
 All of it from one matrix, P = V^-1 - V^-1 J (J^T V^-1 J)^-1 J^T V^-1 with J the Jacobian in the directions the data determine: P r are the
-residuals as the fit sees them, and the block of P for some equations tells how far these equations are free to disagree with the rest.
+residuals as the fit sees them, and the block of P for some equations tells how far these equations are free to disagree with the rest. With
+a prior on every direction P = (V + J J^T)^-1, J in prior widths: then the prior disagrees too.
 """
 
 import math
@@ -77,15 +78,33 @@ def held_out(whole: Model, theta: FloatArray, fit: Fit, model: Model, noise: Noi
 
 
 class Validation:
-    """Deletion diagnostics of a fit (Baarda's data snooping; Cook and Weisberg, Residuals and Influence in Regression, 1982)."""
+    """Deletion diagnostics of a fit (Baarda's data snooping; Cook and Weisberg, Residuals and Influence in Regression, 1982).
 
-    def __init__(self, model: Model, fit: Fit) -> None:
+    at_nominal: of the nominal rig instead, of which nothing is fitted: P = V^-1, which takes the errors that its residuals share, that of
+    the zero pose above all, from one pose to the next.
+    """
+
+    def __init__(self, model: Model, fit: Fit, *, at_nominal: bool = False) -> None:
         self._model, self._fit = model, fit
+        if at_nominal:
+            self._P: FloatArray = np.asarray(np.linalg.inv(fit.V), dtype=np.float64)
+            self._seen = self._P @ model.residuals(model.unknowns.nominal)
+            self._astray = np.zeros(len(fit.V))
+            return
+        if fit.prior_everywhere and not model.pose_unknowns:
+            # with z of unit variance before the data came, r_nominal = J z + e and r = V (V + J J')^-1 r_nominal
+            J = model.jacobian(fit.theta) * model.unknowns.width
+            self._P = np.asarray(np.linalg.inv(fit.V + J @ J.T), dtype=np.float64)
+            self._seen = np.linalg.solve(fit.V, fit.residuals)
+            self._astray = np.zeros(len(fit.V))
+            return
         L = np.linalg.cholesky(fit.V)
         Q, _ = np.linalg.qr(np.linalg.solve(L, fit.determined(model)))
         left = np.linalg.inv(L) - Q @ np.linalg.solve(L.T, Q).T
         self._P = left.T @ left
         self._seen = self._P @ fit.residuals
+        # what of the residuals the fit could take away and did not: none at an optimum
+        self._astray = fit.residuals - fit.V @ self._seen
 
     def _statistic(self, fall: float, freedom: int) -> tuple[float, float] | None:
         """F statistic and log probability of a fall of chi-squared bought with some degrees of freedom; a common noise level cancels."""
@@ -131,9 +150,9 @@ class Validation:
             return None
         return values, vectors
 
-    def deletion_residuals(self) -> list[tuple[str, float]]:
-        """For each pose the rms [mm] of its residuals from a fit without it and its other visits; of poses with unknowns of their own, of
-        what these leave over of them, per equation left over. Poses that the rest cannot do without are left out."""
+    def deleted(self) -> list[tuple[IntArray, FloatArray]]:
+        """For each pose with its other visits the rows of its residuals, and these [mm] from a fit without it; of poses with unknowns of
+        their own, what these leave over of them. Poses that the rest cannot do without are left out."""
         out = []
         reference = self._model.campaign.reference_of[self._model.pose_index]
         for pose in np.unique(reference):
@@ -142,9 +161,14 @@ class Validation:
             if told is None:
                 continue
             values, vectors = told
-            deleted = vectors.T @ self._seen[rows] / values
-            out.append((self._model.campaign.poses.names[pose], float(np.sqrt(np.mean(deleted**2)))))
+            out.append((rows, vectors.T @ self._seen[rows] / values + vectors.T @ self._astray[rows]))
         return out
+
+    def deletion_residuals(self) -> list[tuple[str, float]]:
+        """For each pose the rms [mm] of its `deleted` residuals, per equation left over."""
+        campaign, at = self._model.campaign, self._model.pose_index
+        names = campaign.poses.names
+        return [(names[campaign.reference_of[at[rows[0]]]], float(np.sqrt(np.mean(e**2)))) for rows, e in self.deleted()]
 
     def outlier_poses(self) -> list[Suspect]:
         """Reference poses with all their visits, and single visits, that the others contradict, least likely by chance first."""

@@ -1,5 +1,7 @@
 """`lmeasure calibrate`: from reference poses and counts to calibrated observation points."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -37,6 +39,18 @@ def calibrate(
         bool, typer.Option("--self", help="Estimate the poses too and trust none: seven cables or more to a body, four to one point.")
     ] = False,
     frame: Annotated[str, typer.Option("--frame", help="What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig",
+    u_position_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--u-position-mm", min=0, help="Standard uncertainty of each coordinate of the reference poses, instead of their file's."
+        ),
+    ] = None,
+    u_rotation_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--u-rotation-deg", min=0, help="Standard uncertainty of their orientations about each axis, instead of their file's."
+        ),
+    ] = None,
     compare: Annotated[
         Path | None,
         typer.Option("--compare", metavar="OLD", help="Earlier output folder or calibration.json: say what moved, and whether by chance."),
@@ -49,6 +63,7 @@ def calibrate(
     from lmeasure.calibration import compare as comparing
     from lmeasure.calibration_record import write_calibration_record
     from lmeasure.cli.progress import bar
+    from lmeasure.errors import CalibrationError
     from lmeasure.poses import write_poses
     from lmeasure.report.calibration import write_calibration_page
     from lmeasure.rig import write_rig
@@ -59,6 +74,8 @@ def calibrate(
     groups = tuple(g.strip() for g in solve.split(",") if g.strip())
     kept = tuple(name.strip() for name in hold_out.split(",") if name.strip())
     campaign = read_campaign(folder)
+    u_rotation = None if u_rotation_deg is None else math.radians(u_rotation_deg)
+    campaign = replace(campaign, poses=campaign.poses.with_uncertainty(u_position_mm, u_rotation))
     # read before anything is written: OLD may be the very folder of --out
     earlier = None if compare is None else comparing.read_earlier(compare)
     with bar("calibrating") as progress:
@@ -67,6 +84,10 @@ def calibrate(
     comparison = None if earlier is None else comparing.compare(earlier, result, seed)
     write_calibration_page(out / "report.html", result, comparison)
     write_calibration_record(out / "calibration.json", result.record)
+    if result.refused is not None:
+        # an earlier one would seem to belong to this record
+        (out / "rig.toml").unlink(missing_ok=True)
+        raise CalibrationError(f"{folder}: {result.refused}; no rig.toml is written, read {out / 'report.html'}")
     write_rig(out / "rig.toml", result.rig)
     if result.record.poses:
         write_poses(out / "poses.csv", result.campaign.poses)
@@ -81,6 +102,9 @@ def calibrate(
     typer.echo(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
     for e in record.predicted["lengths"]:
         typer.echo(f"predicted over the workspace: cable {e['cable']} u {e['rms_mm']:.4f} mm rms, {e['worst_mm']:.4f} at worst")
+    if "against_nominal" in record.validation:
+        told = record.validation["against_nominal"]
+        typer.echo(f"lengths at poses left out: {told['rms_mm']:.4f} mm rms; by the nominal rig {told['nominal_mm']:.4f}")
     if "held_out" in record.validation:
         told = record.validation["held_out"]
         text = f"{told['rms_mm']:.4f} mm rms, {told['expected_mm']:.4f} expected, {100 * told['within_95']:.0f}% within 95 %"

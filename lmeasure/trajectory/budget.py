@@ -27,7 +27,7 @@ from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
-from lmeasure.trajectory.sources import PHASE, Situation, Source, zero_phase
+from lmeasure.trajectory.sources import PHASE, Situation, Source, own_lengths, zero_phase
 from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
 
@@ -49,7 +49,8 @@ class PoseCovariances:
     factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent variables of unit variance for the whole run, so
     that factors[i] @ factors[j].T is its covariance between the samples i and j. sources (K,): what each stands for: "calibration",
     "dimensions as stated", "start pose", "zero phase", "clock of pass 2", "place of pass 2", "temperature, stretch and sag", "run-out of
-    drums", "eccentric pulleys", "play of drums". uniform (K,): whether the variable is uniform, or normal; none is by default.
+    drums", "eccentric pulleys", "play of drums", "lengths of their own". uniform (K,): whether the variable is uniform, or normal; none is
+    by default.
     """
 
     own: FloatArray
@@ -132,6 +133,7 @@ class Budget:
             Source((*clocks, *places), ("the passes",), lambda at: self._pass_lengths(at.poses, at.speed_mm_s)),
             Source(physical, (PHYSICAL,), self._physical_lengths),
             Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
+            own_lengths(rig, calibration),
         )
         self.by_length = tuple(source for source in by_length if source.names)
         """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""

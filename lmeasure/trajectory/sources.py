@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.rig import Rig
 from lmeasure.zeroing import phase_columns
 
 FloatArray = NDArray[np.float64]
 
 PHASE = "zero phase"
+LENGTHS = "lengths of their own"
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,26 @@ def zero_phase(rig: Rig) -> Source:
     """
     shifts = phase_columns(rig)
     return Source((PHASE,) * shifts.shape[1], (f"the {PHASE}",), lambda _: shifts, uniform=True)
+
+
+def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
+    """By which the lengths of a cable err on their own, as the residuals of the calibration showed it (`CalibrationRecord.u_length_mm`).
+
+    What stands behind it is not known: run-out, an eccentric pulley, friction. It is taken as a wave of a drum's turn, of unknown phase, so
+    that lengths a fraction of a turn apart err together and farther ones do not, less the error where the counter was zeroed.
+    """
+    known = {} if record is None else record.u_length_mm
+    u = np.array([known.get(c.name, 0.0) for c in rig.cable])
+    own, turn = np.flatnonzero(u), rig.cable_rows()[:, 16]
+
+    def lengths(at: Situation) -> FloatArray:
+        out = np.zeros((*at.counts.shape, 3 * len(own)))
+        for column, j in enumerate(own):
+            angle = 2.0 * np.pi * at.counts[:, j] / turn[j]
+            out[:, j, 3 * column : 3 * column + 3] = u[j] * np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
+        return out
+
+    return Source((LENGTHS,) * (3 * len(own)), (LENGTHS,) * bool(len(own)), lengths)
 
 
 def drawn(sources: tuple[Source, ...], generator: np.random.Generator) -> FloatArray:

@@ -1,0 +1,134 @@
+"""What a calibration delivers when the world is not as its files say: cases by an independent forward model, with the truth beside them.
+
+    python benchmarks/broken_assumptions.py --rigs 16 --out cases.csv [--case NAME ...]
+    python benchmarks/broken_assumptions.py --table cases.csv
+
+Every rig is drawn, its campaign of twenty poses calibrated, and a run reconstructed with the result. Beside it: with the drawing, with the
+plain fit (residuals taken as they are), and with the truth stated as a user can (uncertainties of poses, groups to solve for). "inside" is
+the share of samples within the stated 95 % region of all six degrees of freedom. Pieces may be run one after another; each adds its cases
+to the file.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+TESTS = Path(__file__).parent.parent / "tests"
+sys.path.insert(0, str(TESTS))
+sys.path.insert(0, str(TESTS / "calibration"))
+
+from real_rig import Flaws  # noqa: E402
+from real_world import Case, Made, Score, make, score, score_of, told  # noqa: E402
+
+from lmeasure.calibration import Campaign, Settings, calibrate, solve  # noqa: E402
+from lmeasure.calibration.misfit import Explained, Problem  # noqa: E402
+from lmeasure.calibration.refine import Fit  # noqa: E402
+from lmeasure.errors import LMeasureError  # noqa: E402
+
+EXACT = (0.0, 0.0)
+CASES = {
+    "sound": Case(),
+    "orientations of 100 urad stated as 50": Case(u_rad=100e-6),
+    "orientations off by 0.06 deg stated as exact": Case(u_rad=np.radians(0.06), stated=(0.05, 0.0)),
+    "positions off by 0.15 mm stated as 0.05": Case(u_mm=0.15),
+    "poses off by 0.5 mm and 0.1 deg stated as 0.05 mm and 50 urad": Case(u_mm=0.5, u_rad=np.radians(0.1)),
+    "the same, nothing stated": Case(u_mm=0.5, u_rad=np.radians(0.1), stated=None),
+    "exact poses, nothing stated": Case(u_mm=0.0, u_rad=0.0, stated=None),
+    "poses of 0.05 mm, nothing stated": Case(stated=None),
+    "circumference 0.05 %": Case(Flaws(circumference=5e-4), cure=("scale",)),
+    "attachments 0.1 mm": Case(Flaws(attachment_mm=0.1), cure=("attachment",)),
+    "pulleys eccentric by 0.05 mm": Case(Flaws(eccentric_mm=0.05)),
+    "run-out 0.02 mm": Case(Flaws(run_out_mm=0.02)),
+    "friction of 8 counts": Case(Flaws(friction_counts=8.0)),
+    "play of 2 counts": Case(Flaws(play_counts=2.0)),
+    "circumference 0.05 %, exact poses": Case(Flaws(circumference=5e-4), 0.0, 0.0, EXACT, cure=("scale",)),
+    "run-out 0.02 mm, exact poses": Case(Flaws(run_out_mm=0.02), 0.0, 0.0, EXACT),
+    "friction of 8 counts, exact poses": Case(Flaws(friction_counts=8.0), 0.0, 0.0, EXACT),
+    "good drawing, poses off by 2 mm stated as 0.05": Case(u_mm=2.0, u_rad=np.radians(0.2), off=(0.05, 0.02)),
+}
+
+
+def _as_it_is(problem: Problem, found: Fit, blamed: list[str]) -> Explained:
+    """Nothing is explained and nothing multiplied."""
+    return Explained(problem, found, [], False, np.zeros(len(problem.model.campaign.cables)))
+
+
+def plainly(made: Made, campaign: Campaign, settings: Settings) -> Score:
+    """The run with a calibration that takes its residuals as they are."""
+    kept: Callable[[Problem, Fit, list[str]], Explained] = solve.explain_misfit
+    solve.explain_misfit = _as_it_is
+    try:
+        return score_of(calibrate(campaign, settings), made)
+    finally:
+        solve.explain_misfit = kept
+
+
+def study(name: str, seed: int) -> dict[str, object]:
+    """One rig of a case."""
+    case = CASES[name]
+    made = make(case, seed)
+    row: dict[str, object] = {"case": name, "seed": seed, "drawing": score(made.campaign.rig, None, made).error_mm}
+    try:
+        result = calibrate(made.campaign)
+    except LMeasureError as error:
+        return row | {"refused": str(error)}
+    codes = Counter(w.code for w in result.record.warnings)
+    row |= {"refused": result.refused, "codes": " ".join(sorted(codes))}
+    delivered = score_of(result, made)
+    row |= {"delivered": delivered.error_mm, "inside": delivered.inside, "squares": delivered.squares}
+    row["plain"] = plainly(made, made.campaign, Settings()).error_mm
+    stated = plainly(made, told(made, case), Settings(("position", "guide", *case.cure)))
+    return row | {"stated": stated.error_mm, "stated_inside": stated.inside}
+
+
+def rms(values: pd.Series) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.nanmean(values.astype(float) ** 2)))
+
+
+def table(data: pd.DataFrame) -> str:
+    """A line for each case."""
+    out = [
+        "| case | rigs | drawing | plain fit | truth stated | delivered | inside | worse than the drawing | refused | warnings |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name in CASES:
+        own = data[data["case"] == name]
+        if not len(own):
+            continue
+        used = own[own["refused"].isna()]
+        worse = int((used["delivered"] > used["drawing"]).sum())
+        codes = Counter(" ".join(own["codes"].dropna().astype(str)).split())
+        said = ", ".join(f"{code} {times}" for code, times in codes.most_common() if code not in ("note", "underdetermined"))
+        errors = " | ".join(f"{rms(own[c]):.4f}" for c in ("drawing", "plain", "stated"))
+        out.append(
+            f"| {name} | {len(own)} | {errors} | {rms(used['delivered']):.4f} | {100 * used['inside'].astype(float).mean():.1f} % | "
+            f"{worse} | {len(own) - len(used)} | {said} |"
+        )
+    return "\n".join(out)
+
+
+def main() -> None:
+    """Run the cases that are asked for, each kept as soon as it is done, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", action="append", choices=list(CASES))
+    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first rig of each case")
+    parser.add_argument("--rigs", type=int, default=16)
+    parser.add_argument("--out", type=Path, default=Path("cases.csv"))
+    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
+    asked = parser.parse_args()
+    if not asked.table:
+        for name in asked.case or CASES:
+            for seed in range(asked.first, asked.first + asked.rigs):
+                before = [pd.read_csv(asked.out)] if asked.out.exists() else []
+                pd.concat([*before, pd.DataFrame([study(name, seed)])]).to_csv(asked.out, index=False)
+    print(table(pd.read_csv(asked.table or asked.out)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Each observation point alone, at poses that are known: coarse solutions, LP-search, descent from several starts."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.calibration import diagnosis
+from lmeasure.calibration.campaign import Campaign, of_cables
+from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
+from lmeasure.calibration.joint_model import Frame
+from lmeasure.calibration.lp_search import Box, point_data, search_point
+from lmeasure.calibration.refine import Fit, Noise, fit
+from lmeasure.calibration.unknowns import Model, unknowns_of
+
+FloatArray = NDArray[np.float64]
+
+STARTS = 6  # distinct LP candidates that are polished per point
+APART = 10.0  # standard uncertainties between two results that are not one
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Options of a calibration; see the contract's `lmeasure calibrate`."""
+
+    solve: tuple[str, ...] = ("position", "guide")
+    neighbourhood_mm: float = 100.0
+    neighbourhood_deg: float = 15.0
+    prior: bool = False
+    seed: int = 0
+    robust: bool = False
+    hold_out: tuple[str, ...] = ()
+    """Poses that take no part in the fit and judge it."""
+    self_calibration: bool = False
+    """Poses are estimated with the points, and not trusted; see `calibration.joint`."""
+    frame: Frame = "rig"
+    """What holds the frame of a self-calibration: the nominal rig or the reference poses."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point's coarse solutions by channel, the boxes searched, its best fit with the model, and others that fit as well."""
+
+    name: str
+    coarse: dict[str, list[CoarseSolution]]
+    boxes: list[Box]
+    fit: Fit
+    model: Model
+    rivals: list[Fit]
+
+
+def box_of(campaign: Campaign, name: str, settings: Settings) -> Box:
+    """The neighbourhood of a nominal point."""
+    half = np.array([settings.neighbourhood_mm] * 3 + [math.radians(settings.neighbourhood_deg)] * 2)
+    # nobody measured an assumed angle: all of its range is searched
+    for key, i, whole in (("guide_alpha_deg", 3, math.pi / 2), ("guide_beta_deg", 4, math.pi)):
+        if f"{name}.{key}" in campaign.rig.assumed:
+            half[i] = whole
+    point = campaign.rig.point(name)
+    return Box(np.array([*point.position_mm, *np.radians([point.guide_alpha_deg, point.guide_beta_deg])]), half)
+
+
+def _of_point(campaign: Campaign, name: str) -> Campaign:
+    return of_cables(campaign, [j for j, c in enumerate(campaign.cables) if c.from_point == name])
+
+
+def solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise) -> Point:
+    """Coarse solutions, search boxes and the best of several polished starts for one observation point."""
+    own = _of_point(campaign, name)
+    unknowns = unknowns_of(own, settings.solve)
+    model = Model(own, unknowns)
+    nominal = campaign.rig.point(name)
+    coarse = {}
+    for j, c in enumerate(own.cables):
+        rows = np.flatnonzero(np.isfinite(own.counts[:, j]))
+        # thesis 5.6: straight cables, dl = k * 0.012 mm; the drum's own part is as small as the wrap that is left out
+        change = own.counts[rows, j] * nominal.drum.count_length_mm
+        zero = int(np.flatnonzero(rows == own.zero[j])[0])
+        points = own.poses.points(own.rig.tool[c.to_point])[rows]
+        coarse[c.channel] = coarse_solutions(points, change, zero, np.array(nominal.position_mm))
+    around = box_of(campaign, name, settings)
+    boxes = [around]
+    boxes += [
+        Box(np.array([*s.position, *around.centre[3:]]), around.half) for solutions in coarse.values() for s in solutions[:1] if s.physical
+    ]
+    starts = [unknowns.nominal]
+    free = [f"{name}.{key}" for key in ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")]
+    for candidate in search_point(point_data(campaign, name), boxes, settings.seed):
+        start = unknowns.nominal.copy()
+        values = [*candidate[:3], *np.degrees(candidate[3:])]
+        for key, value in zip(free, values, strict=True):
+            if key in unknowns.names:
+                start[unknowns.names.index(key)] = value
+        starts.append(start)
+    best, *others = sorted(
+        (fit(model, start, noise, settings.prior) for start in _distinct(starts, unknowns.width)), key=lambda f: f.objective
+    )
+    rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]
+    if best.rank < len(unknowns.names):
+        rivals = []  # the priors decide there, which is said
+    return Point(name, coarse, boxes, best, model, rivals)
+
+
+def _apart(a: Fit, b: Fit, width: FloatArray) -> float:
+    """Distance of two results in the directions that the data determine at either, in standard uncertainties there: the smaller one."""
+    d = (a.theta - b.theta) / width
+    return min(float(np.linalg.norm((f.s * (f.directions @ d))[f.known])) for f in (a, b))
+
+
+def _distinct(starts: list[FloatArray], width: FloatArray) -> list[FloatArray]:
+    """The first STARTS starts that differ by more than a hundredth of a prior width in some value."""
+    out: list[FloatArray] = []
+    for start in starts:
+        if all(np.abs((start - other) / width).max() > 1e-2 for other in out):
+            out.append(start)
+    return out[: STARTS + 1]
+
+
+def coarse_entry(point: str, channel: str, place: int, s: CoarseSolution) -> dict[str, Any]:
+    return {
+        "point": point,
+        "channel": channel,
+        "position_mm": s.position.tolist(),
+        "first_length_mm": s.first_length,
+        "rms_mm": s.rms,
+        "physical": s.physical,
+        "chosen": place == 0 and s.physical,
+    }

@@ -1,0 +1,173 @@
+"""Campaigns whose world is not as stated, by an independent forward model: what is the matter is told, and the rig stays good."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import real_rig
+from real_rig import Flaws
+from real_world import Case, Made, make, score, score_of, told
+from typer.testing import CliRunner
+
+from lmeasure.calibration import Calibration, Settings, calibrate, solve
+from lmeasure.calibration.misfit import Explained, Problem, explain_misfit
+from lmeasure.calibration.refine import Fit
+from lmeasure.calibration_record import Finding
+from lmeasure.cli import app
+from lmeasure.errors import CalibrationError
+from lmeasure.lengths import counts_from_poses
+from lmeasure.poses import write_poses
+from lmeasure.rig import rig_from_dict, write_rig
+
+
+def misfits(result: Calibration) -> list[Finding]:
+    """What residuals were put down to."""
+    return [w for w in result.record.warnings if w.code == "misfit"]
+
+
+def calibrated(case: Case, seed: int) -> tuple[Made, Calibration]:
+    """A drawn rig, and what its campaign gives."""
+    made = make(case, seed)
+    return made, calibrate(made.campaign)
+
+
+def test_forward_models_agree() -> None:
+    """Without flaws the independent model counts what the rig file says."""
+    rig = real_rig.draw(3, Flaws(phase=False))
+    poses = real_rig.scattered(np.random.default_rng(1), 20)
+    assert np.abs(rig.true_counts(poses, poses[0]) - counts_from_poses(rig_from_dict(rig.nominal()), poses, poses[0])).max() < 1e-9
+
+
+def test_sound_data_raise_no_alarm() -> None:
+    """Nothing is explained where nothing is the matter."""
+    for seed in range(6):
+        made, result = calibrated(Case(), seed)
+        assert not misfits(result)
+        assert result.refused is None
+        assert not result.record.u_length_mm
+        assert score_of(result, made).error_mm < 0.05
+
+
+@pytest.mark.parametrize(
+    ("case", "says", "size", "unit"),
+    [
+        (Case(u_rad=100e-6), "reference poses in error by", np.degrees(86.6e-6), "deg"),
+        (Case(u_rad=np.radians(0.06), stated=(0.05, 0.0)), "reference poses in error by", 0.06, "deg"),
+        (Case(u_mm=0.15), "reference poses in error by", 0.141, "mm"),
+        (Case(Flaws(circumference=5e-4), cure=("scale",)), "scale", 0.0, None),
+        (Case(Flaws(attachment_mm=0.1), cure=("attachment",)), "attachment", 0.0, None),
+    ],
+    ids=["orientations", "orientations-exact", "positions", "circumference", "attachments"],
+)
+def test_what_can_be_stated_costs_no_more_than_stating_it(case: Case, says: str, size: float, unit: str | None) -> None:
+    """The error is at most half more than with the truth stated, the finding names what is the matter, and its size."""
+    ours, theirs = [], []
+    for seed in range(3):
+        made, result = calibrated(case, seed)
+        found = misfits(result)
+        assert says in found[0].text
+        if unit is not None:
+            told_size = re.search(rf"([0-9.e-]+) {unit}", found[0].text.split("in error by")[1])
+            assert told_size is not None
+            assert float(told_size[1]) == pytest.approx(size, rel=0.4)
+        groups = ("position", "guide", *case.cure)
+        ours.append(score_of(result, made).error_mm)
+        theirs.append(score_of(calibrate(told(made, case), Settings(groups)), made).error_mm)
+    assert np.sqrt(np.mean(np.square(ours))) < 1.5 * np.sqrt(np.mean(np.square(theirs)))
+
+
+@pytest.mark.parametrize(
+    ("flaws", "u_mm"),
+    [
+        (Flaws(eccentric_mm=0.05), None),
+        (Flaws(run_out_mm=0.02), 0.02 / np.sqrt(2)),
+        (Flaws(friction_counts=8.0), 4 * 0.012),
+        (Flaws(play_counts=2.0), 0.012),
+    ],
+    ids=["eccentric", "run-out", "friction", "play"],
+)
+def test_what_cannot_be_stated_is_an_error_of_lengths(flaws: Flaws, u_mm: float | None) -> None:
+    """Lengths that err on their own are told from poses that do, with their size, and the run's uncertainties hold it."""
+    inside = []
+    for seed in range(3):
+        made, result = calibrated(Case(flaws), seed)
+        # of few micrometres it may not be told whether poses err or lengths: then both are reckoned with
+        assert "on their own" in misfits(result)[0].text
+        found = score_of(result, made)
+        assert found.error_mm < score(made.campaign.rig, None, made).error_mm
+        inside.append(found.inside)
+        if u_mm is not None:
+            assert np.sqrt(np.mean(np.square(list(result.record.u_length_mm.values())))) == pytest.approx(u_mm, rel=0.35)
+    assert np.mean(inside) > 0.8
+
+
+def test_poses_that_state_nothing() -> None:
+    """Their uncertainty is estimated where residuals tell it, taken as exact where these ask for none, and assumed where they are few."""
+    _, result = calibrated(Case(u_mm=0.5, u_rad=np.radians(0.1), stated=None), 0)
+    values = {w.code: w.value for w in result.record.warnings}
+    assert values["assumed_position"] == pytest.approx(0.5, rel=0.3)
+    assert values["assumed_rotation"] == pytest.approx(0.1, rel=0.3)
+    assert "misfit" not in values
+    _, result = calibrated(Case(u_mm=0.0, u_rad=0.0, stated=None), 0)
+    values = {w.code: w.value for w in result.record.warnings}
+    assert values["assumed_position"] < 0.005
+    made, result = calibrated(Case(u_mm=0.0, u_rad=0.0, stated=None, poses=4), 0)
+    assert {w.code: w.value for w in result.record.warnings}["assumed_position"] == 0.1
+    one = calibrate(replace(made.campaign, poses=made.campaign.poses.with_uncertainty(0.0, 0.0)))
+    assert not [w for w in one.record.warnings if w.code.startswith("assumed")]
+    assert one.record.predicted["position_rms_mm"] < result.record.predicted["position_rms_mm"]
+
+
+@pytest.fixture
+def blundering(monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], None]:
+    """Makes calibrations blunder: they believe no pose any more, and lose the rig along what the counts see weakly; always, or only where
+    no prior holds it."""
+
+    def begin(always: bool) -> None:
+        def blunder(problem: Problem, found: Fit, blamed: list[str]) -> Explained:
+            if found.prior_everywhere and not always:
+                return explain_misfit(problem, found, blamed)
+            astray = found.theta + 60.0 * problem.model.unknowns.width * found.directions[2]
+            lost = replace(found, theta=astray, residuals=problem.model.residuals(astray))
+            return Explained(problem, lost, [], False, np.zeros(len(problem.model.campaign.cables)))
+
+        monkeypatch.setattr(solve, "explain_misfit", blunder)
+
+    return begin
+
+
+def test_rig_that_is_worse_than_its_drawing_is_not_delivered(blundering: Callable[[bool], None], tmp_path: Path) -> None:
+    """It is tried again with the drawing as a prior, and refused when that is no cure: then no rig is written, and the exit code is 1."""
+    made = make(Case(), 1)
+    sound = against_nominal_of(calibrate(made.campaign))
+    assert sound["p_worse"] > 0.999
+    blundering(False)
+    kept = calibrate(made.campaign)
+    assert "kept_nominal" in {w.code for w in kept.record.warnings}
+    assert kept.refused is None
+    assert score_of(kept, made).error_mm < 0.1
+    blundering(True)
+    refused = calibrate(made.campaign)
+    assert refused.refused is not None
+    assert "worse than the nominal one" in refused.refused
+    assert against_nominal_of(refused)["p_worse"] < 1e-3
+
+    folder, out = tmp_path / "campaign", tmp_path / "out"
+    folder.mkdir()
+    write_rig(folder / "rig.toml", made.campaign.rig)
+    write_poses(folder / "reference_poses.csv", made.campaign.poses)
+    counted = zip(made.campaign.poses.names, made.campaign.counts, strict=True)
+    rows = "\n".join(f"{name},{','.join(f'{k:.0f}' for k in row)}" for name, row in counted)
+    (folder / "counts.csv").write_text(f"pose,{','.join(c.channel for c in made.campaign.cables)}\n{rows}\n")
+    done = CliRunner().invoke(app, ["calibrate", str(folder), "--out", str(out)])
+    assert isinstance(done.exception, CalibrationError)
+    assert sorted(p.name for p in out.iterdir() if not p.name.startswith(".")) == ["calibration.json", "report.html"]
+
+
+def against_nominal_of(result: Calibration) -> dict[str, float]:
+    """The comparison in the record."""
+    told_there: dict[str, float] = result.record.validation["against_nominal"]
+    return told_there
