@@ -12,8 +12,8 @@ to the file.
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -60,12 +60,8 @@ def _as_it_is(problem: Problem, found: Fit, blamed: list[str]) -> Explained:
 
 def plainly(made: Made, campaign: Campaign, settings: Settings) -> Score:
     """The run with a calibration that takes its residuals as they are."""
-    kept: Callable[[Problem, Fit, list[str]], Explained] = solve.explain_misfit
-    solve.explain_misfit = _as_it_is
-    try:
+    with mock.patch.object(solve, "explain_misfit", _as_it_is):
         return score_of(calibrate(campaign, settings), made)
-    finally:
-        solve.explain_misfit = kept
 
 
 def study(name: str, seed: int) -> dict[str, object]:

@@ -1,6 +1,5 @@
 """From a campaign to calibrated observation points: coarse solve, LP-search, descent, least squares, and an honest record."""
 
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
+from lmeasure.calibration.findings import poses_findings, shape_findings, underdetermined, unknown_temperature
 from lmeasure.calibration.guard import AgainstNominal, against_nominal
 from lmeasure.calibration.joint import begun_jointly, fit_jointly, fitted_pose, linear_objective, solve_jointly
 from lmeasure.calibration.joint_model import JointModel
@@ -23,17 +23,15 @@ from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.regions import BENT, regions
 from lmeasure.calibration.robust import robust_fit
 from lmeasure.calibration.unknown_poses import counted_poses, free_components
-from lmeasure.calibration.unknowns import Model, Unknowns, rig_with, unknowns_of
+from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
 from lmeasure.calibration.validation import HeldOut, held_out
-from lmeasure.calibration_record import CalibrationRecord, Finding, Unobservable
-from lmeasure.effects import effects_of
+from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.errors import CalibrationError
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-BEGINS = "no point can be searched for alone: the nominal rig starts the least squares"
 _WHO = ("outlier", "slip")  # findings that name a pose or a channel
 
 
@@ -106,8 +104,8 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     model, noise, found = explained.problem.model, explained.problem.noise, explained.fit
     where = regions(model, found, settings.seed, found.freedom if explained.estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
-    findings += [*_poses_findings(model, found), *begun.gross, *misfits]
-    findings += _shape_findings(campaign, model.rig, found, begun.points, begun.searched)
+    findings += [*poses_findings(model, found), *begun.gross, *misfits]
+    findings += shape_findings(campaign, model.rig, found, begun.points, begun.searched)
     if where.bend > BENT and not len(found.silent):
         text = (
             f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
@@ -127,12 +125,12 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in begun.points if p.name in assumed]
     predicted = predict(campaign, rig, record, settings.seed)
     held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance(model).tolist()))})
-    undetermined = _underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
+    open_directions = underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
     taken = taken_as_exact(campaign, rig, record, predicted.rows)
     warm = [Finding(code="temperature", text=t.line(), value=t.mm) for t in taken if t.stated]
     record = record.model_copy(
         update={
-            "warnings": (*record.warnings, *undetermined, *warm, *_unknown_temperature(campaign)),
+            "warnings": (*record.warnings, *open_directions, *warm, *unknown_temperature(campaign)),
             "taken_as_exact": tuple(asdict(t) for t in taken),
             "coarse": tuple(
                 coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
@@ -241,82 +239,3 @@ def _held_out(whole: Campaign, model: Model, found: Fit, noise: Noise, poses: tu
             )
         theta = fitted_pose(every, theta, pose, seed)
     return held_out(every, theta, found, model, noise, poses)
-
-
-def _unknown_temperature(campaign: Campaign) -> list[Finding]:
-    """A rig that says how it grows, and counts that do not say how warm it was."""
-    effects = effects_of(campaign.rig, campaign.cables)
-    if effects is None or not effects.thermal or campaign.temperature_c is not None:
-        return []
-    text = f"the rig states expansions and no file a temperature_c: {effects.reference_c:g} deg C is taken, the rig's reference"
-    return [Finding(code="temperature", text=text)]
-
-
-def _underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable], by_prior: Prediction) -> list[Finding]:
-    """Which points the counts do not determine, and how much of that reaches the lengths."""
-    out = []
-    for owner in dict.fromkeys(u.point for u in silent):
-        own = [u for u in silent if u.point == owner]
-        cables = [j for j, c in enumerate(campaign.cables) if owner in (c.from_point, f"tool.{c.to_point}")]
-        equations = int(np.isin(model.cable_index, cables).sum())
-        share = float(np.sqrt(np.mean(by_prior.length_mm[:, cables] ** 2)))
-        text = (
-            f"{owner}: {equations} equations leave {len(own)} of {len(model.unknowns.of(owner))} unknowns undetermined; there the nominal "
-            f"rig's priors decide ({share:.4f} mm rms of the predicted lengths)"
-        )
-        out.append(Finding(code="underdetermined", text=text, value=float(len(own))))
-    return out
-
-
-def _poses_findings(model: Model, found: Fit) -> list[Finding]:
-    """What was unknown of the poses, and what holds the frame."""
-    if not isinstance(model, JointModel):
-        return []
-    n, d = len(model.at), model.pose_unknowns
-    told = f"{model.equations} equations for {model.own} values of the rig and {d} of each of {n} poses"
-    if model.frame is None:
-        return [Finding(code="note", text=f"the reference poses have no orientations: {told}; the counts tell them; {BEGINS}")]
-    held = "the nominal rig" if model.frame == "rig" else "the reference poses"
-    if found.prior_everywhere:
-        text = f"{told}; the priors of the nominal rig act everywhere, and the frame is that of least squared shifts from {held}"
-    else:
-        text = (
-            f"{told}; {found.motions} motions of rig and poses together are free, and the frame is that of least squared shifts from {held}"
-        )
-    text += f". The scale is that of the counts; {BEGINS}"
-    return [Finding(code="frame", text=text, value=float(found.motions))]
-
-
-def _shape_findings(
-    campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[Point], searched: dict[str, list[Box]]
-) -> list[Finding]:
-    """Results at the edge of the search or beyond, missing coarse solutions, and a fit that did not settle."""
-    out = []
-    for point in points:
-        for rival in point.rivals[:1]:
-            there = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.unknowns.names, rival.theta, strict=True))
-            text = f"{point.name}: another result fits as well (chi-squared {rival.chi2:.3g} against {point.fit.chi2:.3g}): {there}"
-            out.append(Finding(code="ambiguous", text=text, value=rival.chi2 - point.fit.chi2))
-        for channel, solutions in point.coarse.items():
-            if not any(s.physical for s in solutions):
-                why = "fewer than four poses, or poses in one plane" if not solutions else "no root has positive lengths"
-                out.append(
-                    Finding(
-                        code="coarse",
-                        channel=channel,
-                        text=f"channel {channel}: no coarse solution ({why}); the nominal rig alone started the search",
-                    )
-                )
-    for name, boxes in searched.items():
-        values = dict(zip(unknowns.names, found.theta[: len(unknowns.names)], strict=True))
-        p = campaign.rig.point(name)
-        where = np.array(
-            [values.get(f"{name}.{k}", v) for k, v in zip(("x_mm", "y_mm", "z_mm"), p.position_mm, strict=True)]
-            + [math.radians(values.get(f"{name}.{k}", getattr(p, k))) for k in ("guide_alpha_deg", "guide_beta_deg")]
-        )
-        if not any(box.holds(where.copy()) for box in boxes):
-            text = f"{name}: the result lies at the edge of the neighbourhood searched, or beyond; widen it (--neighbourhood-mm, -deg)"
-            out.append(Finding(code="edge", text=text))
-    if not found.converged:
-        out.append(Finding(code="not_converged", text="the least squares did not settle; the result is where they stopped"))
-    return out

@@ -101,7 +101,7 @@ class Validation:
         L = np.linalg.cholesky(fit.V)
         Q, _ = np.linalg.qr(np.linalg.solve(L, fit.determined(model)))
         left = np.linalg.inv(L) - Q @ np.linalg.solve(L.T, Q).T
-        self._P = left.T @ left
+        self._P = np.asarray(left.T @ left, dtype=np.float64)
         self._seen = self._P @ fit.residuals
         # what of the residuals the fit could take away and did not: none at an optimum
         self._astray = fit.residuals - fit.V @ self._seen

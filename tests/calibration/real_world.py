@@ -90,7 +90,7 @@ def told(made: Made, case: Case) -> Campaign:
 
 def score(rig: Rig, record: CalibrationRecord | None, made: Made) -> Score:
     """The run reconstructed with a rig and, if there is one, its record."""
-    counts = Counts(0.05 * np.arange(len(made.poses)), tuple(c.channel for c in rig.cable), made.counts)
+    counts = Counts(np.linspace(0.0, 0.05 * len(made.poses), len(made.poses)), tuple(c.channel for c in rig.cable), made.counts)
     found = reconstruct(Run(rig.model_copy(update={"calibration": None}), made.poses[0], (counts,), record))
     known = ~np.isnan(found.poses[:, 0])
     true, poses = made.poses[known], found.poses[known]

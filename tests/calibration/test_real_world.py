@@ -107,12 +107,12 @@ def test_what_cannot_be_stated_is_an_error_of_lengths(flaws: Flaws, u_mm: float 
 def test_poses_that_state_nothing() -> None:
     """Their uncertainty is estimated where residuals tell it, taken as exact where these ask for none, and assumed where they are few."""
     _, result = calibrated(Case(u_mm=0.5, u_rad=np.radians(0.1), stated=None), 0)
-    values = {w.code: w.value for w in result.record.warnings}
+    values = {w.code: w.value or 0.0 for w in result.record.warnings}
     assert values["assumed_position"] == pytest.approx(0.5, rel=0.3)
     assert values["assumed_rotation"] == pytest.approx(0.1, rel=0.3)
     assert "misfit" not in values
     _, result = calibrated(Case(u_mm=0.0, u_rad=0.0, stated=None), 0)
-    values = {w.code: w.value for w in result.record.warnings}
+    values = {w.code: w.value or 0.0 for w in result.record.warnings}
     assert values["assumed_position"] < 0.005
     made, result = calibrated(Case(u_mm=0.0, u_rad=0.0, stated=None, poses=4), 0)
     assert {w.code: w.value for w in result.record.warnings}["assumed_position"] == 0.1
