@@ -236,9 +236,10 @@ def pose_columns(poses: Poses, angles: str | None = None) -> dict[str, Any]:
             if rho.any():
                 out[f"rho_{AXES[i]}_{AXES[j]}"] = rho
         return out
-    if poses.u_position_mm.any():
+    # zeros too: what is not written is not known
+    if "position" not in poses.absent:
         out["u_position_mm"] = poses.u_position_mm
-    if poses.u_rotation_rad.any():
+    if "rotation" not in poses.absent and poses.oriented:
         out["u_rotation_deg"] = np.degrees(poses.u_rotation_rad)
     return out
 

@@ -1,4 +1,4 @@
-"""Rigs whose counters were zeroed exactly: recordings of simulators that drew no phase do not say so in their files."""
+"""Recordings of simulators that drew no phase, at poses that are exact: neither is said in their files."""
 
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -17,4 +17,10 @@ def exactly(rig: Rig) -> Rig:
 def zeroed_exactly(recording: Recording) -> Recording:
     """A run, or a campaign, of such a rig."""
     changed: Recording = replace(recording, rig=exactly(recording.rig))
+    return changed
+
+
+def exact_poses(campaign: Recording) -> Recording:
+    """A campaign whose reference poses are exact, which its file does not say."""
+    changed: Recording = replace(campaign, poses=campaign.poses.with_uncertainty(0.0, 0.0))
     return changed

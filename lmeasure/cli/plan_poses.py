@@ -67,6 +67,7 @@ def plan_poses(
 ) -> None:
     """Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings."""
     import math
+    from dataclasses import replace
 
     from lmeasure.calibration.campaign import further_columns
     from lmeasure.calibration.exchange import CRITERIA
@@ -109,7 +110,10 @@ def plan_poses(
     with bar("planning") as progress:
         plan = stage(what, settings, recorded, progress)
     more = {} if extend is None or recorded is None else further_columns(extend, len(plan.poses) - plan.recorded)
-    write_table(out, pose_columns(plan.poses, None if quaternions else what.angles) | more)
+    # planned as if exact where nothing is said of it; how exactly they will be known nobody has stated yet
+    unsaid = {"position": plan.poses.u_position_mm, "rotation": plan.poses.u_rotation_rad}
+    poses = replace(plan.poses, absent=tuple(name for name, u in unsaid.items() if plan.poses.covariance is None and not u.any()))
+    write_table(out, pose_columns(poses, None if quaternions else what.angles) | more)
     if rerun is not None:
         from lmeasure.view.stages import write_recording
 

@@ -41,7 +41,7 @@ def edit(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None
 def covariance_of(folder: Path) -> tuple[FloatArray, Model]:
     campaign = read_campaign(folder)
     model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
-    return residual_covariance(model, model.unknowns.nominal, Noise.of(campaign.poses)), model
+    return residual_covariance(model, model.unknowns.nominal, Noise.of(campaign.poses).bare()), model
 
 
 AXES = {"u_x_mm": 0.02, "u_y_mm": 0.02, "u_z_mm": 0.02, "u_rx_deg": 0.01, "u_ry_deg": 0.01, "u_rz_deg": 0.01}

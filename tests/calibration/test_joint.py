@@ -187,8 +187,7 @@ def xyz_folder(path: Path, rig: Rig, count: int = 18, u_mm: float = 0.0) -> tupl
     write_campaign(path, made)
     table = read_table(path / "reference_poses.csv")
     columns: dict[str, Any] = {"pose": list(table.text("pose"))} | {c: table.numbers(c) for c in ("x_mm", "y_mm", "z_mm")}
-    if u_mm:
-        columns["u_position_mm"] = np.full(count, u_mm)
+    columns["u_position_mm"] = np.full(count, u_mm)
     write_table(path / "reference_poses.csv", columns)
     return path, made.poses
 
