@@ -1,6 +1,7 @@
 """Reference poses chosen in advance: the prediction against the estimator itself, the search against trying everything."""
 
 import math
+from dataclasses import replace
 from itertools import combinations, pairwise
 from pathlib import Path
 
