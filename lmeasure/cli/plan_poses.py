@@ -112,8 +112,8 @@ def plan_poses(
     more = {} if extend is None or recorded is None else further_columns(extend, len(plan.poses) - plan.recorded)
     # planned as if exact where nothing is said of it; how exactly they will be known nobody has stated yet
     unsaid = {"position": plan.poses.u_position_mm, "rotation": plan.poses.u_rotation_rad}
-    poses = replace(plan.poses, absent=tuple(name for name, u in unsaid.items() if plan.poses.covariance is None and not u.any()))
-    write_table(out, pose_columns(poses, None if quaternions else what.angles) | more)
+    planned = replace(plan.poses, absent=tuple(name for name, u in unsaid.items() if plan.poses.covariance is None and not u.any()))
+    write_table(out, pose_columns(planned, None if quaternions else what.angles) | more)
     if rerun is not None:
         from lmeasure.view.stages import write_recording
 
