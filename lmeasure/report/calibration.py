@@ -226,6 +226,23 @@ def _validation(record: CalibrationRecord) -> list[str]:
             ),
             html.table(("pose", "channel", "error, mm", "u, mm"), kept),
         ]
+    if "against_nominal" in record.validation:
+        told = record.validation["against_nominal"]
+        parts += [
+            html.heading("Against the drawing"),
+            html.paragraph(
+                f"Each of {told['poses']} poses was predicted from all others: by this rig to {told['rms_mm']:.4g} mm rms, by the nominal "
+                f"one to {told['nominal_mm']:.4g} mm. Errors as large as these, if this rig is no worse, have the probability "
+                f"{told['p_worse']:.2g}; below 0.001 it is not delivered."
+            ),
+        ]
+    if record.u_length_mm:
+        rows = [(cable, f"{u:.4f}") for cable, u in record.u_length_mm.items()]
+        parts += [
+            html.heading("Lengths that err on their own"),
+            html.paragraph("As the residuals show; in the uncertainties of everything measured with this rig."),
+            html.table(("cable", "u, mm"), rows),
+        ]
     if "poses" in record.validation:
         rows = [(p["pose"], f"{p['rms_mm']:.4f}") for p in record.validation["poses"]]
         parts += [
