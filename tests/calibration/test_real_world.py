@@ -20,7 +20,7 @@ from lmeasure.cli import app
 from lmeasure.errors import CalibrationError
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import write_poses
-from lmeasure.rig import rig_from_dict, write_rig
+from lmeasure.rig import Rig, rig_from_dict, write_rig
 
 
 def misfits(result: Calibration) -> list[Finding]:
@@ -171,3 +171,35 @@ def against_nominal_of(result: Calibration) -> dict[str, float]:
     """The comparison in the record."""
     told_there: dict[str, float] = result.record.validation["against_nominal"]
     return told_there
+
+
+@pytest.mark.slow
+def test_positions_alone_that_are_far_worse_than_stated() -> None:
+    """Four cables and positions alone leave one equation a pose: whatever is the matter is said, and the drawing decides."""
+    made = make(Case(u_mm=3.0, poses=24), 1)
+    chosen = [0, 1, 2, 4]  # to three points of the tool
+    nominal = made.campaign.rig.model_copy(update={"cable": tuple(made.campaign.rig.cable[j] for j in chosen)})
+    rows = made.campaign.poses.rows.copy()
+    rows[:, 3:] = 0.0, 0.0, 0.0, 1.0
+    poses = replace(made.campaign.poses, rows=rows, u_rotation_rad=np.zeros(24), oriented=False)
+    campaign = replace(
+        made.campaign,
+        rig=nominal,
+        cables=nominal.cable,
+        poses=poses,
+        counts=made.campaign.counts[:, chosen],
+        zero=made.campaign.zero[chosen],
+    )
+    result = calibrate(campaign)
+    assert "underdetermined" in {w.code for w in result.record.warnings}
+    for p in result.record.parameters:
+        assert abs(p.value - next(q for n, q in nominal_values(nominal) if n == p.name)) < 8.0 * p.prior_u
+
+
+def nominal_values(rig: Rig) -> list[tuple[str, float]]:
+    """Positions and guide angles by the record's names."""
+    out = []
+    for p in rig.observation_point:
+        out += [(f"{p.name}.{axis}_mm", value) for axis, value in zip("xyz", p.position_mm, strict=True)]
+        out += [(f"{p.name}.guide_alpha_deg", p.guide_alpha_deg), (f"{p.name}.guide_beta_deg", p.guide_beta_deg)]
+    return out
