@@ -176,7 +176,7 @@ def test_a_recording_must_be_named_as_one(tmp_path: Path) -> None:
 def test_disk_full_leaves_no_half_file(tmp_path: Path) -> None:
     """A limit on the size of files stands for a full disk."""
     limit = (
-        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (300000, 300000)); sys.argv = sys.argv[1:]; "
+        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (500000, 500000)); sys.argv = sys.argv[1:]; "
         "runpy.run_module('lmeasure', run_name='__main__')"
     )
     arguments = ["lmeasure", "reconstruct", TRUTH / "cell-run", "--out", tmp_path / "t.parquet", "--rerun", tmp_path / "t.rrd"]
