@@ -94,9 +94,8 @@ class Validation:
         if fit.prior_everywhere and not model.pose_unknowns:
             # with z of unit variance before the data came, r_nominal = J z + e and r = V (V + J J')^-1 r_nominal
             J = model.jacobian(fit.theta) * model.unknowns.width
-            inverse: FloatArray = np.linalg.inv(fit.V + J @ J.T).astype(np.float64)
-            self._P = inverse
-            self._seen = np.linalg.solve(fit.V, fit.residuals)
+            self._P = np.asarray(np.linalg.inv(fit.V + J @ J.T), dtype=np.float64)
+            self._seen = np.asarray(np.linalg.solve(fit.V, fit.residuals), dtype=np.float64)
             self._astray = np.zeros(len(fit.V))
             return
         L = np.linalg.cholesky(fit.V)
