@@ -20,6 +20,9 @@ FloatArray = NDArray[np.float64]
 CHANCE = 1e-3
 """Probability under which residuals are not put down to chance."""
 
+DOUBTED = 0.02
+"""Probability under which residuals raise no alarm, and yet lengths that err are reckoned with in what is measured."""
+
 NEEDED = 12.0
 """Least gain in twice the log likelihood for which an explanation is taken: chance has it once in thousands, and there are a dozen."""
 
@@ -101,7 +104,8 @@ def explain_misfit(problem: Problem, found: Fit, blamed: list[str]) -> Explained
         state = _settled(replace(state, stated=problem.noise.bare(), errors=tuple((name, None) for name in absent)))
         findings = [_estimated(state, name) for name in absent]
     if not (telling or improbable(found)):
-        return Explained(problem, found, findings, False, np.zeros(len(problem.model.campaign.cables)))
+        doubt = _evidence(state, found.V).best(explanations.every_length(problem.model))[0] if improbable(found, DOUBTED) else 0.0
+        return Explained(problem, found, findings, False, np.full(len(problem.model.campaign.cables), doubt))
     if blamed:
         rms = _rms(found)
         text = f"residuals of {rms:.3g} mm rms exceed the noise; look first at what is named above ({', '.join(blamed)})"
@@ -118,10 +122,10 @@ def explain_misfit(problem: Problem, found: Fit, blamed: list[str]) -> Explained
     return _covered(state, [*findings, *_told(state, begun)], _rms(begun.fit))
 
 
-def improbable(found: Fit) -> bool:
+def improbable(found: Fit, chance: float = CHANCE) -> bool:
     """Whether chi-squared of a fit is beyond chance."""
     freedom = found.freedom
-    return freedom >= 1 and bool(scipy.stats.chi2.sf(found.chi2, freedom) < CHANCE)
+    return freedom >= 1 and bool(scipy.stats.chi2.sf(found.chi2, freedom) < chance)
 
 
 def _needed(state: _State) -> float:
@@ -162,8 +166,8 @@ def _with(state: _State, taken: _Gain, gains: list[_Gain]) -> _State:
     name, channel = taken.explanation.name, taken.explanation.channel
     problem = state.problem.freed(name) if name in explanations.FREED else None
     if problem is None:
-        if name != "length":
-            # poses and lengths that err look alike in few poses; only the latter err again in what is measured
+        if (name, channel) != ("length", None):
+            # in few poses they look alike: poses that err, one cable's lengths, all cables'; only lengths err again in what is measured
             rival = next((g for g in gains if g.explanation.name == "length" and g.explanation.channel is None), None)
             if rival is not None and rival.gain > taken.gain - REFUTED:
                 state = replace(state, doubt_mm=rival.size)
@@ -285,8 +289,8 @@ def _told(state: _State, begun: _State) -> list[Finding]:
                 f"{rms}; reference poses in error by {sizes} (1 sigma per axis) more than stated explain them best, and the uncertainties "
                 f"include that; if it is so, state it ({_OPTIONS[name]})"
             )
-        if name != "length" and state.doubt_mm:
-            text += f". Lengths that err by {state.doubt_mm:.3g} mm on their own explain nearly as much: what is measured includes them"
+        if (name, channel) != ("length", None) and state.doubt_mm:
+            text += f". Lengths of all cables that err by {state.doubt_mm:.3g} mm on their own explain nearly as much, and are reckoned with too"
         value = math.degrees(u) if name == "rotation" else u
         out.append(Finding(code="misfit", text=text, channel=channel, value=value))
     return out
