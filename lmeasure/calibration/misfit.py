@@ -290,7 +290,8 @@ def _told(state: _State, begun: _State) -> list[Finding]:
                 f"include that; if it is so, state it ({_OPTIONS[name]})"
             )
         if (name, channel) != ("length", None) and state.doubt_mm:
-            text += f". Lengths of all cables that err by {state.doubt_mm:.3g} mm on their own explain nearly as much, and are reckoned with"
+            rival = f"Lengths of all cables that err by {state.doubt_mm:.3g} mm on their own explain nearly as much"
+            text += f". {rival}, and are reckoned with"
         value = math.degrees(u) if name == "rotation" else u
         out.append(Finding(code="misfit", text=text, channel=channel, value=value))
     return out
