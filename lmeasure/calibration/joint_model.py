@@ -68,7 +68,9 @@ class JointModel(Model):
             covariance[:, :, self._untold] = 0.0
         if not self.places_known:
             place, covariance = np.zeros(len(poses)), None
-        return Noise(place, turn, covariance)
+        # an assumed size of what is unknown anyway takes no part
+        absent = tuple(name for name in stated.absent if name == "position" and self.places_known)
+        return Noise(place, turn, covariance, absent=absent)
 
     def shifts(self, theta: FloatArray) -> FloatArray:
         """(n, 6) rotation [rad] and shift [mm] of each pose from the stated one."""

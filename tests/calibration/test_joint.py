@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +191,16 @@ def xyz_folder(path: Path, rig: Rig, count: int = 18, u_mm: float = 0.0) -> tupl
     columns["u_position_mm"] = np.full(count, u_mm)
     write_table(path / "reference_poses.csv", columns)
     return path, made.poses
+
+
+def test_positions_alone_that_state_nothing_say_what_is_taken(tmp_path: Path) -> None:
+    """What a file of positions does not state is estimated, and said, as it is where orientations are known."""
+    folder, _ = xyz_folder(tmp_path, cell_rig(1), u_mm=0.02)
+    campaign = read_campaign(folder)
+    result = calibrate(replace(campaign, poses=replace(campaign.poses, u_position_mm=np.zeros(18), absent=("position",))))
+    said = {w.code: w.value for w in result.record.warnings}
+    assert said["assumed_position"] == pytest.approx(0.02, rel=0.6)
+    assert "assumed_rotation" not in said
 
 
 @pytest.mark.parametrize("u_mm", [0.0, 0.02])
