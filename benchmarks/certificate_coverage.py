@@ -28,11 +28,11 @@ from scipy.stats import binom
 from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.certification import Evaluation, PoseErrors, Settings, evaluate
 from lmeasure.counts import Counts
-from lmeasure.kernels import screw
 from lmeasure.lengths import counts_from_poses, lengths_from_counts, recorded_from_counts
 from lmeasure.program import Program
 from lmeasure.run import Run
 from lmeasure.simulation import cell_rig, simulate_campaign, write_campaign
+from lmeasure.status import Status
 from lmeasure.trajectory import Reconstruction, Trajectory
 from lmeasure.zeroing import drawn_phases
 
@@ -310,7 +310,7 @@ def joined(pieces: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, Flo
 def trajectory_of(time_s: FloatArray, poses: FloatArray) -> Trajectory:
     """A trajectory without uncertainties of its own."""
     n = len(poses)
-    status, text = np.where(np.isnan(poses[:, 0]), screw.NOT_CONVERGED, screw.OK), np.full(n, "", dtype=np.object_)
+    status, text = np.where(np.isnan(poses[:, 0]), Status.NOT_CONVERGED, Status.OK), np.full(n, "", dtype=np.object_)
     zero, none = np.zeros(n), np.zeros((n, 6, 6))
     return Trajectory(time_s, poses, zero, zero.astype(np.int64), status, text, text, zero, none, none, "counts only")
 

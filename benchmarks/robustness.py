@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import kernel, screw
 from lmeasure.kernels.cable import CABLE_COLUMNS, span_at, span_lengths
+from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ def outcomes(cables: FloatArray, poses: FloatArray, starts: FloatArray, lengths:
         for j in range(6):
             change[0, j] = lengths[i, j] - span_at(cables[j], starts[i])[0]
         path, _, _, status, angle = screw.track(cables, starts[i], change, flag, u)
-        if status[0] != screw.OK or not angle[0] <= LIMIT_RAD or not start_angle <= LIMIT_RAD:
+        if status[0] != Status.OK or not angle[0] <= LIMIT_RAD or not start_angle <= LIMIT_RAD:
             out[i] = 1
             continue
         found = path[0]

@@ -36,6 +36,7 @@ from lmeasure.kernels import screw
 from lmeasure.lengths import counts_from_poses
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 from lmeasure.zeroing import drawn_phases
 
@@ -81,7 +82,7 @@ def case_of(seed: int, rig: str, noise: str) -> Case | None:
         run = Run(found, stated, (counts,), record, U_START)
     trajectory = reconstruct(run)
     i = int(rng.integers(SAMPLES))
-    if trajectory.status[i] != screw.OK:
+    if trajectory.status[i] != Status.OK:
         return None
     covariance = trajectory.random[i] + trajectory.systematic[i]
     position = poses[i, :3] - trajectory.poses[i, :3]

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import screw
 from lmeasure.kernels.tetrahedron import apex
+from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 Placed = dict[int, FloatArray]
@@ -35,7 +36,7 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[Fl
         if batch == 0:
             starts = np.concatenate([by_tetrahedra(rows, lengths), starts])
         status, poses = screw.solve_poses(rows, lengths, starts)
-        for pose in poses[status == screw.OK]:
+        for pose in poses[status == Status.OK]:
             k = next((i for i, other in enumerate(found) if _same(pose, other)), len(found))
             if k == len(found):
                 found.append(pose)

@@ -15,9 +15,9 @@ from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
-from lmeasure.kernels.screw import GAP, JUMP, OK, SLACK, STATUS
 from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.run import Run
+from lmeasure.status import WORDS, Status, words
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,7 +35,7 @@ class Lengths:
     """Changes of the free cables since the counters were zeroed.
 
     time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose; counts (n, m) true
-    counts k; flags (n,) of `kernels.screw.STATUS` (ok, gap or jump), cause (n,) and cable (n,) say why and which; notes for the reader.
+    counts k; flags (n,) of `Status` (ok, gap or jump), cause (n,) and cable (n,) say why and which; notes for the reader.
     """
 
     time_s: FloatArray
@@ -63,7 +63,7 @@ class Lengths:
         out: dict[str, Any] = {"time_s": self.time_s}
         out |= {f"{name}_mm": self.change_mm[:, i] for i, name in enumerate(self.cables)}
         out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
-        return out | {"status": np.array(STATUS, dtype=np.object_)[self.flags], "cause": self.cause, "cable": self.cable}
+        return out | {"status": words(self.flags), "cause": self.cause, "cable": self.cable}
 
 
 def write_lengths(path: Path, lengths: Lengths) -> None:
@@ -82,7 +82,7 @@ def read_lengths(path: Path) -> Lengths:
         names,
         table.matrix([f"{n}_mm" for n in names], gaps=True),
         table.matrix([f"{n}_count" for n in names], gaps=True),
-        table.choices("status", STATUS),
+        table.choices("status", WORDS),
         table.labels("cause"),
         table.labels("cable"),
     )
@@ -199,18 +199,18 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
                 f"{counts.source}: channel {c.channel}: counter_bits is not stated; its jumps are those of {counter.inferred_bits} bits"
             )
         values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) * drum.count_sign / drum.scale
-        speed = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}"
+        speed, bits = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}", drum.counter_bits
         reasons: Reasons = (
-            (counter.what == JUMPED, JUMP, f"channel {c.channel} jumped faster than {speed} allows"),
-            (counter.what == FOREIGN, JUMP, f"channel {c.channel} shows a value that a counter of {drum.counter_bits} bits does not have"),
-            (counter.what == UNSURE, GAP, f"channel {c.channel} may have wrapped unseen at {speed}"),
-            (counter.what == EMPTY, GAP, f"channel {c.channel} has no count"),
+            (counter.what == JUMPED, Status.JUMP, f"channel {c.channel} jumped faster than {speed} allows"),
+            (counter.what == FOREIGN, Status.JUMP, f"channel {c.channel} shows a value that a counter of {bits} bits does not have"),
+            (counter.what == UNSURE, Status.GAP, f"channel {c.channel} may have wrapped unseen at {speed}"),
+            (counter.what == EMPTY, Status.GAP, f"channel {c.channel} has no count"),
         )
         if drum.max_cable_acceleration_mm_s2 is not None:
             limit = drum.max_cable_acceleration_mm_s2
             slack = slack_samples(values, counts.time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
             text = f"channel {c.channel} does not follow: it changed its speed faster than max_cable_acceleration_mm_s2 = {limit:g} allows"
-            reasons = (*reasons, (slack, SLACK, text))
+            reasons = (*reasons, (slack, Status.SLACK, text))
         if c.passage > 1:
             values, reasons = _on_time_base(run, c.passage, values, reasons)
         k[:, j] = values
@@ -219,7 +219,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         if warm is not None:
             warm[:, j] = np.nan if counts.temperature_c is None else np.interp(time_s, counts.time_s, counts.temperature_c)
         for mask, flag, text in reasons:
-            first = mask & (flags == OK)
+            first = mask & (flags == Status.OK)
             flags[first], cause[first], where[first] = flag, text, c.name
     change = changes_from_counts(run.rig, k)
     return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes), u_time, warm)
@@ -312,8 +312,8 @@ def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) 
     moved = tuple(((mask[left] & ~at_right | mask[right] & ~at_left) & ~outside, flag, text) for mask, flag, text in reasons)
     return out, (
         *moved,
-        (outside, GAP, f"pass {passage} does not cover this time"),
-        (hole, GAP, f"pass {passage} has no samples around this time"),
+        (outside, Status.GAP, f"pass {passage} does not cover this time"),
+        (hole, Status.GAP, f"pass {passage} has no samples around this time"),
     )
 
 

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 from lmeasure.chains import STAGES, count_at_stops, demo, errors_of, held_out_length_error, record_motion
 from lmeasure.errors import LMeasureError
 from lmeasure.files import read_table
-from lmeasure.kernels.screw import GAP, OK
 from lmeasure.rig import rig_from_dict
 from lmeasure.run import read_run
 from lmeasure.simulation import Leg, cell_rig, scattered_poses, simulate_campaign, simulate_run, smooth_path
+from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
 
 FloatArray = NDArray[np.float64]
@@ -225,7 +225,7 @@ def drawn(n: int, rng: np.random.Generator, factor: float = 1.0) -> tuple[Trajec
     truth[:, 3:] = (Rotation.from_rotvec(delta[:, :3]) * Rotation.from_quat(poses[:, 3:])).as_quat()
     text = np.full(n, "", dtype=np.object_)
     nothing = np.zeros(n)
-    status = np.full(n, OK)
+    status = np.full(n, Status.OK)
     random = 0.25 * root @ np.swapaxes(root, 1, 2)
     return Trajectory(nothing, poses, nothing, status, status, text, text, nothing, random, 3.0 * random, "test"), truth
 
@@ -244,7 +244,7 @@ def test_coverage_of_regions_that_are_right_and_too_small() -> None:
 def test_errors_are_truth_less_result_where_it_is_known() -> None:
     trajectory, truth = drawn(10, np.random.default_rng(3))
     status = trajectory.status.copy()
-    status[4] = GAP
+    status[4] = Status.GAP
     poses = trajectory.poses.copy()
     poses[4] = np.nan
     random = trajectory.random.copy()

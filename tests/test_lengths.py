@@ -15,7 +15,6 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels.cable import PARAMETERS
-from lmeasure.kernels.screw import GAP, JUMP, OK
 from lmeasure.lengths import (
     Lengths,
     cable_covariance,
@@ -32,6 +31,7 @@ from lmeasure.lengths import (
 )
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
+from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def test_there_and_back_through_the_counters() -> None:
     counts = counts_from_poses(r, poses, HOME)
     assert np.abs(counts).max() > 1000
     lengths = lengths_from_counts(run_of(recorded_from_counts(r, counts), r))
-    assert (lengths.flags == OK).all()
+    assert (lengths.flags == Status.OK).all()
     truth = span_lengths(r, poses) - span_lengths(r, HOME[None])
     half = np.array([r.point(c.from_point).drum.count_length_mm / r.point(c.from_point).drum.scale / 2 for c in r.cable])
     assert (np.abs(lengths.change_mm - truth) <= half * 1.02).all()
@@ -129,7 +129,7 @@ def test_reasons_name_the_cable() -> None:
     recorded[6, 2] = 50_000
     recorded[8] = np.nan
     lengths = lengths_from_counts(run_of(recorded))
-    assert lengths.flags.tolist() == [0, 0, GAP, 0, JUMP, 0, JUMP, 0, GAP, 0, 0, 0]
+    assert lengths.flags.tolist() == [0, 0, Status.GAP, 0, Status.JUMP, 0, Status.JUMP, 0, Status.GAP, 0, 0, 0]
     assert [lengths.cable[i] for i in (2, 4, 6, 8)] == ["c2", "c1", "c3", "c1"]
     assert lengths.cause[2] == "channel ch2 has no count"
     assert lengths.cause[4] == "channel ch1 jumped faster than max_cable_speed_mm_s = 20000 allows"
@@ -154,7 +154,7 @@ def test_a_foreign_value_and_an_unsure_counter() -> None:
     recorded[2, 0] = 70_000
     t = np.array([0, 0.001, 0.002, 0.003, 0.003 + 0.03, 0.034])
     lengths = lengths_from_counts(run_of(recorded, r, t))
-    assert lengths.flags.tolist() == [0, 0, JUMP, 0, GAP, GAP]
+    assert lengths.flags.tolist() == [0, 0, Status.JUMP, 0, Status.GAP, Status.GAP]
     assert "a value that a counter of 16 bits does not have" in lengths.cause[2]
     assert "may have wrapped unseen" in lengths.cause[4]
 
@@ -172,7 +172,7 @@ def test_passes_are_brought_to_the_first_one_s_instants() -> None:
     inside = (t1 >= t2[0]) & (t1 <= t2[-1])
     assert 80 < inside.sum() < 100
     assert lengths.counts[inside, 2] == pytest.approx(motion(t1)[inside], abs=1e-6)
-    assert (lengths.flags[~inside] == GAP).all()
+    assert (lengths.flags[~inside] == Status.GAP).all()
     assert set(lengths.cause[~inside]) == {"pass 2 does not cover this time"}
     assert set(lengths.cable[~inside]) == {"c3"}
 
@@ -183,12 +183,12 @@ def test_a_hole_in_a_later_pass_is_not_filled() -> None:
     first = Counts(t1, ("ch1", "ch2"), np.zeros((100, 2)))
     second = Counts(t2[keep], ("ch1", "ch2"), np.zeros((keep.sum(), 2)))
     lengths = lengths_from_counts(Run(rig(), HOME, (first, second)))
-    assert lengths.flags[0] == GAP
+    assert lengths.flags[0] == Status.GAP
     assert lengths.cause[0] == "pass 2 does not cover this time"
     hole = (t1 > t2[t2 < 0.03].max()) & (t1 < t2[t2 > 0.06].min())
-    assert (lengths.flags[hole] == GAP).all()
+    assert (lengths.flags[hole] == Status.GAP).all()
     assert set(lengths.cause[hole]) == {"pass 2 has no samples around this time"}
-    assert (lengths.flags[1:][~hole[1:]] == OK).all()
+    assert (lengths.flags[1:][~hole[1:]] == Status.OK).all()
     assert np.isnan(lengths.counts[hole, 2]).all()
 
 
@@ -202,7 +202,7 @@ def test_samples_beside_a_gap_of_a_later_pass() -> None:
     between = lengths_from_counts(Run(rig(), HOME, (first, Counts(t + 0.5e-3, ("ch1", "ch2"), values))))
     assert np.flatnonzero(between.flags).tolist() == [0, 5, 6]
     alone = lengths_from_counts(Run(rig(), HOME, (first, Counts(t[:1], ("ch1", "ch2"), np.zeros((1, 2))))))
-    assert (alone.flags == OK).tolist() == [True] + [False] * 19
+    assert (alone.flags == Status.OK).tolist() == [True] + [False] * 19
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

@@ -11,8 +11,8 @@ from lmeasure import conventions
 from lmeasure.certification.errors_of_poses import PoseErrors, at_tool_point
 from lmeasure.certification.vibration import Vibration, vibration
 from lmeasure.errors import CertificationError
-from lmeasure.kernels import screw
 from lmeasure.program import Program, Windows
+from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -88,12 +88,12 @@ def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> s
     last = int(np.searchsorted(trajectory.time_s, end_s + TIME_TOLERANCE_S, side="right"))
     if last <= first:
         raise CertificationError(f"{what}: the trajectory has no sample within [{start_s:g}, {end_s:g}] s")
-    bad = np.flatnonzero((trajectory.status[first:last] != screw.OK) | np.isnan(trajectory.poses[first:last, 0]))
+    bad = np.flatnonzero((trajectory.status[first:last] != Status.OK) | np.isnan(trajectory.poses[first:last, 0]))
     if len(bad):
         i = first + int(bad[0])
-        if trajectory.status[i] == screw.OK:
+        if trajectory.status[i] == Status.OK:
             raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s has no position, though its status is ok")
-        why = trajectory.cause[i] or screw.STATUS[trajectory.status[i]]
+        why = trajectory.cause[i] or WORDS[trajectory.status[i]]
         raise CertificationError(f"{what}: sample {i} at {trajectory.time_s[i]:.6g} s is not ok: {why}")
     far = np.abs(trajectory.poses[first:last]) > np.repeat([conventions.MAX_LENGTH_MM, 2.0], [3, 4])
     bad = np.flatnonzero(far.any(axis=1))

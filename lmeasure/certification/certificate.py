@@ -11,8 +11,8 @@ from lmeasure.certification.canonical import digest
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Inputs, Measured, settings_stated
 from lmeasure.certification.method import METHOD
-from lmeasure.kernels import screw
 from lmeasure.program import Program
+from lmeasure.status import Status
 
 ID_DIGITS = 16
 LANGUAGES = ("en", "ru")
@@ -52,7 +52,7 @@ def certificate(
         "instrument": _instrument(measured),
         "trajectory": {
             "samples": len(trajectory.time_s),
-            "ok": int((trajectory.status == screw.OK).sum()),
+            "ok": int((trajectory.status == Status.OK).sum()),
             "start_s": float(trajectory.time_s[0]) if len(trajectory.time_s) else 0.0,
             "end_s": float(trajectory.time_s[-1]) if len(trajectory.time_s) else 0.0,
         },

@@ -17,12 +17,12 @@ from lmeasure.chains.folder import claim, mark
 from lmeasure.chains.over_the_bus import DWELL_S, SPEED_MM_S, different_counts, record_motion
 from lmeasure.chains.truth import HOME, Errors, errors_of, held_out_length_error, point_error, rms, vector_rms
 from lmeasure.conventions import QUATERNION_COLUMNS
-from lmeasure.kernels.screw import OK
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.rig import Rig
 from lmeasure.run import Run, read_run, write_run
 from lmeasure.simulation import Leg, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD
+from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
 
 STAGES = COUNT, CALIBRATE, RECORD, RECONSTRUCT, MAP, DRAW = (
@@ -141,7 +141,7 @@ def _calibration_lines(nominal: Rig, true: Rig, calibration: Calibration, rng: n
 
 def _trajectory_lines(trajectory: Trajectory, errors: Errors) -> tuple[Line, ...]:
     u = trajectory.u
-    samples, ok = len(trajectory.status), int((trajectory.status == OK).sum())
+    samples, ok = len(trajectory.status), int((trajectory.status == Status.OK).sum())
     return (
         Line("samples reconstructed", f"{ok} of {samples}", ""),
         Line(

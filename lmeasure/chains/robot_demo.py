@@ -20,12 +20,12 @@ from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, U_REFERENCE_MM, U_
 from lmeasure.chains.folder import claim, mark
 from lmeasure.chains.over_the_bus import record_motion
 from lmeasure.conventions import QUATERNION_COLUMNS
-from lmeasure.kernels.screw import OK
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import Program, write_program
 from lmeasure.robots.cell_robot import RATED_LOAD_KG, RATED_SPEED_MM_S, cell_robot
 from lmeasure.run import read_run, write_run
 from lmeasure.simulation import cell_rig, simulate_run
+from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
 
 FloatArray = NDArray[np.float64]
@@ -169,10 +169,8 @@ def _key(c: Mapping[str, Any]) -> tuple[Any, ...]:
 
 def _without_errors(trajectory: Trajectory, poses: FloatArray) -> Trajectory:
     """The true poses as a trajectory that is certain of them."""
-    nothing = np.zeros_like(trajectory.random)
-    return replace(
-        trajectory, poses=poses, status=np.full(len(poses), OK), random=nothing, systematic=nothing, covers="nothing: the truth", notes=()
-    )
+    nothing, status = np.zeros_like(trajectory.random), np.full(len(poses), Status.OK)
+    return replace(trajectory, poses=poses, status=status, random=nothing, systematic=nothing, covers="nothing: the truth", notes=())
 
 
 def _remarks(held: tuple[Held, ...], settings: Settings) -> tuple[str, ...]:

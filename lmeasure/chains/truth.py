@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from lmeasure.kernels.screw import OK
 from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 from lmeasure.simulation import scattered_poses
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD
+from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -38,7 +38,7 @@ class Errors:
 
 def errors_of(trajectory: Trajectory, truth: FloatArray) -> Errors:
     """Compare with (n, 7) true poses, sample by sample."""
-    ok = trajectory.status == OK
+    ok = trajectory.status == Status.OK
     position, rotation = np.full((len(truth), 3), np.nan), np.full((len(truth), 3), np.nan)
     position[ok] = truth[ok, :3] - trajectory.poses[ok, :3]
     rotation[ok] = (Rotation.from_quat(truth[ok, 3:]) * Rotation.from_quat(trajectory.poses[ok, 3:]).inv()).as_rotvec()

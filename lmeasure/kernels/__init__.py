@@ -55,8 +55,9 @@ def _calling_strict(function: Any) -> Any:
 
 
 def _cache_folder() -> Path:
+    here = Path(__file__).parent
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in [*sorted(here.glob("*.py")), here.parent / "status.py"]:  # compiled code holds the numbers of statuses
         digest.update(source.read_bytes())
     if sys.platform == "win32":
         root = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))

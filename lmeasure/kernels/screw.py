@@ -15,11 +15,14 @@ from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.cable import PARAMETERS, FloatArray, orientation, span_at, vec
 from lmeasure.kernels.se3 import exp_rotation, exp_translation
 from lmeasure.kernels.vector import add, cross, multiply, rotate
+from lmeasure.status import Status
 
 IntArray = NDArray[np.int64]
 
-OK, SINGULAR, NOT_CONVERGED, GAP, JUMP, SLACK, OTHER_ASSEMBLY = range(7)
-STATUS = ("ok", "singular", "not_converged", "gap", "jump", "slack", "other_assembly")
+# plain integers: numba would hand members of the enumeration back as objects, at the price of a whole sample
+OK, SINGULAR, NOT_CONVERGED = int(Status.OK), int(Status.SINGULAR), int(Status.NOT_CONVERGED)
+GAP, JUMP, SLACK = int(Status.GAP), int(Status.JUMP), int(Status.SLACK)
+OTHER_ASSEMBLY, INCONSISTENT, ORIGIN_LOST = int(Status.OTHER_ASSEMBLY), int(Status.INCONSISTENT), int(Status.ORIGIN_LOST)
 
 CABLES = 6
 WIDTH = len(PARAMETERS)
@@ -310,7 +313,7 @@ def resume(
     """Poses of a run by continuation: each sample starts from the last good one.
 
     cables (6, 17); start (7,) pose at which the counters were zeroed; changes (n, 6) of the free cables since then [mm]; flags (n,) of
-    `STATUS`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is gone in parts along the
+    `Status`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is gone in parts along the
     straight line in lengths, so that the way to another assembly is not jumped over. A pose whose determinant has the other sign than
     the start's is in another assembly.
 

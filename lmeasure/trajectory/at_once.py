@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels.lanes import CLEAR_OF_SINGULAR, NEAR_MM
-from lmeasure.kernels.screw import MAX_STEP_ROTATION, OK, TOLERANCE_MM
+from lmeasure.kernels.screw import MAX_STEP_ROTATION, TOLERANCE_MM
+from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -58,7 +59,7 @@ def follow(cables: FloatArray, start: FloatArray, state: FloatArray, changes: Fl
 
     cables (6, columns), start (7,), state (`kernels.screw.STATE`,), changes (n, 6) [mm], flags (n,).
     """
-    index = np.flatnonzero(flags == OK)
+    index = np.flatnonzero(flags == Status.OK)
     if state[-1] != 0.0 or not len(index):
         return None
     (zero,), start_rows = span_rows(cables, start[None])

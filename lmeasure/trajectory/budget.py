@@ -21,6 +21,7 @@ from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, s
 from lmeasure.lengths import Lengths, count_variance, solved_covariance, unsolved_columns, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.status import Status
 from lmeasure.trajectory import at_once
 from lmeasure.trajectory.corrections import Correction, correction_of
 from lmeasure.trajectory.evidence import CLOSURE, Evidence
@@ -374,7 +375,7 @@ def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> IntArray:
     """(n,) the cable that an `ok` sample names because it was not used, or -1."""
     out = np.full(len(trajectory.time_s), -1)
     for j, name in enumerate(cables):
-        out[(trajectory.status == screw.OK) & (trajectory.cable == name)] = j
+        out[(trajectory.status == Status.OK) & (trajectory.cable == name)] = j
     return out
 
 

@@ -11,6 +11,7 @@ from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import counter, live, screw
 from lmeasure.lengths import counter_rate
 from lmeasure.rig import Rig
+from lmeasure.status import WORDS
 from lmeasure.trajectory.screw_method import Reconstruction
 
 FloatArray = NDArray[np.float64]
@@ -64,7 +65,7 @@ class LivePose:
         status, residual, angle = live.step(
             self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose
         )
-        return LiveSample(screw.STATUS[status], pose, residual, float(np.degrees(angle)))
+        return LiveSample(WORDS[status], pose, residual, float(np.degrees(angle)))
 
 
 class PoseWatch:

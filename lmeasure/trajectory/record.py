@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure import files
 from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_rotation, convention
 from lmeasure.errors import FileFormatError
-from lmeasure.kernels import screw
 from lmeasure.poses import POSITION_COLUMNS
+from lmeasure.status import WORDS, Status, words
 from lmeasure.trajectory.stamps import stamps_of
 from lmeasure.unsolved import Taken, worst
 
@@ -33,7 +33,7 @@ class Trajectory:
     """Poses of the tool over time; what is not `ok` is NaN.
 
     time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual;
-    iterations (n,); status (n,) codes of `kernels.screw.STATUS`; cause, cable (n) texts; worst_pressure_angle_deg (n,);
+    iterations (n,); status (n,) of `Status`; cause, cable (n) texts; worst_pressure_angle_deg (n,);
     random, systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R: what is independent
     from sample to sample, as the resolution of the counts, and what the whole run has in common, as the linked calibration, the start pose
     and the passes' clocks (`budget.covariances` tells how samples correlate).
@@ -70,7 +70,7 @@ class Trajectory:
         out |= {
             "residual_mm": self.residual_mm,
             "iterations": self.iterations,
-            "status": np.array(screw.STATUS, dtype=np.object_)[self.status],
+            "status": words(self.status),
             "cause": self.cause,
             "cable": self.cable,
             "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
@@ -110,9 +110,9 @@ class Summary:
     def add(self, piece: Trajectory) -> None:
         """Take the next piece into account."""
         codes, times = np.unique(piece.status, return_counts=True)
-        self.statuses.update({screw.STATUS[code]: int(n) for code, n in zip(codes, times, strict=True)})
-        if not self.first_bad and (piece.status != screw.OK).any():
-            i = int(np.argmax(piece.status != screw.OK))
+        self.statuses.update({WORDS[code]: int(n) for code, n in zip(codes, times, strict=True)})
+        if not self.first_bad and (piece.status != Status.OK).any():
+            i = int(np.argmax(piece.status != Status.OK))
             cable = f", cable {piece.cable[i]}" if piece.cable[i] else ""
             self.first_bad = f"sample {self.samples + i} at {piece.time_s[i]:.6g} s{cable}: {piece.cause[i]}"
         self.samples += len(piece.time_s)
@@ -199,7 +199,7 @@ def read_trajectory(path: Path) -> Trajectory:
         poses,
         table.numbers("residual_mm", gaps=True),
         table.numbers("iterations").astype(np.int64),
-        table.choices("status", screw.STATUS),
+        table.choices("status", WORDS),
         table.labels("cause"),
         table.labels("cable"),
         table.numbers("worst_pressure_angle_deg", gaps=True),

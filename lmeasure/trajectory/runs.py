@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from lmeasure.kernels.screw import OK
 from lmeasure.lengths import Lengths
 from lmeasure.recorded import notes_of
 from lmeasure.run import Run, RunHead
+from lmeasure.status import Status
 from lmeasure.trajectory.budget import CHUNK, closure_factors, left_out
 from lmeasure.trajectory.evidence import Evidence
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
@@ -58,7 +58,7 @@ def with_evidence(
     trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(run.recorded), *evidence.notes))
     if evidence.sound:
         return trajectory
-    unused, ok = left_out(trajectory, lengths.cables), trajectory.status == OK
+    unused, ok = left_out(trajectory, lengths.cables), trajectory.status == Status.OK
     cause = trajectory.cause.copy()
     for mask, text in evidence.causes(trajectory.time_s, unused):
         cause[ok & mask] = [f"{before}; {text}" if before else text for before in cause[ok & mask]]

@@ -12,6 +12,7 @@ from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
 from lmeasure.lengths import Lengths, span_lengths
 from lmeasure.rig import Rig
+from lmeasure.status import Status
 from lmeasure.trajectory import at_once
 from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.corrections import correction_of
@@ -28,10 +29,10 @@ START_COVERAGE = 3.0  # standard uncertainties of the start
 SLACK_MM = 0.5  # an error of one length that no rig is calibrated so badly to have
 
 _CAUSES = {
-    screw.SINGULAR: "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here",
-    screw.NOT_CONVERGED: "no pose was found whose lengths are these counts",
-    screw.SLACK: "the lengths contradict each other, and one redundant cable cannot tell which does not follow",
-    screw.OTHER_ASSEMBLY: "beyond a singular pose the lengths fit two assemblies: which one cannot be told",
+    Status.SINGULAR: "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here",
+    Status.NOT_CONVERGED: "no pose was found whose lengths are these counts",
+    Status.SLACK: "the lengths contradict each other, and one redundant cable cannot tell which does not follow",
+    Status.OTHER_ASSEMBLY: "beyond a singular pose the lengths fit two assemblies: which one cannot be told",
 }
 NOT_MEASURED = "orientation not measured"
 
@@ -73,8 +74,8 @@ class Reconstruction:
         self._many = False
         self._travelled = np.zeros((m, 2))
         (_, _, _, status, angle, *_), _ = self._next(np.zeros((1, m)), np.zeros(1, np.int64))
-        if status[0] != screw.OK:
-            raise TrajectoryError(f"start: {_CAUSES[int(status[0])]}{self._lost_at(self.start)}")
+        if status[0] != Status.OK:
+            raise TrajectoryError(f"start: {_CAUSES[Status(status[0])]}{self._lost_at(self.start)}")
         self._start_angle = float(angle[0])
         if self.scheme.six and any(u_start):
             self._check_side()
@@ -175,9 +176,9 @@ class Reconstruction:
         self, lengths: Lengths, status: IntArray, left_out: IntArray, cause: NDArray[np.object_], cable: NDArray[np.object_]
     ) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
         """Causes and cables of samples that are good without one of the cables, and what a scheme does not measure."""
-        ok = status == screw.OK
+        ok = status == Status.OK
         cause, cable = np.where(ok, NOT_MEASURED if self.scheme.point else "", cause), np.where(ok, "", cable)
-        for flag in np.unique(lengths.flags[ok & (lengths.flags != screw.OK)]):
+        for flag in np.unique(lengths.flags[ok & (lengths.flags != Status.OK)]):
             mask = ok & (lengths.flags == flag)
             cause[mask] = [f"without it: {text}" for text in lengths.cause[mask]]
             cable[mask] = lengths.cable[mask]
@@ -201,13 +202,13 @@ class Reconstruction:
         begun: FloatArray,
     ) -> NDArray[np.object_]:
         """The causes with what is lost at singular samples and nearly lost at known ones; begun is the state before these samples."""
-        singular = status == screw.SINGULAR
-        near = (status == screw.OK) & (angle > np.radians(NEARLY))
+        singular = status == Status.SINGULAR
+        near = (status == Status.OK) & (angle > np.radians(NEARLY))
         if not (singular.any() or near.any()):
             return cause
         cause, u, free = cause.copy(), np.sqrt(self.budget.length_variance), self.scheme.free_index
         m = len(u)
-        before = np.maximum.accumulate(np.where(status == screw.OK, np.arange(len(status)), -1))
+        before = np.maximum.accumulate(np.where(status == Status.OK, np.arange(len(status)), -1))
         for last in np.unique(before[singular]):
             pose, there = (begun[:7], begun[7 : 7 + m]) if last < 0 else (poses[last], changes[last])
             mine = np.flatnonzero(singular & (before == last))
@@ -237,7 +238,7 @@ class Reconstruction:
         return tuple(notes)
 
 
-_TEXTS = np.array([_CAUSES.get(code, "") for code in range(len(screw.STATUS))], dtype=np.object_)
+_TEXTS = np.array([_CAUSES.get(status, "") for status in Status], dtype=np.object_)
 
 
 def _without_orientation(trajectory: Trajectory) -> Trajectory:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from lmeasure.kernels.screw import OK, STATUS
 from lmeasure.rig import Rig
+from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
 from lmeasure.view.recording import FloatArray, IntArray, changed_rows, entity_path, indexes_at, send_scalars, time_indexes
 from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, WHITE, draw_frames, draw_path, send_tool, thinned_note
@@ -63,7 +63,7 @@ class TrajectoryLog:
                 send_scalars(rec, f"/{group}/{name}", indexes, columns[name])
         changes = self._statuses.add(piece, first)
         self._frames.add(np.column_stack([piece.time_s, piece.poses]), changes)
-        ok = piece.status == OK
+        ok = piece.status == Status.OK
         before = self._path.rows[-1, 3] if len(self._path) else None
         self._path.add(np.column_stack([piece.poses[:, :3], ok]), changed_rows(ok, before))
         self._covers = piece.covers
@@ -93,7 +93,7 @@ class _Stretch:
 
     def text(self, last: int) -> str:
         detail = f": {self.cause}" * bool(self.cause) + f", cable {self.cable}" * bool(self.cable)
-        return f"samples {self.first} to {last}: {STATUS[self.status]}{detail}"
+        return f"samples {self.first} to {last}: {WORDS[self.status]}{detail}"
 
 
 class _Statuses:
@@ -102,8 +102,8 @@ class _Statuses:
     def __init__(self, rec: rr.RecordingStream) -> None:
         self._rec = rec
         self._open: _Stretch | None = None
-        shades = [GOOD if name == STATUS[OK] else BAD for name in STATUS]
-        rec.log("/status_lane", rr.StateConfiguration(values=STATUS, colors=shades), static=True)
+        shades = [GOOD if status == Status.OK else BAD for status in Status]
+        rec.log("/status_lane", rr.StateConfiguration(values=WORDS, colors=shades), static=True)
 
     def add(self, piece: Trajectory, first: int) -> IntArray:
         """Take the next samples, of which the first has that number; the rows at which something changes."""
@@ -129,6 +129,6 @@ class _Statuses:
             return
         at = indexes_at(np.array([s.time_s for s in stretches]), np.array([s.first for s in stretches]))
         texts = [s.text(i) for s, i in zip(stretches, last, strict=True)]
-        levels = ["INFO" if s.status == OK else "WARN" for s in stretches]
+        levels = ["INFO" if s.status == Status.OK else "WARN" for s in stretches]
         self._rec.send_columns("/status", at, rr.TextLog.columns(text=texts, level=levels))
-        self._rec.send_columns("/status_lane", at, rr.StateChange.columns(state=[STATUS[s.status] for s in stretches]))
+        self._rec.send_columns("/status_lane", at, rr.StateChange.columns(state=[WORDS[s.status] for s in stretches]))

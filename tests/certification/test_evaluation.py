@@ -14,8 +14,8 @@ from scipy.stats import norm
 
 from lmeasure.certification import Settings, evaluate
 from lmeasure.errors import CertificationError
-from lmeasure.kernels import screw
 from lmeasure.program import Program
+from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 
@@ -230,7 +230,7 @@ def test_windows_that_cannot_be_told() -> None:
     poses = trajectory.poses.copy()
     poses[i] = np.nan
     status, cause = trajectory.status.copy(), trajectory.cause.copy()
-    status[i], cause[i] = screw.GAP, "channel ch3 has no count"
+    status[i], cause[i] = Status.GAP, "channel ch3 has no count"
     refused(replace(trajectory, poses=poses, status=status, cause=cause), f"sample {i} at .* s is not ok: channel ch3 has no count")
     refused(replace(trajectory, poses=poses), f"sample {i} at")
     poses = trajectory.poses.copy()

@@ -15,9 +15,9 @@ from lmeasure.certification.dwells import LAG_S, settled
 from lmeasure.certification.ran import windows_from_rests
 from lmeasure.cli import app
 from lmeasure.errors import CertificationError
-from lmeasure.kernels.screw import OK
 from lmeasure.program import Program, read_program, write_program
 from lmeasure.robots.cell_robot import cell_robot
+from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, write_trajectory
 
 TESTS = Tests(
@@ -46,7 +46,7 @@ def performed(plan: Campaign) -> tuple[Program, Trajectory]:
     nothing, text = np.zeros((n, 6, 6)), np.full(n, "", dtype=object)
     time_s = np.arange(n) / 200.0 - still / 200.0
     zero = np.zeros(n, np.int64)
-    trajectory = Trajectory(time_s, poses, np.zeros(n), zero, np.full(n, OK), text, text, np.zeros(n), nothing, nothing, "nothing")
+    trajectory = Trajectory(time_s, poses, np.zeros(n), zero, np.full(n, Status.OK), text, text, np.zeros(n), nothing, nothing, "nothing")
     return timed(plan.program, done, TESTS.settle_s), trajectory
 
 

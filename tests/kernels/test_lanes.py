@@ -9,6 +9,7 @@ from rows import HOME, cell_rows
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable, lanes, screw
+from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -40,7 +41,7 @@ def both(rows: FloatArray, change: FloatArray, flags: IntArray | None = None) ->
 
 def assert_same(one: tuple[FloatArray, ...], many: tuple[FloatArray, ...]) -> None:
     np.testing.assert_array_equal(many[3], one[3])
-    ok = one[3] == screw.OK
+    ok = one[3] == Status.OK
     assert np.isnan(many[0][~ok]).all()
     assert np.isnan(many[1][~ok]).all()
     np.testing.assert_allclose(many[0][ok, :3], one[0][ok, :3], rtol=0, atol=SAME_MM)
@@ -60,7 +61,7 @@ def rows() -> FloatArray:
 def test_a_log_is_the_same_in_lanes(rows: FloatArray, noise_mm: float) -> None:
     truth = path(9000)
     one, many = both(rows, changes(rows, truth, noise_mm))
-    assert (one[3] == screw.OK).all()
+    assert (one[3] == Status.OK).all()
     assert_same(one, many)
     if noise_mm == 0.0:
         assert np.abs(many[0][:, :3] - truth[:, :3]).max() < SAME_MM
@@ -71,9 +72,9 @@ def test_a_log_is_the_same_in_lanes(rows: FloatArray, noise_mm: float) -> None:
 def test_any_length_of_log_and_any_gaps(n: int, seed: int, missing: float) -> None:
     table = cell_rows()
     generator = np.random.default_rng(seed)
-    flags = np.where(generator.random(n) < missing, screw.GAP, screw.OK).astype(np.int64)
+    flags = np.where(generator.random(n) < missing, Status.GAP, Status.OK).astype(np.int64)
     change = changes(table, path(n, speed=5.0), 0.01, seed)
-    change[flags != screw.OK] = np.nan
+    change[flags != Status.OK] = np.nan
     assert_same(*both(table, change, flags))
 
 
@@ -88,9 +89,9 @@ def test_a_fast_motion_falls_back_sample_by_sample(rows: FloatArray) -> None:
 def test_behind_a_long_gap_the_motion_goes_on(rows: FloatArray) -> None:
     truth = path(6000)
     flags = np.zeros(6000, np.int64)
-    flags[1000:3500] = screw.GAP
+    flags[1000:3500] = Status.GAP
     one, many = both(rows, changes(rows, truth, 0.01), flags)
-    assert (one[3][3500:] == screw.OK).all()
+    assert (one[3][3500:] == Status.OK).all()
     assert_same(one, many)
 
 
@@ -98,7 +99,7 @@ def test_lengths_of_no_pose_spoil_their_own_samples_only(rows: FloatArray) -> No
     change = changes(rows, path(5000), 0.01)
     change[2000:2010, 0] -= 5000.0
     one, many = both(rows, change)
-    assert (one[3][2000:2010] != screw.OK).all()
+    assert (one[3][2000:2010] != Status.OK).all()
     assert_same(one, many)
 
 
@@ -111,8 +112,8 @@ def test_what_is_lost_near_a_singular_pose_is_lost_in_lanes(rows: FloatArray) ->
         if not np.isfinite(change).all():
             continue
         one, many = both(rows, change)
-        np.testing.assert_array_equal(many[3] == screw.OK, one[3] == screw.OK)
-        ok = many[3] == screw.OK
+        np.testing.assert_array_equal(many[3] == Status.OK, one[3] == Status.OK)
+        ok = many[3] == Status.OK
         assert np.abs(many[0][ok, :3] - truth[ok, :3]).max() < 1e-4
 
 
@@ -131,8 +132,8 @@ def test_a_short_dip_through_a_singular_pose_between_coarse_samples_is_seen(rows
     dip = slice(64 * 32 + 10, 64 * 32 + 50)
     turn[dip] += 0.04 * np.sin(np.linspace(0.0, np.pi, 40))
     one, many = both(rows, changes(rows, turned(turn)))
-    assert (one[3][: dip.start] == screw.OK).all()
-    assert (one[3][dip.stop :] == screw.OTHER_ASSEMBLY).all()
+    assert (one[3][: dip.start] == Status.OK).all()
+    assert (one[3][dip.stop :] == Status.OTHER_ASSEMBLY).all()
     assert_same(one, many)
 
 

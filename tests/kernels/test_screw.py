@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable, screw
 from lmeasure.kernels.pose_covariance import pose_covariances
+from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ def test_the_finite_screw_goes_on_until_the_lengths_are_met() -> None:
     table = legs(SIX_LEGS)
     targets = 2 + np.array([0.1, 0.1, 0.1, 0, 0, 0.1])
     status, iterations, worst, pose = screw.solve_pose(table, targets, HOME)
-    assert (status, worst < 1e-11) == (screw.OK, True)
+    assert (status, worst < 1e-11) == (Status.OK, True)
     assert iterations <= 6
     turned = oracles.matrix_of_quaternion(pose[3:])
     for (b, p), length in zip(SIX_LEGS, targets, strict=True):
@@ -175,7 +176,7 @@ def test_pose_from_lengths_of_an_independent_model(seed: int) -> None:
     for _ in range(4):
         truth = random_pose(g, 150.0, 0.2)
         status, iterations, worst, pose = screw.solve_pose(rows, lengths_at(truth, seed), HOME)
-        assert status == screw.OK
+        assert status == Status.OK
         assert iterations <= 8
         assert worst < 1e-9
         away, turn = poses_apart(pose, truth)
@@ -203,7 +204,7 @@ def test_the_frame_does_not_matter() -> None:
 
 @pytest.mark.parametrize("targets", [np.full(6, 1e15), np.full(6, -1000.0), np.full(6, np.nan), np.full(6, np.inf), np.zeros(6)])
 def test_impossible_lengths_are_no_pose(targets: FloatArray) -> None:
-    assert screw.solve_pose(cell_rows(), targets, HOME)[0] != screw.OK
+    assert screw.solve_pose(cell_rows(), targets, HOME)[0] != Status.OK
 
 
 # --- runs --------------------------------------------------------------------------------------------------------------------------
@@ -230,7 +231,7 @@ def worst_apart(a: FloatArray, b: FloatArray) -> tuple[float, float]:
 def test_a_run_is_followed() -> None:
     rows, truth = cell_rows(), motion()
     poses, residual, iterations, status, angle = screw.track(rows, HOME, changes_of(truth, rows), np.zeros(400, np.int64), U)
-    assert (status == screw.OK).all()
+    assert (status == Status.OK).all()
     away, turn = worst_apart(poses, truth)
     assert away < 1e-8
     assert turn < 1e-11
@@ -246,8 +247,8 @@ def test_a_run_begins_anywhere_and_goes_on_behind_gaps() -> None:
     rows, truth = cell_rows(), motion()
     changes = changes_of(truth, rows)
     flags = np.zeros(400, np.int64)
-    flags[100:250] = screw.GAP
-    flags[300:310] = screw.JUMP
+    flags[100:250] = Status.GAP
+    flags[300:310] = Status.JUMP
     changes[100:250] = np.nan
     poses, residual, _, status, angle = screw.track(rows, HOME, changes, flags, U)
     assert (status == flags).all()
@@ -272,9 +273,9 @@ def test_lengths_that_no_pose_has_are_said_and_the_rest_is_followed() -> None:
     poses, _, _, status, _ = screw.track(rows, HOME, changes, np.zeros(400, np.int64), U)
     bad = np.zeros(400, np.bool_)
     bad[[200, 220, 240]] = True
-    assert (status[bad] != screw.OK).all()
+    assert (status[bad] != Status.OK).all()
     assert np.isnan(poses[bad]).all()
-    assert (status[~bad] == screw.OK).all()
+    assert (status[~bad] == Status.OK).all()
     assert worst_apart(poses[~bad], truth[~bad])[0] < 1e-8
 
 
@@ -283,7 +284,7 @@ def test_a_rig_that_cannot_tell_the_pose_is_singular() -> None:
     rows = cell_rows()
     rows[:, 7:10] = [[x, 0, 0] for x in (-100, -60, -20, 20, 60, 100)]
     poses, _, _, status, _ = screw.track(rows, HOME, np.zeros((3, 6)) + 0.1, np.zeros(3, np.int64), U)
-    assert (status == screw.SINGULAR).all()
+    assert (status == Status.SINGULAR).all()
     assert np.isnan(poses).all()
     assert np.isnan(screw.pose_pressure_angles(rows, HOME[None])).all()
 
@@ -300,10 +301,10 @@ def test_the_other_assembly_is_never_given() -> None:
     heights = np.linspace(0, -800, 400)  # the platform goes through the plane of the fixed points, where the legs lie flat
     truth = np.column_stack([np.zeros((400, 2)), heights, np.zeros((400, 3)), np.ones(400)])
     poses, _, _, status, _ = screw.track(base, HOME, changes_of(truth, base), np.zeros(400, np.int64), U)
-    good = status == screw.OK
+    good = status == Status.OK
     assert good[:150].all()
     assert not good[-150:].any()
-    assert set(status[~good]) <= {screw.SINGULAR, screw.OTHER_ASSEMBLY, screw.NOT_CONVERGED}
+    assert set(status[~good]) <= {Status.SINGULAR, Status.OTHER_ASSEMBLY, Status.NOT_CONVERGED}
     assert worst_apart(poses[good], truth[good])[0] < 1e-3
 
 
@@ -321,7 +322,7 @@ def refound(rows: FloatArray, start: FloatArray, counts: FloatArray, pose: Float
     change = cable.changes_from_counts(rows, counts[None])[0] + (0 if noise is None else noise)
     targets = cable.span_lengths(rows, start[None])[0] + change
     status, _, _, found = screw.solve_pose(rows, targets, pose)
-    assert status == screw.OK
+    assert status == Status.OK
     return np.asarray(found)
 
 

@@ -16,6 +16,7 @@ from lmeasure.kernels import cable, pose_covariance, screw
 from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 from lmeasure.run import write_run
+from lmeasure.status import Status
 from lmeasure.trajectory import at_once
 
 U = np.full(6, 0.0035)
@@ -37,7 +38,7 @@ def test_a_log_is_the_same_at_once(noise_mm: float) -> None:
     rig = cell()
     change = changes(rig, motion(3000)[1], noise_mm)
     flags = np.zeros(len(change), np.int64)
-    flags[700:705] = screw.GAP
+    flags[700:705] = Status.GAP
     change[700:705] = np.nan
     found, state = follow(rig, change, flags)
     there = screw.new_state(START)
@@ -67,7 +68,7 @@ def test_lengths_and_rows_are_the_kernels(place: list[float], turn: list[float],
 def test_what_is_not_plain_is_left_to_the_kernels() -> None:
     rig = cell()
     change = changes(rig, motion(300)[1])
-    nothing = np.full(300, screw.GAP)
+    nothing = np.full(300, Status.GAP)
     assert follow(rig, change, nothing)[0] is None
     jumped = change.copy()
     jumped[150:, 2] += 25.0  # farther from one sample to the next than one may start
@@ -100,6 +101,7 @@ from numba.core import event
 compiled = event.RecordingListener()
 event.register("numba:compile", compiled)
 from lmeasure.cli import main
+from lmeasure.status import Status
 try:
     main()
 except SystemExit as end:

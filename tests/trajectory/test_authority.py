@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import screw
 from lmeasure.kernels.cable import CABLE_COLUMNS
+from lmeasure.status import Status
 
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "generic-optimiser" / "poses.npz"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -22,7 +23,7 @@ def test_ten_thousand_poses_of_a_generic_optimiser() -> None:
     found = np.empty((len(known["lengths_mm"]), 7))
     for i, lengths in enumerate(known["lengths_mm"]):
         status, _, worst, found[i] = screw.solve_pose(rows, lengths, HOME)
-        assert status == screw.OK
+        assert status == Status.OK
         assert worst < 1e-9
     assert len(found) == 10_000
     assert np.abs(found[:, :3] - known["position_mm"]).max() < 1e-8

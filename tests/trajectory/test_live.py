@@ -5,7 +5,7 @@ import pytest
 from cells import START, cell, motion, record
 
 from lmeasure.errors import TrajectoryError
-from lmeasure.kernels import screw
+from lmeasure.status import WORDS
 from lmeasure.trajectory import reconstruct
 from lmeasure.trajectory.live import LivePose
 
@@ -21,7 +21,7 @@ def test_live_is_the_same_run() -> None:
     assert pose.channels == first.channels
     for i, (t, recorded) in enumerate(zip(first.time_s, first.recorded, strict=True)):
         found = pose.update(t, recorded)
-        assert found.status == screw.STATUS[at_once.status[i]]
+        assert found.status == WORDS[at_once.status[i]]
         np.testing.assert_array_equal(found.pose, at_once.poses[i])
         np.testing.assert_array_equal(found.residual_mm, at_once.residual_mm[i])
         np.testing.assert_allclose(found.worst_pressure_angle_deg, at_once.worst_pressure_angle_deg[i])

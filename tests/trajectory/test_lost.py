@@ -4,8 +4,8 @@ import numpy as np
 from cells import START, FloatArray, cell, position_error, record
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels import screw
 from lmeasure.kernels.cable import CABLE_COLUMNS, span_lengths
+from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 from lmeasure.trajectory.lost import Split, explain
 
@@ -64,11 +64,11 @@ def test_a_run_into_a_singular_pose_says_what_is_lost() -> None:
     turn = 1.5 * np.sin(np.pi * times / times[-1])
     poses = np.column_stack([30.0 * times, 0 * times, 0 * times, Rotation.from_rotvec(np.outer(turn, [0.0, 0.0, 1.0])).as_quat()])
     found = reconstruct(record(cell(), times, poses))
-    refused = np.flatnonzero(found.status == screw.SINGULAR)
+    refused = np.flatnonzero(found.status == Status.SINGULAR)
     assert len(refused)
     assert "singular here or on the way here; not determined: a turn about the axis" in found.cause[refused[0]]
-    near = np.flatnonzero((found.status == screw.OK) & (found.worst_pressure_angle_deg > 88.0))
+    near = np.flatnonzero((found.status == Status.OK) & (found.worst_pressure_angle_deg > 88.0))
     assert len(near)
     assert all(found.cause[i].startswith("nearly singular: 1 mm of a turn") for i in near)
-    ok = found.status == screw.OK
+    ok = found.status == Status.OK
     assert position_error(found.poses[ok], poses[ok]).max() < 1.0

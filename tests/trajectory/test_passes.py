@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
-from lmeasure.kernels import screw
 from lmeasure.lengths import lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 from lmeasure.trajectory.passes import align
 
@@ -55,7 +55,7 @@ def two_passes(sync: bool = True, exact: bool = True, late_s: float = 0.0) -> tu
 def test_clocks_are_found_by_two_edges() -> None:
     run, truth = two_passes()
     trajectory = reconstruct(run)
-    assert (trajectory.status == screw.OK).all()
+    assert (trajectory.status == Status.OK).all()
     # what is left is linear interpolation between samples
     assert position_error(trajectory.poses, truth).max() < 2e-3
     assert any("rate 0.99985" in note for note in trajectory.notes)
@@ -157,7 +157,7 @@ def test_another_profile_of_speed_is_refused() -> None:
         return np.column_stack([np.outer(s, [30.0, -20.0, 10.0]), np.tile([0.0, 0.0, 0.0, 1.0], (4000, 1))])
 
     a, b = record(rig, times, bursts([0.5, 1.5, 3.0])), record(rig, times, bursts([0.5, 2.2, 3.0]))
-    assert reconstruct(Run(rig, START, (a.passes[0], a.passes[1]))).status.max() == screw.OK
+    assert reconstruct(Run(rig, START, (a.passes[0], a.passes[1]))).status.max() == Status.OK
     with pytest.raises(TrajectoryError, match="profile of speed"):
         reconstruct(Run(rig, START, (a.passes[0], b.passes[1])))
 

@@ -10,9 +10,9 @@ from cells import PAIRS, POINTS, START, FloatArray, cell, motion, observation_po
 from scipy.spatial.transform import Rotation
 
 from lmeasure.errors import RigError
-from lmeasure.kernels import screw
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import read_trajectory, reconstruct, write_trajectory
 
 N = 300
@@ -34,7 +34,7 @@ EIGHT = [*SEVEN, ("B8", "P2")]
 
 
 def statuses(status: Any) -> set[str]:
-    return {screw.STATUS[s] for s in status}
+    return {WORDS[s] for s in status}
 
 
 @pytest.mark.parametrize("pairs", [SEVEN, EIGHT])
@@ -76,7 +76,7 @@ def test_with_one_cable_too_many_a_contradiction_is_seen_but_not_named() -> None
     recorded = run.passes[0].recorded.copy()
     recorded[100:150, 3] += 300.0
     trajectory = reconstruct(with_recorded(run, recorded))
-    assert [screw.STATUS[s] for s in trajectory.status] == ["slack" if 100 <= i < 150 else "ok" for i in range(N)]
+    assert [WORDS[s] for s in trajectory.status] == ["slack" if 100 <= i < 150 else "ok" for i in range(N)]
     assert np.isnan(trajectory.poses[100:150]).all()
     assert set(trajectory.cable[100:150]) == {""}
 
@@ -88,11 +88,11 @@ def test_with_cables_to_spare_a_gap_of_one_is_bridged_and_said() -> None:
     recorded[200:220, 2] += 40_000
     recorded[250:260, :2] = np.nan
     trajectory = reconstruct(with_recorded(run, recorded))
-    assert [screw.STATUS[s] for s in trajectory.status] == ["gap" if 250 <= i < 260 else "ok" for i in range(N)]
+    assert [WORDS[s] for s in trajectory.status] == ["gap" if 250 <= i < 260 else "ok" for i in range(N)]
     assert set(trajectory.cable[50:80]) == {"c7"}
     assert set(trajectory.cable[200:220]) == {"c3"}
     assert trajectory.cause[60] == "without it: channel ch7 has no count"
-    ok = trajectory.status == screw.OK
+    ok = trajectory.status == Status.OK
     assert position_error(trajectory.poses[ok], motion(N)[1][ok]).max() < 0.03
 
 
@@ -173,7 +173,7 @@ def test_the_singular_pose_of_a_planar_stage_is_not_passed_silently() -> None:
     times = np.arange(1500) / 1000.0
     poses = np.column_stack([np.zeros((1500, 3)), Rotation.from_rotvec(np.outer(2.5 * times / 1.5, [0, 0, 1])).as_quat()])
     trajectory = reconstruct(record(rig_of(pairs, constraint="planar"), times, poses, START))
-    ok = trajectory.status == screw.OK
+    ok = trajectory.status == Status.OK
     assert not ok.all()
     assert not ok[int(np.argmax(~ok)) :].any()
     assert (position_error(trajectory.poses[ok], poses[ok]) < 6 * np.linalg.norm(trajectory.u[ok, :3], axis=1) + 1e-3).all()

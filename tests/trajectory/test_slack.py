@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from cells import FloatArray, cell, motion, position_error, record, with_recorded
 
-from lmeasure.kernels import screw
 from lmeasure.lengths import slack_samples
 from lmeasure.rig import Rig
+from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 
 LIMIT = 30000.0
@@ -40,13 +40,13 @@ def test_a_slack_cable_is_marked_and_the_rest_of_the_run_is_right() -> None:
     run = record(rig, times, poses)
     begin = fastest(run.passes[0].recorded[:, 2])
     found = reconstruct(with_recorded(run, slackened(run.passes[0].recorded, 2, begin, begin + 30)))
-    marked = np.flatnonzero(found.status == screw.SLACK)
+    marked = np.flatnonzero(found.status == Status.SLACK)
     assert begin - 3 <= marked[0] <= begin
     assert begin + 29 <= marked[-1] <= begin + 33
     assert (np.diff(marked) == 1).all()
     assert set(found.cable[marked]) == {"c3"}
     assert "channel ch3 does not follow" in found.cause[marked[0]]
-    ok = found.status == screw.OK
+    ok = found.status == Status.OK
     assert ok.sum() == 3000 - len(marked)
     assert position_error(found.poses[ok], poses[ok]).max() < 0.05
 
@@ -58,13 +58,13 @@ def test_without_a_limit_nothing_is_marked_and_the_pose_is_wrong() -> None:
     run = record(rig, times, poses)
     begin = fastest(run.passes[0].recorded[:, 2])
     found = reconstruct(with_recorded(run, slackened(run.passes[0].recorded, 2, begin, begin + 30)))
-    assert (found.status == screw.OK).all()
+    assert (found.status == Status.OK).all()
     assert position_error(found.poses, poses).max() > 1.0
 
 
 def test_a_lively_motion_within_the_limit_is_not_marked() -> None:
     times, poses = motion(3000, rate_hz=250.0)
-    assert (reconstruct(record(limited(), times, poses)).status == screw.OK).all()
+    assert (reconstruct(record(limited(), times, poses)).status == Status.OK).all()
 
 
 @pytest.mark.parametrize("rate_hz", [200.0, 1000.0, 5000.0])

@@ -8,9 +8,9 @@ from cells import START, FloatArray, cell, motion, position_error, record, rotat
 from scipy.spatial.transform import Rotation
 
 from lmeasure.errors import GeometryError, RigError, TrajectoryError
-from lmeasure.kernels import screw
 from lmeasure.rig import Rig
 from lmeasure.run import Run
+from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory, reconstruct
 
 N = 400
@@ -18,11 +18,11 @@ EXACT_MM, EXACT_RAD = 1e-9, 1e-12
 
 
 def statuses(trajectory: Trajectory) -> list[str]:
-    return [screw.STATUS[s] for s in trajectory.status]
+    return [WORDS[s] for s in trajectory.status]
 
 
 def assert_not_ok_is_nan(trajectory: Trajectory) -> None:
-    bad = trajectory.status != screw.OK
+    bad = trajectory.status != Status.OK
     for values in (trajectory.poses, trajectory.u, trajectory.residual_mm, trajectory.worst_pressure_angle_deg):
         assert np.isnan(values[bad]).all()
         assert np.isfinite(values[~bad]).all()
@@ -111,7 +111,7 @@ def test_through_a_singular_pose_no_wrong_assembly_is_called_ok(rig: Rig, axis: 
     sides = np.array([np.linalg.det(screw_rows) for screw_rows in _rows(rows, poses)])
     assert sides.min() < 0 < sides.max()
     trajectory = reconstruct(record(rig, times, poses))
-    ok = trajectory.status == screw.OK
+    ok = trajectory.status == Status.OK
     first = int(np.argmax(~ok))
     assert 500 < first <= int(np.argmax(sides * sides[0] < 0))
     assert not ok[first:].any()
@@ -194,9 +194,9 @@ def test_a_start_whose_uncertainty_reaches_a_singular_pose_is_refused(rig: Rig) 
     start = np.r_[0.0, 0.0, 0.0, Rotation.from_rotvec([0.0, 0.0, 1.38]).as_quat()]
     run = record(rig, np.arange(3) / 1000.0, np.tile(start, (3, 1)), start)
     # some 0.2 rad from there the determinant of the rows changes its sign
-    assert (reconstruct(replace(run, u_start=(0.1, 0.001))).status == screw.OK).all()
+    assert (reconstruct(replace(run, u_start=(0.1, 0.001))).status == Status.OK).all()
     with pytest.raises(
         TrajectoryError, match=r"start: within its uncertainty lies a singular pose .*badly seen: a turn about .*cannot be told"
     ):
         reconstruct(replace(run, u_start=(0.1, 0.3)))
-    assert (reconstruct(replace(record(rig, *motion(3)), u_start=(1.0, 0.02))).status == screw.OK).all()
+    assert (reconstruct(replace(record(rig, *motion(3)), u_start=(1.0, 0.02))).status == Status.OK).all()
