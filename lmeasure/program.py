@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure import conventions, files
 from lmeasure.checked import Strict, Whole, complaint
@@ -169,6 +170,13 @@ class CommandedPath(_Run):
     def _from_centre(self) -> FloatArray:
         out = np.array(self.start_mm, dtype=np.float64) - np.array(self.centre_mm, dtype=np.float64)
         return np.asarray(out - (out @ self._axis()) * self._axis())
+
+    def orientation(self, share: FloatArray) -> Rotation | None:
+        """Commanded rotations (n,) base_from_tool where these shares (n,) of the path's length are gone; None where it states none."""
+        if self.quaternion_xyzw is None:
+            return None
+        ends = Rotation.from_quat([self.quaternion_xyzw, self.end_quaternion_xyzw or self.quaternion_xyzw])
+        return Slerp([0.0, 1.0], ends)(np.clip(share, 0.0, 1.0))
 
     def points(self, step_mm: float) -> FloatArray:
         """(n, 3) points along the path [mm], at most step_mm apart; a closed kind comes back to its start."""

@@ -8,6 +8,7 @@ has the project's data at its place.
 import contextlib
 import doctest
 import io
+import math
 import re
 import shlex
 import shutil
@@ -18,6 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from lmeasure.kernels import lanes, screw
+from lmeasure.trajectory import evidence, lost, screw_method, visits
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -89,6 +93,32 @@ def test_pictures_are_those_of_the_program(tmp_path: Path) -> None:
         new, old = (p.read_text(encoding="utf-8") for p in (drawn, ROOT / "docs" / "images" / drawn.name))
         assert number.sub("0", new) == number.sub("0", old)
         assert [float(x) for x in number.findall(new)] == pytest.approx([float(x) for x in number.findall(old)], abs=0.11)
+
+
+CONSTANTS = {
+    "method.md": [f"a change of a cable of more than {screw.STRIDE_MM:g} mm is gone in parts"],
+    "trajectory.md": [
+        f"a change of more than {screw.STRIDE_MM:g} mm, as behind a gap, is gone in parts",
+        f"reach {screw.TOLERANCE_MM:.0e} mm",
+        f"Logs of {screw_method.COMPILING_PAYS:,} samples and more go through lanes: every {lanes.COARSE}th sample one from the other, "
+        f"then every {lanes.MIDDLE}th, then all, each started by interpolation between its neighbours, {lanes.WIDTH} at once",
+        f"stays below a pressure angle of {math.degrees(lanes.CLEAR_OF_SINGULAR):.0f} degrees",
+        f"From a worst pressure angle of {lost.NEARLY:g} degrees",
+        f"no length moves by more than {visits.STILL_MM:g} mm in {visits.LAG_S:g} s, for {visits.LEAST_S:g} s",
+        f"when all cables but one agree within {visits.NEAR_MM:g} mm",
+        f"({evidence.SIGNIFICANCE:.0e} per run, shared by all channels and moments)",
+        f"by more than {evidence.CLOSED_COUNTS:g} counts, {evidence.CLOSED_MM:g} mm and",
+        f"a cable that contradicts the others by more than {screw_method.SLACK_MM:g} mm",
+    ],
+}
+
+
+@pytest.mark.parametrize("page", CONSTANTS)
+def test_constants_are_those_of_the_program(page: str) -> None:
+    text = " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
+    for said in CONSTANTS[page]:
+        # as written in a text: 1e-3
+        assert re.sub(r"e-0+", "e-", said) in text
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))

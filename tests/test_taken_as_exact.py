@@ -19,7 +19,7 @@ from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses
 from lmeasure.report.calibration import write_calibration_page
 from lmeasure.report.sentences import sentence
-from lmeasure.report.zone import findings
+from lmeasure.report.zone_html import findings
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run, read_run_head, write_run
 from lmeasure.trajectory import Trajectory, reconstruct

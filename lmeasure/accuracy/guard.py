@@ -1,6 +1,6 @@
 """A robot program held against the zone: what the instrument can say along it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import make_plan, named_figures
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.program import Program
+from lmeasure.program import CommandedPath, Program
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
@@ -43,18 +43,35 @@ def guard(
 ) -> list[Part]:
     """Each pose and path of the program against a scanned zone of the same rig.
 
-    A pose has its own orientation; a path is taken with `rotation`, since programs state none for it. The distance to the edge is that of
-    the zone's nodes, at all the orientations it was scanned with: no finer than its grid. Raises what `scan_zone` does.
+    Poses and paths have the orientations the program states; a path without one is taken with `rotation`. The distance to the edge is that
+    of the zone's nodes, at all the orientations it was scanned with: no finer than its grid. Raises what `scan_zone` does.
     """
-    places = [(f"pose {p.name}", np.array([p.position_mm], dtype=np.float64), Rotation.from_quat(p.quaternion_xyzw)) for p in program.pose]
-    places += [(f"path {p.name}", p.points(step_mm), rotation) for p in program.path]
+    places = [
+        (f"pose {p.name}", np.array([p.position_mm], dtype=np.float64), Rotation.from_quat([p.quaternion_xyzw])) for p in program.pose
+    ]
+    places += [(f"path {p.name}", *_along(p, rotation, step_mm)) for p in program.path]
     start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"], dtype=np.float64)
     out = []
-    for name, points, turn in places:
-        plan = make_plan(rig, calibration, points, Rotation.from_quat(turn.as_quat().reshape(1, 4)), start)
-        figures = named_figures(*run(plan, workers=1), full=False, near=False)
+    for name, points, turns in places:
+        plan = make_plan(rig, calibration, points, turns, start)
+        # a scan tries every orientation at every place: where each place has its own, one scan for each
+        own = plan.quaternions[:, None]
+        plans = [plan] if len(own) == 1 else [replace(plan, positions=points[i : i + 1], quaternions=own[i]) for i in range(len(points))]
+        found = [run(part, workers=1) for part in plans]
+        figures = named_figures(np.hstack([f for f, _ in found]), np.hstack([flags for _, flags in found]), full=False, near=False)
         out.append(Part(name, points, figures["worst_pressure_angle_deg"], figures["u95_position_mm"], _to_edge(zone, points)))
     return out
+
+
+def _along(path: CommandedPath, rotation: Rotation, step_mm: float) -> tuple[FloatArray, Rotation]:
+    """Points (n, 3) of a path [mm] and its orientation: one, or one for each point where the tool turns on the way."""
+    points = path.points(step_mm)
+    if path.end_quaternion_xyzw is None:
+        return points, Rotation.from_quat([rotation.as_quat() if path.quaternion_xyzw is None else path.quaternion_xyzw])
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    turns = path.orientation(gone / gone[-1])
+    assert turns is not None
+    return points, turns
 
 
 def _to_edge(zone: xr.Dataset, points: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from lmeasure.effects import zero_at
 from lmeasure.errors import AccuracyError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
-from lmeasure.lengths import cable_covariance, span_lengths
+from lmeasure.lengths import cable_covariance, covariance_root, span_lengths
 from lmeasure.rig import Rig
 from lmeasure.zeroing import length_variance, zeroed_exactly
 
@@ -62,12 +62,7 @@ def tilts(tilt_rad: float, steps: int, base: Rotation | None = None) -> Rotation
 def covariance_factor(rig: Rig, calibration: CalibrationRecord | None) -> FloatArray:
     """(6 * 13, r) factor F of the cables' parameters' covariance F F^T [mm, rad]; r = 0 without a record."""
     covariance = cable_covariance(rig, calibration)
-    width = np.sqrt(np.diag(covariance))
-    # the same parameter stands at every cable that shares it: factor what is left, in units of its own width
-    scaled = covariance / np.outer(np.where(width > 0, width, 1.0), np.where(width > 0, width, 1.0))
-    values, vectors = np.linalg.eigh(scaled)
-    kept = values > 1e-14 * max(values[-1], 0.0) if values[-1] > 0 else np.zeros(len(values), bool)
-    return np.ascontiguousarray(width[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+    return covariance_root(covariance, np.sqrt(np.diag(covariance)))
 
 
 def scan_zone(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from lmeasure.certification.attained import Frame, scatter, window
 from lmeasure.certification.between import passage
@@ -77,10 +77,7 @@ class Line:
 
     def orientation(self, way_mm: FloatArray) -> Rotation | None:
         """Commanded rotations at ways (m,), None where the program states none."""
-        if self.path.quaternion_xyzw is None:
-            return None
-        ends = Rotation.from_quat([self.path.quaternion_xyzw, self.path.end_quaternion_xyzw or self.path.quaternion_xyzw])
-        return Slerp([0.0, 1.0], ends)(np.clip(way_mm / self.length, 0.0, 1.0))
+        return self.path.orientation(way_mm / self.length)
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     A folder that holds something else is refused with an LMeasureError; an earlier demo's is written over.
     """
     # slow to import, and needed only for pages and pictures
-    from lmeasure.report.zone import write_zone_page
+    from lmeasure.report.zone_html import write_zone_page
     from lmeasure.view.stages import write_recording
 
     out = Path(out)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.accuracy.extent import extent
-from lmeasure.report import zone as page
+from lmeasure.report import zone_html as page
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]

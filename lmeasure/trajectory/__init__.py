@@ -1,10 +1,11 @@
 """Where the gripper went: trajectories from runs."""
 
 from lmeasure.trajectory.budget import PoseCovariances, covariances
-from lmeasure.trajectory.record import Summary, Trajectory, read_trajectory, write_trajectory
+from lmeasure.trajectory.record import Summary, Trajectory, read_trajectory
 from lmeasure.trajectory.runs import reconstruct
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.stream import can_stream, reconstruct_stream
+from lmeasure.trajectory.written import write_trajectory
 
 __all__ = [
     "PoseCovariances",

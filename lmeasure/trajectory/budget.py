@@ -18,7 +18,15 @@ from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
-from lmeasure.lengths import Lengths, count_variance, solved_covariance, unsolved_columns, zero_temperature
+from lmeasure.lengths import (
+    Lengths,
+    cable_covariance,
+    count_variance,
+    covariance_root,
+    solved_covariance,
+    unsolved_columns,
+    zero_temperature,
+)
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.status import Status
@@ -101,7 +109,9 @@ class Budget:
         self.scheme, self.scales, self.variance = scheme, rig.scales(), count_variance(rig)
         self.length_variance = length_variance(rig)
         """(m,) [mm^2] of a single length, the zero phase included: what lengths are weighed and told apart by."""
-        solved = factor_of(_without_point(scheme, _without_point(scheme, solved_covariance(rig, calibration)).T))
+        # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
+        width = np.sqrt(np.diag(cable_covariance(rig, calibration)))
+        solved = covariance_root(_without_point(scheme, _without_point(scheme, solved_covariance(rig, calibration)).T), width)
         dimensions = _without_point(scheme, unsolved_columns(rig, calibration))
         dimensions = dimensions[:, dimensions.any(axis=0)]
         self.parameters = np.column_stack([solved, dimensions])
@@ -353,14 +363,6 @@ def without_orientation(found: PoseCovariances) -> PoseCovariances:
     own, factors = found.own.copy(), found.factors.copy()
     own[:, :3] = factors[:, :3] = np.nan
     return replace(found, own=own, factors=factors)
-
-
-def factor_of(covariance: FloatArray) -> FloatArray:
-    """(p, r) F with F F^T the covariance, r its rank."""
-    values, vectors = np.linalg.eigh(covariance)
-    largest = float(values.max(initial=0.0))
-    kept = values > 1e-12 * largest if largest > 0.0 else np.zeros(len(values), np.bool_)
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
 def closure_factors(

@@ -1,8 +1,7 @@
-"""The trajectory: poses over time with their status and uncertainty, and its files."""
+"""The trajectory: poses over time with their status and uncertainty."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -153,39 +152,8 @@ class Summary:
         return "\n".join(lines)
 
 
-@contextmanager
-def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Iterator[Callable[[Trajectory], None]]:
-    """Write a trajectory in pieces, whole or not at all: .parquet or .csv with the columns of the contract, and the angles of a convention
-    when one is named; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, only what is known); .mcap with ROS 2
-    messages of poses and covariances (`ros.mcap_writer`). Parquet keeps `covers` in its metadata."""
-    if Path(path).suffix.lower() == ".mcap":
-        from lmeasure.trajectory.ros import mcap_writer
-
-        with mcap_writer(path, covers) as write_messages:
-            yield write_messages
-        return
-    if Path(path).suffix.lower() == ".tum":
-        with files.whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as out:
-
-            def write_lines(piece: Trajectory) -> None:
-                known = ~np.isnan(piece.poses).any(axis=1)
-                rows = np.column_stack([piece.time_s, piece.poses[:, :3] / 1000.0, piece.poses[:, 3:]])[known]
-                out.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
-
-            yield write_lines
-        return
-    with files.table_writer(path, {"uncertainty_covers": covers}) as write:
-        yield lambda piece: write(piece.columns(angles))
-
-
-def write_trajectory(path: Path, trajectory: Trajectory, angles: str | None = None) -> None:
-    """`trajectory_writer` for a trajectory in one piece."""
-    with trajectory_writer(path, trajectory.covers, angles) as write:
-        write(trajectory)
-
-
 def read_trajectory(path: Path) -> Trajectory:
-    """Read what `write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
+    """Read what `written.write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
     table = files.read_table(path)
     u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
     # a trajectory of another program may not tell the parts apart

@@ -8,15 +8,12 @@ then its stamps stay, and the noise that the motion shows about them is theirs.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.trajectory.evenly import clock, numbers
-
-if TYPE_CHECKING:
-    from lmeasure.trajectory.record import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -41,6 +38,17 @@ MEDIAN = 0.87
 """Median over mean of a sum of WINDOW - TERMS squares (chi-squared of 5)."""
 
 
+class Timed(Protocol):
+    """What is looked at of a trajectory: times (n,) [s], poses (n, 7) and their random covariances (n, 6, 6)."""
+
+    @property
+    def time_s(self) -> FloatArray: ...
+    @property
+    def poses(self) -> FloatArray: ...
+    @property
+    def random(self) -> FloatArray: ...
+
+
 @dataclass(frozen=True)
 class Stamps:
     """When samples were taken.
@@ -63,7 +71,7 @@ def sound(stamp_s: FloatArray) -> Stamps:
     return Stamps(stamp_s, stamp_s)
 
 
-def stamps_of(trajectory: "Trajectory") -> Stamps:
+def stamps_of(trajectory: Timed) -> Stamps:
     """The stamps of a trajectory, judged by its motion."""
     variances = np.einsum("nii->ni", trajectory.random)[:, 3:]
     return judged(trajectory.time_s, trajectory.poses[:, :3], np.sqrt(variances.mean(axis=1)))

@@ -12,9 +12,10 @@ from lmeasure.lengths import Lengths, counter_rate, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
 from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
-from lmeasure.trajectory.record import Summary, Trajectory, trajectory_writer
+from lmeasure.trajectory.record import Summary, Trajectory
 from lmeasure.trajectory.runs import covered, with_evidence
 from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.written import trajectory_writer
 
 Progress = Callable[[int, int], None]
 Each = Callable[[Counts, Lengths, Trajectory], None]

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from test_uncertainty import SAMPLES, calibrated, deviations, drawn, samples_of
 
 from lmeasure import covariances
+from lmeasure.accuracy.zone import covariance_factor
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import FileFormatError, TrajectoryError
 from lmeasure.lengths import Lengths, lengths_from_counts
 from lmeasure.rig import Rig
@@ -215,3 +217,36 @@ def test_a_trajectory_with_a_value_that_cannot_be_is_refused(column: str, value:
     pa.parquet.write_table(table.set_column(table.column_names.index(column), column, pa.array(values)), tmp_path / "t.parquet")
     with pytest.raises(FileFormatError, match=told):
         read_trajectory(tmp_path / "t.parquet")
+
+
+def recorded(parameters: dict[str, float], rig: Rig) -> CalibrationRecord:
+    """A record of independent parameters with these standard uncertainties."""
+    return CalibrationRecord.model_validate(
+        {
+            "rig": rig.name,
+            "parameters": [{"name": name, "value": 0.0, "u": u, "prior_u": 1.0} for name, u in parameters.items()],
+            "covariance": np.diag(np.square(list(parameters.values()))).tolist(),
+            "residuals": [],
+            "equations": 0,
+            "unknowns": len(parameters),
+            "rank": len(parameters),
+        }
+    )
+
+
+def test_a_well_known_angle_stays_beside_a_wide_prior() -> None:
+    """A thousandth of a degree, 1.7e-5 rad, is as much a source of error beside 0.3 m of another parameter as alone: no unit is small."""
+    rig = cell(None)
+    run = record(rig, *samples_of(), exact=True)
+    angle, wide = {"B1.guide_beta_deg": 0.001}, {"B2.axial_offset_mm": 300.0}
+    found = reconstruct(run)
+    alone, other, both = (
+        covariances(found, replace(run, calibration=recorded(parameters, rig))).factors for parameters in (angle, wide, angle | wide)
+    )
+    assert alone.shape[2] == other.shape[2] == 1
+    assert np.abs(alone).max() > 1e-6
+    expected = np.concatenate([alone, other], axis=2)
+    order = np.argsort([np.abs(both[..., k]).max() for k in range(both.shape[2])])
+    np.testing.assert_allclose(np.abs(both[..., order]), np.abs(expected), rtol=1e-9, atol=1e-12 * np.abs(alone).max())
+    of_zone = covariance_factor(rig, recorded(angle | wide, rig))
+    np.testing.assert_allclose(np.sqrt((of_zone**2).sum(axis=0)), np.sort([np.radians(0.001), 300.0]), rtol=1e-12)
