@@ -2,6 +2,9 @@
 
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
 
 import lmeasure
 
@@ -15,7 +18,9 @@ def test_every_public_name_is_there_and_documented() -> None:
 
 
 def test_version_is_that_of_the_installed_package() -> None:
-    assert lmeasure.__version__.count(".") == 2
+    """That of the project's file, from which the package was installed."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert lmeasure.__version__ == version("lmeasure") == project["version"]
 
 
 def test_a_name_that_is_not_there() -> None:

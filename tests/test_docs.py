@@ -89,7 +89,9 @@ def test_pictures_are_those_of_the_program(tmp_path: Path) -> None:
     """Drawn again, they are the committed ones, up to a tenth of a pixel in any number (rounding of another machine)."""
     subprocess.run([sys.executable, str(ROOT / "docs" / "draw_pictures.py"), str(tmp_path)], check=True)
     number = re.compile(r"-?\d+(?:\.\d+)?")
-    for drawn in tmp_path.iterdir():
+    every = sorted(tmp_path.iterdir())
+    assert [p.name for p in every] == sorted(p.name for p in (ROOT / "docs" / "images").glob("*.svg")) != []
+    for drawn in every:
         new, old = (p.read_text(encoding="utf-8") for p in (drawn, ROOT / "docs" / "images" / drawn.name))
         assert number.sub("0", new) == number.sub("0", old)
         assert [float(x) for x in number.findall(new)] == pytest.approx([float(x) for x in number.findall(old)], abs=0.11)

@@ -227,6 +227,28 @@ def test_nothing_grows_when_the_sync_stops() -> None:
     assert assembler.events.tally["missing_sync"] >= 19
 
 
+def test_a_sync_that_is_missing_takes_its_sample_with_it() -> None:
+    """Its frames belong to no sample; the one before keeps its own. A channel or two that send twice are no missing SYNC."""
+    gone = 20 * PER_SAMPLE
+    frames = FRAMES.take(np.delete(np.arange(len(FRAMES)), gone))
+    for pieces in ([frames], [frames.take(slice(a, a + 5)) for a in range(0, len(frames), 5)]):
+        got = counts_from_frames(RIG, pieces, FIELDS)
+        kept = np.delete(np.arange(100), 20)
+        np.testing.assert_array_equal(got.counts.recorded, COUNTS.recorded[kept])
+        np.testing.assert_allclose(got.counts.time_s, COUNTS.time_s[kept], rtol=0, atol=1e-12)
+        assert got.events.tally == {"missing_sync": 1}
+        (event,) = got.events.kept
+        assert (event.sample, event.kind, event.channel) == (20, "missing_sync", "")
+        assert event.text == "0.002 s without SYNC, frames of 6 channels without a sample"
+    for channels, told_of in ((3, {"conflict": 3}), (4, {"missing_sync": 1})):
+        # of so many channels the frames of the sample without its SYNC have come
+        frames = FRAMES.take(np.delete(np.arange(len(FRAMES)), [gone, *range(gone + 1 + channels, gone + PER_SAMPLE)]))
+        assert counts_from_frames(RIG, [frames], FIELDS).events.tally == told_of
+    # at the SYNC's own pace a channel that sends twice contradicts itself
+    twice = FRAMES.take(np.sort(np.r_[np.arange(len(FRAMES)), np.arange(gone + 1, gone + PER_SAMPLE)]))
+    assert counts_from_frames(RIG, [twice], FIELDS).events.tally == {"duplicate": 6}
+
+
 def test_nothing_grows_when_the_first_channel_falls_silent() -> None:
     rig = free_rig()
     frames, _ = free_frames(rig)

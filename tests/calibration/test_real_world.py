@@ -121,6 +121,41 @@ def test_poses_that_state_nothing() -> None:
     assert one.record.predicted["position_rms_mm"] < result.record.predicted["position_rms_mm"]
 
 
+def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a gross diagnosis has named is to be mended first: nothing is explained, and the covariance covers the residuals."""
+    seen: list[tuple[Problem, Fit]] = []
+
+    def first(problem: Problem, found: Fit, blamed: list[str]) -> Explained:
+        seen.append((problem, found))
+        return explain_misfit(problem, found, blamed)
+
+    monkeypatch.setattr(solve, "explain_misfit", first)
+    for case, codes in (
+        (Case(u_mm=0.5), ["misfit"]),
+        (Case(u_mm=0.5, stated=None, poses=30), ["assumed_position", "assumed_rotation", "misfit"]),
+    ):
+        calibrate(make(case, 1).campaign)
+        problem, found = seen[-1]
+        explained = explain_misfit(problem, found, ["c2", "slip"])
+        assert [w.code for w in explained.findings] == codes
+        rms = float(np.sqrt(np.mean(found.residuals**2)))
+        assert (
+            explained.findings[-1].text == f"residuals of {rms:.3g} mm rms exceed the noise; look first at what is named above (c2, slip)"
+        )
+        assert explained.findings[-1].value == rms
+        assert explained.problem is problem
+        excess = found.chi2 / found.freedom
+        assert excess > 1.5
+        assert explained.fit.excess == excess
+        np.testing.assert_allclose(explained.fit.covariance, found.covariance * excess, rtol=1e-12)
+        assert explained.estimated
+        assert (explained.u_length_mm > 0.02).all()
+    # where residuals are as stated there is nothing to be said
+    calibrate(make(Case(), 1).campaign)
+    sound = explain_misfit(*seen[-1], ["c2"])
+    assert (sound.findings, sound.estimated, sound.fit) == ([], False, seen[-1][1])
+
+
 @pytest.fixture
 def blundering(monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], None]:
     """Makes calibrations blunder: they believe no pose any more, and lose the rig along what the counts see weakly; always, or only where

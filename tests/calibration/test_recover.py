@@ -22,7 +22,7 @@ def compare(drawn: Drawn, result: Calibration) -> None:
     record = result.record
     error = np.array([p.value for p in record.parameters]) - true_values(drawn, [p.name for p in record.parameters])
     square = float(error @ np.linalg.solve(record.covariance_matrix(), error))
-    assert square < scipy.stats.chi2.isf(CHANCE, len(error))
+    assert scipy.stats.chi2.ppf(CHANCE, len(error)) < square < scipy.stats.chi2.isf(CHANCE, len(error))
     rng = np.random.default_rng(9)
     rows = np.column_stack([rng.uniform(-300, 300, (100, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (100, 3))).as_quat()])
     rows = np.vstack([drawn.campaign.poses.rows[:1], rows])
@@ -61,17 +61,20 @@ OPTIONS = {
 @pytest.mark.parametrize("option", OPTIONS)
 def test_regions_hold_the_truth_as_often_as_they_say(option: str, noise: str) -> None:
     """The short form of benchmarks/calibration_coverage.py, over every option."""
-    inside = campaigns = 0
+    inside, below = 0, []
     for seed in range(16):
         drawn = draw(500 + seed, poses=20 + seed % 6, noise=noise)
         record = calibrate(drawn.campaign, OPTIONS[option]).record
         if record.rank < record.unknowns:
             continue
         error = np.array([p.value for p in record.parameters]) - true_values(drawn, [p.name for p in record.parameters])
-        inside += float(error @ np.linalg.solve(record.covariance_matrix(), error)) <= record.region["factor"] ** 2
-        campaigns += 1
-    assert campaigns >= 8
-    assert scipy.stats.binomtest(inside, campaigns, 0.95, alternative="less").pvalue > 1e-3
+        square = float(error @ np.linalg.solve(record.covariance_matrix(), error))
+        inside += square <= record.region["factor"] ** 2
+        below.append(scipy.stats.chi2.cdf(square, len(error)))
+    assert len(below) >= 8
+    assert scipy.stats.binomtest(inside, len(below), 0.95, alternative="less").pvalue > 1e-3
+    # nor is the covariance wider than the errors are: their probabilities under it are anywhere from 0 to 1
+    assert abs(np.mean(below) - 0.5) < 4.0 / np.sqrt(12 * len(below))
 
 
 POINT: dict[str, Any] = {"points": 6, "poses": 24, "attachments": 1, "off": (3.0, 0.0), "spread": (500.0, 0.3)}

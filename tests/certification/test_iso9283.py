@@ -125,3 +125,55 @@ def test_what_the_robot_does_not_reach_is_nan() -> None:
     assert iso9283_time.stabilisation_time(time_s, np.zeros(3), 1.0) == 0.0
     assert iso9283_time.overshoot(iso9283_time.excursion(np.array([[5.0, 0.5, 0.6], [5.0, 0.2, 0.3]]), 1.0), 1.0) == 0.0
     assert iso9283_path.stabilisation_length(time_s, np.zeros(3), 1.0) == 0.0
+
+
+DRAWN = {
+    **dict.fromkeys(
+        ("distance_accuracy", "distance_accuracy_components", "distance_repeatability", "distance_repeatability_components"), (0, 1)
+    ),
+    **dict.fromkeys(("stabilisation_time", "stabilisation_length"), (1,)),
+    "posing_time": (1, 2),
+}
+"""Which of a figure's arguments are drawn, where it is not the first alone."""
+GROUPED = {name for name in EXAMPLES if name.startswith(("multidirectional", "drift", "exchangeability"))}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_draws_and_their_draws_in_front_of_every_figure(name: str) -> None:
+    """Two axes of draws give what each draw gives alone."""
+    given_ = [np.array(a) if isinstance(a, list) else a for a in EXAMPLES[name]["given"]]
+    rng = np.random.default_rng(1)
+    axis = 1 if name in GROUPED else 0
+    drawn = {i: given_[i] * (1.0 + 0.1 * rng.random((2, 3, *given_[i].shape))) for i in DRAWN.get(name, (0,))}
+
+    def at(select: Any) -> Any:
+        return function(name)(*(select(drawn[i], i) if i in drawn else a for i, a in enumerate(given_)))
+
+    together = np.asarray(at(lambda values, i: np.moveaxis(values, 2, 0) if axis else values))
+    assert together.shape[:2] == (2, 3)
+    for j, k in np.ndindex(2, 3):
+        np.testing.assert_allclose(together[j, k], at(lambda values, i, j=j, k=k: values[j, k]), rtol=1e-12, atol=1e-12)
+
+
+def test_on_the_limit_is_within_it() -> None:
+    time_s = np.array([0.0, 0.1, 0.2, 0.3])
+    # it enters with its second sample and stays on the limit
+    assert iso9283_time.stabilisation_time(time_s, np.array([5.0, 1.0, 1.0, 0.5]), 1.0) == 0.0
+    assert iso9283_time.last_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
+    assert iso9283_time.first_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
+    assert iso9283_time.overshoot(np.array([0.5, 1.0]), 1.0) == 0.0
+    assert iso9283_time.departure(time_s, np.array([1.0, 1.0, 3.0, 4.0]), 1.0) == pytest.approx(0.1)
+    assert iso9283_path.stabilisation_length(time_s, np.array([3.0, 1.0, 1.0, 1.0]), 1.0) == pytest.approx(0.1)
+    assert iso9283_path.stabilisation_length(time_s, np.array([5.0, 1.0, 0.0, 0.0]), 2.0) == pytest.approx(0.075)
+
+
+def test_compliance_by_forces_of_all_axes_and_small_ones() -> None:
+    """C is found whatever the forces are, also those below a newton, and its columns where one acted."""
+    rng = np.random.default_rng(2)
+    compliance, forces = rng.normal(size=(3, 3)), rng.normal(size=(6, 3)) * 0.1
+    positions = np.array([10.0, 20.0, 30.0]) + forces @ compliance.T
+    np.testing.assert_allclose(iso9283_pose.static_compliance(positions, forces), compliance, rtol=1e-9)
+    forces[:, 1] = 5.0  # a load that stays is none
+    found = iso9283_pose.static_compliance(np.array([1.0, 2.0, 3.0]) + forces @ compliance.T, forces)
+    assert np.isnan(found[:, 1]).all()
+    np.testing.assert_allclose(found[:, [0, 2]], compliance[:, [0, 2]], rtol=1e-9)

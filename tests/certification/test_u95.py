@@ -8,7 +8,7 @@ from made_trajectories import UNIT, StatedErrors, by_name, dwells, made_campaign
 from numpy.typing import NDArray
 
 from lmeasure.certification import Characteristic, Settings, evaluate
-from lmeasure.certification.uncertainty import reduction
+from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED, reduction, reduction_of_mean
 from lmeasure.program import Program
 
 FloatArray = NDArray[np.float64]
@@ -215,3 +215,31 @@ def test_a_small_variation_by_approach_has_an_honest_interval(apart: float) -> N
         )
         inside.append(abs(found["vAP_p", "P1"].value - apart) <= found["vAP_p", "P1"].u95)
     assert np.mean(inside) >= 0.9  # 95 % of 100, less two standard deviations
+
+
+def test_the_least_vector_that_could_have_been_measured_so_long() -> None:
+    """Of one axis: shorter by 1.64 standard deviations, so that errors make it as long as it was measured once in twenty times."""
+    length, u = 2.0, 0.3
+    least = length * float(reduction_of_mean(length**2, u**2, 1))
+    measured = least + u * np.random.default_rng(5).normal(size=200_000)
+    assert np.mean(measured > length) == pytest.approx(0.05, abs=0.002)
+    # of three, an error across it lengthens it too: two thirds of their trace are taken away first
+    across = np.sqrt(length**2 - 2 * u**2)
+    assert float(reduction_of_mean(length**2, 3 * u**2, 3)) == pytest.approx(
+        (across - NORMAL_95_ONE_SIDED * np.sqrt(3) * u) / length, rel=1e-12
+    )
+    # what may as well be nothing is nothing, and what has no errors stays
+    few = NORMAL_95_ONE_SIDED**2 + 2.0 / 3.0
+    for observed, factor in ((0.0, 0.0), (0.5, 0.0), (0.999 * few, 0.0)):
+        assert float(reduction_of_mean(observed, 1.0, 3)) == factor
+    assert 0.0 < float(reduction_of_mean(1.001 * few, 1.0, 3)) < 0.01
+    np.testing.assert_allclose(reduction_of_mean(np.array([4.0, 9.0]), np.zeros(2), 3), 1.0)
+
+
+def test_the_least_scatter_that_could_have_been_observed() -> None:
+    """Errors add their mean square to that of the deviations; of few degrees of freedom the observed one may be larger than its law."""
+    assert float(reduction(4.0, 1.0)) == pytest.approx(np.sqrt(3.0 / 4.0), rel=1e-12)
+    least = 4.0 / (1.0 + NORMAL_95_ONE_SIDED * np.sqrt(2.0 / 8.0))
+    assert float(reduction(4.0, 1.0, 8)) == pytest.approx(np.sqrt((least - 1.0) / 4.0), rel=1e-12)
+    np.testing.assert_array_equal(reduction(np.array([1.0, 0.0, 0.9]), 1.0), 0.0)
+    np.testing.assert_array_equal(reduction(np.array([1.0, 2.0]), 0.0), 1.0)

@@ -160,8 +160,28 @@ def test_drum_is_a_hypotenuse() -> None:
 
 
 def test_published_drum_geometry() -> None:
-    """|E_1 B_H| of the recomputed example of thesis 5.5 from its two legs."""
-    assert math.hypot(149.756507, 20.0) == pytest.approx(151.086106, abs=1e-6)
+    """|E_1 B_H| of the recomputed example of thesis 5.5: wound until the cable comes straight from the drum, its 20 mm of travel used up,
+    the stretch to the pulley is the leg 149.756507 where it was 151.086106."""
+    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row[0, 10:14] = 149.756507, 20.0, -0.01, 0.0125
+    change = cable.changes_from_counts(row, np.array([[2000.0]]))[0, 0]
+    assert change - 2000 * 0.0125 == pytest.approx(151.086106 - 149.756507, abs=1e-6)
+
+
+def test_straight_cables_are_drawn_from_their_point() -> None:
+    """Without a pulley centre and tangent point are the observation point itself, and nothing is wrapped, whatever the cable beside it."""
+    row = np.zeros((2, cable.CABLE_COLUMNS))
+    row[:, :3], row[:, 3:6], row[:, 7:10] = (10.0, -20.0, 30.0), (0.0, 1.0, 0.0), (5.0, 6.0, 7.0)
+    row[1, 6] = 25.0
+    turned = np.array([400.0, 500.0, -600.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
+    centre, tangent, point, angle = (x[0] for x in cable.wrap_geometry(row, turned[None]))
+    np.testing.assert_array_equal(centre[0], row[0, :3])
+    np.testing.assert_array_equal(tangent[0], row[0, :3])
+    np.testing.assert_allclose(point, np.tile([394.0, 505.0, -593.0], (2, 1)), rtol=1e-14)
+    assert angle[0] == 0.0
+    assert angle[1] > 0.1
+    length = cable.span_lengths(row, turned[None])[0, 0]
+    assert length == pytest.approx(np.linalg.norm(point[0] - row[0, :3]), rel=1e-15)
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)

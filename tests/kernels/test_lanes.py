@@ -153,3 +153,19 @@ def test_a_tile_is_taken_up_to_75_degrees_in_every_lane(degrees: float, safe: bo
     tile[lanes.DETERMINANT] = 1.0
     tile[lanes.ANGLE, 17] = np.radians(degrees)
     assert lanes._safe(tile.ravel(), 1.0) == safe
+
+
+def test_tiles_are_taken(rows: FloatArray) -> None:
+    """Sample by sample a motion that stands at every second one needs other numbers of steps there than where it moves; a tile has one.
+    Where nothing forbids them all tiles are taken, where the motion is too fast for them none."""
+    whole = lanes.COARSE * 16
+    standing = np.repeat(path(whole // 2, speed=3.0), 2, axis=0)
+    one, many = both(rows, changes(rows, standing))
+    assert_same(one, many)
+    tiles = many[2].reshape(-1, lanes.WIDTH)
+    assert (tiles == tiles[:, :1]).all()
+    assert (tiles > 0).all()
+    assert (one[2].reshape(-1, lanes.WIDTH).min(axis=1) < one[2].reshape(-1, lanes.WIDTH).max(axis=1)).all()
+    fast = np.repeat(path(whole // 2, speed=60.0), 2, axis=0)
+    one, many = both(rows, changes(rows, fast))
+    np.testing.assert_array_equal(many[2], one[2])

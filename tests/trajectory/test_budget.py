@@ -250,3 +250,28 @@ def test_a_well_known_angle_stays_beside_a_wide_prior() -> None:
     np.testing.assert_allclose(np.abs(both[..., order]), np.abs(expected), rtol=1e-9, atol=1e-12 * np.abs(alone).max())
     of_zone = covariance_factor(rig, recorded(angle | wide, rig))
     np.testing.assert_allclose(np.sqrt((of_zone**2).sum(axis=0)), np.sort([np.radians(0.001), 300.0]), rtol=1e-12)
+
+
+def test_a_point_that_is_measured_itself_does_not_err_by_where_it_is_on_the_tool() -> None:
+    """Cables to one point measure that point: a record's attachment point has no part in its place, whatever it has in the tool's."""
+    body = cell()
+    rig = cell(cable=[dict(c, to="P1") for c in body.to_dict()["cable"]])
+    attachment, own = {"tool.P1.x_mm": 0.5, "tool.P1.z_mm": 0.5}, {"B1.x_mm": 0.05, "B4.pulley_radius_mm": 0.02}
+    # correlated with what does have a part
+    both = recorded(own | attachment, rig)
+    tied = np.array(both.covariance)
+    tied[[0, 2, 1, 3], [2, 0, 3, 1]] = 0.5 * np.repeat([0.05 * 0.5, 0.02 * 0.5], 2)
+    both = both.model_copy(update={"covariance": tuple(map(tuple, tied.tolist()))})
+    run = record(rig, *motion(40))
+    alone, found = (covariances(reconstruct(r), r) for r in (replace(run, calibration=c) for c in (recorded(own, rig), both)))
+    assert np.sqrt(np.einsum("nii->ni", alone.systematic[:, 3:, 3:])).max() > 1e-4
+    np.testing.assert_allclose(found.systematic[:, 3:, 3:], alone.systematic[:, 3:, 3:], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        reconstruct(replace(run, calibration=both)).systematic[:, 3:, 3:], alone.systematic[:, 3:, 3:], rtol=1e-9, atol=1e-15
+    )
+    # in a pose it has
+    run = record(body, *motion(40))
+    without, with_it = (
+        covariances(reconstruct(r), r) for r in (replace(run, calibration=recorded(c, body)) for c in (own, own | attachment))
+    )
+    assert with_it.systematic[-1].trace() > 1.1 * without.systematic[-1].trace()

@@ -1,0 +1,347 @@
+"""Do the tests see when the core is wrong? One small fault at a time is put into a copy of a file, and its tests are run.
+
+    python benchmarks/mutants.py [--files PART ...] [--sample N] [--seed N] [--limit-s N] [--list]
+
+A fault is an operator, a comparison, a constant, a condition or a statement changed; `--list` prints them without running anything. A fault
+that no test sees in time survives; one that hangs is killed. Kernels are compiled anew for each fault, without the compiler's optimisation.
+Survivors that change nothing which could be seen are named, with the reason, in `equivalent_mutants.toml`, by the text of their line.
+Writes `benchmarks/results/mutants.md`; files that are not asked for keep what stands there of them.
+"""
+
+import argparse
+import ast
+import importlib
+import itertools
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+MOST_MEMORY = 8 << 30
+LIBRARIES = (
+    "numba", "scipy.stats", "scipy.optimize", "scipy.spatial.transform", "pandas", "xarray", "pyarrow", "pydantic", "typer",
+    "mpmath", "cryptography", "h5py", "lxml", "can", "plotly", "tomli_w",
+)  # fmt: skip
+EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
+
+CORE = {
+    "kernels/cable.py": ["tests/kernels/test_cable.py"],
+    "kernels/counter.py": ["tests/acquisition/test_counters.py"],
+    "kernels/screw.py": ["tests/kernels/test_screw.py"],
+    "kernels/lanes.py": ["tests/kernels/test_lanes.py"],
+    "kernels/least_squares.py": ["tests/trajectory/test_schemes.py"],
+    "kernels/zone.py": ["tests/accuracy/test_zone.py"],
+    "kernels/zone_rows.py": ["tests/accuracy/test_zone.py"],
+    "kernels/zone_lanes.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py"],
+    "kernels/zone_linked.py": ["tests/accuracy/test_zone.py"],
+    "calibration/refine.py": ["tests/calibration/test_recover.py", "tests/calibration/test_robust.py"],
+    "calibration/misfit.py": ["tests/calibration/test_real_world.py"],
+    "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
+    "certification/iso9283_pose.py": ["tests/certification/test_iso9283.py"],
+    "certification/iso9283_path.py": ["tests/certification/test_iso9283.py"],
+    "certification/iso9283_time.py": ["tests/certification/test_iso9283.py"],
+    "certification/uncertainty.py": ["tests/certification/test_u95.py"],
+    "certification/verify.py": ["tests/certification/test_verify.py"],
+    "certification/again.py": ["tests/certification/test_verify.py"],
+    "acquisition/samples.py": ["tests/acquisition/test_samples.py"],
+    "accuracy/zone.py": ["tests/accuracy/test_zone.py"],
+}
+"""Files of the package, and the tests that are to see a fault in them."""
+
+ARITHMETIC = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.FloorDiv: "*", ast.Mod: "*", ast.Pow: "*"}
+COMPARED = {
+    ast.Lt: ("<=", ">="), ast.LtE: ("<", ">"), ast.Gt: (">=", "<="), ast.GtE: (">", "<"), ast.Eq: ("!=",), ast.NotEq: ("==",),
+    ast.Is: ("is not",), ast.IsNot: ("is",), ast.In: ("not in",), ast.NotIn: ("in",),
+}  # fmt: skip
+AUGMENTED = {ast.Add: "-=", ast.Sub: "+=", ast.Mult: "/=", ast.Div: "*=", ast.BitOr: "&=", ast.BitAnd: "|="}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A fault: what stands from start to end of a file's text (offsets in characters), in that line, and what is put in its place."""
+
+    file: str
+    line: int
+    source: str
+    start: int
+    end: int
+    old: str
+    new: str
+    which: int = 1
+    """Of the changes of one line that read alike."""
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What names it whatever its line's number: file, line's text, the change."""
+        return self.file, self.source, self.change
+
+    @property
+    def change(self) -> str:
+        """The change, as it is written of it."""
+        return f"{' '.join(self.old.split())} -> {self.new}" + (f" ({self.which})" if self.which > 1 else "")
+
+    def applied(self, text: str) -> str:
+        """The file's text with the fault."""
+        return text[: self.start] + self.new + text[self.end :]
+
+
+def mutants_of(file: str, text: str) -> list[Mutant]:
+    """All faults of a file, in its order."""
+    lines = text.splitlines(keepends=True)
+    begins = [0]
+    for line in lines:
+        begins.append(begins[-1] + len(line))
+
+    def place(line: int, column: int) -> int:
+        # columns of ast count bytes
+        return begins[line - 1] + len(lines[line - 1].encode()[:column].decode())
+
+    def made(node: ast.expr | ast.stmt, start: int, end: int, new: str) -> Mutant:
+        return Mutant(file, node.lineno, lines[node.lineno - 1].strip(), start, end, text[start:end], new)
+
+    def span(node: ast.expr | ast.stmt) -> tuple[int, int]:
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
+        return place(node.lineno, node.col_offset), place(node.end_lineno, node.end_col_offset)
+
+    def between(left: ast.expr, right: ast.expr, tokens: str, new: str, node: ast.expr) -> Iterator[Mutant]:
+        """The operator that stands between two operands, brackets and comments apart."""
+        start, end = span(left)[1], span(right)[0]
+        at = text[start:end].find(tokens)
+        if at >= 0 and "#" not in text[start : start + at]:
+            yield made(node, start + at, start + at + len(tokens), new)
+
+    def faults(node: ast.AST) -> Iterator[Mutant]:
+        match node:
+            case ast.BinOp(left, op, right) if type(op) in ARITHMETIC:
+                yield from between(left, right, _TOKENS[type(op)], ARITHMETIC[type(op)], node)
+            case ast.Compare(left, ops, comparators):
+                for one, compared, other in zip([left, *comparators], ops, comparators, strict=False):
+                    for new in COMPARED[type(compared)]:
+                        yield from between(one, other, _TOKENS[type(compared)], new, node)
+            case ast.BoolOp(op, values):
+                tokens = ("and", "or") if isinstance(op, ast.And) else ("or", "and")
+                for one, other in itertools.pairwise(values):
+                    yield from between(one, other, *tokens, node)
+            case ast.UnaryOp(op) if isinstance(op, ast.USub | ast.Not | ast.Invert):
+                start = span(node)[0]
+                yield made(node, start, start + (3 if isinstance(op, ast.Not) else 1), "")
+            case ast.Constant(value) if isinstance(value, bool):
+                yield made(node, *span(node), str(not value))
+            case ast.Constant(value) if isinstance(value, int):
+                yield made(node, *span(node), str(value + 1))
+            case ast.Constant(value) if isinstance(value, float):
+                yield made(node, *span(node), repr(1.5 * value if value else 1.0))
+            case ast.If(test) | ast.While(test) | ast.IfExp(test):
+                yield made(test, *span(test), f"(not ({ast.get_source_segment(text, test)}))")
+            case ast.AugAssign(target, op, value) if type(op) in AUGMENTED:
+                start, end = span(target)[1], span(value)[0]
+                at = text[start:end].find("=") + start + 1
+                yield made(node, at - 2, at, AUGMENTED[type(op)])
+            case ast.Expr(ast.Call()) | ast.Assign([ast.Subscript() | ast.Attribute()]):
+                yield made(node, *span(node), "pass")
+            case ast.Continue() | ast.Break():
+                yield made(node, *span(node), "pass")
+
+    out: list[Mutant] = []
+
+    def visit(node: ast.AST) -> None:
+        out.extend(faults(node))
+        for name, value in ast.iter_fields(node):
+            # types, decorators and texts are no numerics; f-strings hold messages
+            if name in {"annotation", "returns", "decorator_list", "type_comment"} or isinstance(node, ast.JoinedStr):
+                continue
+            for child in value if isinstance(value, list) else [value]:
+                if isinstance(child, ast.AST):
+                    visit(child)
+
+    visit(ast.parse(text))
+    seen: Counter[tuple[int, str]] = Counter()
+    apart = []
+    for m in sorted(out, key=lambda m: (m.start, m.end, m.new)):
+        if _is_python(m.applied(text)):
+            seen[m.line, m.change] += 1
+            apart.append(replace(m, which=seen[m.line, m.change]))
+    return apart
+
+
+def _is_python(text: str) -> bool:
+    try:
+        ast.parse(text)
+    except SyntaxError:
+        return False
+    return True
+
+
+_TOKENS = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "//", ast.Mod: "%", ast.Pow: "**",
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.Is: "is", ast.IsNot: "is not",
+    ast.In: "in", ast.NotIn: "not in",
+}  # fmt: skip
+
+
+class Copy:
+    """A copy of the project in which faults are put."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder / "project"
+        self.kept = folder / "kept"
+        shutil.copytree(ROOT, self.root, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "*.egg-info", ".*_cache", "build"))
+
+    def passes(self, tests: list[str], limit_s: float) -> bool:
+        """Whether the tests pass in time, in a fork of this process, which has loaded all libraries and nothing of the project."""
+        child = os.fork()
+        if not child:
+            os.setsid()
+            self._become_pytest(tests)
+        until = time.monotonic() + limit_s
+        while time.monotonic() < until:
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                return os.waitstatus_to_exitcode(status) == 0
+            time.sleep(0.02)
+        os.killpg(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        return False
+
+    def _become_pytest(self, tests: list[str]) -> NoReturn:
+        code = 1
+        try:
+            quiet = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(quiet, 1)
+            os.dup2(quiet, 2)
+            resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+            os.chdir(self.root)
+            os.environ |= {"PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "XDG_CACHE_HOME": str(self.kept)}
+            sys.dont_write_bytecode = True
+            sys.path[0] = str(self.root)
+            code = int(
+                pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0", "-W", "ignore:Cannot cache compiled", *tests])
+            )
+        finally:
+            os._exit(code)
+
+    def killed(self, mutant: Mutant, tests: list[str], limit_s: float) -> bool:
+        """Whether the tests see the fault."""
+        path = self.root / "lmeasure" / mutant.file
+        text = path.read_text(encoding="utf-8")
+        kernels = mutant.file.startswith("kernels/")
+        before = {p.name for p in self._compiled()}
+        try:
+            path.write_text(mutant.applied(text), encoding="utf-8")
+            return not self.passes(tests, limit_s)
+        finally:
+            path.write_text(text, encoding="utf-8")
+            for folder in self._compiled() if kernels else ():
+                if folder.name not in before:
+                    shutil.rmtree(folder)
+
+    def _compiled(self) -> list[Path]:
+        return list((self.kept / "lmeasure").glob("kernels-*"))
+
+
+def equivalents() -> dict[tuple[str, str, str], str]:
+    """Why a fault changes nothing that could be seen, by its key."""
+    if not EQUIVALENT.exists():
+        return {}
+    table = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8"))
+    return {(m["file"], m["line"], m["change"]): m["why"] for m in table["mutant"]}
+
+
+def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: float) -> str:
+    """The section of the report about a file."""
+    text = (ROOT / "lmeasure" / file).read_text(encoding="utf-8")
+    every = mutants_of(file, text)
+    chosen = (
+        every if sample is None else sorted(random.Random(f"{seed} {file}").sample(every, min(sample, len(every))), key=lambda m: m.start)
+    )
+    known = equivalents()
+    survivors, dead = [], 0
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Copy(Path(folder))
+        if not copy.passes(tests, longest_s):
+            raise SystemExit(f"{file}: its tests do not pass without a fault within {longest_s:g} s: {' '.join(tests)}")
+        begun = time.monotonic()
+        assert copy.passes(tests, longest_s)
+        limit_s = min(longest_s, 20.0 + 5.0 * (time.monotonic() - begun) + (120.0 if file.startswith("kernels/") else 0.0))
+        for number, mutant in enumerate(chosen, 1):
+            killed = copy.killed(mutant, tests, limit_s)
+            dead += killed
+            if not killed:
+                survivors.append(mutant)
+            print(f"{file} {number}/{len(chosen)} line {mutant.line}: {mutant.change}: {'killed' if killed else 'SURVIVES'}", flush=True)
+    same = [m for m in survivors if m.key in known]
+    told = len(chosen) - len(same)
+    lines = [
+        f"## {file}",
+        "",
+        f"{dead} of {told} killed ({len(every)} in the file, {len(chosen)} tried, {len(same)} equivalent), by {', '.join(tests)}.",
+        "",
+        *(
+            f"- line {m.line}, `{m.source}`: `{m.change}`: {'equivalent: ' + known[m.key] if m.key in known else 'survives'}"
+            for m in survivors
+        ),
+    ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def written(sections: dict[str, str]) -> str:
+    """The whole report."""
+    counts = [tuple(int(word) for word in (line.split()[0], line.split()[2])) for s in sections.values() for line in s.splitlines()[2:3]]
+    dead, told = (sum(c[i] for c in counts) for i in (0, 1))
+    head = "# Faults in the core, and whether tests see them\n\nMade by `python benchmarks/mutants.py`, which says what a fault is.\n"
+    total = f"\n**{dead} of {told} killed ({100 * dead / max(told, 1):.0f} %), equivalent ones apart.**\n"
+    return head + total + "".join("\n" + sections[file] for file in CORE if file in sections)
+
+
+def earlier(path: Path) -> dict[str, str]:
+    """Sections of the report that stands there, by file."""
+    if not path.exists():
+        return {}
+    parts = path.read_text(encoding="utf-8").split("\n## ")[1:]
+    return {part.split("\n", 1)[0]: f"## {part.rstrip()}\n" for part in parts}
+
+
+def main() -> None:
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--files", nargs="+", default=[""], help="parts of names, such as iso9283 or kernels/cable")
+    parser.add_argument("--sample", type=int, help="so many of each file, chosen by the seed; default all")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--limit-s", type=float, default=600.0, help="longest time of a file's tests")
+    parser.add_argument("--list", action="store_true", help="print the faults as JSON lines, run nothing")
+    parser.add_argument("--out", type=Path, default=RESULTS / "mutants.md")
+    asked = parser.parse_args()
+    files = [file for file in CORE if any(part in file for part in asked.files)]
+    if asked.list:
+        for file in files:
+            for m in mutants_of(file, (ROOT / "lmeasure" / file).read_text(encoding="utf-8")):
+                print(json.dumps({"file": m.file, "number": m.line, "line": m.source, "change": m.change}))
+        return
+    os.environ |= {"NUMBA_OPT": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    os.environ.pop("NUMBA_CACHE_DIR", None)
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    sections = earlier(asked.out)
+    for file in files:
+        sections[file] = run(file, CORE[file], asked.sample, asked.seed, asked.limit_s)
+        asked.out.write_text(written(sections), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,299 @@
+"""What `verify` finds in a certificate sealed with care: one fault at a time, each found by its own check and told in its own words."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+from made_trajectories import made_campaign
+
+from lmeasure.certification import Settings
+from lmeasure.certification.again import RELATIVE, compare, label
+from lmeasure.certification.bundle import CERTIFICATE, SIGNATURE, Difference, copy_into, entries, seal
+from lmeasure.certification.canonical import canonical
+from lmeasure.certification.certificate import certificate, identification
+from lmeasure.certification.environment import environment
+from lmeasure.certification.measure import Inputs, Measured, measure
+from lmeasure.certification.method import METHOD
+from lmeasure.certification.verify import Printer, Verification, read_certificate, told, verify
+from lmeasure.errors import CertificationError
+from lmeasure.trajectory import write_trajectory
+
+PAGE = "page.txt"
+
+
+def print_page(content: dict[str, Any], measured: Measured) -> bytes:
+    """A page that names the certificate and its figures."""
+    return "\n".join([content["id"], *map(label, content["characteristics"])]).encode()
+
+
+def text_of(content: bytes) -> str:
+    """Its text, whatever is blank; ValueError where it is none."""
+    return " ".join(content.decode("utf-8").split())
+
+
+PRINTERS = {PAGE: Printer(print_page, text_of), "more.txt": Printer(print_page, text_of, needed=False)}
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small certificate without a run, and its page."""
+    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("sound")
+    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1, cycles=3)
+    write_trajectory(source / "trajectory.csv", trajectory)
+    (source / "program.toml").write_text(tomli_w.dumps(program), encoding="utf-8")
+    inputs = Inputs(source / "trajectory.csv", source / "program.toml")
+    copies = inputs.copies()
+    copy_into(out, copies)
+    measured = measure(inputs, Settings(trials=200))
+    content = certificate(
+        measured, inputs, entries(out, sorted(copies)), created="2026-01-02T03:04:05Z", language="en", environment=environment()
+    )
+    (out / PAGE).write_bytes(print_page(content, measured))
+    (out / CERTIFICATE).write_bytes(canonical(content))
+    seal(out, content["id"], [])
+    return out
+
+
+@pytest.fixture
+def folder(sound: Path, tmp_path: Path) -> Path:
+    shutil.copytree(sound, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def content_of(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / CERTIFICATE).read_bytes()))
+
+
+def resealed(folder: Path, change: dict[str, Any], *, own_id: str | None = None, sealed_as: str | None = None) -> dict[str, Any]:
+    """The folder with a changed certificate, sealed anew; under ids that are not its own where those are given."""
+    content = content_of(folder) | change
+    content["id"] = own_id or identification(content)
+    (folder / CERTIFICATE).write_bytes(canonical(content))
+    seal(folder, sealed_as or content["id"], [])
+    return content
+
+
+def texts(found: Verification) -> list[str]:
+    return [str(d) for d in found.differences]
+
+
+def test_a_sound_one_is_sound(folder: Path) -> None:
+    content, seen = content_of(folder), []
+    found = verify(folder, printers=PRINTERS, progress=lambda done, total: seen.append((done, total)))
+    assert found == Verification(content["id"], (), len(content["characteristics"]))
+    assert found.exit_code == 0
+    assert found.figures > 10
+    assert seen[-1] == (400, 400)
+    digits = f"{content['id']}: every byte as sealed, all {found.figures} figures computed again and the same to the digit"
+    assert told(found, asked=False) == ["not signed: who made this folder is not shown by it", digits]
+
+
+def test_an_id_that_is_not_that_of_the_content(folder: Path) -> None:
+    own = content_of(folder)["id"]
+    resealed(folder, {}, own_id="LM-00000000-00000000")
+    assert texts(verify(folder)) == [f"certificate.json: id is LM-00000000-00000000, but its content gives {own}"]
+
+
+def test_a_manifest_of_another_certificate(folder: Path) -> None:
+    own = content_of(folder)["id"]
+    resealed(folder, {}, sealed_as="LM-1")
+    found = verify(folder)
+    assert texts(found) == [f"certificate.json: its id {own} is not that of the manifest, LM-1"]
+    assert found.certificate == own
+    # a manifest that names none contradicts nothing
+    seal(folder, "", [])
+    assert texts(verify(folder)) == []
+
+
+def test_a_digest_of_figures_that_is_not_theirs(folder: Path) -> None:
+    resealed(folder, {"figures_sha256": "0" * 64})
+    assert texts(verify(folder)) == ["certificate.json: figures_sha256 is not that of its figures"]
+
+
+def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> None:
+    figures = content_of(folder)["characteristics"]
+    first = label(figures[0])
+    content = resealed(folder, {"method": METHOD + 1, "characteristics": [figures[0] | {"value": 5.0, "u95": 0.5}, *figures[1:]]})
+    found = verify(folder, printers=PRINTERS)
+    assert (texts(found), found.figures, found.exit_code) == ([], 0, 3)
+    assert found.skipped == (
+        f"figures: made by method {METHOD + 1}, today's is {METHOD}",
+        f"{PAGE}: what it prints, since another version of this program prints other texts",
+    )
+    assert found.beside[0] == f"figures by method {METHOD + 1}, as sealed, beside those by method {METHOD}:"
+    assert len(found.beside) == 1 + len(figures)
+    assert found.beside[1].startswith(f"{first}: sealed 5.0")
+    lines = told(found, asked=False)
+    assert lines[: len(found.beside)] == list(found.beside)
+    assert lines[-1] == f"{content['id']}: every byte as sealed; 2 not compared, named above"
+    # what no method has a part in is held all the same, and so is the id
+    resealed(folder, {"kind": "test certificate"}, own_id="LM-2")
+    assert [t.split(" is ")[0] for t in texts(verify(folder))] == ["certificate.json: kind", "certificate.json: id"]
+
+
+@pytest.mark.parametrize(("times", "differs"), [(0.8, False), (1.25, True)])
+def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: Path, times: float, differs: bool) -> None:
+    content = content_of(folder)
+    figures = content["characteristics"]
+    number = next(i for i, f in enumerate(figures) if abs(f["value"]) > f["u95"])
+    figures[number]["value"] *= 1.0 + times * RELATIVE
+    # less than its U95: what is allowed is a part of that
+    small = next(i for i, f in enumerate(figures) if 0.0 < abs(f["value"]) < 0.1 * figures[number]["value"] and f["u95"] == 0.0)
+    figures[small]["u95"] = times * RELATIVE * abs(figures[small]["value"])
+    resealed(folder, {"characteristics": figures, "environment": content["environment"] | {"numpy": "1.0"}})
+    found = verify(folder)
+    assert found.environment == (f"numpy 1.0, here {np.__version__}",)
+    assert [d.what for d in found.differences] == ([label(figures[number]), label(figures[small])] if differs else [])
+    assert found.largest == pytest.approx(times * RELATIVE, rel=1e-5)
+    lines = told(found, asked=False)
+    assert f"computed with numpy 1.0, here {np.__version__}" in lines
+    assert f"largest relative difference of a figure {found.largest:.2g}, allowed here 1e-06" in lines
+    assert lines[-1].endswith("2 differences" if differs else "the same within 1e-06")
+
+
+def test_what_is_allowed_is_a_millionth() -> None:
+    assert RELATIVE == 1e-6
+    figure = {"name": "AP_p", "pose": "P1", "value": 1e-3, "u95": 1.0, "unit": "mm", "capable": True}
+    base: dict[str, Any] = {"characteristics": [figure], "figures_sha256": ""}
+    base["id"] = identification(base)
+    for off, seen in ((0.9e-6, 0), (1.1e-6, 1)):
+        other = base | {"characteristics": [figure | {"value": 1e-3 + off}]}
+        out, largest = compare(base, other, exact=False)
+        assert len(out) == seen
+        assert largest == pytest.approx(off)
+        assert len(compare(base, other, exact=True)[0]) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"details": 1}, "details is missing"),
+        ({"inputs": {}}, "inputs is missing"),
+        ({"created": "yesterday"}, "created is not a date"),
+        ({"method": 0}, "method is not a number"),
+        ({"method": True}, "method is not a number"),
+        ({"method": 1.0}, "method is not a number"),
+        ({"language": "fr"}, "language is not one of en, ru"),
+        ({"schema": "lmeasure.certificate/2"}, "is not a certificate"),
+        ({"characteristics": [{"name": "AP_p"}]}, "lacks its name, value, unit, u95 or capable"),
+        ({"characteristics": ["AP_p"]}, "lacks its name"),
+        ({"characteristics": [{"name": "A", "value": "1", "unit": "mm", "u95": 0.0, "capable": True}]}, "A: value and u95 must be finite"),
+        ({"characteristics": [{"name": "A", "value": 1.0, "unit": "mm", "u95": None, "capable": True}]}, "A: value and u95 must be finite"),
+    ],
+)
+def test_a_table_that_is_no_certificate_is_named(folder: Path, change: dict[str, Any], said: str) -> None:
+    resealed(folder, change)
+    with pytest.raises(CertificationError, match=said):
+        read_certificate(folder / CERTIFICATE)
+    found = verify(folder)
+    assert said in texts(found)[0]
+    assert str(folder) not in texts(found)[0]
+    assert found.skipped == ("figures: see above",)
+
+
+def test_every_digit_is_as_it_is_written(folder: Path) -> None:
+    path = folder / CERTIFICATE
+    assert read_certificate(path) == content_of(folder)
+    assert read_certificate(path) == content_of(folder) | {"method": METHOD}
+    text = path.read_text(encoding="utf-8")
+    for other in (text.replace('"method": 2', '"method": 2,\n "method": 2'), text + "\n", text.replace('"value": ', '"value":  ', 1)):
+        path.write_text(other, encoding="utf-8")
+        with pytest.raises(CertificationError, match="is not written as lmeasure writes it"):
+            read_certificate(path)
+    for other in (text.replace('"value": ', '"value": NaN, "v": ', 1), text[:-3]):
+        path.write_text(other, encoding="utf-8")
+        with pytest.raises(CertificationError, match="is not JSON"):
+            read_certificate(path)
+    # of an infinite number only the digits stand in the file
+    path.write_text(text.replace('"u95": 0.0', '"u95": 1e999', 1), encoding="utf-8")
+    with pytest.raises(CertificationError, match="value and u95 must be finite"):
+        read_certificate(path)
+
+
+def test_inputs_that_were_changed_are_not_computed(folder: Path) -> None:
+    path = folder / "inputs" / "trajectory.csv"
+    path.write_bytes(path.read_bytes() + b"\n")
+    found = verify(folder)
+    assert [d.what for d in found.differences] == ["inputs/trajectory.csv"]
+    assert found.skipped == ("figures: the inputs are not those certified",)
+    assert found.figures == 0
+
+
+def test_files_that_are_no_part_of_a_certificate(folder: Path) -> None:
+    (folder / "note.txt").write_text("x")
+    (folder / "inputs" / "note.txt").write_text("x")
+    resealed(folder, {})
+    # without its printers it is not known what else may stand there
+    assert texts(verify(folder)) == ["inputs/note.txt: is no input of the certificate"]
+    assert texts(verify(folder, printers=PRINTERS)) == [
+        "inputs/note.txt: is no part of a certificate",
+        "note.txt: is no part of a certificate",
+    ]
+
+
+def test_pages_are_printed_again(folder: Path) -> None:
+    page = (folder / PAGE).read_bytes()
+    (folder / PAGE).write_bytes(page + b"\n")
+    # what the seal has named is not named twice
+    assert texts(verify(folder, printers=PRINTERS)) == [f"{PAGE}: was changed: {len(page) + 1} bytes instead of {len(page)}"]
+    content = resealed(folder, {})
+    assert texts(verify(folder, printers=PRINTERS)) == [f"{PAGE}: does not print what certificate.json says"]
+    # other libraries print other bytes: then the text counts
+    other = resealed(folder, {"environment": content["environment"] | {"typst": "0.1"}})
+    (folder / PAGE).write_bytes(page.replace(content["id"].encode(), other["id"].encode()) + b"\n")
+    resealed(folder, {})
+    assert texts(verify(folder, printers=PRINTERS)) == []
+    (folder / PAGE).write_bytes(page + b"and more")
+    resealed(folder, {})
+    assert texts(verify(folder, printers=PRINTERS)) == [f"{PAGE}: does not print what certificate.json says"]
+    (folder / PAGE).write_bytes(b"\xff")
+    resealed(folder, {})
+    assert texts(verify(folder, printers=PRINTERS))[0].startswith(f"{PAGE}: cannot be read: ")
+    # and another version of this program prints other texts
+    resealed(folder, {"environment": content["environment"] | {"lmeasure": "0.0.1"}})
+    found = verify(folder, printers=PRINTERS)
+    assert (texts(found), found.exit_code) == ([], 3)
+    assert found.skipped == (f"{PAGE}: what it prints, since another version of this program prints other texts",)
+    (folder / PAGE).unlink()
+    resealed(folder, {})
+    assert verify(folder, printers=PRINTERS).skipped == (f"{PAGE}: is not in the folder",)
+
+
+@pytest.fixture
+def stated() -> Callable[..., Verification]:
+    return lambda **changes: replace(Verification("LM-1", (), 7, "0123456789abcdef0123"), **changes)
+
+
+def test_whose_key_signed_it_is_only_said_where_it_was_asked(stated: Callable[..., Verification]) -> None:
+    signed = "signed by 0123456789abcdef: "
+    assert told(stated(), asked=True)[0] == signed + "the key asked for"
+    assert told(stated(), asked=False)[0] == signed + "a key nobody vouches for here"
+    other = stated(differences=(Difference(SIGNATURE, "is by another key"),))
+    assert told(other, asked=True)[:2] == ["signature.json: is by another key", signed + "a key nobody vouches for here"]
+    assert told(stated(differences=(Difference("a", "b"),)), asked=True)[1] == signed + "the key asked for"
+    assert told(stated(signer=None), asked=True)[0] == "not signed: who made this folder is not shown by it"
+    # a signature that cannot be read is named, and it is not said that there is none
+    broken = stated(signer=None, differences=(Difference(SIGNATURE, "is not one"),))
+    assert told(broken, asked=True) == ["signature.json: is not one", "LM-1: 1 difference"]
+
+
+def test_the_last_line_says_what_came_of_it(stated: Callable[..., Verification]) -> None:
+    one = Difference("a", "b")
+    assert told(stated(), asked=True)[-1] == "LM-1: every byte as sealed, all 7 figures computed again and the same to the digit"
+    assert told(stated(figures=0), asked=True)[-1] == "LM-1: every byte as sealed"
+    assert told(stated(differences=(one, one)), asked=True)[-1] == "LM-1: 2 differences"
+    assert told(stated(certificate="", differences=(one,)), asked=True)[-1] == "certificate: 1 difference"
+    skipped = told(stated(skipped=("x: y", "z")), asked=True)
+    assert skipped[:2] == ["not compared: x: y", "not compared: z"]
+    assert skipped[-1].endswith("the same to the digit; 2 not compared, named above")
+    other = told(stated(environment=("numpy 1.0, here 2.0",), largest=2e-9), asked=True)
+    assert other[1:3] == ["computed with numpy 1.0, here 2.0", "largest relative difference of a figure 2e-09, allowed here 1e-06"]
+    assert other[-1].endswith("computed again and the same within 1e-06")
+    assert len(told(stated(environment=("numpy 1.0, here 2.0",), figures=0), asked=True)) == 3
+    assert [stated(**c).exit_code for c in ({}, {"skipped": ("x",)}, {"differences": (one,), "skipped": ("x",)})] == [0, 3, 1]
