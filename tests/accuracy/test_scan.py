@@ -16,6 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from zone_rigs import cell, published
 
+from lmeasure.accuracy import scan
 from lmeasure.accuracy.bodies import Body
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import axis, make_plan, tilts
@@ -95,6 +96,26 @@ def test_places_without_a_sound_first_block_are_left_to_the_pivoted_kernel() -> 
     fast, _ = run(parallel)
     assert np.isfinite(slow).all()
     np.testing.assert_array_equal(fast, slow)
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_where_cables_run_lanes_do_every_node(linked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = plan_of(cell(0), 200.0, 50.0)
+    if linked:
+        factor = 0.02 * np.random.default_rng(7).standard_normal((78, 3))
+        plan = replace(plan, factor=factor)
+    left: list[int] = []
+    pivoted = scan._scalar
+
+    def counted(plan: Plan, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        left.append(len(positions))
+        return pivoted(plan, positions)
+
+    monkeypatch.setattr(scan, "_scalar", counted)
+    figures, flags = run(plan)
+    assert np.isfinite(figures[kernels.U95_POSITION]).all()
+    assert not flags.any()
+    assert left == []
 
 
 def test_same_bits_in_any_chunks_with_any_threads() -> None:

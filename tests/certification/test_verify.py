@@ -157,6 +157,68 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
     assert lines[-1].endswith("2 differences" if differs else "the same within 1e-06")
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "alike"),
+    [
+        ({"a": [1.0, "x"]}, {"a": [1.0 + 0.9e-6, "x"]}, True),
+        ({"a": [1.0, "x"]}, {"a": [1.0 + 1.1e-6, "x"]}, False),
+        ({"a": 1.0}, {"a": 1.0, "b": 1.0}, False),
+        ([1.0, 2.0], [1.0], False),
+        ([1.0], [1.0, 2.0], False),
+        (0.0, 0.9e-9, True),
+        (0.0, 1.1e-9, False),
+        (True, True, True),
+        (True, 1, True),
+        (True, 1.0 + 0.5e-6, False),
+        (None, None, True),
+        (None, 0.0, False),
+        ("U95 0.0123 mm", "U95 0.0124 mm", True),
+        ("U95 0.0123 mm", "U95 0.0125 mm", False),
+        ("U95 0.0123 mm", "U95 0.0123 deg", False),
+        ("U95 0.0123 mm", "U96 0.0123 mm", False),
+        ("1.5e-07 mm", "1.6e-07 mm", True),
+        ("5 poses", "6 poses", False),
+        ("5 poses", "5 poses 7", False),
+        ("1234567.0 s", "1234567.9 s", True),
+        ("2.5", "-2.5", False),
+    ],
+)
+def test_tables_alike_but_for_last_digits(one: Any, other: Any, alike: bool) -> None:
+    for a, b in ((one, other), (other, one)):
+        stated: dict[str, Any] = {"characteristics": [], "figures_sha256": "", "notes": a}
+        out, _ = compare(stated | {"id": identification(stated)}, stated | {"notes": b}, exact=False)
+        assert [d.what for d in out] == ([] if alike else [CERTIFICATE])
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "part"),
+    [
+        ({"upper": 2.0, "text": "to 0.012"}, {"upper": 2.0, "text": "to 0.013"}, 0.0),
+        ({"upper": 2.0, "lower": 1.0}, {"upper": 2.0 + 4e-7, "lower": 1.0 + 2e-7}, 2e-7),
+        ({"upper": 2.0}, {"upper": 2.0 + 4e-6}, 2e-6),
+        ({"upper": 2.0}, {"lower": 2.0}, np.inf),
+        ({"upper": 2.0}, {"upper": 2.0, "lower": 2.0}, np.inf),
+        ({}, 2.0, np.inf),
+        ("to 0.012", "to 0.013", 0.0),
+        ("to 0.012", "up to 0.012", np.inf),
+        ("2.0", 2.0, np.inf),
+        (None, 2.0, np.inf),
+        (True, False, np.inf),
+        (True, 1.0, 0.0),
+        ([1.0], [1.0 + 1e-9], np.inf),
+        (4.0, 4.0 + 4e-6, 1e-6 * (1 - 1e-4)),
+        (0.1, 0.1 + 4e-7, 4e-7),
+    ],
+)
+def test_entries_of_a_figure_differ_by_a_part_of_it(one: Any, other: Any, part: float) -> None:
+    """Of the figure, of its U95, or of the entry itself, whichever is largest; what is no number differs or does not."""
+    figure = {"name": "AP_p", "pose": "P1", "value": 0.5, "u95": 1.0, "unit": "mm", "capable": True, "more": one}
+    stated: dict[str, Any] = {"characteristics": [figure], "figures_sha256": ""}
+    out, largest = compare(stated | {"id": identification(stated)}, stated | {"characteristics": [figure | {"more": other}]}, exact=False)
+    assert [d.what for d in out] == (["AP_p of P1"] if part > RELATIVE else [])
+    assert largest == pytest.approx(part if np.isfinite(part) else 0.0, rel=1e-3)
+
+
 def test_what_is_allowed_is_a_millionth() -> None:
     assert RELATIVE == 1e-6
     figure = {"name": "AP_p", "pose": "P1", "value": 1e-3, "u95": 1.0, "unit": "mm", "capable": True}
@@ -210,6 +272,9 @@ def test_every_digit_is_as_it_is_written(folder: Path) -> None:
         path.write_text(other, encoding="utf-8")
         with pytest.raises(CertificationError, match="is not JSON"):
             read_certificate(path)
+    # methods are numbered from 1
+    path.write_text(text, encoding="utf-8")
+    assert resealed(folder, {"method": 1}) == read_certificate(path)
     # of an infinite number only the digits stand in the file
     path.write_text(text.replace('"u95": 0.0', '"u95": 1e999', 1), encoding="utf-8")
     with pytest.raises(CertificationError, match="value and u95 must be finite"):

@@ -168,6 +168,11 @@ def test_published_drum_geometry() -> None:
     assert change - 2000 * 0.0125 == pytest.approx(151.086106 - 149.756507, abs=1e-6)
 
 
+def test_the_guide_is_that_of_its_angles() -> None:
+    for alpha, beta in np.random.default_rng(4).uniform(-3.0, 3.0, (20, 2)):
+        np.testing.assert_allclose(cable.guide_direction(alpha, beta), [float(x) for x in oracles.guide(alpha, beta)], rtol=0, atol=1e-15)
+
+
 def test_straight_cables_are_drawn_from_their_point() -> None:
     """Without a pulley centre and tangent point are the observation point itself, and nothing is wrapped, whatever the cable beside it."""
     row = np.zeros((2, cable.CABLE_COLUMNS))

@@ -1,0 +1,131 @@
+"""A finite counter against its rules said again, slowly, on counters so small that every limit is met."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, STATE, UNSURE, follow, resume, runs_on, shortest
+
+
+def nearest(step: float, full: int) -> float:
+    """Of all steps that look alike the one from half a range back to less than half a range on."""
+    return next(step + k * full for k in range(-9, 10) if -full / 2 <= step + k * full < full / 2) if full else step
+
+
+@dataclass
+class Sample:
+    recorded: float
+    time_s: float
+    count: float = 0.0
+
+
+class Reference:
+    """A counter as its rules say it."""
+
+    def __init__(self, max_rate: float, full: int, least_s: float) -> None:
+        self.max_rate, self.full, self.least_s = max_rate, full, least_s
+        self.seen: Sample | None = None
+        self.good: Sample | None = None
+        self.lost = self.unsure = False
+
+    def way(self, sample: Sample, time_s: float) -> float:
+        """How far it may have gone since a sample, and a count of rounding."""
+        return self.max_rate * max(time_s - sample.time_s, self.least_s) + 1.0
+
+    def next(self, x: float, time_s: float) -> tuple[float, int]:
+        if np.isnan(x):
+            return np.nan, EMPTY
+        if self.full and not -self.full / 2 <= x < self.full:
+            return np.nan, FOREIGN
+        if self.seen is None or self.good is None:
+            self.seen = self.good = Sample(x, time_s, nearest(x, self.full))
+            return self.good.count, FOLLOWED
+        # a step that could not be loses the origin; where it is lost, one that could be leaves it lost
+        since = self.seen
+        if abs(nearest(x - self.seen.recorded, self.full)) > self.way(self.seen, time_s):
+            if self.lost:
+                since = self.good
+                self.lost = abs(nearest(x - since.recorded, self.full)) > self.way(since, time_s)
+            else:
+                self.lost = True
+        self.seen = Sample(x, time_s)
+        if self.lost:
+            return np.nan, JUMPED
+        if self.full and self.way(since, time_s) >= self.full / 2:
+            self.unsure = True
+        count = self.good.count + nearest(x - since.recorded, self.full)
+        self.good = Sample(x, time_s, count)
+        return count, UNSURE if self.unsure else FOLLOWED
+
+
+@settings(max_examples=600, deadline=None, derandomize=True)
+@given(
+    steps=st.lists(st.tuples(st.integers(-9, 9), st.sampled_from([0.0, 1.0, 2.0, 5.0]), st.integers(0, 9)), min_size=1, max_size=14),
+    full=st.sampled_from([0, 16, 8]),
+    rate=st.sampled_from([1.0, 2.0]),
+    least_s=st.sampled_from([0.0, 1.5]),
+    cut=st.integers(0, 14),
+)
+def test_a_counter_is_what_its_rules_say(steps: list[tuple[int, float, int]], full: int, rate: float, least_s: float, cut: int) -> None:
+    x, t = 0, 10.0
+    recorded, times = [], []
+    for step, pause, kind in steps:
+        x, t = x + step, t + pause
+        shown = (x + full // 2) % full - full // 2 if full else x
+        # an empty cell, what no counter shows, a signed counter or one from zero on
+        other = {0: np.nan, 1: full + 0.0, 2: -full / 2 - 1.0} | dict.fromkeys((3, 4, 5), float(x % full)) if full else {0: np.nan}
+        recorded.append(other.get(kind, float(shown)))
+        times.append(t)
+    reference = Reference(rate, full, least_s)
+    expected = [reference.next(a, b) for a, b in zip(recorded, times, strict=True)]
+    values, time_s, state = np.array(recorded), np.array(times), np.zeros(STATE)
+    parts = [resume(values[part], time_s[part], rate, float(full), state, least_s) for part in (slice(None, cut), slice(cut, None))]
+    np.testing.assert_array_equal(np.concatenate([p[1] for p in parts]), [kind for _, kind in expected])
+    np.testing.assert_array_equal(np.concatenate([p[0] for p in parts]), [count for count, _ in expected])
+    if least_s == 0.0:
+        whole = follow(values, time_s, rate, float(full))
+        np.testing.assert_array_equal(whole[0], [count for count, _ in expected])
+        np.testing.assert_array_equal(whole[1], [kind for _, kind in expected])
+
+
+@pytest.mark.parametrize(
+    ("step", "full", "found"), [(8.0, 16.0, -8.0), (-8.0, 16.0, -8.0), (7.5, 16.0, 7.5), (25.0, 16.0, -7.0), (99.0, 0.0, 99.0)]
+)
+def test_the_shortest_step(step: float, full: float, found: float) -> None:
+    assert shortest(step, full) == found
+
+
+def test_limits_of_what_a_counter_shows() -> None:
+    """Signed or from zero on: -8 to 15, and neither 16 nor -8.5; the first count is a signed one."""
+    counts, what = follow(np.array([15.0, 16.0, -1.0, -8.5, 0.0, -8.0]), np.arange(6.0), 2.0, 16.0)
+    assert what.tolist() == [FOLLOWED, FOREIGN, FOLLOWED, FOREIGN, FOLLOWED, JUMPED]
+    np.testing.assert_array_equal(counts, [-1.0, np.nan, -1.0, np.nan, 0.0, np.nan])
+    assert follow(np.array([-8.0]), np.zeros(1), 2.0, 16.0)[0][0] == -8.0
+
+
+@settings(max_examples=400, deadline=None, derandomize=True)
+@given(
+    steps=st.lists(st.tuples(st.integers(-5, 5), st.sampled_from([0.0, 1.0, 2.0])), min_size=0, max_size=5),
+    start=st.integers(-4, 4),
+    full=st.sampled_from([0, 6, 8]),
+    most=st.sampled_from([2.0, 3.0, 5.0]),
+    zero=st.integers(0, 2),
+    least=st.integers(0, 3),
+)
+def test_a_counter_to_which_nothing_happens_runs_on(
+    steps: list[tuple[int, float]], start: int, full: int, most: float, zero: int, least: int
+) -> None:
+    values = start + np.cumsum([0, *(s for s, _ in steps)])
+    times = 7.0 + np.cumsum([0.0, *(t for _, t in steps)])
+    allowed = 2.0 * np.diff(times) + 1.0
+    step = np.diff(values)
+    expected = bool(
+        (np.abs(step) <= allowed).all()
+        and (allowed <= most).all()
+        and (not full or ((step >= -(full // 2)) & (step < full // 2)).all())
+        and not ((np.abs(values[1:]) <= zero) & (np.abs(step) > least)).any()
+    )
+    assert runs_on(values[1:].astype(np.int64), times[1:], start, 7.0, full, 2.0, most, zero, least) == expected
