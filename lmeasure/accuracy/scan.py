@@ -38,6 +38,8 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[int, int], None]
 
 POSES_PER_CHUNK = 1_000_000
+ANSWER_S = 10.0
+"""Within which a scheduler must answer."""
 ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/:]+:\d{1,5}|(tcp|tls)://\[[0-9a-fA-F:]+\]:\d{1,5}")
 
 
@@ -265,7 +267,7 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
     if not ADDRESS.fullmatch(scheduler):  # a client of a wrong one does not go without a quarrel
         raise AccuracyError(f"--scheduler {scheduler!r}: is no address such as tcp://192.168.0.7:8786")
     try:
-        client = distributed.Client(scheduler, timeout=10, set_as_default=False)
+        client = distributed.Client(scheduler, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise AccuracyError(f"{scheduler}: no dask scheduler answers there: {_one_line(error)}") from error
     with client:

@@ -66,8 +66,8 @@ def _of_point(campaign: Campaign, name: str) -> Campaign:
     return of_cables(campaign, [j for j, c in enumerate(campaign.cables) if c.from_point == name])
 
 
-def solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise) -> Point:
-    """Coarse solutions, search boxes and the best of several polished starts for one observation point."""
+def solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise, roughly: bool = False) -> Point:
+    """Coarse solutions, search boxes and the best of several polished starts for one observation point; roughly as in `refine.fit`."""
     own = _of_point(campaign, name)
     unknowns = unknowns_of(own, settings.solve)
     model = Model(own, unknowns)
@@ -95,7 +95,8 @@ def solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise)
                 start[unknowns.names.index(key)] = value
         starts.append(start)
     best, *others = sorted(
-        (fit(model, start, noise, settings.prior) for start in _distinct(starts, unknowns.width)), key=lambda f: f.objective
+        (fit(model, start, noise, settings.prior, roughly=roughly) for start in _distinct(starts, unknowns.width)),
+        key=lambda f: f.objective,
     )
     rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]
     if best.rank < len(unknowns.names):

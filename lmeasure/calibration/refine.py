@@ -25,6 +25,7 @@ BoolArray = NDArray[np.bool_]
 MAX_STEPS = 100
 UNDECIDED = 25  # steps after which a direction that was undetermined once stays so
 SETTLED = 0.01  # of a standard uncertainty
+ROUGH = 1e-6  # of an objective: where those of hypotheses are compared, which differ by far
 FLOOR = 3.0  # standard uncertainties of the data, within which a step may also go along the valley
 ASSUMED = {"position": 0.1, "rotation": np.radians(0.02)}
 """Standard uncertainty [mm, rad] of reference poses that state none and cannot be judged by their residuals: an industrial robot's."""
@@ -248,15 +249,15 @@ class Whitened:
         return np.asarray(self._W * columns if self._W.shape[1] == 1 else self._W @ columns)
 
 
-def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool, near: bool = False) -> Fit:
+def fit(model: Model, start: FloatArray, noise: Noise, prior_everywhere: bool, near: bool = False, roughly: bool = False) -> Fit:
     """The optimum nearest to start (p,): first with the prior on every direction, which is always well posed; then, unless the prior is
     to act everywhere, the prior is taken off the directions that the data determine. near: start is an optimum under hardly different
-    weights, from where only the second part is needed."""
+    weights, from where only the second part is needed. roughly: objectives are compared that differ by far, few digits of them will do."""
     z = (start - model.unknowns.nominal) / model.unknowns.width
     converged, most = True, len(z)
     V = residual_covariance(model, start, noise)
     # the optimum needs many digits only where nothing follows it
-    precision = 1e-13 if prior_everywhere else 1e-7
+    precision = ROUGH if roughly else 1e-13 if prior_everywhere else 1e-7
     # V depends on theta where the poses are in error, and hardly: the second round has it at the optimum
     for again in range(2 if noise.stated else 1):
         w = Whitened(model, V)

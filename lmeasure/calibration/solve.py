@@ -164,7 +164,7 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
         progress(len(points), steps)
     everywhere = replace(settings, prior=True)
     stated = {p.name: fit(p.model, p.fit.theta, noise, prior_everywhere=True) for p in points}
-    gross = diagnosis.diagnose(campaign, stated, lambda other, name: solve_point(other, name, everywhere, noise).fit)
+    gross = diagnosis.diagnose(campaign, stated, lambda other, name: solve_point(other, name, everywhere, noise, True).fit)
     start = unknowns.nominal.copy()
     for point in points:
         for value, name in zip(point.fit.theta, point.model.unknowns.names, strict=True):

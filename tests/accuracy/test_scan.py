@@ -225,6 +225,7 @@ def test_two_worker_processes_give_the_same_bits_though_one_is_killed(
     np.testing.assert_array_equal(far[1], whole[1])
 
 
-def test_scheduler_that_does_not_answer_is_one_line() -> None:
+def test_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scan, "ANSWER_S", 1.0)
     with pytest.raises(AccuracyError, match="no dask scheduler answers"):
         run(plan_of(cell(0)), scheduler="tcp://127.0.0.1:9")

@@ -21,7 +21,7 @@ from lmeasure.trajectory import reconstruct
 
 FloatArray = NDArray[np.float64]
 
-DRAWS = 20
+DRAWS = 12
 U_MM, U_RAD = 0.02, 1e-4
 
 

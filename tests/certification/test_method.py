@@ -198,29 +198,38 @@ def test_a_name_that_stands_twice_in_a_certificate_is_refused(copy: Path) -> Non
     assert "is not written as lmeasure writes it" in str(verify(copy).differences[0])
 
 
+ASK = """
+import sys
+from lmeasure.cli import main
+sys.stderr, targets = sys.stdout, sys.argv[1:]
+for target in targets:
+    print("asked:", target, flush=True)
+    sys.argv = ["lmeasure", "verify", target]
+    try:
+        main()
+    except SystemExit as end:
+        print("exit code", end.code)
+"""
+
+
 def test_pipes_are_never_opened(copy: Path, tmp_path: Path) -> None:
     """By a process of its own, which a pipe that is opened would hold for ever."""
-
-    def asked(target: Path) -> str:
-        command = [sys.executable, "-m", "lmeasure", "verify", str(target)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
-        assert done.returncode == 1
-        return done.stdout + done.stderr
-
+    pipes = []
     for name in ("certificate.json", MANIFEST, "signature.json"):
-        before = (copy / name).read_bytes() if (copy / name).exists() else None
-        (copy / name).unlink(missing_ok=True)
-        os.mkfifo(copy / name)
-        assert "is no regular file" in asked(copy)
-        (copy / name).unlink()
-        if before is not None:
-            (copy / name).write_bytes(before)
-    os.mkfifo(tmp_path / "pipe.zip")
-    assert "is no regular file" in asked(tmp_path / "pipe.zip")
+        pipes.append(shutil.copytree(copy, tmp_path / name) / name)
     write_zip(tmp_path / "c.zip", BEFORE / "without-run")
-    (tmp_path / "c.zip.sha256").unlink()
-    os.mkfifo(tmp_path / "c.zip.sha256")
-    assert "is no regular file" in asked(tmp_path / "c.zip")
+    pipes += [tmp_path / "pipe.zip", tmp_path / "c.zip.sha256"]
+    for pipe in pipes:
+        pipe.unlink(missing_ok=True)
+        os.mkfifo(pipe)
+    targets = [tmp_path / name for name in ("certificate.json", MANIFEST, "signature.json", "pipe.zip", "c.zip")]
+    done = subprocess.run([sys.executable, "-c", ASK, *map(str, targets)], capture_output=True, text=True, timeout=100, check=True)
+    told = done.stdout.split("asked: ")[1:]
+    assert len(told) == len(targets)
+    for target, text in zip(targets, told, strict=True):
+        assert text.startswith(str(target))
+        assert "is no regular file" in text
+        assert text.endswith("exit code 1\n")
 
 
 def test_a_zip_whose_files_lie_over_each_other_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:

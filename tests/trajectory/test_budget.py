@@ -9,7 +9,7 @@ import pyarrow.parquet
 import pytest
 from cells import START, FloatArray, cell, motion, record
 from scipy.spatial.transform import Rotation
-from test_uncertainty import SAMPLES, calibrated, deviations, drawn, samples_of
+from test_uncertainty import SAMPLES, calibrated, deviations, drawn, repeated, samples_of
 
 from lmeasure import covariances
 from lmeasure.accuracy.zone import covariance_factor
@@ -44,11 +44,9 @@ def test_factors_are_what_whole_runs_err_by_together() -> None:
     budget = covariances(stated, run)
     generator = np.random.default_rng(3)
     shifts = generator.multivariate_normal(np.zeros(len(record_.parameters)), record_.covariance_matrix(), RUNS, method="cholesky")
-    found = []
-    for shift in shifts:
-        true = record(drawn(rig, record_, shift), times, poses, start=off(START, generator), exact=True)
-        found.append(deviations(reconstruct(Run(rig, START, true.passes)).poses, poses)[:, AS_FILE].ravel())
-    scatter = np.cov(np.array(found).T)
+    counts = [record(drawn(rig, record_, s), times, poses, start=off(START, generator), exact=True).passes[0].recorded for s in shifts]
+    found = deviations(repeated(rig, np.array(counts)), poses)[..., AS_FILE]
+    scatter = np.cov(found.reshape(RUNS, -1).T)
     stacked = budget.factors.reshape(6 * len(SAMPLES), -1)
     expected = stacked @ stacked.T
     u = np.sqrt(np.diag(expected))

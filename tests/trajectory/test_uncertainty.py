@@ -6,6 +6,7 @@ from cells import START, FloatArray, cell, motion, record
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.cable import PARAMETERS
 from lmeasure.lengths import lengths_from_counts, parameter_names
@@ -22,7 +23,7 @@ TOLERANCE = 0.12
 
 def deviations(poses: FloatArray, truth: FloatArray) -> FloatArray:
     """(..., 6) errors found less true, (tool origin [mm]; rotation vector in base axes [rad])."""
-    turn = Rotation.from_quat(poses[..., 3:]) * Rotation.from_quat(truth[..., 3:]).inv()
+    turn = Rotation.from_quat(poses[..., 3:]) * Rotation.from_quat(np.broadcast_to(truth, poses.shape)[..., 3:]).inv()
     return np.concatenate([poses[..., :3] - truth[..., :3], turn.as_rotvec()], axis=-1)
 
 
@@ -31,22 +32,27 @@ def samples_of(n: int = 3000) -> tuple[FloatArray, FloatArray]:
     return times[list(SAMPLES)], poses[list(SAMPLES)]
 
 
+def repeated(rig: Rig, counts: FloatArray) -> FloatArray:
+    """Poses (trials, samples, 7) of counts (trials, samples, cables) of runs from one start, gone through as one run: all trials of a
+    sample before those of the next."""
+    trials, samples, _ = counts.shape
+    inline = np.swapaxes(counts, 0, 1).reshape(trials * samples, -1)
+    run = Run(rig, START, (Counts(np.arange(len(inline), dtype=np.float64), tuple(c.channel for c in rig.cable), inline),))
+    return np.swapaxes(reconstruct(run).poses.reshape(samples, trials, 7), 0, 1)
+
+
 def test_the_counts_resolution_is_what_repeated_runs_scatter_by() -> None:
     """Rounding of a count at an unknown place within its step: a uniform error of half a count."""
     rig = cell(None)
     times, poses = samples_of()
     exact = record(rig, times, poses, exact=True)
     stated = reconstruct(exact)
-    generator = np.random.default_rng(1)
-    found = []
-    for _ in range(TRIALS):
-        noise = generator.uniform(-0.5, 0.5, exact.passes[0].recorded.shape)
-        counts = exact.passes[0].recorded + noise
-        noisy = Run(rig, START, (type(exact.passes[0])(times, exact.passes[0].channels, counts),))
-        found.append(deviations(reconstruct(noisy).poses, poses))
-    scatter = np.std(np.array(found), axis=0)
+    counts = exact.passes[0].recorded
+    noise = np.random.default_rng(1).uniform(-0.5, 0.5, (TRIALS, *counts.shape))
+    found = deviations(repeated(rig, counts + noise), poses)
+    scatter = np.std(found, axis=0)
     np.testing.assert_allclose(scatter, stated.u, rtol=TOLERANCE)
-    covariance = np.array([np.cov(np.array(found)[:, i].T) for i in range(len(SAMPLES))])
+    covariance = np.array([np.cov(found[:, i].T) for i in range(len(SAMPLES))])
     order = [3, 4, 5, 0, 1, 2]
     for i in range(len(SAMPLES)):
         u = stated.u[i]
@@ -125,11 +131,8 @@ def test_the_calibration_covariance_is_what_true_rigs_drawn_from_it_scatter_by()
     assert "calibration" in stated.covers
     generator = np.random.default_rng(3)
     shifts = generator.multivariate_normal(np.zeros(len(record_.parameters)), record_.covariance_matrix(), TRIALS, method="cholesky")
-    found = []
-    for shift in shifts:
-        true = record(drawn(rig, record_, shift), times, poses, exact=True)
-        found.append(deviations(reconstruct(Run(rig, START, true.passes)).poses, poses))
-    scatter = np.std(np.array(found), axis=0)
+    counts = np.array([record(drawn(rig, record_, shift), times, poses, exact=True).passes[0].recorded for shift in shifts])
+    scatter = np.std(deviations(repeated(rig, counts), poses), axis=0)
     u = np.sqrt(np.einsum("nii->ni", stated.systematic))[:, [3, 4, 5, 0, 1, 2]]
     # at the start pose the counters were zeroed there: a wrong rig does not show
     assert scatter[0].max() < 1e-9
