@@ -108,6 +108,16 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
             r"неопределённостью {n3}, каждый до {n4} мс (стандартные неопределённости); взяты равномерные времена, неопределённость учтена "
             r"в скоростях и временах",
         ),
+        (
+            r"pass (\d+): time stamps jitter, (.*) to (.*) ms apart: the motion shows samples taken evenly, and the passes are brought "
+            r"together by even times",
+            r"проход {0}: метки времени дрожат, промежутки от {n1} до {n2} мс: по движению отсчёты взяты равномерно, проходы сведены по "
+            r"равномерным временам",
+        ),
+        (
+            r"pass (\d+): time stamps jitter, (.*) to (.*) ms apart: the motion shows each in error by (.*) ms, which poses carry",
+            r"проход {0}: метки времени дрожат, промежутки от {n1} до {n2} мс: по движению погрешность каждой {n3} мс, она учтена в позах",
+        ),
         (r"limit band (.*) mm", r"граничная полоса {n0} мм"),
         (r"limit band (.*) mm, the pose's repeatability", r"граничная полоса {n0} мм – повторяемость позы"),
         (

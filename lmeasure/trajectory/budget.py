@@ -36,7 +36,7 @@ from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
-from lmeasure.trajectory.sources import PHASE, Situation, Source, own_lengths, zero_phase
+from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, zero_phase
 from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
 
@@ -81,7 +81,7 @@ class PoseCovariances:
 class Budget:
     """The sources of error of one run.
 
-    u_start: standard uncertainties of the start pose as `Run` holds them; u_clock_s: of each pass's time against pass 1's;
+    u_start: standard uncertainties of the start pose as `Run` holds them; clocks: those of each pass's time against pass 1's;
     repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in a pass; temperature_c: at the start,
     None where nobody stated it.
     """
@@ -93,7 +93,7 @@ class Budget:
         scheme: Scheme,
         calibration: CalibrationRecord | None = None,
         u_start: tuple[float, ...] = (0.0, 0.0),
-        u_clock_s: tuple[float, ...] = (),
+        clocks: tuple[PassClock, ...] = (),
         repeatability_mm: float = 0.0,
         correction: Correction | None = None,
         temperature_c: float | None = None,
@@ -126,8 +126,8 @@ class Budget:
         if self._u_length:
             self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(rig.cable))])
         self._passage = np.array([c.passage for c in rig.cable], dtype=np.int64)
-        self._u_clock_s, self._repeatability_mm = u_clock_s, repeatability_mm if rig.passes > 1 else 0.0
-        clocks = tuple(f"clock of pass {p}" for p, u in enumerate(u_clock_s, 1) if u)
+        self._clocks, self._repeatability_mm = clocks, repeatability_mm if rig.passes > 1 else 0.0
+        late = tuple(f"clock of pass {p}" for p, clock in enumerate(clocks, 1) for _ in range(clock.variables))
         places = tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
         physical = (PHYSICAL,) * (0 if correction is None else correction.sources)
         self.unsolved = Unsolved(rig, stated(rig, kinds=OTHERS))
@@ -141,7 +141,7 @@ class Budget:
         )
         by_length = (
             self._phase,
-            Source((*clocks, *places), ("the passes",), lambda at: self._pass_lengths(at.poses, at.speed_mm_s)),
+            Source((*late, *places), ("the passes",), self._pass_lengths),
             Source(physical, (PHYSICAL,), self._physical_lengths),
             Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
             own_lengths(rig, calibration),
@@ -155,6 +155,7 @@ class Budget:
 
     def of(
         self,
+        time_s: FloatArray,
         poses: FloatArray,
         counts: FloatArray,
         speed_mm_s: FloatArray,
@@ -164,11 +165,11 @@ class Budget:
         compiled: bool = True,
         travel: FloatArray | None = None,
     ) -> PoseCovariances:
-        """Covariances and factors of (n, 7) poses at true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the instants at which
-        the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where it is None;
-        compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
+        """Covariances and factors of (n, 7) poses at times (n,), true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the
+        instants at which the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where
+        it is None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
         G, own = self._own(poses, counts, speed_mm_s, u_time_s, unused, compiled)
-        factors = self._factors(G, Situation(poses, counts, speed_mm_s, temperature_c, travel), self._every)
+        factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self._every)
         return PoseCovariances(own, factors, self.sources, self.uniform)
 
     def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
@@ -182,7 +183,7 @@ class Budget:
 
     def speed_mm_s(self, lengths: Lengths) -> FloatArray:
         """(n, m) speeds of the cables, for `of`; zero where nothing of this run is uncertain in time, and no speed matters."""
-        timed = lengths.u_time_s is not None or any(self._u_clock_s)
+        timed = lengths.u_time_s is not None or any(clock.variables for clock in self._clocks)
         return lengths.speed_mm_s if timed else np.broadcast_to(0.0, lengths.counts.shape)
 
     def travel(self, lengths: Lengths, state: FloatArray | None = None) -> FloatArray | None:
@@ -213,7 +214,8 @@ class Budget:
             random[part] = own @ np.swapaxes(own, 1, 2)
             systematic[part] = random[part] if alike else np.where(np.isnan(random[part]), np.nan, 0.0)
             if sources:
-                factors = self._factors(G, Situation(poses[part], lengths.counts[part], speed_mm_s[part], warm, gone), sources)
+                at = Situation(lengths.time_s[part], poses[part], lengths.counts[part], speed_mm_s[part], warm, gone)
+                factors = self._factors(G, at, sources)
                 systematic[part] += factors @ np.swapaxes(factors, 1, 2)
         return random, systematic
 
@@ -258,11 +260,14 @@ class Budget:
             gradients -= length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)
         return -np.swapaxes(np.swapaxes(gradients, 0, 1) @ factor, 0, 1)
 
-    def _pass_lengths(self, poses: FloatArray, speed_mm_s: FloatArray) -> FloatArray:
+    def _pass_lengths(self, at: Situation) -> FloatArray:
         """(n, m, k) errors of the lengths by the passes' clocks and places: the cables of a pass are late and displaced together."""
-        columns = [np.where(self._passage == p, speed_mm_s * u, 0.0)[:, :, None] for p, u in enumerate(self._u_clock_s, 1) if u]
+        columns = [
+            np.where(self._passage == p, at.speed_mm_s, 0.0)[:, :, None] * clock.late_s(at.time_s)[:, None, :]
+            for p, clock in enumerate(self._clocks, 1)
+        ]
         if self._repeatability_mm:
-            shifts = span_rows_of(self.scheme.rows, np.ascontiguousarray(poses))[:, :, 3:] * self._repeatability_mm
+            shifts = span_rows_of(self.scheme.rows, np.ascontiguousarray(at.poses))[:, :, 3:] * self._repeatability_mm
             columns += [np.where((self._passage == p)[:, None], shifts, 0.0) for p in range(1, self._passage.max() + 1)]
         return np.concatenate(columns, axis=2)
 
@@ -329,7 +334,7 @@ def covariances(
     """
     aligned = align(run)
     run, lengths = aligned.run, aligned.lengths
-    if len(lengths.time_s) != len(trajectory.time_s) or not np.allclose(lengths.time_s, trajectory.time_s, rtol=0.0, atol=1e-9):
+    if len(aligned.stamp_s) != len(trajectory.time_s) or not np.allclose(aligned.stamp_s, trajectory.time_s, rtol=0.0, atol=1e-9):
         raise TrajectoryError(
             f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
             "it is not of this run"
@@ -337,7 +342,7 @@ def covariances(
     start = run.known_start
     scheme = scheme_of(run.rig, start, constraint)
     correction = correction_of(run.rig, scheme, scheme.start_of(start), zero_temperature(lengths, run.temperature_c))
-    budget = Budget(run.rig, start, scheme, run.calibration, run.u_start, aligned.u_time_s, repeatability_mm, correction)
+    budget = Budget(run.rig, start, scheme, run.calibration, run.u_start, aligned.clocks, repeatability_mm, correction)
     chosen = slice(None) if samples is None else samples
     speed, skew = budget.speed_mm_s(lengths)[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
     poses = trajectory.poses[chosen].copy()
@@ -349,7 +354,7 @@ def covariances(
     travel = budget.travel(lengths)
     travel = None if travel is None else travel[chosen]
     unused = left_out(trajectory, lengths.cables)[chosen]
-    found = budget.of(poses, lengths.counts[chosen], speed, skew, unused, warm, travel=travel)
+    found = budget.of(lengths.time_s[chosen], poses, lengths.counts[chosen], speed, skew, unused, warm, travel=travel)
     if aligned.evidence.closure_mm.any():
         closing = closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, lengths.counts[chosen], unused)
         sources = (*found.sources, *(CLOSURE,) * closing.shape[2])

@@ -61,7 +61,7 @@ def by_monte_carlo(
     lengths = reconstruction.corrected(lengths)
     # what temperature, stretch and sag have taken off the changes stays with the trials
     offset = 0.0 if reconstruction.correction is None else lengths.change_mm - changes_from_counts(rows, counts)
-    situation = Situation(trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
+    situation = Situation(lengths.time_s, trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
     shifts = np.nan_to_num(budget.lengths_of(situation, budget.by_length))
 
     def random_trial() -> FloatArray:

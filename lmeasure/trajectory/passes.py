@@ -8,26 +8,35 @@ from numpy.typing import NDArray
 
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
-from lmeasure.lengths import Lengths, lengths_from_counts
+from lmeasure.lengths import Lengths, count_variance, lengths_from_counts
 from lmeasure.run import Run
 from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
+from lmeasure.trajectory.sources import PassClock
+from lmeasure.trajectory.stamps import Stamps, judged
 
 FloatArray = NDArray[np.float64]
 
 CLOCKS = 1e-3  # difference of rate beyond which two clocks are not meant to be the same
+OVER_S = 0.04  # over which a speed is taken
 MOVING = 0.05  # of a pass's largest cable speed
 LAG_S = 0.25  # difference of the instants at which two passes begin or end to move
 VARYING = 0.5  # standard deviation of the speed over its mean from which its profile can be recognised
+BLOCKS = 16  # of stamps, whose means scatter by what is not common to all
 ALIKE = 0.3  # correlation of two speed profiles: of one motion seen by different cables it is mostly above 0.5 (simulated)
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """A run whose later passes are on the clock of pass 1, with the standard uncertainty [s] of each pass's time against it."""
+    """A run whose later passes are on the clock of pass 1, with what each pass's time is uncertain by against it.
+
+    Where stamps jitter the run has the times at which the motion shows its samples to have been taken; stamp_s (n,) are pass 1's as they
+    were recorded, which its trajectory keeps.
+    """
 
     run: Run
-    u_time_s: tuple[float, ...]
+    clocks: tuple[PassClock, ...]
     notes: tuple[str, ...]
+    stamp_s: FloatArray
 
     @cached_property
     def lengths(self) -> Lengths:
@@ -46,21 +55,31 @@ def align(run: Run | Alignment) -> Alignment:
     """Bring later passes to the clock of pass 1 by their rising sync edges: a shift by one edge, shift and rate by several. What is aligned
     stays as it is, its lengths with it.
 
+    Stamps that jitter are judged in each pass by its own cables (`stamps`), or a later pass would be interpolated at wrong instants: what
+    is left of their errors is one of its lengths.
+
     TrajectoryError when passes are not the same motion: other edges, clocks that differ by more than CLOCKS, another beginning or end,
     another profile of speed.
     """
     if isinstance(run, Alignment):
         return run
-    first = run.passes[0]
-    passes, u_time, notes = [first], [0.0], []
+    stamp_s = run.passes[0].time_s
+    if run.rig.passes == 1:
+        return Alignment(run, (PassClock(),), (), stamp_s)
+    stamps = [_stamps(run, number) for number in range(1, run.rig.passes + 1)]
+    notes = [_said(number, of) for number, of in enumerate(stamps, 1) if of.kind != "sound"]
+    first = replace(run.passes[0], time_s=stamps[0].time_s)
+    passes, clocks = [first], [PassClock()]
     for number in range(2, run.rig.passes + 1):
-        later = run.passes[number - 1]
+        both = stamps[0], stamps[number - 1]
+        later = replace(run.passes[number - 1], time_s=both[1].time_s)
         edges = first.rising(), later.rising()
         if len(edges[0]) != len(edges[1]):
             raise TrajectoryError(
                 f"{later.source}: pass {number} has {len(edges[1])} rising sync edges, pass 1 has {len(edges[0])}: not the same motion"
             )
-        shift, rate, u = _clock(edges[0], edges[1], _period(first), _period(later))
+        u_stamp = float(np.hypot(both[0].u_time_s, both[1].u_time_s))
+        shift, rate, u = _clock(edges[0], edges[1], _period(first), _period(later), u_stamp)
         if not abs(rate - 1.0) <= CLOCKS:
             raise TrajectoryError(f"{later.source}: pass {number}: its clock runs {rate:.6f} times pass 1's: not the same motion")
         if len(edges[0]) == 0:
@@ -69,17 +88,54 @@ def align(run: Run | Alignment) -> Alignment:
             notes.append(f"pass {number}: clock shifted by {shift:+.6f} s, rate {rate:.9f}, from {len(edges[0])} sync edges")
         later = replace(later, time_s=shift + rate * later.time_s)
         _same_motion(first, later, number)
+        if u_stamp > 0.0:
+            skew = 0.0 if later.u_time_s is None else later.u_time_s
+            later = replace(later, u_time_s=np.hypot(skew, np.full(len(later.time_s), u_stamp)))
         passes.append(later)
-        u_time.append(u)
-    return Alignment(replace(run, passes=tuple(passes)), tuple(u_time), tuple(notes))
+        clocks.append(_uncertain(edges[0], u, both))
+    return Alignment(replace(run, passes=tuple(passes)), tuple(clocks), tuple(notes), stamp_s)
+
+
+def _stamps(run: Run, number: int) -> Stamps:
+    """The stamps of a pass, judged by the lengths of its cables as places."""
+    cables = tuple(c.model_copy(update={"passage": 1}) for c in run.rig.cables_of(number))
+    alone = replace(run, rig=run.rig.model_copy(update={"cable": cables}), passes=(run.passes[number - 1],))
+    lengths = lengths_from_counts(alone).change_mm
+    return judged(run.passes[number - 1].time_s, lengths, np.full(len(lengths), np.sqrt(count_variance(alone.rig).mean())))
+
+
+def _said(number: int, stamps: Stamps) -> str:
+    apart = np.diff(stamps.stamp_s)
+    jitter = f"pass {number}: time stamps jitter, {1e3 * apart.min():.3g} to {1e3 * apart.max():.3g} ms apart"
+    if stamps.kind == "even":
+        return f"{jitter}: the motion shows samples taken evenly, and the passes are brought together by even times"
+    return f"{jitter}: the motion shows each in error by {1e3 * stamps.u_time_s:.2g} ms, which poses carry"
+
+
+def _uncertain(edges: FloatArray, u_s: float, both: tuple[Stamps, Stamps]) -> PassClock:
+    """What the time of a pass is uncertain by, of both passes' stamps and pass 1's edges, by which they were brought together to u_s."""
+    if len(edges) > 1:
+        return PassClock(u_s)  # which tell the rate too
+    u_rate = float(np.hypot(both[0].u_rate, both[1].u_rate))
+    if len(edges) == 1:
+        return PassClock(u_s, u_rate, float(edges[0]))
+    return PassClock(float(np.hypot(_u_mean(both[0]), _u_mean(both[1]))), u_rate, float(both[0].time_s.mean()))
+
+
+def _u_mean(stamps: Stamps) -> float:
+    """Standard uncertainty [s] of even times as a whole, which are on the mean of stamps: by how means of BLOCKS parts of these scatter."""
+    if stamps.kind != "even":
+        return 0.0
+    means = [float(part.mean()) for part in np.array_split(stamps.stamp_s - stamps.time_s, BLOCKS)]
+    return float(np.std(means, ddof=1) / np.sqrt(BLOCKS))
 
 
 def _period(counts: Counts) -> float:
     return float(np.median(np.diff(counts.time_s))) if len(counts.time_s) > 1 else 0.0
 
 
-def _clock(first: FloatArray, later: FloatArray, period: float, later_period: float) -> tuple[float, float, float]:
-    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later.
+def _clock(first: FloatArray, later: FloatArray, period: float, later_period: float, u_stamp_s: float) -> tuple[float, float, float]:
+    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later; u_stamp_s: of an edge's two stamps.
 
     An edge is known to within a sampling period. Only what scatters of that is averaged by further edges: pulses that keep step with the
     sampling are all late by the same.
@@ -88,7 +144,7 @@ def _clock(first: FloatArray, later: FloatArray, period: float, later_period: fl
     if len(first) == 0:
         return 0.0, 1.0, 0.0
     if len(first) == 1:
-        return float(first[0] - later[0]), 1.0, float(quantum)
+        return float(first[0] - later[0]), 1.0, float(np.hypot(quantum, u_stamp_s))
     rate, shift = np.polyfit(later, first, 1)
     scatter = first - (shift + rate * later)
     spread = (scatter**2).sum() / max(len(first) - 2, 1)
@@ -96,11 +152,13 @@ def _clock(first: FloatArray, later: FloatArray, period: float, later_period: fl
     return float(shift), float(rate), float(np.sqrt(variance))
 
 
-def _speed(counts: Counts) -> FloatArray:
-    """(n,) root mean square over the channels of the counts' speed [1/s]; wraps and jumps are no motion."""
-    step = np.diff(counts.recorded, axis=0)
+def _speed(counts: Counts) -> tuple[FloatArray, int]:
+    """(n - k,) root mean square over the channels of the counts' speed [1/s] over k samples, about OVER_S: stamps in error would be
+    speeds between neighbours. Wraps and jumps are no motion."""
+    k = int(np.clip(np.rint(OVER_S / _period(counts)), 1, len(counts.time_s) - 2))
+    step = counts.recorded[k:] - counts.recorded[:-k]
     step[np.abs(step) > 2**14] = np.nan
-    return np.sqrt(np.nan_to_num((step / np.diff(counts.time_s)[:, None]) ** 2).mean(axis=1))
+    return np.sqrt(np.nan_to_num((step / (counts.time_s[k:] - counts.time_s[:-k])[:, None]) ** 2).mean(axis=1)), k
 
 
 def _same_motion(first: Counts, later: Counts, number: int) -> None:
@@ -108,17 +166,18 @@ def _same_motion(first: Counts, later: Counts, number: int) -> None:
         return
     speeds = _speed(first), _speed(later)
     spans = []
-    for counts, speed in zip((first, later), speeds, strict=True):
+    for counts, (speed, k) in zip((first, later), speeds, strict=True):
         moving = np.flatnonzero(speed > MOVING * speed.max()) if speed.max() > 0 else np.array([0])
-        spans.append((counts.time_s[moving[0]], counts.time_s[moving[-1] + 1]))
+        spans.append((counts.time_s[moving[0]], counts.time_s[moving[-1] + k]))
     for what, i in (("begins", 0), ("ends", 1)):
         lag = spans[1][i] - spans[0][i]
         if abs(lag) > LAG_S:
             side = "after" if lag > 0 else "before"
             raise TrajectoryError(f"{later.source}: pass {number} {what} to move {abs(lag):.3f} s {side} pass 1: not the same motion")
-    on_first = np.interp(first.time_s[:-1], later.time_s[:-1], speeds[1])
-    if all(s.std() > VARYING * s.mean() for s in (speeds[0], on_first)):
-        alike = float(np.corrcoef(speeds[0], on_first)[0, 1])
+    (own, k), (other, later_k) = speeds
+    on_first = np.interp(first.time_s[:-k], later.time_s[:-later_k], other)
+    if all(s.std() > VARYING * s.mean() for s in (own, on_first)):
+        alike = float(np.corrcoef(own, on_first)[0, 1])
         if alike < ALIKE:
             raise TrajectoryError(
                 f"{later.source}: pass {number}: its profile of speed is not that of pass 1 (correlation {alike:.2f}): not the same motion"

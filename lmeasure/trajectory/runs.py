@@ -36,8 +36,8 @@ def reconstruct(
     Raises what `Reconstruction` and `passes.align` raise.
     """
     aligned = align(run)
-    run, lengths, clocks = aligned.run, aligned.lengths, aligned.u_time_s
-    given = run.u_start, clocks, repeatability_mm, run.temperature_c
+    run, lengths = aligned.run, aligned.lengths
+    given = run.u_start, aligned.clocks, repeatability_mm, run.temperature_c
     reconstruction = Reconstruction(run.rig, run.known_start, run.calibration, constraint, *given)
     covariances = covariances or run.rig.passes > 1 or trials > 0
     trajectory = reconstruction.add(lengths, covariances=covariances)
@@ -47,7 +47,7 @@ def reconstruct(
     notes = (*trajectory.notes, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
         notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
-    return replace(trajectory, notes=notes)
+    return replace(trajectory, time_s=aligned.stamp_s, notes=notes)
 
 
 def with_evidence(

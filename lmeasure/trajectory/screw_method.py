@@ -19,6 +19,7 @@ from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.lost import NEARLY, Split, explain
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import scheme_of
+from lmeasure.trajectory.sources import PassClock
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,7 +52,7 @@ class Reconstruction:
         calibration: CalibrationRecord | None = None,
         constraint: str | None = None,
         u_start: tuple[float, ...] = (0.0, 0.0),
-        u_clock_s: tuple[float, ...] = (),
+        clocks: tuple[PassClock, ...] = (),
         repeatability_mm: float = 0.0,
         temperature_c: float | None = None,
     ) -> None:
@@ -67,7 +68,7 @@ class Reconstruction:
             raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
         self.start = self.scheme.start_of(start)
         self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
-        self.budget = Budget(rig, start, self.scheme, calibration, u_start, u_clock_s, repeatability_mm, self.correction, temperature_c)
+        self.budget = Budget(rig, start, self.scheme, calibration, u_start, clocks, repeatability_mm, self.correction, temperature_c)
         self.covers = self.budget.covers
         m = len(self.scheme.rows)
         self._state = self._new_state(self.start)
@@ -83,7 +84,7 @@ class Reconstruction:
     def _check_side(self) -> None:
         """TrajectoryError when the start, uncertain as it is, may lie beyond a singular pose: then the run may be in another assembly."""
         rows, m = self.scheme.rows, len(self.scheme.rows)
-        found = self.budget.of(self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False, travel=np.zeros((1, m)))
+        found = self.budget.of(np.zeros(1), self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False, travel=np.zeros((1, m)))
         systematic = found.systematic[0]
         split = Split(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.length_variance))
         part = split.twist * split.metric  # of an error of the start that is this twist [mm]

@@ -22,10 +22,31 @@ LENGTHS = "lengths of their own"
 
 
 @dataclass(frozen=True)
-class Situation:
-    """What errors of lengths may depend on: poses (n, 7), true counts (n, m), speeds of the cables (n, m) [mm/s], their temperatures (n, m)
-    [deg C], those of the start where None, and which way they travelled last (n, m), paying out where None."""
+class PassClock:
+    """Standard uncertainties of a pass's time against pass 1's: u_s [s], the same at all samples, and u_rate of the time [s] since about_s;
+    the two are independent."""
 
+    u_s: float = 0.0
+    u_rate: float = 0.0
+    about_s: float = 0.0
+
+    @property
+    def variables(self) -> int:
+        """How many variables its error is."""
+        return bool(self.u_s) + bool(self.u_rate)
+
+    def late_s(self, time_s: FloatArray) -> FloatArray:
+        """(n, variables) errors of the pass's time at times (n,) by one standard deviation of each variable."""
+        every = np.column_stack([np.full(len(time_s), self.u_s), self.u_rate * (time_s - self.about_s)])
+        return every[:, np.array([self.u_s, self.u_rate]) > 0.0]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What errors of lengths may depend on: times (n,), poses (n, 7), true counts (n, m), speeds of the cables (n, m) [mm/s], their
+    temperatures (n, m) [deg C], those of the start where None, and which way they travelled last (n, m), paying out where None."""
+
+    time_s: FloatArray
     poses: FloatArray
     counts: FloatArray
     speed_mm_s: FloatArray

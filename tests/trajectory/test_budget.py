@@ -21,6 +21,7 @@ from lmeasure.run import Run, read_run, write_run
 from lmeasure.trajectory import Reconstruction, read_trajectory, reconstruct, write_trajectory
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.sources import PassClock
 
 TRIALS = 300  # a standard deviation of as many draws is known to 4 %
 RUNS = 150  # 6 %
@@ -103,7 +104,7 @@ def test_monte_carlo_and_the_linear_law_agree_on_passes() -> None:
     times = run.passes[0].time_s
     chosen = [0, 700, 1499]
     few = Run(rig, START, tuple(replace(p, time_s=times[chosen], recorded=p.recorded[chosen]) for p in run.passes))
-    reconstruction = Reconstruction(rig, START, u_clock_s=(0.0, 0.001), repeatability_mm=0.05)
+    reconstruction = Reconstruction(rig, START, clocks=(PassClock(), PassClock(0.001)), repeatability_mm=0.05)
     lengths = lengths_from_counts(few)
     linear = reconstruction.add(lengths)
     found = by_monte_carlo(reconstruction, lengths, linear, TRIALS, seed=2)

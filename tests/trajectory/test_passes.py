@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from cells import START, FloatArray, cell, position_error, record
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
+from lmeasure import covariances
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
 from lmeasure.lengths import lengths_from_counts
@@ -83,9 +85,9 @@ def test_many_edges_are_worth_more_than_the_first_unless_they_keep_step(steady: 
         aligned = align(Run(rig, START, (first, second)))
         moved = aligned.run.passes[1]
         # a count at its true time
-        found.append(float(np.mean(moved.time_s - own)) / aligned.u_time_s[1])
+        found.append(float(np.mean(moved.time_s - own)) / aligned.clocks[1].u_s)
         alone.append(first.rising()[0] - second.rising()[0] - late)
-        u.append(aligned.u_time_s[1])
+        u.append(aligned.clocks[1].u_s)
         lengths = lengths_from_counts(aligned.run)
         j = next(i for i, c in enumerate(rig.cable) if c.passage == 2)
         exact = np.interp(times, moved.time_s, second.of(rig.cable[j].channel))
@@ -103,7 +105,7 @@ def test_uncertainty_of_the_clocks_is_what_late_edges_do() -> None:
     assert stated.u[0, :3] == pytest.approx(plain.u[0, :3], rel=1e-6)
     assert (stated.u[1000:3000, :3].max(axis=0) > 2 * plain.u[1000:3000, :3].max(axis=0)).all()
     # a delay of one standard uncertainty moves the pose by the systematic standard uncertainty that the clocks added
-    u_time = align(run).u_time_s[1]
+    u_time = align(run).clocks[1].u_s
     late = reconstruct(two_passes(late_s=u_time)[0])
     moved = np.abs(late.poses[:, :3] - truth[:, :3])
     added = np.sqrt(np.einsum("nii->ni", stated.systematic))[:, 3:]
@@ -179,3 +181,42 @@ def test_channels_counted_at_different_instants_add_speed_times_skew(tmp_path: P
     found = reconstruct(Run(rig, START, (Counts(np.arange(2000.0), first.channels, drawn),)))
     added = np.sqrt(skewed.u[i] ** 2 - plain.u[i] ** 2)
     np.testing.assert_allclose(found.poses[:, :3].std(axis=0), added[:3], rtol=0.1)
+
+
+def jittering(rng: np.random.Generator, law: str, edge: bool) -> tuple[Run, FloatArray, FloatArray]:
+    """Two passes of whole counts, nominally every 5 ms, stamped by a host up to 10 ms late; true poses and instants of pass 1's samples.
+    Without an edge both are sampled in step, so that interpolation makes no mean of two roundings. law "asked": samples come 1 to 9 ms
+    after each other and are stamped up to 2 ms late."""
+    rig, passes, instants, within = rig_of_two_passes(), [], [], rng.random(2) if edge else np.zeros(2)
+    begins = rng.uniform(0.2, 0.3, 1)
+    for number in range(2):
+        if law == "even":
+            true, latest_s = 0.005 * (np.arange(800) + within[number]), 0.01
+        else:
+            true, latest_s = np.cumsum(rng.uniform(1e-3, 9e-3, 800)), 0.002
+        counts = record(rig, true, path(true)).passes[number]
+        stamps = np.maximum.accumulate(true + rng.uniform(0.0, latest_s, 800) - 5e-5 * np.arange(800)) + 5e-5 * np.arange(800)
+        passes.append(replace(counts, time_s=stamps, sync=pulses_at(begins, true) if edge else None))
+        instants.append(true)
+    return Run(rig, START, tuple(passes)), path(instants[0]), instants[0]
+
+
+@pytest.mark.parametrize(("law", "edge"), [("even", False), ("even", True), ("asked", False)])
+def test_stamps_that_jitter_in_either_pass_are_carried_into_poses(law: str, edge: bool) -> None:
+    """Squared errors over the stated covariances, at one sample of each of 40 runs, are chi-squared; taken as they are the stamps put the
+    poses of pass 1 together with counts of pass 2 that are up to 10 ms from them."""
+    squares = []
+    for seed in range(40):
+        rng = np.random.default_rng([seed, len(law)])
+        run, truth, instants = jittering(rng, law, edge)
+        found = reconstruct(run)
+        np.testing.assert_array_equal(found.time_s, run.passes[0].time_s)
+        fast = np.flatnonzero((np.abs(instants - 1.25) < 0.4) | (np.abs(instants - 2.75) < 0.4))
+        i = int(rng.choice(fast))
+        turn = Rotation.from_quat(truth[i, 3:]) * Rotation.from_quat(found.poses[i, 3:]).inv()
+        error = np.concatenate([turn.as_rotvec(), truth[i, :3] - found.poses[i, :3]])
+        squares.append(float(error @ np.linalg.solve(found.random[i] + found.systematic[i], error)))
+        law_of_file = covariances(found, run, np.array([i]))
+        np.testing.assert_allclose(law_of_file.systematic[0], found.systematic[i], rtol=1e-6, atol=1e-18)
+    assert sum("time stamps jitter" in note for note in found.notes) == 2
+    assert 0.005 < chi2.sf(sum(squares), 6 * len(squares)) < 0.995, np.mean(squares) / 6
