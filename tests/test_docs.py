@@ -133,6 +133,25 @@ def test_constants_are_those_of_the_program(page: str) -> None:
         assert re.sub(r"e-0+", "e-", said) in text
 
 
+CITED = re.compile(r"\[([^\]]*\d[^\]]*)\]\(((?:\.\./)*benchmarks/results/\w+\.md)\)")
+
+
+def cited(page: Path) -> list[tuple[str, Path]]:
+    """Figures of a page that link to a page of results, each with that page: `[5 to 7 mm](../benchmarks/results/planning.md)`."""
+    return [(" ".join(said.split()), page.parent / target) for said, target in CITED.findall(page.read_text(encoding="utf-8"))]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if cited(p)], ids=lambda p: str(p.relative_to(ROOT)))
+def test_figures_that_link_to_results_stand_there(page: Path) -> None:
+    """As they are written, or each of several by itself."""
+    for said, results in cited(page):
+        text = " ".join(results.read_text(encoding="utf-8").split())
+        parts = [said] if said in text else re.split(", | to | and ", said)
+        for part in parts:
+            stands = re.search(rf"(?<![\w.,]){re.escape(part)}(?!\w|[.,]\d)", text)
+            assert stands, f"{page.name}: {part} does not stand in {results.name}"
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_links_lead_to_files(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
