@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.kernels import screw
 from lmeasure.kernels.tetrahedron import apex
 from lmeasure.status import Status
@@ -62,7 +63,7 @@ def by_tetrahedra(rows: FloatArray, lengths: FloatArray) -> FloatArray:
     for placed in ways:
         local, there = points[list(placed)], np.array(list(placed.values()))
         turn = Rotation.align_vectors(there - there.mean(axis=0), local - local.mean(axis=0))[0]
-        poses.append(np.concatenate([there.mean(axis=0) - turn.apply(local.mean(axis=0)), turn.as_quat()]))
+        poses.append(se3.pose(there.mean(axis=0) - turn.apply(local.mean(axis=0)), turn))
     return np.array(poses).reshape(len(poses), 7)
 
 
@@ -85,9 +86,7 @@ def _anywhere(rows: FloatArray, lengths: FloatArray, rng: np.random.Generator) -
     """(BATCH, 7) poses over all orientations and all places within reach of every cable."""
     reach = (lengths + np.linalg.norm(rows[:, 7:10], axis=1))[:, None]
     low, high = (rows[:, :3] - reach).max(axis=0), (rows[:, :3] + reach).min(axis=0)
-    return np.column_stack(
-        [rng.uniform(np.minimum(low, high), np.maximum(low, high), (BATCH, 3)), Rotation.random(BATCH, rng=rng).as_quat()]
-    )
+    return se3.pose(rng.uniform(np.minimum(low, high), np.maximum(low, high), (BATCH, 3)), Rotation.random(BATCH, rng=rng))
 
 
 def _same(a: FloatArray, b: FloatArray) -> bool:
@@ -99,7 +98,7 @@ def by_side(poses: FloatArray, rows: FloatArray, side: FloatArray) -> FloatArray
     """Those of the (k, 7) poses whose attachment points are all on one side of the middle of the observation points: that to which the
     direction side (3,) shows."""
     middle = np.unique(rows[:, :3], axis=0).mean(axis=0)
-    turns = Rotation.from_quat(poses[:, 3:]).as_matrix() if len(poses) else np.empty((0, 3, 3))
+    turns = se3.matrices(poses) if len(poses) else np.empty((0, 3, 3))
     points = poses[:, None, :3] + np.einsum("kij,mj->kmi", turns, rows[:, 7:10])
     return poses[((points - middle) @ side > 0.0).all(axis=1)]
 
@@ -108,5 +107,5 @@ def distances(poses: FloatArray, position: FloatArray, quaternion: FloatArray | 
     """(k,) how far the poses are from a place, and from an orientation where it is given, a radian counting as size [mm]."""
     square = ((poses[:, :3] - position) ** 2).sum(axis=1)
     if quaternion is not None:
-        square = square + (size * (Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(quaternion).inv()).magnitude()) ** 2
+        square = square + (size * (se3.rotation(poses) * Rotation.from_quat(quaternion).inv()).magnitude()) ** 2
     return np.asarray(np.sqrt(square))

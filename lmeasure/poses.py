@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import conventions, files
+from lmeasure import conventions, files, se3
 from lmeasure.errors import FileFormatError
 
 FloatArray = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Poses:
     @property
     def rotation(self) -> Rotation:
         """base_from_tool rotations."""
-        return Rotation.from_quat(self.rows[:, 3:7])
+        return se3.rotation(self.rows)
 
     @property
     def covariances(self) -> FloatArray:

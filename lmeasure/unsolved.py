@@ -28,8 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.effects import Zero
 from lmeasure.kernels import travel as kernels
 from lmeasure.rig import Cable, Rig
@@ -226,7 +226,7 @@ class Unsolved:
         turn = np.zeros((len(poses), 3, 3))
         known = np.isfinite(poses).all(axis=1)
         turn[~known] = np.nan
-        turn[known] = Rotation.from_quat(poses[known, 3:]).as_matrix()
+        turn[known] = se3.matrices(poses[known])
         cosine, sine, e = _leaving(rows, poses, turn)
         column = 0
         for v in self.variables:
@@ -313,7 +313,7 @@ def paid_out(row: FloatArray, k: FloatArray) -> FloatArray:
 
 def free_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:
     """(m,) lengths from B to the attachment point [mm] of each cable at its own pose (m, 7), along straight lines, without compiling."""
-    points = poses[:, :3] + Rotation.from_quat(poses[:, 3:]).apply(rows[:, 7:10])
+    points = se3.apply(poses, rows[:, 7:10])
     return np.asarray(np.linalg.norm(points - rows[:, 0:3], axis=1))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.stats
 from scipy.spatial.transform import Rotation
 
-from lmeasure import conventions
+from lmeasure import conventions, se3
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.refine import Fit
 from lmeasure.calibration_record import Finding
@@ -137,7 +137,7 @@ def _conventions(campaign: Campaign, suspects: list[str], points: list[str]) -> 
         if name == own or other.axes == "rotvec" or conventions.convention(own).axes == "rotvec":
             continue
         rotation: Rotation = conventions.rotation_from_angles(name, angles)
-        rows = np.column_stack([campaign.poses.rows[:, :3], rotation.as_quat()])
+        rows = se3.pose(campaign.poses.rows[:, :3], rotation)
         poses = replace(campaign.poses, rows=rows)
         text = f"the reference poses fit when their angles are read as {name}, not as the rig's {own}"
         yield Hypothesis("angles", text, tuple(points), replace(campaign, poses=poses))

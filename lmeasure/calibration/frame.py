@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration.joint_model import Frame, JointModel, left_jacobians
+from lmeasure import se3
+from lmeasure.calibration.joint_model import Frame, JointModel
 from lmeasure.kernels.cable import guide_direction
 
 FloatArray = NDArray[np.float64]
@@ -43,15 +44,13 @@ def motions(model: JointModel, theta: FloatArray) -> FloatArray:
     unknowns, in their units. Observation points and guides move; what belongs to the tool or to a drum stays."""
     out = np.zeros((len(theta), 6))
     place, guide = _places(model)
-    out[place, :3] = np.cross(np.eye(3), theta[place][:, None, :]).swapaxes(1, 2)
-    out[place, 3:] = np.eye(3)
+    out[place] = se3.at_points(theta[place])[:, 3:]
     for i, by_turn in enumerate(_turned_guides(*np.radians(theta[guide]).T)):
         out[guide[:, i], :3] = np.degrees(by_turn)
     rows, shifts = model.poses(theta), model.shifts(theta)
     every = np.zeros((len(rows), 6, 6))
-    every[:, :3, :3] = np.degrees(np.linalg.inv(left_jacobians(shifts[:, :3])))
-    every[:, 3:, :3] = np.cross(np.eye(3), (rows[:, :3] + model.arms)[:, None, :]).swapaxes(1, 2)
-    every[:, 3:, 3:] = np.eye(3)
+    every[:, :3, :3] = np.degrees(np.linalg.inv(se3.left_jacobians(shifts[:, :3])))
+    every[:, 3:] = se3.at_points(rows[:, :3] + model.arms)[:, 3:]
     out[model.own :] = every[model.at[:, None], model.free].reshape(-1, 6)
     return out
 
@@ -68,7 +67,7 @@ def moved(model: JointModel, theta: FloatArray, move: FloatArray) -> FloatArray:
         # on the branch of what it was
         out[a], out[b] = alpha, beta + 360.0 * round((theta[b] - beta) / 360.0)
     rows, stated = model.poses(theta), model.campaign.poses.rows
-    turned = (turn * Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(stated[:, 3:]).inv()).as_rotvec()
+    turned = (turn * se3.rotation(rows) * se3.rotation(stated).inv()).as_rotvec()
     every = np.column_stack([np.degrees(turned), turn.apply(rows[:, :3] + model.arms) + shift - model.arms - stated[:, :3]])
     out[model.own :] = every[model.at[:, None], model.free].reshape(-1)
     return out

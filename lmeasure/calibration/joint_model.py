@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.refine import Noise
 from lmeasure.calibration.unknowns import Model, Unknowns
@@ -90,10 +90,7 @@ class JointModel(Model):
 
     def poses(self, theta: FloatArray) -> FloatArray:
         """(n, 7) the stated poses, shifted."""
-        shift, rows = self.shifts(theta), self.campaign.poses.rows.copy()
-        rows[:, :3] += shift[:, 3:]
-        rows[:, 3:] = (Rotation.from_rotvec(shift[:, :3]) * Rotation.from_quat(rows[:, 3:])).as_quat()
-        return np.ascontiguousarray(rows)
+        return se3.displaced(self.campaign.poses.rows, self.shifts(theta))
 
     def found_poses(self, theta: FloatArray, covariance: FloatArray) -> Poses:
         """The poses at theta, with the uncertainty that the covariance (P, P) of the unknowns states where they were unknown, and the file
@@ -103,7 +100,7 @@ class JointModel(Model):
         if own.covariance is None:
             both[:, [3, 4, 5], [3, 4, 5]] = own.u_position_mm[:, None] ** 2
         unit, d = np.where(self.free < 3, math.radians(1.0), 1.0), len(self.free)
-        turns = left_jacobians(self.shifts(theta)[:, :3])
+        turns = se3.left_jacobians(self.shifts(theta)[:, :3])
         for k, i in enumerate(self.at):
             rows = self.own + d * k + np.arange(d)
             to_pose = np.eye(6)
@@ -118,18 +115,9 @@ class JointModel(Model):
         """(e, p) as `Model.jacobian`, the poses' unknowns behind."""
         J = super().jacobian(theta)
         by_pose = self.pose_jacobian(theta)
-        by_pose[:, :, :3] = np.einsum("eni,nij->enj", by_pose[:, :, :3], left_jacobians(self.shifts(theta)[:, :3]))
+        by_pose[:, :, :3] = np.einsum("eni,nij->enj", by_pose[:, :, :3], se3.left_jacobians(self.shifts(theta)[:, :3]))
         by_pose = np.where(np.isfinite(by_pose), by_pose, 0.0)[:, self.at[:, None], self.free] * np.where(
             self.free < 3, math.radians(1.0), 1.0
         )
         J[:, self.own :] = by_pose.reshape(len(J), -1)
         return J
-
-
-def left_jacobians(turns: FloatArray) -> FloatArray:
-    """(n, 3, 3) of rotation vectors (n, 3): Exp(a + da) = Exp(J da) Exp(a) to first order."""
-    angle = np.linalg.norm(turns, axis=1)[:, None, None]
-    K = np.cross(turns[:, None, :], np.eye(3)).swapaxes(1, 2)
-    # what cancels in (angle - sin angle)/angle^3 is multiplied by the angle's square, and nothing of a double is lost
-    third = (1.0 - np.sinc(angle / np.pi)) / np.where(angle > 0.0, angle**2, 1.0)
-    return np.asarray(np.eye(3) + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * K + third * (K @ K))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
+from lmeasure import se3
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import counts_from_changes, span_lengths, wrap_geometry
@@ -59,13 +60,13 @@ class Region:
         """(n, 7) poses of (n, 6) coordinates in the unit cube: place, then tilt."""
         place = self.low + unit[:, :3] * (self.high - self.low)
         turned = Rotation.from_rotvec((2.0 * unit[:, 3:] - 1.0) * self.tilt_rad) * Rotation.from_quat(self.quaternion)
-        return np.column_stack([place, turned.as_quat()])
+        return se3.pose(place, turned)
 
     def unit(self, rows: FloatArray) -> FloatArray:
         """(n, 6) coordinates of (n, 7) poses, outside the unit cube for poses outside; 0.5 where there is no range."""
         size = np.where(self.high > self.low, self.high - self.low, 1.0)
         place = np.where(self.high > self.low, (rows[:, :3] - self.low) / size, 0.5)
-        vectors = (Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(self.quaternion).inv()).as_rotvec()
+        vectors = (se3.rotation(rows) * Rotation.from_quat(self.quaternion).inv()).as_rotvec()
         tilt = vectors / (2.0 * self.tilt_rad) + 0.5 if self.tilt_rad > 0.0 else np.full_like(vectors, 0.5)
         return np.column_stack([place, tilt])
 

@@ -8,8 +8,9 @@ import scipy.optimize
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.joint_model import ROTATIONS, JointModel, left_jacobians
+from lmeasure.calibration.joint_model import ROTATIONS, JointModel
 from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import span_lengths, span_rows
@@ -128,7 +129,7 @@ def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     chosen: list[FloatArray] = []
     for _, theta in found:
         rows = model.poses(theta)
-        if all(np.abs((Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(o[:, 3:]).inv()).magnitude()).max() > 0.02 for o in chosen):
+        if all(np.abs((se3.rotation(rows) * se3.rotation(o).inv()).magnitude()).max() > 0.02 for o in chosen):
             chosen.append(rows)
     return [replace(campaign, poses=replace(campaign.poses, rows=rows, oriented=True)) for rows in chosen[:CANDIDATES]]
 
@@ -147,22 +148,20 @@ def fit_pose(
         return out
 
     def pose(v: FloatArray) -> FloatArray:
-        s = shift(v)
-        turned = Rotation.from_rotvec(s[:3]) * Rotation.from_quat(stated[3:])
-        return np.concatenate([stated[:3] + s[3:], turned.as_quat()])
+        return se3.displaced(stated, shift(v))
 
     def residuals(v: FloatArray) -> FloatArray:
         return np.nan_to_num(span_lengths(rows, pose(v)[None])[0] - length_mm, nan=1e6)
 
     def jacobian(v: FloatArray) -> FloatArray:
         J = np.nan_to_num(span_rows(rows, pose(v)))
-        J[:, :3] = J[:, :3] @ left_jacobians(shift(v)[None, :3])[0]
+        J[:, :3] = J[:, :3] @ se3.left_jacobians(shift(v)[None, :3])[0]
         return np.asarray(J[:, free] * unit)
 
     starts = [begun]
     if 0 in free:
         turns = Rotation.random(TURNS, rng=np.random.default_rng([seed, 29]))
-        there = np.column_stack([np.tile(stated[:3], (TURNS, 1)), (turns * Rotation.from_quat(stated[3:])).as_quat()])
+        there = se3.pose(stated[:3], turns * se3.rotation(stated))
         miss = np.sum(np.nan_to_num(span_lengths(rows, there) - length_mm, nan=1e6) ** 2, axis=1)
         nearest = np.degrees(turns[np.argsort(miss)[:FOLLOWED]].as_rotvec())
         starts += [np.r_[turn, np.zeros(len(free) - 3)] for turn in nearest]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import conventions
+from lmeasure import conventions, se3
 from lmeasure.certification.errors_of_poses import PoseErrors, at_tool_point
 from lmeasure.certification.vibration import Vibration, vibration
 from lmeasure.errors import CertificationError
@@ -37,21 +37,17 @@ class Frame:
         """(n, 7) poses of that point in that frame, from poses of the tool origin in the base frame."""
         out = poses
         if self.tool_mm.any():
-            out = np.concatenate([out[:, :3] + Rotation.from_quat(out[:, 3:]).apply(self.tool_mm), out[:, 3:]], axis=1)
+            out = np.concatenate([se3.apply(out, self.tool_mm), out[:, 3:]], axis=1)
         if self.base_from_program is not None:
-            back = Rotation.from_quat(self.base_from_program[3:]).inv()
-            turned = (back * Rotation.from_quat(out[:, 3:])).as_quat()
-            out = np.concatenate([back.apply(out[:, :3] - self.base_from_program[:3]), turned], axis=1)
+            out = se3.between(self.base_from_program, out)
         return out
 
     def of_errors(self, poses: FloatArray, errors: PoseErrors) -> PoseErrors:
         """Errors in that frame at (n, 7) poses of the tool origin in the base frame."""
         matrices = at_tool_point(poses, self.tool_mm) if self.tool_mm.any() else np.tile(np.eye(6), (len(poses), 1, 1))
         if self.base_from_program is not None:
-            back = Rotation.from_quat(self.base_from_program[3:]).inv().as_matrix()
-            both = np.zeros((6, 6))
-            both[:3, :3] = both[3:, 3:] = back
-            matrices = both @ matrices
+            turned = se3.pose(np.zeros(3), se3.rotation(self.base_from_program).inv())
+            matrices = se3.adjoint(turned) @ matrices
         return errors.moved(matrices)
 
 
@@ -124,11 +120,14 @@ def scatter(poses: FloatArray) -> FloatArray:
 
 def displacements(poses: FloatArray) -> FloatArray:
     """(n, 6) (rotation [rad]; position [mm]) of poses (n, 7) that lie close together, from their mean; zero where it is not measured."""
-    away, mean = np.zeros((len(poses), 6)), mean_pose(poses)
-    if not np.isnan(poses[0, 3]):
-        away[:, :3] = (Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(mean[3:]).inv()).as_rotvec()
-    away[:, 3:] = poses[:, :3] - mean[:3]
-    return away
+    return moved(poses, mean_pose(poses))
+
+
+def moved(poses: FloatArray, reference: FloatArray) -> FloatArray:
+    """(n, 6) (rotation [rad]; position [mm]) of poses (n, 7) from a reference (7,) or (n, 7); no rotation where it is not measured."""
+    if np.isnan(poses[0, 3]):
+        return np.concatenate([np.zeros((len(poses), 3)), poses[:, :3] - reference[..., :3]], axis=1)
+    return se3.displacement(poses, reference)
 
 
 def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, still_mm: float, what: str) -> tuple[slice, FloatArray]:
@@ -207,4 +206,4 @@ def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:
         raise CertificationError(f"alignment: {len(poses)} poses with windows, or poses on one line, fix no frame; at least three apart")
     middle, place = commanded.mean(axis=0), attained.mean(axis=0)
     turn, _ = Rotation.align_vectors(attained - place, commanded - middle)
-    return np.concatenate([place - turn.apply(middle), turn.as_quat()])
+    return se3.pose(place - turn.apply(middle), turn)

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from lmeasure import conventions, files
+from lmeasure import conventions, files, se3
 from lmeasure.certification.campaign import CIRCLE_STEPS, Campaign
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.poses import POSITION_COLUMNS
@@ -72,7 +71,7 @@ def write_robodk(path: Path, plan: Campaign) -> None:
     for number, command in enumerate(plan.commands, 1):
         every = max(1, len(command.poses) // ROBODK_CIRCLE_POINTS) if len(command.poses) == CIRCLE_STEPS else 1
         poses = command.poses[every - 1 :: every]
-        angles = conventions.angles_from_rotation("fanuc-wpr", Rotation.from_quat(poses[:, 3:]))
+        angles = conventions.angles_from_rotation("fanuc-wpr", se3.rotation(poses))
         lines += [", ".join([*(repr(float(v)) for v in (*pose[:3], *turn)), str(number)]) for pose, turn in zip(poses, angles, strict=True)]
     files.write_text(path, "\n".join(lines) + "\n")
 

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory, covariances
 from lmeasure.trajectory.evidence import CLOSURE
@@ -155,9 +155,4 @@ class ErrorsOfFile:
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:
     """(n, 6, 6) matrices that take the error of the tool origin to that of a point offset_mm (3,) in the tool frame, at (n, 7) poses."""
-    matrices = np.tile(np.eye(6), (len(poses), 1, 1))
-    r = Rotation.from_quat(poses[:, 3:]).apply(offset_mm)
-    # v_point = v + w x r = v - [r] w
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        matrices[:, 3 + i, j], matrices[:, 3 + i, k] = r[:, k], -r[:, j]
-    return matrices
+    return se3.at_points(se3.rotation(poses).apply(offset_mm))

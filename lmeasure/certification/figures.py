@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import conventions
+from lmeasure import conventions, se3
 from lmeasure.certification import iso9283_pose as iso
 from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.errors_of_poses import PoseErrors
@@ -110,7 +110,7 @@ class PosePart:
         likely_turn = None if turn is None else _reduced(turn, [np.degrees(np.degrees(law[:3, :3])) for law in laws], self.groups)
         likely_angles = None
         if angles is not None and self.convention is not None:
-            mean = Rotation.from_quat(a.poses[:, 3:]).mean()
+            mean = se3.rotation(a.poses).mean()
             rates = angle_rates(self.convention, Rotation.from_quat(mean.as_quat()[None, :]))[0]
             self._rates.append(rates)
             # the standard takes angles one by one, and so do what errors add to them
@@ -123,7 +123,7 @@ class PosePart:
         """Rotation vectors and angles (n, 3) [deg] from the commanded orientation."""
         if np.isnan(self.attained.poses[0, 3]):
             return None, None
-        rotation, commanded = Rotation.from_quat(self.attained.poses[:, 3:]), Rotation.from_quat(self.attained.commanded[3:])
+        rotation, commanded = se3.rotation(self.attained.poses), se3.rotation(self.attained.commanded)
         turn = np.degrees((rotation * commanded.inv()).as_rotvec())
         if self.convention is None:
             return turn, None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure import conventions
+from lmeasure import conventions, se3
 from lmeasure.accuracy.radius import exact_radius_95
 from lmeasure.certification import direct
 from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, check_order, fit_frame, window, worst_angle
@@ -140,7 +140,7 @@ class Gathered:
         self.notes.clear()
         for pose in self.poses:
             measured = not np.isnan(pose.poses[0, 3])
-            turn = Rotation.from_quat(pose.commanded[None, 3:])
+            turn = se3.rotation(pose.commanded[None])
             convention = self.convention_at(f"pose {pose.name}", turn) if measured else None
             poses[f"pose {pose.name}"] = part = self.pose_part(every, pose, convention, groups_of(pose.name, len(pose.poses), self.program))
             figures += pose_figures(f"pose {pose.name}", part)
@@ -208,12 +208,12 @@ class Gathered:
         places |= {f"path {name} weave": WeavePart.positions(cycles) for name, cycles in self.weaves.items()}
         keys = [f"pose {p.name}" for p in self.poses]
         means = np.array([places[k].mean(axis=0) for k in keys])
-        inverse = np.linalg.pinv(np.concatenate([_displacement(m[None])[0, 3:] for m in means]))
+        inverse = np.linalg.pinv(np.concatenate([se3.at_points(m)[3:] for m in means]))
 
         def moved(errors: dict[str, FloatArray]) -> dict[str, FloatArray]:
             of_means = np.concatenate([errors[k][..., 3:].mean(axis=-2) for k in keys], axis=-1)
             twist = of_means @ inverse.T
-            return {k: e - np.einsum("nij,...j->...ni", _displacement(places[k]), twist) for k, e in errors.items()}
+            return {k: e - np.einsum("nij,...j->...ni", se3.at_points(places[k]), twist) for k, e in errors.items()}
 
         return moved
 
@@ -286,11 +286,3 @@ class Gathered:
                     found += self.reached(direct.stabilisation, crossed, corner, path, motion)
             out += [replace(c, excluded=self.reason(f"path {path.name}")) for c in found]
         return out
-
-
-def _displacement(places: FloatArray) -> FloatArray:
-    """(n, 6, 6) what a small twist (rotation; translation) of the frame about its origin does to (rotation; position) at places (n, 3)."""
-    out = np.tile(np.eye(6), (len(places), 1, 1))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[:, 3 + i, j], out[:, 3 + i, k] = places[:, k], -places[:, j]
-    return out

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import binary_dilation
 from scipy.signal import savgol_filter
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.certification.attained import Frame, window
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.rounding import phases, roundings
@@ -72,7 +72,7 @@ class Stretch:
         """(k, 6) how far (rotation [rad]; position [mm]) the stretch is from a place, roundings smoothed away."""
         to = np.zeros((len(self.samples), 6))
         if not np.isnan(self.poses[0, 3]):
-            turn = Rotation.from_quat(self.poses[:, 3:])
+            turn = se3.rotation(self.poses)
             to[:, :3] = (turn * turn[int(place[0])].inv()).as_rotvec()
         to[:, 3:] = self.poses[:, :3]
         smooth = savgol_filter(to, SMOOTHED, DEGREE, axis=0) if len(to) >= SMOOTHED else to
@@ -264,7 +264,7 @@ def _errors_from(
     poses = np.array([s.poses[at[0]] for s, at in zip(cycles, places, strict=True)])
     apart[:, 3:] = poses[:, :3] - poses[:, :3].mean(axis=0)
     if not np.isnan(poses[0, 3]):
-        turns = Rotation.from_quat(poses[:, 3:])
+        turns = se3.rotation(poses)
         apart[:, :3] = (turns * turns.mean().inv()).as_rotvec()
     start = phases(law, apart, rng, trials)
     common = law.drawn_factors(rng, trials) if absolute else np.empty((trials, 0))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
@@ -123,7 +124,7 @@ class PathPart:
         if commanded is None or np.isnan(c.attained[0, 0, 3]):
             return None, None
         m, n = c.time_s.shape
-        attained = Rotation.from_quat(c.attained[:, :, 3:].reshape(-1, 4))
+        attained = se3.rotation(c.attained.reshape(-1, 7))
         there = Rotation.from_quat(np.repeat(commanded.as_quat(), n, axis=0))
         turn = np.degrees((attained * there.inv()).as_rotvec()).reshape(m, n, 3)
         if self.convention is None:

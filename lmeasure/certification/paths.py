@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.certification.attained import Frame, scatter, window
+from lmeasure.certification.attained import Frame, moved, scatter, window
 from lmeasure.certification.between import passage
 from lmeasure.errors import CertificationError
 from lmeasure.kernels.polyline import follow
@@ -196,9 +196,5 @@ def _cross(
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1)[:, None]
     about = np.clip(ways + ABOUT_MM * np.array([[-1.0], [1.0]]), forward[0], forward[-1])
     pace = np.diff(about, axis=0)[0] / np.diff(np.interp(about, forward, cycle.time_s), axis=0)[0]
-    step = np.zeros((len(ways), 6))
-    if not np.isnan(one[0, 3]):
-        step[:, :3] = (Rotation.from_quat(other[:, 3:]) * Rotation.from_quat(one[:, 3:]).inv()).as_rotvec()
-    step[:, 3:] = other[:, :3] - one[:, :3]
     nearest = np.where(times - cycle.time_s[before] < cycle.time_s[after] - times, before, after)
-    return pose, times, pace, cycle.samples[nearest], weights, step
+    return pose, times, pace, cycle.samples[nearest], weights, moved(other, one)

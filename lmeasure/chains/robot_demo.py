@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from lmeasure import files
+from lmeasure import files, se3
 from lmeasure.certification import Settings, evaluate
 from lmeasure.certification.campaign import Tests, campaign, timed
 from lmeasure.certification.command_files import write_commands
@@ -116,9 +115,8 @@ def robot_demo(out: Path, progress: Progress | None = None, seed: int = 0, tests
     moved = simulate_run(true, done.time_s, done.poses, 0.0, rng)
     recorded = record_motion(moved, report)
     # the counters are zeroed where the robot stands, which a reference instrument measures
-    start = done.poses[0].copy()
-    start[:3] += U_REFERENCE_MM * rng.normal(size=3)
-    start[3:] = (Rotation.from_rotvec(U_REFERENCE_RAD * rng.normal(size=3)) * Rotation.from_quat(start[3:])).as_quat()
+    shift, turn = U_REFERENCE_MM * rng.normal(size=3), U_REFERENCE_RAD * rng.normal(size=3)
+    start = se3.displaced(done.poses[0], np.concatenate([turn, shift]))
     u_start = (U_REFERENCE_MM, U_REFERENCE_RAD)
     found = replace(recorded, rig=cell.calibration.rig, calibration=cell.calibration.record, start=start, u_start=u_start)
     write_run(out / "run", found)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from lmeasure import se3
 from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 from lmeasure.simulation import scattered_poses
@@ -39,9 +39,9 @@ class Errors:
 def errors_of(trajectory: Trajectory, truth: FloatArray) -> Errors:
     """Compare with (n, 7) true poses, sample by sample."""
     ok = trajectory.status == Status.OK
-    position, rotation = np.full((len(truth), 3), np.nan), np.full((len(truth), 3), np.nan)
-    position[ok] = truth[ok, :3] - trajectory.poses[ok, :3]
-    rotation[ok] = (Rotation.from_quat(truth[ok, 3:]) * Rotation.from_quat(trajectory.poses[ok, 3:]).inv()).as_rotvec()
+    delta = np.full((len(truth), 6), np.nan)
+    delta[ok] = se3.displacement(truth[ok], trajectory.poses[ok])
+    rotation, position = delta[:, :3], delta[:, 3:]
     covariance = trajectory.random + trajectory.systematic
     inside = [
         float(np.mean(_mahalanobis(error[ok], covariance[ok][:, part, part]) <= chi2.ppf(COVERAGE, 3)))

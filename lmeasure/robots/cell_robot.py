@@ -5,6 +5,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.robots.serial import AXES, elbow_arm
 from lmeasure.robots.simulated import SimulatedRobot
 
@@ -26,9 +27,9 @@ GROWTH_S = 1800.0
 def cell_robot(seed: int = 0) -> SimulatedRobot:
     """A robot of 20 kg with normal errors of its links: a few tenths of a millimetre at the tool, as no two are built."""
     rng = np.random.default_rng(seed)
-    foot = np.array([*FOOT_MM, *Rotation.from_rotvec([0.0, 0.0, math.pi]).as_quat()])
+    foot = se3.pose(FOOT_MM, Rotation.from_rotvec([0.0, 0.0, math.pi]))
     # the flange looks down, the tool's axes are those of the base frame at rest
-    tool = np.array([0.0, 0.0, TOOL_MM, *Rotation.from_matrix([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]).as_quat()])
+    tool = se3.pose([0.0, 0.0, TOOL_MM], Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0])))
     nominal = elbow_arm(foot=foot, tool=tool)
     errors = rng.normal(size=nominal.links.shape) * [U_ANGLE_RAD, U_LENGTH_MM, U_LENGTH_MM, U_ANGLE_RAD, U_ANGLE_RAD]
     return SimulatedRobot(

@@ -5,7 +5,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from lmeasure import se3
 
 FloatArray = NDArray[np.float64]
 
@@ -37,5 +38,5 @@ class Command:
         """(k,) seconds of the ways to its poses, the first from `start` (7,): the slower of shift and turn."""
         rows = np.concatenate([start[None], self.poses])
         shift = np.linalg.norm(np.diff(rows[:, :3], axis=0), axis=1)
-        turn = (Rotation.from_quat(rows[:-1, 3:]).inv() * Rotation.from_quat(rows[1:, 3:])).magnitude()
+        turn = (se3.rotation(rows[:-1]).inv() * se3.rotation(rows[1:])).magnitude()
         return np.asarray(np.maximum(shift / self.speed_mm_s, turn / self.rotation_rad_s))

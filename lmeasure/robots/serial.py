@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.errors import RobotError
 
 FloatArray = NDArray[np.float64]
@@ -49,8 +50,8 @@ class SerialArm:
         joints = np.asarray(joints, dtype=np.float64)
         at, turn = self.flange(joints, growth)
         at = at + np.einsum("...ij,j->...i", turn, self.tool[:3])
-        rotation = Rotation.from_quat(self.foot[3:]) * Rotation.from_matrix(turn.reshape(-1, 3, 3)) * Rotation.from_quat(self.tool[3:])
-        place = self.foot[:3] + Rotation.from_quat(self.foot[3:]).apply(at.reshape(-1, 3))
+        rotation = se3.rotation(self.foot) * Rotation.from_matrix(turn.reshape(-1, 3, 3)) * se3.rotation(self.tool)
+        place = se3.apply(self.foot, at.reshape(-1, 3))
         return np.concatenate([place, rotation.as_quat(canonical=True)], axis=1).reshape(*joints.shape[:-1], 7)
 
     def flange(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
@@ -65,7 +66,7 @@ class SerialArm:
         shape = joints.shape[:-1]
         at, turn = np.zeros((*shape, 3)), np.broadcast_to(np.eye(3), (*shape, 3, 3))
         points, directions = np.empty((*shape, AXES, 3)), np.empty((*shape, AXES, 3))
-        stand = Rotation.from_quat(self.foot[3:]).as_matrix()
+        stand = se3.matrices(self.foot)
         for i in range(AXES):
             points[..., i, :], directions[..., i, :] = self.foot[:3] + at @ stand.T, turn[..., 2] @ stand.T
             at, turn = self._past(i, joints[..., i], at, turn, 0.0)
@@ -98,8 +99,8 @@ class SerialArm:
     def _way(self, rows: FloatArray, way: int) -> FloatArray:
         """(n, 6) joint angles of one way to (n, 7) poses."""
         self._require_elbow()
-        stand, tool = Rotation.from_quat(self.foot[3:]), Rotation.from_quat(self.tool[3:])
-        turn = (stand.inv() * Rotation.from_quat(rows[:, 3:]) * tool.inv()).as_matrix()
+        stand, tool = se3.rotation(self.foot), se3.rotation(self.tool)
+        turn = (stand.inv() * se3.rotation(rows) * tool.inv()).as_matrix()
         flange = stand.inv().apply(rows[:, :3] - self.foot[:3]) - turn @ self.tool[:3]
         wrist = flange - self.links[5, D] * turn[:, :, 2]
         q1, out = self._shoulder(wrist, way // 4)

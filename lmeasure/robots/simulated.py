@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.errors import RobotError
 from lmeasure.robots.commands import Command
 from lmeasure.robots.serial import AXES, SerialArm
@@ -133,7 +134,7 @@ def _setpoints(
 
     Orientations are averaged as rotation vectors from the start's.
     """
-    reference = Rotation.from_quat(start[3:])
+    reference = se3.rotation(start)
     ramp = sum(ramp_s)
     knots, rows, spans = [0.0], [start], []
     for command in commands:
@@ -145,12 +146,11 @@ def _setpoints(
     if n > MAX_SAMPLES:
         raise RobotError(f"the commands take {knots[-1]:.6g} s, {n} samples at {rate_hz:g} Hz; at most {MAX_SAMPLES} are simulated")
     table = np.array(rows)
-    vectors = (Rotation.from_quat(table[:, 3:]) * reference.inv()).as_rotvec()
+    vectors = (se3.rotation(table) * reference.inv()).as_rotvec()
     time_s = np.arange(n) / rate_hz
     columns = [_averaged(np.interp(time_s, knots, c), ramp_s, rate_hz) for c in np.column_stack([table[:, :3], vectors]).T]
     smooth = np.column_stack(columns)
-    quaternions = (Rotation.from_rotvec(smooth[:, 3:]) * reference).as_quat()
-    return np.column_stack([smooth[:, :3], quaternions]), spans
+    return se3.pose(smooth[:, :3], Rotation.from_rotvec(smooth[:, 3:]) * reference), spans
 
 
 def _averaged(values: FloatArray, spans_s: Sequence[float], rate_hz: float) -> FloatArray:

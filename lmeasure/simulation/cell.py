@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.rig import Cable, Drum, ObservationPoint, Rig
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +56,7 @@ REFERENCE_POSES = (
 def reference_poses() -> FloatArray:
     """(20, 7) poses about the origin at which the cell is calibrated."""
     rows = np.array(REFERENCE_POSES)
-    return np.column_stack([rows[:, :3], Rotation.from_rotvec(rows[:, 3:]).as_quat()])
+    return se3.pose(rows[:, :3], Rotation.from_rotvec(rows[:, 3:]))
 
 
 def cell_rig(seed: int = 0) -> Rig:

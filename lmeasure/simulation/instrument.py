@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.counts import Counts
 from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.poses import Poses, poses_from_rows
@@ -117,9 +117,8 @@ def campaign_at(
     warm = None if temperature_c is None else float(temperature_c[0])
     counts = counts_from_poses(rig, poses, poses[0], cables, temperature_c, warm)
     recorded = recorded_from_counts(rig, counts, cables, drawn_phases(rig, rng.spawn(1)[0], cables))
-    rows = poses.copy()
-    rows[:, :3] += u_position_mm * rng.normal(size=(count, 3))
-    rows[:, 3:] = (Rotation.from_rotvec(u_rotation_rad * rng.normal(size=(count, 3))) * Rotation.from_quat(rows[:, 3:])).as_quat()
+    shift, turn = u_position_mm * rng.normal(size=(count, 3)), u_rotation_rad * rng.normal(size=(count, 3))
+    rows = se3.displaced(poses, np.column_stack([turn, shift]))
     measured = replace(poses_from_rows(rows), u_position_mm=np.full(count, u_position_mm), u_rotation_rad=np.full(count, u_rotation_rad))
     nominal = rig.model_copy(
         update={

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.errors import FileFormatError
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +37,7 @@ def smooth_path(start: FloatArray, legs: Sequence[Leg], rate_hz: float) -> tuple
     edges, ways = [0.0], []
     here = np.asarray(start, dtype=np.float64)
     for leg in legs:
-        turn = (Rotation.from_quat(here[3:]).inv() * Rotation.from_quat(leg.pose[3:])).as_rotvec()
+        turn = (se3.rotation(here).inv() * se3.rotation(leg.pose)).as_rotvec()
         shift = leg.pose[:3] - here[:3]
         moving = PEAK * max(float(np.linalg.norm(shift)) / leg.speed_mm_s, float(np.linalg.norm(turn)) / leg.rotation_speed_rad_s)
         ways.append((here, shift, turn, moving))
@@ -52,15 +53,12 @@ def smooth_path(start: FloatArray, legs: Sequence[Leg], rate_hz: float) -> tuple
         mine = of == i
         s = np.clip((time_s[mine] - edges[i]) / moving, 0.0, 1.0) if moving > 0 else np.ones(int(mine.sum()))
         part = (s**3 * (10.0 + s * (6.0 * s - 15.0)))[:, None]
-        rows[mine, :3] = origin[:3] + part * shift
-        rows[mine, 3:] = (Rotation.from_quat(origin[3:]) * Rotation.from_rotvec(part * turn)).as_quat()
+        rows[mine] = se3.pose(origin[:3] + part * shift, se3.rotation(origin) * Rotation.from_rotvec(part * turn))
     return time_s, rows
 
 
 def scattered_poses(count: int, half_mm: Sequence[float], tilt_rad: float, centre: FloatArray, rng: np.random.Generator) -> FloatArray:
     """(count, 7) poses, uniform over a box of half widths (3,) [mm] about the centre pose (7,), each component of the rotation vector
     uniform up to tilt_rad, in base axes."""
-    rows = np.empty((count, 7))
-    rows[:, :3] = centre[:3] + rng.uniform(-1.0, 1.0, (count, 3)) * np.asarray(half_mm)
-    rows[:, 3:] = (Rotation.from_rotvec(rng.uniform(-tilt_rad, tilt_rad, (count, 3))) * Rotation.from_quat(centre[3:])).as_quat()
-    return rows
+    shift, turn = rng.uniform(-1.0, 1.0, (count, 3)) * np.asarray(half_mm), rng.uniform(-tilt_rad, tilt_rad, (count, 3))
+    return se3.displaced(centre, np.column_stack([turn, shift]))

@@ -7,8 +7,8 @@ stays below 75 degrees of pressure angle. Anything else is left to the compiled 
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.kernels.lanes import CLEAR_OF_SINGULAR, NEAR_MM
 from lmeasure.kernels.screw import MAX_STEP_ROTATION, TOLERANCE_MM
 from lmeasure.status import Status
@@ -27,7 +27,7 @@ Followed = tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]
 def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n, m) lengths from B to the attachment point and (n, m, 6) rows (arm x e ; e) about the tool origin, at (n, 7) poses; NaN where no
     cable can run. `kernels.cable` derives the formulas."""
-    arm = np.einsum("nij,mj->nmi", Rotation.from_quat(poses[:, 3:]).as_matrix(), cables[:, 7:10])
+    arm = np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, 7:10])
     d = poses[:, None, :3] + arm - cables[:, 0:3]
     u, radius = cables[:, 3:6], cables[:, 6]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -130,14 +130,13 @@ def _newton(cables: FloatArray, poses: FloatArray, targets: FloatArray, most: in
         if not np.linalg.norm(twist[:, :3], axis=1).max() <= MAX_STEP_ROTATION:
             return None
         # a turn and a shift of the tool origin; Newton's order does not need the screw between two steps
-        turned = Rotation.from_rotvec(twist[:, :3]) * Rotation.from_quat(poses[:, 3:])
-        poses = np.column_stack([poses[:, :3] + twist[:, 3:], turned.as_quat()])
+        poses = se3.displaced(poses, twist)
     return None
 
 
 def _attachment_speeds(cables: FloatArray, poses: FloatArray, rows: FloatArray) -> FloatArray:
     """(n,) largest squared speed of an attachment point per unit rate of its cable (`kernels.screw.pressure_angles`)."""
     G = np.linalg.inv(rows)
-    arm = np.einsum("nij,mj->nmi", Rotation.from_quat(poses[:, 3:]).as_matrix(), cables[:, 7:10])
+    arm = np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, 7:10])
     v = np.swapaxes(G[:, 3:], 1, 2) + np.cross(np.swapaxes(G[:, :3], 1, 2), arm)
     return np.asarray((v * v).sum(axis=2).max(axis=1))

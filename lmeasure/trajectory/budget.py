@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.errors import TrajectoryError
@@ -225,8 +225,7 @@ class Budget:
             lengths = span_lengths(self.scheme.rows, self._zero[None])[0] + self._u_length * generator.standard_normal(len(moved))
             return np.asarray(screw.solve_pose(moved, lengths, self._zero)[3])
         delta = self._u_start * generator.standard_normal(6)
-        turned = Rotation.from_rotvec(delta[:3]) * Rotation.from_quat(self.start[3:])
-        return self.scheme.start_of(np.concatenate([self.start[:3] + delta[3:], turned.as_quat()]))
+        return self.scheme.start_of(se3.displaced(self.start, delta))
 
     def _own(
         self,

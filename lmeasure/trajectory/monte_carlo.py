@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.cable import PARAMETERS, changes_from_counts
 from lmeasure.lengths import Lengths
@@ -111,14 +111,12 @@ def _scatter(trial: Callable[[], FloatArray], base: FloatArray, trials: int, ste
     """(n, 6, 6) covariance of (rotation; tool origin) of the trials' poses about their mean."""
     n = len(base)
     good = ~np.isnan(base[:, 0])
-    back = Rotation.from_quat(base[good, 3:]).inv()
     count, total, squares = np.zeros(n), np.zeros((n, 6)), np.zeros((n, 6, 6))
     for _ in range(trials):
         poses = trial()
         found = ~np.isnan(poses[good, 0])
         delta = np.zeros((int(good.sum()), 6))
-        delta[found, :3] = (Rotation.from_quat(poses[good][found, 3:]) * back[found]).as_rotvec()
-        delta[found, 3:] = poses[good][found, :3] - base[good][found, :3]
+        delta[found] = se3.displacement(poses[good][found], base[good][found])
         count[good] += found
         total[good] += delta
         squares[good] += delta[:, :, None] * delta[:, None, :]

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from lmeasure import files
+from lmeasure import files, se3
 from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_rotation, convention
 from lmeasure.errors import FileFormatError
 from lmeasure.poses import POSITION_COLUMNS
@@ -81,7 +80,7 @@ class Trajectory:
         if angles is not None:
             values = np.full((len(self.poses), 3), np.nan)
             known = ~np.isnan(self.poses[:, 3:]).any(axis=1)
-            values[known] = angles_from_rotation(angles, Rotation.from_quat(self.poses[known, 3:]))
+            values[known] = angles_from_rotation(angles, se3.rotation(self.poses[known]))
             out |= dict(zip(convention(angles).columns, values.T, strict=True))
         return out
 

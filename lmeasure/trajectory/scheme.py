@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import span_rows
 from lmeasure.rig import Rig
@@ -51,7 +51,7 @@ class Scheme:
         """The start pose (7,); of the attachment point where only that is measured."""
         if self.point is None:
             return start
-        place = start[:3] + Rotation.from_quat(start[3:]).apply(self.place)
+        place = se3.apply(start, self.place)
         return np.concatenate([place, [0.0, 0.0, 0.0, 1.0]])
 
     @property

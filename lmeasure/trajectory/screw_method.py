@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
@@ -89,11 +89,8 @@ class Reconstruction:
         split = Split(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.length_variance))
         part = split.twist * split.metric  # of an error of the start that is this twist [mm]
         reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
-        probes = [self.start]
-        for way in (reach, -reach):
-            turn = Rotation.from_rotvec(way * split.twist[:3]) * Rotation.from_quat(self.start[3:])
-            probes.append(np.concatenate([self.start[:3] + way * split.twist[3:], turn.as_quat()]))
-        sides = np.sign(np.linalg.det(at_once.span_rows(rows, np.array(probes))[1]))
+        probes = np.stack([self.start, *(se3.displaced(self.start, way * split.twist) for way in (reach, -reach))])
+        sides = np.sign(np.linalg.det(at_once.span_rows(rows, probes)[1]))
         if not (sides == sides[0]).all():
             raise TrajectoryError(
                 f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(self._start_angle):.1f} deg at the "

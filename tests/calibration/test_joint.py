@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -16,7 +15,7 @@ from typer.testing import CliRunner
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
 from lmeasure.calibration.frame import motions, moved
 from lmeasure.calibration.joint import solve_jointly
-from lmeasure.calibration.joint_model import JointModel, left_jacobians
+from lmeasure.calibration.joint_model import JointModel
 from lmeasure.calibration.unknown_poses import free_components
 from lmeasure.calibration.unknowns import unknowns_of
 from lmeasure.cli import app
@@ -80,15 +79,6 @@ def free_lengths(result: Calibration, true_rig: Rig, true: FloatArray, count: in
         return np.asarray(all_lengths[1:] - all_lengths[0])
 
     return lengths(result.rig, result.campaign.poses.rows[0]) - lengths(true_rig, true[0])
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-5, 1e-3, 0.1, 1.0, 3.0])
-def test_left_jacobian_against_the_exponential(size: float) -> None:
-    """The integral of exp(s [a]x) over s from 0 to 1, as a block of a matrix exponential."""
-    a = np.array([0.6, -0.64, 0.48]) * size
-    K = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-    whole = scipy.linalg.expm(np.block([[K, np.eye(3)], [np.zeros((3, 6))]]))
-    np.testing.assert_allclose(left_jacobians(a[None])[0], whole[:3, 3:], rtol=1e-14, atol=1e-15)
 
 
 def test_derivatives_and_motions_of_the_whole() -> None:
