@@ -2,4 +2,9 @@
 
 import os
 
+from hypothesis import settings
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# how long an example takes says more of what else the machine does
+settings.register_profile("unhurried", deadline=None)
+settings.load_profile("unhurried")
