@@ -1,11 +1,12 @@
 """Do the tests see when the core is wrong? One small fault at a time is put into a copy of a file, and its tests are run.
 
-    python benchmarks/mutants.py [--files PART ...] [--sample N] [--seed N] [--limit-s N] [--list]
+    python benchmarks/mutants.py [--files PART ...] [--sample N] [--seed N] [--limit-s N] [--again] [--list]
 
 A fault is an operator, a comparison, a constant, a condition or a statement changed; `--list` prints them without running anything. A fault
 that no test sees in time survives; one that hangs is killed. Kernels are compiled anew for each fault, without the compiler's optimisation.
 Survivors that change nothing which could be seen are named, with the reason, in `equivalent_mutants.toml`, by the text of their line.
-Writes `benchmarks/results/mutants.md`; files that are not asked for keep what stands there of them.
+Writes `benchmarks/results/mutants.md`; files that are not asked for keep what stands there of them. `--again` tries only the faults that
+survived by that report, with the same sample and seed, and takes its word for the others.
 """
 
 import argparse
@@ -256,15 +257,17 @@ def equivalents() -> dict[tuple[str, str, str], str]:
     return {(m["file"], m["line"], m["change"]): m["why"] for m in table["mutant"]}
 
 
-def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: float) -> str:
-    """The section of the report about a file."""
+def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: float, before: str | None = None) -> str:
+    """The section of the report about a file. before: the section that stood there, of which only survivors are tried again."""
     text = (ROOT / "lmeasure" / file).read_text(encoding="utf-8")
     every = mutants_of(file, text)
     chosen = (
         every if sample is None else sorted(random.Random(f"{seed} {file}").sample(every, min(sample, len(every))), key=lambda m: m.start)
     )
     known = equivalents()
-    survivors, dead = [], 0
+    survivors, tried = [m for m in chosen if m.key in known], [m for m in chosen if m.key not in known]
+    if before is not None:
+        tried = [m for m in tried if f"- line {m.line}, `{m.source}`: `{m.change}`: " in before]
     with tempfile.TemporaryDirectory() as folder:
         copy = Copy(Path(folder))
         if not copy.passes(tests, longest_s):
@@ -272,14 +275,14 @@ def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: f
         begun = time.monotonic()
         assert copy.passes(tests, longest_s)
         limit_s = min(longest_s, 20.0 + 5.0 * (time.monotonic() - begun) + (120.0 if file.startswith("kernels/") else 0.0))
-        for number, mutant in enumerate(chosen, 1):
+        for number, mutant in enumerate(tried, 1):
             killed = copy.killed(mutant, tests, limit_s)
-            dead += killed
             if not killed:
                 survivors.append(mutant)
-            print(f"{file} {number}/{len(chosen)} line {mutant.line}: {mutant.change}: {'killed' if killed else 'SURVIVES'}", flush=True)
+            print(f"{file} {number}/{len(tried)} line {mutant.line}: {mutant.change}: {'killed' if killed else 'SURVIVES'}", flush=True)
     same = [m for m in survivors if m.key in known]
-    told = len(chosen) - len(same)
+    told, dead = len(chosen) - len(same), len(chosen) - len(survivors)
+    survivors.sort(key=lambda m: m.start)
     lines = [
         f"## {file}",
         "",
@@ -317,6 +320,7 @@ def main() -> None:
     parser.add_argument("--sample", type=int, help="so many of each file, chosen by the seed; default all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--limit-s", type=float, default=600.0, help="longest time of a file's tests")
+    parser.add_argument("--again", action="store_true", help="only what survived by the report that stands")
     parser.add_argument("--list", action="store_true", help="print the faults as JSON lines, run nothing")
     parser.add_argument("--out", type=Path, default=RESULTS / "mutants.md")
     asked = parser.parse_args()
@@ -332,7 +336,7 @@ def main() -> None:
         importlib.import_module(name)
     sections = earlier(asked.out)
     for file in files:
-        sections[file] = run(file, CORE[file], asked.sample, asked.seed, asked.limit_s)
+        sections[file] = run(file, CORE[file], asked.sample, asked.seed, asked.limit_s, sections[file] if asked.again else None)
         asked.out.write_text(written(sections), encoding="utf-8")
 
 

@@ -11,14 +11,14 @@ from zone_rigs import cell, published
 
 from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
 from lmeasure.accuracy.limits import REASONS, Limits
-from lmeasure.accuracy.zone import axis, tilts
+from lmeasure.accuracy.zone import axis, drum_variance, tilts
 from lmeasure.accuracy.zone_dataset import summary
 from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.conventions import rotation_from_angles
 from lmeasure.errors import AccuracyError, FileFormatError, RigError
 from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.lengths import cable_covariance, counts_from_poses
-from lmeasure.rig import Rig
+from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.zeroing import length_variance
 
 COUNT_MM = 0.0125
@@ -176,3 +176,40 @@ def test_rig_that_cannot_tell_a_pose_is_refused() -> None:
     short = rig.model_copy(update={"cable": rig.cable[:5]})
     with pytest.raises(RigError, match="5 cables"):
         scan_zone(short, None, np.zeros(1), np.zeros(1), np.zeros(1), Rotation.identity(1))
+
+
+def test_a_place_alone_has_no_step_unless_it_is_told() -> None:
+    zone = scan_zone(cell(), None, axis(0, 0, 1), axis(0, 50, 50), axis(0, 0, 1), tilts(0, 1))
+    assert list(zone.attrs["node_spacing_mm"]) == [0.0, 50.0, 0.0]
+    assert zone.attrs["limit_deg"] == 60.0
+    told = scan_zone(cell(), None, axis(0, 0, 1), axis(0, 50, 50), axis(0, 0, 1), tilts(0, 1), spacing_mm=(10.0, 20.0, 30.0))
+    assert list(told.attrs["node_spacing_mm"]) == [10.0, 50.0, 30.0]
+
+
+def test_the_assembly_is_the_sign_of_the_rows() -> None:
+    """Two cables exchanged are the other assembly; where the orientations have both, none."""
+    rig, nodes = cell(), axis(-50, 50, 50)
+    data = rig.to_dict()
+    data["cable"][0], data["cable"][1] = data["cable"][1], data["cable"][0]
+    signs = set()
+    for one in (rig, rig_from_dict(data)):
+        found = scan_zone(one, None, nodes, nodes, nodes, Rotation.identity(1))["assembly"].values
+        places = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1)
+        sides = np.array([[[np.sign(np.linalg.det(length_rows(at, np.eye(3), plain(one)))) for at in b] for b in a] for a in places])
+        np.testing.assert_array_equal(found, sides)
+        signs.add(sides[0, 0, 0])
+    assert signs == {-1.0, 1.0}
+    far = Rotation.from_rotvec(np.outer(np.linspace(0.0, 3.0, 13), [0.0, 0.0, 1.0]))
+    signs = {np.sign(np.linalg.det(length_rows(np.zeros(3), turn.as_matrix(), plain(rig)))) for turn in far}
+    assert signs == {-1.0, 1.0}
+    assert scan_zone(rig, None, axis(0, 0, 1), axis(0, 0, 1), axis(0, 0, 1), far)["assembly"].item() == 0
+
+
+def test_play_is_once_where_it_was_zeroed_and_once_at_the_pose() -> None:
+    data = cell().to_dict()
+    for point in data["observation_point"]:
+        point["drum"]["u_backlash_counts"] = 3.0
+    start = np.array([0, 0, 0, 0, 0, 0, 1.0])
+    found = drum_variance(rig_from_dict(data), np.array([[100.0, 50.0, -20.0]]), Rotation.identity(1), start)
+    np.testing.assert_allclose(found, 2.0 * (3.0 * COUNT_MM) ** 2, rtol=1e-12)
+    np.testing.assert_array_equal(drum_variance(cell(), np.zeros((1, 3)), Rotation.identity(1), start), np.zeros(6))

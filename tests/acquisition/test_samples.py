@@ -249,6 +249,34 @@ def test_a_sync_that_is_missing_takes_its_sample_with_it() -> None:
     assert counts_from_frames(RIG, [twice], FIELDS).events.tally == {"duplicate": 6}
 
 
+def test_frames_that_come_before_their_sync_are_put_back() -> None:
+    """A channel's frame of a sample before that sample's SYNC; one that only says the same again may as well be a duplicate."""
+    moving = replace(COUNTS, recorded=np.multiply.outer(np.arange(len(COUNTS.time_s)), np.arange(10, 70, 10)).astype(np.float64))
+    every = frames_of(RIG, moving).take(slice(0, len(FRAMES)))
+    order = list(range(len(every)))
+    for s in range(3, 97, 3):
+        sync, channel = PER_SAMPLE * s, 1 + s % 6
+        order.insert(sync, order.pop(sync + channel))
+    for size in (len(every), 5):
+        frames = order_of(every, order)
+        pieces = [frames.take(slice(a, a + size)) for a in range(0, len(frames), size)]
+        got = counts_from_frames(RIG, pieces, FIELDS)
+        np.testing.assert_array_equal(got.counts.recorded, moving.recorded[:100])
+        assert got.events.tally == {"reordered": 32}
+        assert {e.text for e in got.events.kept} == {"before its SYNC"}
+        assert [e.sample for e in got.events.kept] == list(range(3, 97, 3))
+        assert got.events.kept[0].channel == FIELDS[3].channel
+
+
+def test_two_syncs_with_one_stamp_are_two_instants() -> None:
+    stamps = FRAMES.time_s.copy()
+    stamps[50 * PER_SAMPLE : 51 * PER_SAMPLE] = stamps[49 * PER_SAMPLE]
+    got = counts_from_frames(RIG, [replace(FRAMES, time_s=stamps, timestamp_source="log")], FIELDS)
+    assert (np.diff(got.counts.time_s) > 0).all()
+    assert got.events.tally == {"time": 1}
+    np.testing.assert_array_equal(got.counts.recorded, COUNTS.recorded[:100])
+
+
 def test_nothing_grows_when_the_first_channel_falls_silent() -> None:
     rig = free_rig()
     frames, _ = free_frames(rig)

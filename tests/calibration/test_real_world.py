@@ -12,7 +12,7 @@ from real_rig import Flaws
 from real_world import Case, Made, make, score, score_of, told
 from typer.testing import CliRunner
 
-from lmeasure.calibration import Calibration, Settings, calibrate, solve
+from lmeasure.calibration import Calibration, Settings, calibrate, explanations, misfit, solve
 from lmeasure.calibration.misfit import Explained, Problem, explain_misfit
 from lmeasure.calibration.refine import Fit
 from lmeasure.calibration_record import Finding
@@ -150,6 +150,23 @@ def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: p
         np.testing.assert_allclose(explained.fit.covariance, found.covariance * excess, rtol=1e-12)
         assert explained.estimated
         assert (explained.u_length_mm > 0.02).all()
+    # the sizes of errors widen what is stated
+    noise, arm = problem.noise.bare().widened(0.05, 1e-4), explanations.arm_mm(problem.model)
+    channel = problem.model.campaign.cables[1].channel
+    for errors, place, turn, lengths in (
+        ([("stated", None, 0.75)], 1.25 * 0.05, 1.25e-4, None),
+        ([("stated", None, 0.75), ("position", None, 0.1)], np.hypot(1.25 * 0.05, 0.1), 1.25e-4, None),
+        ([("rotation", None, 0.2)], 0.05, np.hypot(1e-4, 0.2 / arm), None),
+        ([("pose", None, 0.2)], np.hypot(0.05, 0.2), np.hypot(1e-4, 0.2 / arm), None),
+        ([("length", None, 0.3), ("length", channel, 0.4)], 0.05, 1e-4, [0.3, 0.5, 0.3, 0.3, 0.3, 0.3]),
+    ):
+        state = misfit._State(problem, noise, found, (), tuple((n, c) for n, c, _ in errors), tuple(u for *_, u in errors))
+        wide = misfit._widened(state)
+        np.testing.assert_allclose(wide.u_position_mm, place, rtol=1e-12)
+        np.testing.assert_allclose(wide.u_rotation_rad, turn, rtol=1e-12)
+        assert (wide.u_length_mm is None) == (lengths is None)
+        if wide.u_length_mm is not None and lengths is not None:
+            np.testing.assert_allclose(wide.u_length_mm, np.array(lengths), rtol=1e-12)
     # where residuals are as stated there is nothing to be said
     calibrate(make(Case(), 1).campaign)
     sound = explain_misfit(*seen[-1], ["c2"])

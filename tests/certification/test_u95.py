@@ -7,8 +7,8 @@ import pytest
 from made_trajectories import UNIT, StatedErrors, by_name, dwells, made_campaign, some_law, trajectory_of
 from numpy.typing import NDArray
 
-from lmeasure.certification import Characteristic, Settings, evaluate
-from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED, reduction, reduction_of_mean
+from lmeasure.certification import Characteristic, PoseErrors, Settings, evaluate
+from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED, propagate, reduction, reduction_of_mean
 from lmeasure.program import Program
 
 FloatArray = NDArray[np.float64]
@@ -243,3 +243,46 @@ def test_the_least_scatter_that_could_have_been_observed() -> None:
     assert float(reduction(4.0, 1.0, 8)) == pytest.approx(np.sqrt((least - 1.0) / 4.0), rel=1e-12)
     np.testing.assert_array_equal(reduction(np.array([1.0, 0.0, 0.9]), 1.0), 0.0)
     np.testing.assert_array_equal(reduction(np.array([1.0, 2.0]), 0.0), 1.0)
+
+
+class Places:
+    """Four positions along x, for the law of their errors alone."""
+
+    def __init__(self, errors: PoseErrors) -> None:
+        self.errors = errors
+
+    def state(self, errors: FloatArray, reduced: bool) -> FloatArray:
+        return np.asarray([1.0, 2.0, 4.0, 8.0] + errors[..., 3])
+
+
+def test_what_errors_at_one_place_have_in_common() -> None:
+    """Own errors at every pose, local ones at every place, shared ones in the run; those of the counts are random whatever they share."""
+    along = np.eye(6)[3][:, None]
+    own, local, shared = (np.tile(u * along, (4, 1, 1)) for u in (0.1, 0.3, 0.5))
+    place = np.array([0, 0, 1, 1])
+    figures = [
+        lambda states: states["p"].mean(axis=-1),
+        lambda states: states["p"][..., 1] - states["p"][..., 0],
+        lambda states: states["p"][..., 2] - states["p"][..., 1],
+    ]
+    errors = PoseErrors(own, local, place, shared)
+    mean, within, across = propagate({"p": Places(errors)}, figures, 4000, seed=1)
+    assert mean.u_random == pytest.approx(0.1 / 2, rel=0.1)
+    assert mean.u_systematic == pytest.approx(np.hypot(0.3 / np.sqrt(2), 0.5), rel=0.1)
+    assert mean.u95 == pytest.approx(1.96 * np.sqrt(0.1**2 / 4 + 0.3**2 / 2 + 0.5**2), rel=0.06)
+    assert within.u_random == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
+    assert within.u_systematic == pytest.approx(0.0, abs=1e-9)
+    assert within.u95 == pytest.approx(1.96 * 0.1 * np.sqrt(2), rel=0.06)
+    assert across.u_systematic == pytest.approx(0.3 * np.sqrt(2), rel=0.1)
+    counted = propagate({"p": Places(replace(errors, counted=(True,), uniform=(True,)))}, figures, 4000, seed=1)[0]
+    assert counted.u_random == pytest.approx(np.hypot(0.1 / 2, 0.5), rel=0.1)
+    assert counted.u_systematic == pytest.approx(0.3 / np.sqrt(2), rel=0.1)
+    # uniform: hardly beyond 0.95 of its half width, sqrt(3) standard deviations
+    alone = propagate({"p": Places(PoseErrors.of(0.0 * own, shared, uniform=(True,)))}, figures[:1], 4000, seed=2)[0]
+    assert alone.u95 == pytest.approx(0.95 * np.sqrt(3) * 0.5, rel=0.01)
+    assert abs(alone.bias) < 0.03
+    # the same whoever counts along, and however many are drawn at once
+    seen: list[tuple[int, int]] = []
+    again = propagate({"p": Places(errors)}, figures, 4000, 1, progress=lambda done, of: seen.append((done, of)))
+    assert again == [mean, within, across]
+    assert seen[-1] == (4000, 4000)

@@ -15,12 +15,14 @@ from lmeasure import covariances
 from lmeasure.accuracy.zone import covariance_factor
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import FileFormatError, TrajectoryError
-from lmeasure.lengths import Lengths, lengths_from_counts
+from lmeasure.lengths import Lengths, counts_from_poses, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, read_run, write_run
 from lmeasure.trajectory import Reconstruction, read_trajectory, reconstruct, write_trajectory
+from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.scheme import scheme_of
 from lmeasure.trajectory.sources import PassClock
 
 TRIALS = 300  # a standard deviation of as many draws is known to 4 %
@@ -274,3 +276,23 @@ def test_a_point_that_is_measured_itself_does_not_err_by_where_it_is_on_the_tool
         covariances(reconstruct(r), r) for r in (replace(run, calibration=recorded(c, body)) for c in (own, own | attachment))
     )
     assert with_it.systematic[-1].trace() > 1.1 * without.systematic[-1].trace()
+
+
+def test_a_cable_that_was_left_out_moves_no_pose() -> None:
+    """The twists of a pose by the lengths are those of the cables that were used."""
+    body = cell().to_dict()
+    pairs = [(c["from"], c["to"]) for c in body["cable"]] + [("B1", "P2"), ("B4", "P3")]
+    eight = cell(cable=[{"name": f"c{i}", "channel": f"ch{i}", "from": a, "to": b} for i, (a, b) in enumerate(pairs)])
+    seven = cell(cable=[{"name": f"c{i}", "channel": f"ch{i}", "from": a, "to": b} for i, (a, b) in enumerate(pairs) if i != 2])
+    _, poses = motion(3)
+    counts = counts_from_poses(eight, poses, START)
+    twists = [
+        Budget(rig, START, scheme_of(rig, START, None)).twists(poses, k, unused, True)
+        for rig, k, unused in ((eight, counts, np.array([2, 2, -1])), (seven, np.delete(counts, 2, axis=1), None))
+    ]
+    assert (twists[0][:2, :, 2] == 0.0).all()
+    assert (twists[0][2, :, 2] != 0.0).any()
+    np.testing.assert_allclose(np.delete(twists[0][:2], 2, axis=2), twists[1][:2], rtol=1e-9, atol=1e-15)
+    counts[1, 5] = np.nan
+    gap = Budget(eight, START, scheme_of(eight, START, None)).twists(poses, counts, None, True)
+    assert (gap[1, :, 5] == 0.0).all()
