@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import screw
 from lmeasure.kernels.tetrahedron import apex
 from lmeasure.status import Status
 
-FloatArray = NDArray[np.float64]
 Placed = dict[int, FloatArray]
 """Attachment points that have their places [mm], by their numbers."""
 

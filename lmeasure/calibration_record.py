@@ -7,14 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lmeasure import files
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-
-FloatArray = NDArray[np.float64]
-
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=0)]

@@ -7,12 +7,11 @@ A rotation here is `base_from_tool`: it takes tool coordinates to base coordinat
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import GeometryError
 from lmeasure.kernels import effects as kernels
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.rig import Cable, Drum, Rig
-
-FloatArray = NDArray[np.float64]
 
 GRAVITY = 9.80665  # standard gravity [m/s^2]; it differs by 0.3 % between equator and pole
 REFERENCE_C = 20.0  # ISO 1:2022
@@ -178,7 +176,7 @@ def _ranges(drum: Drum) -> Iterator[tuple[int, float, float]]:
         yield _TENSION, drum.cable_tension_n - u, drum.cable_tension_n + u
 
 
-def _with(rows: FloatArray, which: NDArray[np.bool_], column: int, value: float) -> FloatArray:
+def _with(rows: FloatArray, which: BoolArray, column: int, value: float) -> FloatArray:
     out = rows.copy()
     out[which, column] = value
     return out

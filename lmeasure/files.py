@@ -14,14 +14,11 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 import tomli_w
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.errors import FileFormatError, LMeasureError
 from lmeasure.opened import open_regular, read_regular
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-TextArray = NDArray[np.object_]
 """(n,) texts, few of them different: millions of samples share the same strings."""
 
 
@@ -328,7 +325,7 @@ def table_writer(path: Path, metadata: Mapping[str, str] | None = None) -> Itera
 _ARROW = {"f8": pa.float64(), "i8": pa.int64(), "i4": pa.int32()}
 
 
-def _numbers(column: pa.ChunkedArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _numbers(column: pa.ChunkedArray) -> tuple[FloatArray, BoolArray]:
     """(n,) values of a column of floats, a copy, and whether they are missing."""
     values, empty = np.empty(len(column)), np.zeros(len(column), np.bool_)
     begin = 0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import files, unsolved
+from lmeasure.arrays import TextArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import unwrap
 from lmeasure.effects import effects_of, zero_at
@@ -43,8 +44,8 @@ class Lengths:
     change_mm: FloatArray
     counts: FloatArray
     flags: IntArray
-    cause: files.TextArray
-    cable: files.TextArray
+    cause: TextArray
+    cable: TextArray
     notes: tuple[str, ...] = ()
     u_time_s: FloatArray | None = None
     """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""

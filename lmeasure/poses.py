@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import conventions, files, se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import FileFormatError
-
-FloatArray = NDArray[np.float64]
 
 POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
 AXES = ("rx", "ry", "rz", "x", "y", "z")
@@ -61,7 +59,7 @@ class Poses:
         sigma = np.column_stack([np.repeat(u[:, None], 3, axis=1) for u in (self.u_rotation_rad, self.u_position_mm)])
         return np.asarray(sigma[:, :, None] * np.eye(6) * sigma[:, None, :])
 
-    def of(self, index: NDArray[np.int64]) -> "Poses":
+    def of(self, index: IntArray) -> "Poses":
         """The poses of these indices."""
         return Poses(
             tuple(self.names[i] for i in index),

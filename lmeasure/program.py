@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure import conventions, files
+from lmeasure.arrays import FloatArray
 from lmeasure.checked import Strict, Whole, complaint
 from lmeasure.errors import FileFormatError
-
-FloatArray = NDArray[np.float64]
 
 NEEDS = {
     "linear": ("start_mm", "end_mm"),

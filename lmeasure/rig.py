@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -20,12 +19,12 @@ from pydantic import (
 )
 
 from lmeasure import conventions, files
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.can_table import CAN_TABLES, CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
 from lmeasure.checked import Name, Strict, Whole, complaint, whole
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import CABLE_COLUMNS
 
-FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 CABLES_FOR_A_POSE = 6
@@ -317,7 +316,7 @@ class Rig(Strict):
         """(m,) decoding scales of the cables' counters."""
         return np.array([self.point(c.from_point).drum.scale for c in (self.cable if cables is None else cables)])
 
-    def zeroings(self, cables: tuple[Cable, ...] | None = None) -> NDArray[np.int64]:
+    def zeroings(self, cables: tuple[Cable, ...] | None = None) -> IntArray:
         """(m,) which zeroing of a counter each cable is counted from, numbered from 0 in the order of the cables, default all.
 
         A channel that leads the same cable, from and to, in passes that follow one another on it is taken not to be zeroed again between

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lmeasure import conventions, files
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord, write_calibration_record
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import FileFormatError, TrajectoryError
@@ -16,8 +14,6 @@ from lmeasure.opened import inside
 from lmeasure.recorded import Recorded, check_digests, recorded_in
 from lmeasure.rig import Rig, write_rig
 from lmeasure.start import StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
-
-FloatArray = NDArray[np.float64]
 
 SCHEMA = "lmeasure.run/1"
 

@@ -9,10 +9,10 @@ shift of the origin in the axes of the outer frame, R' = Exp(delta[:3]) R, p' = 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-FloatArray = NDArray[np.float64]
+from lmeasure.arrays import FloatArray
 
 
 def rotation(a_from_b: FloatArray) -> Rotation:

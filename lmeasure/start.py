@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import conventions, files
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig
-
-FloatArray = NDArray[np.float64]
 
 NOT_GIVEN = "the start pose was not given: the base frame is taken to be the tool's frame at the start"
 """The note beside a [start] of zero that recordings without a start once had: nobody had stated it."""

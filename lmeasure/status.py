@@ -3,7 +3,8 @@
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
+
+from lmeasure.arrays import IntArray, TextArray
 
 
 class Status(IntEnum):
@@ -40,6 +41,6 @@ WORDS = tuple(status.word for status in Status)
 """The word of each number."""
 
 
-def words(status: NDArray[np.int64]) -> NDArray[np.object_]:
+def words(status: IntArray) -> TextArray:
     """(n,) words of (n,) numbers."""
     return np.array(WORDS, dtype=np.object_)[status]

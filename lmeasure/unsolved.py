@@ -27,14 +27,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.effects import Zero
 from lmeasure.kernels import travel as kernels
 from lmeasure.rig import Cable, Rig
-
-FloatArray = NDArray[np.float64]
 
 EXPANSION_PER_K = 11.5e-6  # of steel
 WARMER_K = 5.0

@@ -6,15 +6,13 @@ that its zero is exact.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.lengths import count_variance
 from lmeasure.rig import Cable, Rig
 
-FloatArray = NDArray[np.float64]
 
-
-def zeroed_exactly(rig: Rig, cables: tuple[Cable, ...] | None = None) -> NDArray[np.bool_]:
+def zeroed_exactly(rig: Rig, cables: tuple[Cable, ...] | None = None) -> BoolArray:
     """(m,) whether a recorded count of zero is k = 0 exactly."""
     return np.array([rig.point(c.from_point).drum.zero_exact for c in (rig.cable if cables is None else cables)], dtype=np.bool_)
 

@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from lmeasure import files
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-
-FloatArray = NDArray[np.float64]
 
 SCHEMA = "lmeasure.bodies/1"
 

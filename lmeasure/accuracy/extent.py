@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, distance_transform_edt
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -48,11 +46,11 @@ def extent(zone: xr.Dataset) -> Extent:
     )
 
 
-def _at(axes: list[FloatArray], index: NDArray[np.int64]) -> FloatArray:
+def _at(axes: list[FloatArray], index: IntArray) -> FloatArray:
     return np.array([a[i] for a, i in zip(axes, index, strict=True)])
 
 
-def _cube(axes: list[FloatArray], corners: tuple[NDArray[np.int64], NDArray[np.int64]]) -> tuple[FloatArray, float]:
+def _cube(axes: list[FloatArray], corners: tuple[IntArray, IntArray]) -> tuple[FloatArray, float]:
     low, high = _at(axes, corners[0]), _at(axes, corners[1])
     return 0.5 * (low + high), float((high - low).min())
 
@@ -70,13 +68,13 @@ def _largest_ball(inside: BoolArray, axes: list[FloatArray], spacing: FloatArray
     return (centre, radius) if radius > 0.0 else None
 
 
-def _largest_box(inside: BoolArray, spacing: FloatArray, cube: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+def _largest_box(inside: BoolArray, spacing: FloatArray, cube: bool) -> tuple[IntArray, IntArray] | None:
     """Index corners of the box of nodes, all in the zone, with the largest volume (or the largest cube)."""
     if min(inside.shape) < 2 or not inside.any():
         return None
     counts = np.zeros(np.array(inside.shape) + 1, dtype=np.int64)
     counts[1:, 1:, 1:] = inside.cumsum(0).cumsum(1).cumsum(2)
-    best: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+    best: tuple[IntArray, IntArray] | None = None
     largest = 0.0
     for steps in _sizes(inside.shape, spacing, cube):
         volume = float(np.prod(np.array(steps) * spacing))

@@ -5,17 +5,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import make_plan, named_figures
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.program import CommandedPath, Program
 from lmeasure.rig import Rig
-
-FloatArray = NDArray[np.float64]
 
 STEP_MM = 5.0
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray
 from lmeasure.errors import AccuracyError
 from lmeasure.kernels import zone as kernels
 
@@ -73,10 +74,10 @@ def broken_limits(figures: Mapping[str, NDArray[Any]], limits: Limits, sign: int
     shortest, longest = limits.length_mm or (0.0, math.inf)
     nothing = np.zeros(flags.shape, bool)
 
-    def over(name: str, limit: float | None) -> NDArray[np.bool_]:
+    def over(name: str, limit: float | None) -> BoolArray:
         return nothing if limit is None else ~(figures[name] <= limit)
 
-    def under(name: str, limit: float | None) -> NDArray[np.bool_]:
+    def under(name: str, limit: float | None) -> BoolArray:
         return nothing if limit is None else ~(figures[name] >= limit)
 
     broken = [

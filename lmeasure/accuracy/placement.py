@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy.optimize import differential_evolution, minimize
 from scipy.spatial.transform import Rotation
@@ -17,13 +16,13 @@ from scipy.stats import qmc
 from lmeasure import files
 from lmeasure.accuracy.scan import digest_of
 from lmeasure.accuracy.zone import axis, make_plan, tilts
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import AccuracyError, FileFormatError
 from lmeasure.kernels import placement as kernels
 from lmeasure.kernels.zone_rows import LANES
 from lmeasure.rig import Rig
 from lmeasure.zeroing import length_variance
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 Vector = tuple[float, float, float]
 

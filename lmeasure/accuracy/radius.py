@@ -1,12 +1,11 @@
 """The exact 95 % radius of a three-dimensional Gaussian, and the polynomial that the kernels use for it."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import gammainc
 from scipy.stats import chi2
 
-FloatArray = NDArray[np.float64]
+from lmeasure.arrays import FloatArray
 
 DEGREE = 5
 

@@ -3,10 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from lmeasure.arrays import BoolArray, FloatArray
 
 MOST_PARTS = 16
 POINTS_AT_ONCE = 400_000

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import files
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import AccuracyError
 from lmeasure.extras import how_to_install
 from lmeasure.kernels import cable as cable_kernels
@@ -33,8 +33,6 @@ from lmeasure.kernels.zone_linked import Linked, strict_gradients, strict_length
 from lmeasure.kernels.zone_rows import LANES
 from lmeasure.opened import open_regular
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Progress = Callable[[int, int], None]
 
 POSES_PER_CHUNK = 1_000_000

@@ -2,10 +2,8 @@
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from lmeasure.arrays import FloatArray, IntArray
 
 
 def zone_surface(zone: xr.Dataset) -> tuple[FloatArray, IntArray]:

@@ -17,6 +17,7 @@ from lmeasure.accuracy.limits import Limits, broken_limits
 from lmeasure.accuracy.refinement import refined_volume
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.effects import zero_at
@@ -26,8 +27,6 @@ from lmeasure.kernels import zone as kernels
 from lmeasure.lengths import cable_covariance, covariance_root, span_lengths
 from lmeasure.rig import Rig
 from lmeasure.zeroing import length_variance, zeroed_exactly
-
-FloatArray = NDArray[np.float64]
 
 MAX_NODES = 100_000_000
 MAX_ORIENTATIONS = 100_000
@@ -145,7 +144,7 @@ def scan_zone(
     if refine is None:
         return zone
 
-    def inside(points: FloatArray) -> NDArray[np.bool_]:
+    def inside(points: FloatArray) -> BoolArray:
         named = named_figures(*run(with_positions(plan, points), **way), full, near)
         return np.asarray(broken_limits(named, limits, zone.attrs["assembly_sign"])[0] == 0)
 
@@ -242,7 +241,7 @@ def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:
     return np.ascontiguousarray(np.column_stack([chosen, turns[np.arange(len(chosen)) % len(turns)]]))
 
 
-def named_figures(figures: FloatArray, flags: NDArray[np.int64], full: bool, near: bool) -> dict[str, NDArray[Any]]:
+def named_figures(figures: FloatArray, flags: IntArray, full: bool, near: bool) -> dict[str, NDArray[Any]]:
     """(n,) arrays by the dataset's names, of the kernels' (F, n) figures and (n,) flags."""
     f = dict(zip(kernels.FIGURES, figures, strict=True))
     out = {

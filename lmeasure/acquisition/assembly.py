@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.acquisition.counters import CounterState
 from lmeasure.acquisition.decoders import CounterField
@@ -16,8 +15,6 @@ from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError
 from lmeasure.kernels.counter import rests
 from lmeasure.rig import Rig
-
-FloatArray = NDArray[np.float64]
 
 STALL_S = 1.0
 STALL_OTHERS_MM = 20.0

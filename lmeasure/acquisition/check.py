@@ -8,14 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.session import Link
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Cable, Drum, Rig
-
-FloatArray = NDArray[np.float64]
 
 REST_S = 1.0
 """How long the counters are looked at before anything is moved."""

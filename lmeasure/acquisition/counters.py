@@ -3,15 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.acquisition.decoders import NO_RANGE, CounterField
 from lmeasure.acquisition.events import Event, EventLog
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels.counter import runs_on
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 RESET_WITHIN = 2
 """Units from zero within which a device that starts again is found."""

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.arrays import IntArray
 from lmeasure.can_table import CounterChannel, DbcCan, DbcChannel, J1939Can, RawCan
 from lmeasure.errors import AcquisitionError, FileFormatError
 from lmeasure.kernels.frames import FIELD_COLUMNS, extract
 from lmeasure.opened import read_regular
 from lmeasure.rig import Drum, Rig
-
-IntArray = NDArray[np.int64]
 
 ALL_BITS = 0x1FFFFFFF
 STANDARD_IDENTIFIERS = 0x800

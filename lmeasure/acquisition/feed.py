@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.acquisition.assembly import Assembled, counts_from_frames
 from lmeasure.acquisition.decoders import CounterField, counter_fields, encode
 from lmeasure.acquisition.frames import CLASSIC_BYTES, EXTENDED, FD, FD_BYTES, Frames, frames_from_messages, messages_from_frames
+from lmeasure.arrays import FloatArray
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Rig
@@ -19,7 +19,6 @@ from lmeasure.rig import Rig
 if TYPE_CHECKING:
     import can
 
-FloatArray = NDArray[np.float64]
 
 FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
 """Data lengths a frame can have."""

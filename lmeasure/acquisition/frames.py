@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import AcquisitionError
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Frames:
     the interface's clock, the kernel, this program, or whoever wrote the log.
     """
 
-    time_s: NDArray[np.float64]
+    time_s: FloatArray
     identifier: NDArray[np.uint32]
     flags: NDArray[np.uint8]
     length: NDArray[np.uint8]
@@ -65,7 +66,7 @@ class Frames:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def take(self, index: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Self:
+    def take(self, index: BoolArray | NDArray[np.intp] | slice) -> Self:
         """The chosen frames: a mask, positions or a slice."""
         arrays = ("time_s", "identifier", "flags", "length", "data", "channel")
         return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in arrays})

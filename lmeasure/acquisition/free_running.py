@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.acquisition.counters import CounterState
 from lmeasure.acquisition.decoders import CounterField, decode
@@ -11,9 +10,7 @@ from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
 from lmeasure.acquisition.network import NetworkWatch
 from lmeasure.acquisition.samples import Samples, StartLine
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 NO_SYNC = -1
 LONGEST_GAP = 2.5
@@ -115,7 +112,7 @@ class FreeAssembler:
         counts = counter.advance(values, times, samples, self.events)
         self._old[i] = np.concatenate([self._old[i][0], times]), np.concatenate([self._old[i][1], counts])
 
-    def _doubles(self, i: int, times: FloatArray, values: IntArray, last_time: float) -> NDArray[np.bool_]:
+    def _doubles(self, i: int, times: FloatArray, values: IntArray, last_time: float) -> BoolArray:
         if len(times) == 0:
             return np.zeros(0, np.bool_)
         period = self._period[i] or 0.0

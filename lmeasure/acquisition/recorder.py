@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.acquisition.assembly import mark_stalls, new_assembler
@@ -26,12 +25,11 @@ from lmeasure.acquisition.frames import Frames, no_frames
 from lmeasure.acquisition.growing_files import Appended, candump_lines, count_lines
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Notice, Source
+from lmeasure.arrays import FloatArray
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import AcquisitionError, LMeasureError, RecordedError
 from lmeasure.rig import Rig, read_rig, write_rig
 from lmeasure.run import SCHEMA
-
-FloatArray = NDArray[np.float64]
 
 ON_DISK_EVERY_S = 1.0
 TURN_S = 0.05

@@ -11,11 +11,9 @@ from lmeasure.acquisition.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.network import NetworkWatch
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.can_table import StartInput
 from lmeasure.kernels.frames import tabulate
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SPACING = 0.95
 """Of the SYNC period: what two SYNCs are at least apart, as far as a host's stamps are concerned."""

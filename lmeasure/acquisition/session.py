@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.acquisition.assembly import new_assembler
@@ -18,6 +17,7 @@ from lmeasure.acquisition.import_log import fields_of_log, with_files_beside
 from lmeasure.acquisition.recorder import Progress, Recording, record
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Source, open_source
+from lmeasure.arrays import FloatArray
 from lmeasure.can_table import CanOpenCan
 from lmeasure.errors import AcquisitionError
 from lmeasure.poses import poses_from_rows
@@ -26,8 +26,6 @@ from lmeasure.run import read_linked_rig
 
 if TYPE_CHECKING:
     import can
-
-FloatArray = NDArray[np.float64]
 
 
 def record_session(

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import conventions, files
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.calibration_record import Input
 from lmeasure.effects import REFERENCE_C
@@ -16,9 +16,6 @@ from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses, joined, read_poses
 from lmeasure.rig import Cable, Drum, Rig, read_rig
 from lmeasure.zeroing import zeroed_exactly
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
 MIN_POSES = 2
@@ -37,7 +34,7 @@ class Campaign:
     poses: Poses
     cables: tuple[Cable, ...]
     counts: FloatArray
-    zero: NDArray[np.int64]
+    zero: IntArray
     inputs: tuple[Input, ...] = ()
     notes: tuple[str, ...] = ()
     temperature_c: FloatArray | None = None
@@ -47,16 +44,16 @@ class Campaign:
     zero_variance: FloatArray | None = None
     """(m,) variances of what the zero poses' readings are off [recorded counts^2], which all equations of a cable share; None where each
     was read once. See `zero_variances`."""
-    reference: NDArray[np.int64] | None = None
+    reference: IntArray | None = None
     """(n,) the reference pose that a pose is a visit of, whose error its visits share; None where each was visited once."""
     u_visit: FloatArray | None = None
     """(n, 6) standard deviations (rotation [rad]; position [mm], base axes) of a visit about its reference pose, of its own; or None."""
 
-    counted: NDArray[np.int64] | None = None
+    counted: IntArray | None = None
     """(n, m) when each cable was counted at a pose: rows of its file; None where that is the poses' order."""
 
     @property
-    def reference_of(self) -> NDArray[np.int64]:
+    def reference_of(self) -> IntArray:
         """(n,) index of the reference pose of each pose, its own where it is not a later visit."""
         return np.arange(len(self.poses)) if self.reference is None else self.reference
 
@@ -74,7 +71,7 @@ class Campaign:
         return np.where(zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0), 0.0, 1.0 / 12.0)
 
     @property
-    def zero_readings(self) -> NDArray[np.int64]:
+    def zero_readings(self) -> IntArray:
         """(m,) numbers of the errors that the cables' zero readings have: one for cables of several passes that were counted from one
         zeroing (`Rig.zeroings`), each its own for counters that were not zeroed at their zero pose."""
         of = self.rig.zeroings(self.cables)
@@ -229,7 +226,7 @@ def read_campaign(folder: Path) -> Campaign:
     return _unwrapped(_checked(_with_visits(campaign, again), path))
 
 
-def _visits(poses: NDArray[np.int64], passage: FloatArray) -> NDArray[np.int64]:
+def _visits(poses: IntArray, passage: FloatArray) -> IntArray:
     """(r,) number of the visit, from 0, of its pose (r,) that each row of counts belongs to; passes are visits of their own motion."""
     visit = np.zeros(len(poses), dtype=np.int64)
     for p in np.unique(passage):
@@ -243,7 +240,7 @@ def _visits(poses: NDArray[np.int64], passage: FloatArray) -> NDArray[np.int64]:
     return visit
 
 
-def _temperatures(stated: files.Table, counts: files.Table, pose_of: NDArray[np.int64]) -> FloatArray | None:
+def _temperatures(stated: files.Table, counts: files.Table, pose_of: IntArray) -> FloatArray | None:
     """(r,) temperature at which each row of counts was read: its own, or that stated for its reference pose; None where neither is."""
     name = "temperature_c"
     of_poses = _column(stated, name)

@@ -13,9 +13,8 @@ sign of the counts.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmeasure.arrays import FloatArray
 
 FLAT = 1e-6  # of the largest spread of the poses: below it they lie in a plane and B has a mirror image
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.prediction import workspace
 from lmeasure.calibration.solve import Calibration
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
@@ -20,8 +20,6 @@ from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import parameter_names
 from lmeasure.rig import Cable, Rig, read_rig
-
-FloatArray = NDArray[np.float64]
 
 SIGNIFICANT = 0.01
 """Probability of chance, over all points or all cables together, under which something has moved."""

@@ -12,15 +12,13 @@ were given to make up for a wrong drum would be left without it.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Dimension
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.unsolved import PARAMETERS
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

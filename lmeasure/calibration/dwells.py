@@ -16,9 +16,8 @@ import math
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmeasure.arrays import FloatArray
 
 _TERMS = np.arange(1, 200)
 

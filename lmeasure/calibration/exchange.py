@@ -9,13 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.information import Instrument, Zero
 from lmeasure.calibration.reach import Region, Usable
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Progress = Callable[[int, int], None]
 
 CRITERIA = {

@@ -16,12 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.refine import Noise
 from lmeasure.calibration.unknowns import Model
-
-FloatArray = NDArray[np.float64]
 
 LEAST, MOST = 1e-6, 1e3  # sizes between which an explanation is looked for; neither is a result
 GRID = 60
@@ -53,7 +51,7 @@ def arm_mm(model: Model) -> float:
     return size if size > 0.0 else 1.0
 
 
-def _length_errors(model: Model, cables: NDArray[np.int64]) -> FloatArray:
+def _length_errors(model: Model, cables: IntArray) -> FloatArray:
     """(e, c) of independent errors of each length of the cables; that at the zero pose is in every residual of its cable."""
     own = np.isin(model.cable_index, cables)
     zero = (model.cable_index[:, None] == cables).astype(np.float64)

@@ -10,14 +10,12 @@ poses, are off.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.joint_model import Frame, JointModel
 from lmeasure.kernels.cable import guide_direction
-
-FloatArray = NDArray[np.float64]
 
 MAX_STEPS = 50
 SETTLED = 1e-12

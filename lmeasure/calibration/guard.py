@@ -4,14 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
 from lmeasure.calibration.joint_model import JointModel
 from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import Validation
-
-FloatArray = NDArray[np.float64]
 
 SIGNIFICANT = 1e-3
 """Probability under which a rig that predicts no worse than the nominal one would look as bad by chance."""

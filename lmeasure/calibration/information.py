@@ -16,8 +16,8 @@ may share more than that (visits, several zero poses); with K the covariance of 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.refine import Noise, measurement_covariance
 from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
@@ -26,9 +26,6 @@ from lmeasure.lengths import count_variance, counts_from_poses
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Cable, Rig
 from lmeasure.zeroing import phase_columns
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.stats
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.frame import in_frame, motions, to_frame
 from lmeasure.calibration.joint_model import ROTATIONS, Frame, JointModel
@@ -27,8 +27,6 @@ from lmeasure.calibration.unknown_poses import check_equations, fit_pose, orient
 from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import span_lengths
-
-FloatArray = NDArray[np.float64]
 
 MAX_STEPS = 80
 RANK = 1e-10  # of the largest singular value of a pose's derivatives, under which the counts do not tell all of it

@@ -5,15 +5,14 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.refine import Noise
 from lmeasure.calibration.unknowns import Model, Unknowns
 from lmeasure.poses import Poses
 
-FloatArray = NDArray[np.float64]
 Frame = Literal["rig", "poses"]
 
 COMPONENTS = ("rx_deg", "ry_deg", "rz_deg", "x_mm", "y_mm", "z_mm")

@@ -5,15 +5,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.kernels import search
 from lmeasure.lengths import changes_from_counts
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 CANDIDATES_LOG2 = 13
 SWEEPS = 60

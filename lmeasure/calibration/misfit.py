@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration import explanations
 from lmeasure.calibration.explanations import Evidence, Explanation
 from lmeasure.calibration.refine import ASSUMED, Fit, Noise, Refit, residual_covariance
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import Suspect, Validation
 from lmeasure.calibration_record import Finding
-
-FloatArray = NDArray[np.float64]
 
 CHANCE = 1e-3
 """Probability under which residuals are not put down to chance."""

@@ -3,14 +3,12 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.calibration_record import Unobservable
 from lmeasure.poses import Poses
 from lmeasure.rig import Cable, Rig
-
-FloatArray = NDArray[np.float64]
 
 SAME = ": the counts stay the same, only the prior holds it"
 SHARE = 0.3  # of a direction that several points share, from which a point's part is told

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration import observability
 from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.exchange import CRITERIA, Criterion, Design, Exchange
@@ -21,7 +21,6 @@ from lmeasure.kernels.cable import span_lengths
 from lmeasure.poses import Poses, joined, poses_from_rows
 from lmeasure.rig import Cable, Rig
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 POOL_LOG2 = 10

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration import diagnosis
 from lmeasure.calibration.campaign import Campaign, of_cables
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
@@ -14,8 +14,6 @@ from lmeasure.calibration.joint_model import Frame
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.unknowns import Model, unknowns_of
-
-FloatArray = NDArray[np.float64]
 
 STARTS = 6  # distinct LP candidates that are polished per point
 APART = 10.0  # standard uncertainties between two results that are not one

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from lmeasure import unsolved
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import effects_of, zero_at
@@ -14,8 +14,6 @@ from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.lengths import cable_covariance, counts_from_poses, parameter_names
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES_LOG2 = 8
 TAKEN_AT = 64  # poses at most at which what is taken as exact is looked at

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.unknowns import Model
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES_LOG2 = 6
 FITS_MM = 0.05  # residual up to which an assumed set of values is held possible

@@ -5,19 +5,16 @@ from dataclasses import dataclass
 from itertools import combinations, permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 from lmeasure import se3
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import counts_from_changes, span_lengths, wrap_geometry
 from lmeasure.kernels.clearance import least_clearances
 from lmeasure.rig import Cable, Rig
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 TO_THE_EDGE = 1.25
 """Sobol points are stretched by this and cut to the unit cube: a fifth of the candidates' coordinates lie on the region's edge, where

@@ -3,8 +3,8 @@
 from dataclasses import asdict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.dimensions import Dimensions
 from lmeasure.calibration.guard import AgainstNominal
@@ -18,8 +18,6 @@ from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, R
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.rig import Rig
-
-FloatArray = NDArray[np.float64]
 
 CORRELATED = 0.95
 GAUSS_95 = 1.959963984540054

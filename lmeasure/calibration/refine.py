@@ -14,13 +14,10 @@ from typing import Self
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.unknowns import Model
 from lmeasure.poses import Poses
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MAX_STEPS = 100
 UNDECIDED = 25  # steps after which a direction that was undetermined once stays so

@@ -19,14 +19,11 @@ estimated from few residuals makes it Student's.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.joint import Joint
 from lmeasure.calibration.refine import Fit, Whitened
 from lmeasure.calibration.unknowns import Model
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 DRAWS = 4096
 JOINT_DRAWS = 2048

@@ -15,14 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration.refine import Fit, Noise, Refit, residual_covariance
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import Validation
 from lmeasure.calibration_record import Finding
-
-FloatArray = NDArray[np.float64]
 
 BIWEIGHT = 4.685  # Tukey's constant for 95 % efficiency
 ROUNDS = 30

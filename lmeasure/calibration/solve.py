@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
@@ -29,7 +29,6 @@ from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.errors import CalibrationError
 from lmeasure.rig import Rig
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 _WHO = ("outlier", "slip")  # findings that name a pose or a channel

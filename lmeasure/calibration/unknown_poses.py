@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.joint_model import ROTATIONS, JointModel
 from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import span_lengths, span_rows
-
-FloatArray = NDArray[np.float64]
 
 TURNS = 512  # orientations of a single pose that are looked at
 FOLLOWED = 4  # and of these, followed up
@@ -134,9 +133,7 @@ def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     return [replace(campaign, poses=replace(campaign.poses, rows=rows, oriented=True)) for rows in chosen[:CANDIDATES]]
 
 
-def fit_pose(
-    rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: NDArray[np.int64], begun: FloatArray, seed: int
-) -> FloatArray:
+def fit_pose(rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: IntArray, begun: FloatArray, seed: int) -> FloatArray:
     """The free components (d,) [deg, mm] of a pose's shift from the stated one (7,) at which the free spans of the cables, rows (m,
     CABLE_COLUMNS), are of the given lengths (m,) in the least squares sense: the best that begun (d,) and, where orientations are free,
     those of many that miss the lengths least lead to."""

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.effects import Zero, effects_of
 from lmeasure.errors import CalibrationError
@@ -13,10 +13,6 @@ from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import count_variance, parameter_names
 from lmeasure.rig import ObservationPoint, Rig, rig_from_dict
 from lmeasure.unsolved import Unsolved, stated
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 GROUPS = {
     "position": ("x_mm", "y_mm", "z_mm"),
@@ -84,7 +80,7 @@ class Unknowns:
         """The observation point or attachment point that value i belongs to."""
         return self.names[i].rsplit(".", 1)[0]
 
-    def of(self, owner: str) -> NDArray[np.int64]:
+    def of(self, owner: str) -> IntArray:
         """Indices of one owner's values."""
         return np.array([i for i in range(len(self.names)) if self.owner(i) == owner], dtype=np.int64)
 

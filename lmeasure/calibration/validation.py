@@ -10,13 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.refine import Fit, Noise, residual_covariance
 from lmeasure.calibration.unknowns import Model
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
 UNTOLD = 1e10  # condition from which the rest cannot do without these equations

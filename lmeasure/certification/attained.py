@@ -4,19 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import conventions, se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification.errors_of_poses import PoseErrors, at_tool_point
 from lmeasure.certification.vibration import Vibration, vibration
 from lmeasure.errors import CertificationError
 from lmeasure.program import Program, Windows
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 UNIT_TOLERANCE = 1e-6
 SAME = 1e-9  # mm: rounded alike

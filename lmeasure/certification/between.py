@@ -3,11 +3,9 @@
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from lmeasure.arrays import BoolArray, FloatArray
 
 HALVINGS = 40
 """Of a step between samples, until a passage is found in it: to 1e-12 of it."""

@@ -6,17 +6,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.cube import POSES, Cube
 from lmeasure.conventions import CONVENTIONS
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, CommandedPose, Compliance, Distance, Drift, Posing, Program
 from lmeasure.robots.commands import Command
 from lmeasure.robots.simulated import GRAVITY_M_S2, Performance
-
-FloatArray = NDArray[np.float64]
 
 TESTS = ("pose", "approach", "stabilisation", "drift", "path", "reorientation", "posing", "compliance", "weaving")
 CYCLES = {"pose": 30, "approach": 30, "stabilisation": 3, "path": 10, "reorientation": 10, "posing": 3, "compliance": 3, "weaving": 3}

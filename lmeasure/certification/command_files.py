@@ -4,17 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import conventions, files, se3
+from lmeasure.arrays import IntArray
 from lmeasure.certification.campaign import CIRCLE_STEPS, Campaign
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import write_program
 from lmeasure.robots.commands import Command
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ROBODK_CIRCLE_POINTS = 36
 

@@ -13,13 +13,11 @@ from typing import Any
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.again import label
 from lmeasure.certification.printed import with_u95
 from lmeasure.errors import CertificationError, LMeasureError
-
-FloatArray = NDArray[np.float64]
 
 SIGNIFICANT = 0.01
 """Probability of chance, over all poses together (Holm), under which a robot has moved."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.stats import norm
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.between import FINER, finer, share
 from lmeasure.certification.errors_of_poses import PoseErrors
@@ -24,9 +24,6 @@ from lmeasure.certification.rounding import kept_over
 from lmeasure.certification.waves import reduced as less
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ABOUT = 7  # samples on either side of the farthest, between which it is looked for
 NEAR = 50  # samples on either side of the nearest that a corner is seen by

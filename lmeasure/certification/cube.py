@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.accuracy import read_zone
 from lmeasure.accuracy.extent import extent
+from lmeasure.arrays import FloatArray
 from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.errors import CertificationError
-
-FloatArray = NDArray[np.float64]
 
 PLANES = ("C1-C2-C7-C8", "C2-C3-C8-C5", "C3-C4-C5-C6", "C4-C1-C6-C7")
 POSES = ("P1", "P2", "P3", "P4", "P5")

@@ -10,8 +10,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path, iso9283_time
 from lmeasure.certification.attained import window
 from lmeasure.certification.characteristic import Characteristic
@@ -22,9 +22,6 @@ from lmeasure.certification.uncertainty import NORMAL_95
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, CommandedPose, Posing, Program
 from lmeasure.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class NotReachedError(CertificationError):

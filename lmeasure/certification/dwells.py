@@ -4,14 +4,12 @@ import itertools
 from collections import Counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.attained import Frame
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, CommandedPose, Program
 from lmeasure.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
 
 LAG_S = 0.05
 """A robot that in this time moves by less than what a still one may is resting."""

@@ -4,17 +4,14 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory, covariances
 from lmeasure.trajectory.evidence import CLOSURE
 from lmeasure.trajectory.passes import Alignment
 from lmeasure.trajectory.sources import PHASE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

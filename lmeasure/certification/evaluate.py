@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.attained import AttainedPose, Frame
 from lmeasure.certification.capability import with_vector_verdict, with_verdict
 from lmeasure.certification.characteristic import Characteristic
@@ -22,8 +22,6 @@ from lmeasure.program import Program
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory
 from lmeasure.trajectory.stamps import Stamps, stamps_of
-
-FloatArray = NDArray[np.float64]
 
 SCHEMA = "lmeasure.certificate/1"
 

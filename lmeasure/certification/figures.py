@@ -5,18 +5,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import conventions, se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_pose as iso
 from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.uncertainty import reduction, reduction_of_mean
 from lmeasure.program import Program
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Function = Callable[[Mapping[str, Any]], FloatArray]
 
 SINGULAR_DEG_PER_DEG = 10.0

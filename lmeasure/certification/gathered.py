@@ -5,11 +5,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import conventions, se3
 from lmeasure.accuracy.radius import exact_radius_95
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import direct
 from lmeasure.certification.attained import AttainedPose, Frame, attain, attained_poses, check_order, fit_frame, window, worst_angle
 from lmeasure.certification.characteristic import Characteristic
@@ -40,9 +40,6 @@ from lmeasure.program import CommandedPath, Distance, Program
 from lmeasure.trajectory import Trajectory
 from lmeasure.trajectory.evidence import SUSPECTED
 from lmeasure.trajectory.stamps import Stamps
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 PLAIN_ANGLES = "fanuc-wpr"
 """Turns about the fixed X, Y and Z: the standard's a, b, c, where a controller's own angles are singular."""

@@ -5,12 +5,10 @@ commanded ones. Speeds are (..., n, k): k measurements in each cycle. Leading ax
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.iso9283_time import crossing, last_arrival
 from lmeasure.certification.statistics import deviation_over_cycles, length, mean_over_cycles, spread
-
-FloatArray = NDArray[np.float64]
 
 
 def path_accuracy(deviations: FloatArray) -> FloatArray:

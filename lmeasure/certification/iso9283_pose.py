@@ -8,11 +8,9 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.statistics import deviation_over_cycles, length, mean_over_cycles, spread
-
-FloatArray = NDArray[np.float64]
 
 FULL_TURN_DEG = 360.0
 

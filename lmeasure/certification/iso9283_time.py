@@ -5,10 +5,8 @@ uncertainty or nothing.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from lmeasure.arrays import FloatArray, IntArray
 
 
 def first_arrival(distance: FloatArray, band_mm: float) -> IntArray:

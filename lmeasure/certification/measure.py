@@ -6,7 +6,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from lmeasure import files, unsolved
@@ -26,7 +25,6 @@ from lmeasure.run import Run, read_run, read_run_head
 from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
 from lmeasure.trajectory.passes import align
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 SAME_POSITION_MM = 1e-6

@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import binary_dilation
 from scipy.signal import savgol_filter
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification.attained import Frame, window
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.rounding import phases, roundings
@@ -24,9 +24,6 @@ from lmeasure.certification.settings import Settings
 from lmeasure.certification.uncertainty import COVERAGE, reduction
 from lmeasure.errors import CertificationError
 from lmeasure.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FINE_S = 2.5e-4
 """Steps in which a motion is read between samples."""

@@ -5,10 +5,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.errors_of_poses import PoseErrors
 from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
@@ -19,9 +19,6 @@ from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED
 from lmeasure.certification.waves import cosines, reduced
 from lmeasure.program import CommandedPath
 from lmeasure.trajectory.stamps import Stamps
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CENTRAL = 0.5
 """Of a line between corners: velocities are taken in its middle (8.6.1), where the robot neither starts nor turns."""

@@ -4,18 +4,15 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification.attained import Frame, moved, scatter, window
 from lmeasure.certification.between import passage
 from lmeasure.errors import CertificationError
 from lmeasure.kernels.polyline import follow
 from lmeasure.program import CommandedPath
 from lmeasure.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SHARP_DEG = 20.0
 """A path of points turns a corner where its direction changes by more."""

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.evaluate import Evaluation
 from lmeasure.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
 
 PLANES = ((0, 1), (0, 2), (1, 2))
 COVERAGE = 0.95

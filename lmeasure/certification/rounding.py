@@ -13,12 +13,9 @@ What is kept where a robot swings is in `vibration`.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification.errors_of_poses import PoseErrors
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _TERMS = np.arange(1, 200)
 

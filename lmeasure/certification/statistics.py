@@ -1,9 +1,8 @@
 """Means, lengths and standard deviations over cycles, written so that thousands of draws cost little (ten times less than ndarray.std)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmeasure.arrays import FloatArray
 
 
 def mean_over_cycles(values: FloatArray) -> FloatArray:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.certification.characteristic import Characteristic
 from lmeasure.certification.errors_of_poses import PoseErrors
@@ -12,8 +11,6 @@ from lmeasure.certification.paths import Crossings
 from lmeasure.certification.uncertainty import NORMAL_95
 from lmeasure.program import Program, Windows
 from lmeasure.trajectory.stamps import Stamps
-
-FloatArray = NDArray[np.float64]
 
 APART = 10.0
 """Standard uncertainties of an instant that lie between planes at least, for speeds between them to tell anything."""

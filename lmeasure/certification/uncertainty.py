@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.errors_of_poses import PoseErrors
-
-FloatArray = NDArray[np.float64]
 
 COVERAGE = 0.95
 NORMAL_95 = 1.959963984540054

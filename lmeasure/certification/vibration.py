@@ -24,15 +24,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from lmeasure.arrays import ComplexArray, FloatArray, IntArray
 from lmeasure.certification.errors_of_poses import PoseErrors, roots
 from lmeasure.certification.rounding import kept, per_count, scatter_counts
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.int64]
 
 LEVER = np.repeat([100.0, 1.0], 3)
 """mm per radian and per mm: how far what turns moves a body's points, so that one frequency is looked for in all."""

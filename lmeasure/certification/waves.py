@@ -7,13 +7,11 @@ under Order Restrictions, 1972), and every wave made as large as that: the estim
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.linalg import block_diag
 from scipy.optimize import isotonic_regression
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from lmeasure.arrays import FloatArray, IntArray
 
 KNOWN = 1e-9
 """Waves whose errors have less than as much of the largest power are exact: directions that a plane does not have."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
 from lmeasure.certification.between import FINER, finer
 from lmeasure.certification.errors_of_poses import PoseErrors
@@ -14,9 +14,6 @@ from lmeasure.certification.paths import Crossings
 from lmeasure.certification.rounding import of_neighbours
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FAR = 0.1
 """Of what a cycle sways, or of the commanded stroke: an excursion to a side, not noise about the middle."""

@@ -4,14 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.acquisition.feed import record_feed
+from lmeasure.arrays import FloatArray
 from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.simulation import Leg, SimulatedRun, simulate_run, smooth_path
-
-FloatArray = NDArray[np.float64]
 
 DWELL_S = 0.2
 REFERENCE_RATE_HZ = 200.0

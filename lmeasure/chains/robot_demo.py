@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import files, se3
+from lmeasure.arrays import FloatArray
 from lmeasure.certification import Settings, evaluate
 from lmeasure.certification.campaign import Tests, campaign, timed
 from lmeasure.certification.command_files import write_commands
@@ -26,8 +26,6 @@ from lmeasure.run import read_run, write_run
 from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
-
-FloatArray = NDArray[np.float64]
 
 ROBOT_STAGES = COUNT, CALIBRATE, PERFORM, RECORD, RECONSTRUCT, CERTIFY, DRAW = (
     COUNT,

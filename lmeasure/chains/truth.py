@@ -4,18 +4,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 from lmeasure.simulation import scattered_poses
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD
 from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 HELD_OUT_POSES = 150

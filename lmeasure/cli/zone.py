@@ -9,9 +9,9 @@ import typer
 from lmeasure.cli.options import Rerun
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation
+
+    from lmeasure.arrays import FloatArray
 
 RANGE = "START:STOP:STEP"
 LIMITS = "Limits"
@@ -158,7 +158,7 @@ def _oat(*texts: str | None) -> "Rotation":
     return rotation_from_angles("puma-oat", np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
-def _axis(name: str, span: tuple[float, ...]) -> "NDArray[np.float64]":
+def _axis(name: str, span: tuple[float, ...]) -> "FloatArray":
     from lmeasure.accuracy.zone import axis
     from lmeasure.errors import AccuracyError
 

@@ -32,12 +32,10 @@ alpha (14), beta (15), N (16). A pose is a row `x, y, z, qx, qy, qz, qw`.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, norm, rotate, rotate_back, scale, sub
-
-FloatArray = NDArray[np.float64]
 
 CABLE_COLUMNS = 17
 ON_AXIS_MM = 1e-9  # nearer to the swivel axis than this the side is a matter of rounding

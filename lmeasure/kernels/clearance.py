@@ -3,13 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @inline

@@ -30,8 +30,9 @@ import math
 
 import numpy as np
 
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import FloatArray, drum_change, orientation, span, vec, wrap, wrap_plane
+from lmeasure.kernels.cable import drum_change, orientation, span, vec, wrap, wrap_plane
 from lmeasure.kernels.vector import Vec3, add, norm, rotate, scale, sub
 
 EFFECT_COLUMNS = 9

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
 
 Bytes = NDArray[np.uint8]
-Columns = tuple[NDArray[np.float64], NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], Bytes, NDArray[np.int16]]
+Columns = tuple[FloatArray, NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], Bytes, NDArray[np.int16]]
 
 i64: Any = np.int64  # a byte shifted or added to as it is would stay a byte's kind of number
 u64: Any = np.uint64
@@ -245,7 +246,7 @@ def _carried(before: int, after: int, bits: int, upper_before: int, upper_after:
 
 
 @kernel
-def extract(frames: Columns, fields: NDArray[np.int64], sync_key: int) -> Any:
+def extract(frames: Columns, fields: IntArray, sync_key: int) -> Any:
     """Integers at given places of given frames, in the order of the frames, and where the SYNCs stand among them.
 
     frames: columns of n frames. fields (m, 7): key and mask, a frame being meant where (identifier + 2^29 if extended) & mask = key; first
@@ -305,7 +306,7 @@ def extract(frames: Columns, fields: NDArray[np.int64], sync_key: int) -> Any:
 
 
 @kernel
-def tabulate(window: NDArray[np.int64], field: NDArray[np.int16], value: NDArray[np.int64], m: int, total: int) -> Any:
+def tabulate(window: IntArray, field: NDArray[np.int16], value: IntArray, m: int, total: int) -> Any:
     """Readings as a table: (m, total) the first value of each field and window, 0 where there is none, and (m, total) how many there are.
 
     window, field and value (k,): the column and the row of each reading, and what it says.

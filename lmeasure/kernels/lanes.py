@@ -12,9 +12,10 @@ import math
 
 import numpy as np
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import FloatArray, span_at, vec, wrapped_span
-from lmeasure.kernels.screw import CABLES, LOST, OK, TOLERANCE_MM, IntArray, copy, invert, platform_size, resume
+from lmeasure.kernels.cable import span_at, vec, wrapped_span
+from lmeasure.kernels.screw import CABLES, LOST, OK, TOLERANCE_MM, copy, invert, platform_size, resume
 from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
 
 COARSE, MIDDLE = 128, 8

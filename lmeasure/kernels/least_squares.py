@@ -10,8 +10,9 @@ import math
 
 import numpy as np
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import FloatArray, orientation, span_at, vec
+from lmeasure.kernels.cable import orientation, span_at, vec
 from lmeasure.kernels.screw import (
     MAX_ITERATIONS,
     NOT_CONVERGED,
@@ -21,7 +22,6 @@ from lmeasure.kernels.screw import (
     SINGULAR,
     SLACK,
     STRIDE_MM,
-    IntArray,
     copy,
     displace,
     eliminate,

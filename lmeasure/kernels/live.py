@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import counter, kernel
-from lmeasure.kernels.cable import FloatArray, drum_change
+from lmeasure.kernels.cable import drum_change
 from lmeasure.kernels.screw import CABLES, GAP, JUMP, OK, resume
 
 

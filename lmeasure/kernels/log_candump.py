@@ -4,9 +4,7 @@ A line that is plainly a frame is read, one that is plainly none is passed over;
 line to the caller. It also stops where the columns are full. What it reads is bit for bit what python-can's reader makes of it.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lmeasure.arrays import IntArray
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.frames import (
     BITRATE_SWITCH,
@@ -33,7 +31,7 @@ NAMES = 64
 
 
 @inline
-def _name(b: Bytes, i: int, names: Bytes, lengths: NDArray[np.int64], used: int) -> tuple[int, int, int]:
+def _name(b: Bytes, i: int, names: Bytes, lengths: IntArray, used: int) -> tuple[int, int, int]:
     """Place of the channel name that stands at i, entering a new one: (end, place or -1 where it is not plain or too long, used)."""
     start = i
     while 32 < byte(b, i) < 127:
@@ -78,7 +76,7 @@ def _data_bytes(b: Bytes, i: int, data: Bytes, row: int) -> tuple[int, int]:
 
 
 @kernel
-def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: NDArray[np.int64], used: int) -> tuple[int, int, int, int]:
+def scan_candump(b: Bytes, out: Columns, names: Bytes, lengths: IntArray, used: int) -> tuple[int, int, int, int]:
     """Frames of the `candump -L` lines in b, which ends with a line end: `(1234.567890) can0 181#0102030405060708`, and R or T behind it.
 
     b (k,) uint8; out as for `scan_blf`; names (64, 32) uint8 and lengths (64,) int64 hold the channel names found, used how many, all

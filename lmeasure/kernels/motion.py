@@ -7,15 +7,13 @@ cubic is fitted to each component over +- half_width seconds with Epanechnikov's
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import FloatArray, orientation
+from lmeasure.kernels.cable import orientation
 from lmeasure.kernels.screw import copy, displace, eliminate
 from lmeasure.kernels.se3 import log_rotation
 from lmeasure.kernels.vector import Quat, multiply
-
-IntArray = NDArray[np.int64]
 
 TERMS = 4  # of a cubic
 LEAST = 8  # samples in a window: twice the terms

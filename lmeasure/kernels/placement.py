@@ -3,16 +3,14 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import FloatArray, vec
+from lmeasure.kernels.cable import vec
 from lmeasure.kernels.screw import CABLES, WIDTH, platform_size
 from lmeasure.kernels.vector import rotate
 from lmeasure.kernels.zone import LONGEST, SHORTEST, SPEED2, U95_POSITION, scan
 from lmeasure.kernels.zone_lanes import scan_lanes
-
-IntArray = NDArray[np.int64]
 
 
 @kernel

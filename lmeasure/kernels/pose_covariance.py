@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import FloatArray, length_gradient
+from lmeasure.kernels.cable import length_gradient
 from lmeasure.kernels.screw import CABLES, WIDTH, copy, invert, platform_size
 
 

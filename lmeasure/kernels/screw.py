@@ -9,15 +9,13 @@ the determinant and the displacement are the same, the conditioning is better.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import PARAMETERS, FloatArray, orientation, span_at, vec
+from lmeasure.kernels.cable import PARAMETERS, orientation, span_at, vec
 from lmeasure.kernels.se3 import exp_rotation, exp_translation
 from lmeasure.kernels.vector import add, cross, multiply, rotate
 from lmeasure.status import Status
-
-IntArray = NDArray[np.int64]
 
 # plain integers: numba would hand members of the enumeration back as objects, at the price of a whole sample
 OK, SINGULAR, NOT_CONVERGED = int(Status.OK), int(Status.SINGULAR), int(Status.NOT_CONVERGED)

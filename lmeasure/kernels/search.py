@@ -3,13 +3,11 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import FloatArray, guide_direction, span, wrapped_span
+from lmeasure.kernels.cable import guide_direction, span, wrapped_span
 from lmeasure.kernels.vector import Vec3, norm, sine_cosine, sub
-
-BoolArray = NDArray[np.bool_]
 
 WIDTH = 32  # candidates tried at a time
 
@@ -41,7 +39,7 @@ def misfit(candidate: FloatArray, radius: float, points: FloatArray, changes: Fl
 @kernel
 def best_of(
     candidates: FloatArray, keep: int, radius: float, points: FloatArray, changes: FloatArray, zeroed: BoolArray
-) -> tuple[NDArray[np.int64], FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Indices (keep,) and misfits (keep,) [mm^2] of the best of (q, 5) candidates, best first; -1 and infinity where there are fewer.
 
     A tile of candidates is given up as soon as all of it is worse than the last one kept, usually after a few poses.

@@ -3,11 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @kernel

@@ -8,16 +8,14 @@ uncertainty. `kernels.zone_lanes` gives the same figures faster and leaves the d
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import FloatArray, drum_count, length_gradient, orientation, span_at, vec, wrap, wrap_plane
+from lmeasure.kernels.cable import drum_count, length_gradient, orientation, span_at, vec, wrap, wrap_plane
 from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.screw import CABLES, WIDTH, invert, platform_size
 from lmeasure.kernels.vector import Vec3, add, cross, dot, rotate, scale, sub
-
-IntArray = NDArray[np.int64]
 
 FIGURES = (
     "speed2",  # largest squared speed of an attachment point when only its own cable changes at unit rate: 1/cos^2 of the pressure angle

@@ -19,10 +19,9 @@ order and without contraction (`strict_kernel`), so that every processor gives t
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import inline, strict_kernel
-from lmeasure.kernels.cable import FloatArray
 from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
@@ -40,7 +39,7 @@ from lmeasure.kernels.zone import (
     WORST_START,
     WRAP,
 )
-from lmeasure.kernels.zone_linked import LENGTH, BoolArray, Linked, add_shift, shifts
+from lmeasure.kernels.zone_linked import LENGTH, Linked, add_shift, shifts
 from lmeasure.kernels.zone_rows import (
     LANES,
     MOVE,
@@ -59,8 +58,6 @@ from lmeasure.kernels.zone_rows import (
     put,
     vec,
 )
-
-IntArray = NDArray[np.int64]
 
 WEAK_BLOCK = 1e-3
 

@@ -3,16 +3,13 @@ the lengths to the pose. The same formulas as `kernels.cable.length_gradient` an
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.kernels import inline, strict_kernel
-from lmeasure.kernels.cable import FloatArray, drum_count, length_gradients, span_lengths
+from lmeasure.kernels.cable import drum_count, length_gradients, span_lengths
 from lmeasure.kernels.screw import WIDTH
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
 from lmeasure.kernels.zone_rows import LANES, PLACE, SPAN_ROWS, angle, at, put, vec
 
-BoolArray = NDArray[np.bool_]
 Linked = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
 LENGTH = WIDTH  # row of a cable's length behind those of its derivatives

@@ -2,8 +2,8 @@
 
 import math
 
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline
-from lmeasure.kernels.cable import FloatArray
 from lmeasure.kernels.vector import Vec3
 from lmeasure.kernels.zone import WORST_START
 

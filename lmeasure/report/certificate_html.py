@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.colors import qualitative
 from plotly.subplots import make_subplots
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.evaluate import AttainedPath, Evaluation
 from lmeasure.certification.measure import Measured
@@ -15,8 +15,6 @@ from lmeasure.certification.pictures import magnification, targets, way
 from lmeasure.report import certificate_text as say
 from lmeasure.report import html
 from lmeasure.report.words import DECIMAL_MARK, THOUSANDS, number, unit, word
-
-FloatArray = NDArray[np.float64]
 
 SCALE = "Viridis"
 COMMANDED, ATTAINED, MEAN, ELLIPSE = "#7a8194", "#30343f", "#b3261e", "#1a7f4b"

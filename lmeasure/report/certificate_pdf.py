@@ -5,17 +5,14 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import typst
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.certification.evaluate import Evaluation
 from lmeasure.certification.pictures import Target, targets
 from lmeasure.errors import CertificationError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.words import number, word
-
-FloatArray = NDArray[np.float64]
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
 MOST_TARGETS = 9

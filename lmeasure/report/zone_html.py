@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from lmeasure.accuracy.extent import Extent, extent
 from lmeasure.accuracy.zone_dataset import reasons
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.report import html
 from lmeasure.rig import Rig
 
-FloatArray = NDArray[np.float64]
 Rows = list[tuple[str, ...]]
 
 # perceptually even, and readable without colour vision

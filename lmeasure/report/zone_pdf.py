@@ -8,14 +8,12 @@ import numpy as np
 import plotly.colors
 import typst
 import xarray as xr
-from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.accuracy.extent import extent
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.report import zone_html as page
 from lmeasure.rig import Rig
-
-FloatArray = NDArray[np.float64]
 
 SLICES = 9
 TEMPLATE = Path(__file__).with_name("zone.typ")
@@ -77,7 +75,7 @@ def _slices(zone: xr.Dataset) -> list[tuple[float, str]]:
     return out
 
 
-def _edge(inside: NDArray[np.bool_]) -> str:
+def _edge(inside: BoolArray) -> str:
     """SVG path between cells of which one lies in the zone and its neighbour does not."""
     n = inside.shape[1]
     padded = np.pad(inside, 1)

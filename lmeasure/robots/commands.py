@@ -4,11 +4,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
-
-FloatArray = NDArray[np.float64]
+from lmeasure.arrays import FloatArray
 
 
 def _no_force() -> FloatArray:

@@ -9,13 +9,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
-
-FloatArray = NDArray[np.float64]
 
 AXES = 6
 LINK_COLUMNS = OFFSET, D, A, ALPHA, BETA = range(5)

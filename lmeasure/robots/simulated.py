@@ -5,16 +5,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.commands import Command
 from lmeasure.robots.serial import AXES, SerialArm
-
-FloatArray = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.80665
 MAX_SAMPLES = 50_000_000

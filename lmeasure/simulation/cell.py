@@ -3,13 +3,11 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.rig import Cable, Drum, ObservationPoint, Rig
-
-FloatArray = NDArray[np.float64]
 
 # Found by a random search over places outside a 1400 mm cube: over a 600 mm cube and tilts up to 0.3 rad the worst pressure angle of six
 # straight cables is 35 degrees.

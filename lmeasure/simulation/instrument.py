@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.counts import Counts
 from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.poses import Poses, poses_from_rows
@@ -13,8 +13,6 @@ from lmeasure.rig import Rig
 from lmeasure.run import Run
 from lmeasure.simulation.motion import scattered_poses
 from lmeasure.zeroing import drawn_phases
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

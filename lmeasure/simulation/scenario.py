@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from lmeasure import files
+from lmeasure.arrays import FloatArray
 from lmeasure.checked import Strict, complaint
 from lmeasure.conventions import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C
 from lmeasure.errors import FileFormatError
@@ -19,8 +19,6 @@ from lmeasure.run import read_linked_rig, write_run
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
 from lmeasure.simulation.instrument import Campaign, SimulatedRun, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, smooth_path
-
-FloatArray = NDArray[np.float64]
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Temperature = Annotated[float, Field(ge=TEMPERATURE_RANGE_C[0], le=TEMPERATURE_RANGE_C[1])]

@@ -6,15 +6,12 @@ stays below 75 degrees of pressure angle. Anything else is left to the compiled 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels.lanes import CLEAR_OF_SINGULAR, NEAR_MM
 from lmeasure.kernels.screw import MAX_STEP_ROTATION, TOLERANCE_MM
 from lmeasure.status import Status
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CABLES = 6
 ANCHORS = 2000  # more, as of a long way, and compiling costs less

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.errors import TrajectoryError
@@ -39,9 +40,6 @@ from lmeasure.trajectory.scheme import Scheme, scheme_of
 from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, zero_phase
 from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CALIBRATION = "calibration"
 PHYSICAL = "temperature, stretch and sag"
@@ -321,7 +319,7 @@ class Budget:
 def covariances(
     trajectory: Trajectory,
     run: Run | Alignment,
-    samples: slice | NDArray[np.intp] | NDArray[np.bool_] | None = None,
+    samples: slice | NDArray[np.intp] | BoolArray | None = None,
     *,
     constraint: str | None = None,
     repeatability_mm: float = 0.0,

@@ -4,14 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.effects import Effects, Zero, effects_of, zero_at
 from lmeasure.lengths import MAX_ROUNDS, Lengths, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.trajectory.scheme import Scheme
-
-FloatArray = NDArray[np.float64]
 
 SETTLED_MM = 1e-10
 

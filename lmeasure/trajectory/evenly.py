@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 from scipy.stats import t as student
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 LAG = 50
 """Samples over which a first period is taken."""
@@ -119,7 +117,7 @@ def _reconciled(stamps_s: FloatArray, steps: IntArray, clear: BoolArray, pause: 
     return known
 
 
-def _first_period(stamps_s: FloatArray, steps: IntArray, clear: NDArray[np.bool_]) -> float:
+def _first_period(stamps_s: FloatArray, steps: IntArray, clear: BoolArray) -> float:
     """The median over long lags, of those in which the motion shows the holes where there are enough."""
     lag = min(LAG, max(len(steps) // 4, 1))
     number = np.concatenate([[0], np.cumsum(steps)])

@@ -4,17 +4,15 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure.acquisition.samples import Samples
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import counter, live, screw
 from lmeasure.lengths import counter_rate
 from lmeasure.rig import Rig
 from lmeasure.status import WORDS
 from lmeasure.trajectory.screw_method import Reconstruction
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,9 @@ at the platform's rim). Near one the same split holds for the screw that the len
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.trajectory.at_once import span_rows
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SHIFT_RAD_PER_MM = 1e-6  # a screw that turns less than this per mm is a shift: its axis would be a kilometre away
 NEARLY = 88.0  # worst pressure angle [deg] from which a pose that is known says what is seen badly

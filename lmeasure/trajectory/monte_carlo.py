@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.cable import PARAMETERS, changes_from_counts
 from lmeasure.lengths import Lengths
@@ -14,7 +14,6 @@ from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.sources import Situation, drawn
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 TRIALS = 400  # a standard deviation of as many draws is known to 3.5 %

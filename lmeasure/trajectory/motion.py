@@ -5,18 +5,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from lmeasure import files
+from lmeasure.arrays import FloatArray
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import motion as kernels
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.stamps import Stamps, stamps_of
-
-FloatArray = NDArray[np.float64]
 
 HALF_WIDTH_S = 0.02
 FULL = 0.5 * (kernels.LEAST + 1)

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
 from lmeasure.lengths import Lengths, count_variance, lengths_from_counts
@@ -13,8 +13,6 @@ from lmeasure.run import Run
 from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.sources import PassClock
 from lmeasure.trajectory.stamps import Stamps, judged
-
-FloatArray = NDArray[np.float64]
 
 CLOCKS = 1e-3  # difference of rate beyond which two clocks are not meant to be the same
 OVER_S = 0.04  # over which a speed is taken

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import files, se3
+from lmeasure.arrays import TextArray
 from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_rotation, convention
 from lmeasure.errors import FileFormatError
 from lmeasure.poses import POSITION_COLUMNS
@@ -44,8 +45,8 @@ class Trajectory:
     residual_mm: FloatArray
     iterations: IntArray
     status: IntArray
-    cause: files.TextArray
-    cable: files.TextArray
+    cause: TextArray
+    cable: TextArray
     worst_pressure_angle_deg: FloatArray
     random: FloatArray
     systematic: FloatArray

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import files
+from lmeasure.arrays import IntArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.extras import how_to_install
 from lmeasure.trajectory.record import Trajectory
@@ -45,7 +46,7 @@ _MESSAGE = np.dtype(
 _ORDER = np.array([3, 4, 5, 0, 1, 2])  # of (rotation; tool origin) in ROS, which has the position first
 
 
-def messages(trajectory: Trajectory) -> tuple[NDArray[np.int64], NDArray[Any]]:
+def messages(trajectory: Trajectory) -> tuple[IntArray, NDArray[Any]]:
     """(k,) times [ns] and (k,) messages of the poses that are known whole."""
     known = ~np.isnan(trajectory.poses).any(axis=1)
     nanoseconds = np.rint(trajectory.time_s[known] * 1e9).astype(np.int64)

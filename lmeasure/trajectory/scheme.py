@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import span_rows
 from lmeasure.rig import Rig
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FREEDOMS = ("rx", "ry", "rz", "x", "y", "z")
 """Components of the twist (omega; v) in base axes, v at the tool origin."""

@@ -9,13 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.rig import Rig
 from lmeasure.zeroing import phase_columns
-
-FloatArray = NDArray[np.float64]
 
 PHASE = "zero phase"
 LENGTHS = "lengths of their own"

@@ -7,10 +7,8 @@ sent to do not differ by the one twist that a single cable sees; a counter that 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from lmeasure.arrays import FloatArray, IntArray
 
 LAG_S = 0.05
 STILL_MM = 0.2  # by which no cable's length changes within LAG_S while the robot rests

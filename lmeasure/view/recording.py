@@ -9,11 +9,10 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from lmeasure import files
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import FileFormatError, LMeasureError
 from lmeasure.view.viewer import check_recording
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Colour = tuple[int, int, int]
 
 LAST_TIME_S = 9e9  # rerun counts nanoseconds in 64 bits

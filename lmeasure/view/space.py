@@ -8,13 +8,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lmeasure.accuracy.surface import zone_surface
+from lmeasure.arrays import FloatArray
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig
 from lmeasure.view.recording import (
     CABLE_COLOURS,
     Colour,
-    FloatArray,
     cable_colour,
     changed_rows,
     entity_path,

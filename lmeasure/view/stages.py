@@ -9,6 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 import xarray as xr
 
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts, read_counts
 from lmeasure.lengths import LengthResiduals, Lengths, length_residuals
@@ -19,7 +20,7 @@ from lmeasure.trajectory import Trajectory
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.stream import Each
 from lmeasure.view.plots import log_record, log_truth
-from lmeasure.view.recording import CableSeries, FloatArray, recording
+from lmeasure.view.recording import CableSeries, recording
 from lmeasure.view.space import GREY, TRUTH_COLOUR, WHITE, log_path, log_reference, log_rig, log_zone, metres
 from lmeasure.view.trajectory import TrajectoryLog, log_trajectory
 

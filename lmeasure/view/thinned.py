@@ -1,9 +1,8 @@
 """Rows for pictures, out of more than can be drawn, that come a piece at a time."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lmeasure.view.recording import FloatArray, IntArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 
 class Thinned:
@@ -35,7 +34,7 @@ class Thinned:
             self._step *= 2
         chosen = np.union1d(np.arange(-self.seen % self._step, n, self._step), np.append(keep, n - 1)).astype(np.int64)
         numbers = np.concatenate([self.numbers, self.seen + chosen])
-        must: NDArray[np.bool_] = np.concatenate([self._keep, np.isin(chosen, keep)])
+        must: BoolArray = np.concatenate([self._keep, np.isin(chosen, keep)])
         self.seen += n
         stay = must | (numbers % self._step == 0) | (numbers == self.seen - 1)
         self.numbers, self._keep = numbers[stay], must[stay]

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.rig import Rig
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
-from lmeasure.view.recording import FloatArray, IntArray, changed_rows, entity_path, indexes_at, send_scalars, time_indexes
+from lmeasure.view.recording import changed_rows, entity_path, indexes_at, send_scalars, time_indexes
 from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, WHITE, draw_frames, draw_path, send_tool, thinned_note
 from lmeasure.view.thinned import Thinned
 
