@@ -315,3 +315,19 @@ def test_a_slow_encoder_that_starts_again_is_found_by_its_leap() -> None:
     changed[60:, 1] = np.nan
     np.testing.assert_array_equal(got.counts.recorded, changed)
     assert got.events.tally == {"reset": 1}
+
+
+def test_times_rise_though_a_host_stamps_ever_faster() -> None:
+    """For longer than samples are held back: what was given stays before what is brought back later."""
+    pace = np.concatenate([np.full(600, 1e-3), np.full(500, 2e-4), np.full(100, 1e-3)])
+    still = replace(COUNTS, time_s=np.cumsum(pace), recorded=np.tile(COUNTS.recorded[:1], (len(pace), 1)))
+    frames = replace(frames_of(RIG, still), timestamp_source="host")
+    stamps = frames.time_s
+    cuts = np.searchsorted(stamps, np.arange(0.0, stamps[-1], 0.05))
+    assembler = new_assembler(RIG, FIELDS)
+    parts = [assembler.feed(frames.take(slice(a, b))) for a, b in zip(cuts, [*cuts[1:], len(frames)], strict=True)]
+    parts.append(assembler.feed(no_frames(), last=True))
+    time_s = np.concatenate([p.time_s for p in parts])
+    assert len(time_s) == len(pace)
+    assert (np.diff(time_s) > 0.0).all()
+    assert (time_s <= still.time_s + 1e-9).all()

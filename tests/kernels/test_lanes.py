@@ -166,6 +166,14 @@ def test_tiles_are_taken(rows: FloatArray) -> None:
     assert (tiles == tiles[:, :1]).all()
     assert (tiles > 0).all()
     assert (one[2].reshape(-1, lanes.WIDTH).min(axis=1) < one[2].reshape(-1, lanes.WIDTH).max(axis=1)).all()
+    # behind a tile that had to be gone through one by one they are taken again
+    change = changes(rows, standing)
+    change[3 * lanes.WIDTH + 10, 0] -= 5000.0
+    one, many = both(rows, change)
+    assert_same(one, many)
+    tiles = many[2].reshape(-1, lanes.WIDTH)
+    np.testing.assert_array_equal(tiles[3], one[2].reshape(-1, lanes.WIDTH)[3])
+    assert (np.delete(tiles, 3, axis=0) == np.delete(tiles[:, :1], 3, axis=0)).all()
     fast = np.repeat(path(whole // 2, speed=60.0), 2, axis=0)
     one, many = both(rows, changes(rows, fast))
     np.testing.assert_array_equal(many[2], one[2])
