@@ -267,7 +267,7 @@ def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: f
     known = equivalents()
     survivors, tried = [m for m in chosen if m.key in known], [m for m in chosen if m.key not in known]
     if before is not None:
-        tried = [m for m in tried if f"- line {m.line}, `{m.source}`: `{m.change}`: " in before]
+        tried = [m for m in tried if f"`{m.source}`: `{m.change}`: survives" in before]
     with tempfile.TemporaryDirectory() as folder:
         copy = Copy(Path(folder))
         if not copy.passes(tests, longest_s):
