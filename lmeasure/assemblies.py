@@ -6,17 +6,13 @@ all places and orientations within reach are solved besides, until every assembl
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import screw
-from lmeasure.kernels.tetrahedron import apex
+from lmeasure.lcoordinate.tetrahedra import by_tetrahedra
 from lmeasure.status import Status
-
-Placed = dict[int, FloatArray]
-"""Attachment points that have their places [mm], by their numbers."""
 
 BATCH = 3000  # starts at a time
 LEAST, MOST = 2, 12  # batches
@@ -35,7 +31,7 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[Fl
     for batch in range(MOST):
         starts = _anywhere(rows, lengths, rng)
         if batch == 0:
-            starts = np.concatenate([by_tetrahedra(rows, lengths), starts])
+            starts = np.concatenate([by_tetrahedra(rows[:, :3], rows[:, 7:10], lengths), starts])
         status, poses = screw.solve_poses(rows, lengths, starts)
         for pose in poses[status == Status.OK]:
             k = next((i for i, other in enumerate(found) if _same(pose, other)), len(found))
@@ -50,36 +46,6 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[Fl
 
 def _enough(met: list[int]) -> bool:
     return bool(met) and min(met) >= MET
-
-
-def by_tetrahedra(rows: FloatArray, lengths: FloatArray) -> FloatArray:
-    """(k, 7) assemblies of straight cables, none where tetrahedra do not lead to three attachment points."""
-    points = np.unique(rows[:, 7:10], axis=0)
-    of = [np.flatnonzero((rows[:, 7:10] == p).all(axis=1)) for p in points]
-    ways: list[Placed] = [{}] if len(points) >= 3 else []
-    for _ in points:
-        ways = [more for placed in ways for more in _next(placed, points, of, rows, lengths)]
-    poses = []
-    for placed in ways:
-        local, there = points[list(placed)], np.array(list(placed.values()))
-        turn = Rotation.align_vectors(there - there.mean(axis=0), local - local.mean(axis=0))[0]
-        poses.append(se3.pose(there.mean(axis=0) - turn.apply(local.mean(axis=0)), turn))
-    return np.array(poses).reshape(len(poses), 7)
-
-
-def _next(placed: Placed, points: FloatArray, of: list[NDArray[np.intp]], rows: FloatArray, lengths: FloatArray) -> list[Placed]:
-    """What is placed with one more point, on both sides of a plane of three that are known; none where no point has three."""
-    for i, cables in enumerate(of):
-        corners = [(rows[j, :3], lengths[j]) for j in cables] + [
-            (there, np.linalg.norm(points[i] - points[k])) for k, there in placed.items()
-        ]
-        if i in placed or len(corners) < 3:
-            continue
-        (a, ra), (b, rb), (c, rc) = corners[:3]
-        above, below, square = apex(tuple(a), tuple(b), tuple(c), float(ra), float(rb), float(rc))
-        if square == square:
-            return [{**placed, i: np.array(p)} for p in (above, below)]
-    return []
 
 
 def _anywhere(rows: FloatArray, lengths: FloatArray, rng: np.random.Generator) -> FloatArray:

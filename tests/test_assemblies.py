@@ -10,8 +10,9 @@ sys.path.insert(0, str(Path(__file__).parent / "trajectory"))
 
 from cells import FloatArray, cell, motion
 
-from lmeasure.assemblies import assemblies, by_side, by_tetrahedra, distances
+from lmeasure.assemblies import assemblies, by_side, distances
 from lmeasure.kernels.cable import CABLE_COLUMNS, span_lengths
+from lmeasure.lcoordinate.tetrahedra import by_tetrahedra
 
 THREE_TWO_ONE = ("P1", "P1", "P1", "P2", "P2", "P3")
 
@@ -62,7 +63,7 @@ def test_tetrahedra_find_all_that_many_starts_find_of_straight_cables() -> None:
     rows = rows_of(THREE_TWO_ONE)
     rows[:, 6] = 0.0
     lengths = span_lengths(rows, motion(700)[1][600:601])[0]
-    direct = by_tetrahedra(rows, lengths)
+    direct = by_tetrahedra(rows[:, :3], rows[:, 7:10], lengths)
     assert len(direct) == 8
     exact = direct[np.abs(span_lengths(rows, direct) - lengths).max(axis=1) < 1e-6]
     found, sure = assemblies(rows, lengths)

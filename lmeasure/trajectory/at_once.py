@@ -11,6 +11,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels.lanes import CLEAR_OF_SINGULAR, NEAR_MM
 from lmeasure.kernels.screw import MAX_STEP_ROTATION, TOLERANCE_MM
+from lmeasure.lcoordinate.pluecker import pluecker_rows, pressure_angles
 from lmeasure.status import Status
 
 CABLES = 6
@@ -24,7 +25,7 @@ Followed = tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]
 def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n, m) lengths from B to the attachment point and (n, m, 6) rows (arm x e ; e) about the tool origin, at (n, 7) poses; NaN where no
     cable can run. `kernels.cable` derives the formulas."""
-    arm = np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, 7:10])
+    arm = _arms(cables, poses)
     d = poses[:, None, :3] + arm - cables[:, 0:3]
     u, radius = cables[:, 3:6], cables[:, 6]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -40,7 +41,12 @@ def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatA
         straight = np.linalg.norm(d, axis=2)
         e = np.where(radius[:, None] == 0.0, d / straight[:, :, None], e)
     lengths = np.where(radius == 0.0, straight, wrapped)
-    return lengths, np.concatenate([np.cross(arm, e), e], axis=2)
+    return lengths, pluecker_rows(arm, e)
+
+
+def _arms(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, m, 3) from the tool origin to the attachment points [mm], base axes."""
+    return np.asarray(np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, 7:10]))
 
 
 def twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
@@ -73,7 +79,7 @@ def follow(cables: FloatArray, start: FloatArray, state: FloatArray, changes: Fl
         determinants = np.linalg.det(rows)
         if not (determinants * side > 0.0).all():
             return None
-        angles = np.arccos(1.0 / np.sqrt(np.maximum(1.0, _attachment_speeds(cables, solved, rows))))
+        angles = pressure_angles(rows, _arms(cables, solved)).max(axis=1)
         if not (angles <= CLEAR_OF_SINGULAR).all():
             return None
     n = len(changes)
@@ -129,11 +135,3 @@ def _newton(cables: FloatArray, poses: FloatArray, targets: FloatArray, most: in
         # a turn and a shift of the tool origin; Newton's order does not need the screw between two steps
         poses = se3.displaced(poses, twist)
     return None
-
-
-def _attachment_speeds(cables: FloatArray, poses: FloatArray, rows: FloatArray) -> FloatArray:
-    """(n,) largest squared speed of an attachment point per unit rate of its cable (`kernels.screw.pressure_angles`)."""
-    G = np.linalg.inv(rows)
-    arm = np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, 7:10])
-    v = np.swapaxes(G[:, 3:], 1, 2) + np.cross(np.swapaxes(G[:, :3], 1, 2), arm)
-    return np.asarray((v * v).sum(axis=2).max(axis=1))

@@ -16,7 +16,7 @@ from lmeasure.status import Status
 from lmeasure.trajectory import at_once
 from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.corrections import correction_of
-from lmeasure.trajectory.lost import NEARLY, Split, explain
+from lmeasure.trajectory.lost import NEARLY, explain, split_at
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.scheme import scheme_of
 from lmeasure.trajectory.sources import PassClock
@@ -86,7 +86,7 @@ class Reconstruction:
         rows, m = self.scheme.rows, len(self.scheme.rows)
         found = self.budget.of(np.zeros(1), self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False, travel=np.zeros((1, m)))
         systematic = found.systematic[0]
-        split = Split(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.length_variance))
+        split = split_at(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.length_variance))
         part = split.twist * split.metric  # of an error of the start that is this twist [mm]
         reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
         probes = np.stack([self.start, *(se3.displaced(self.start, way * split.twist) for way in (reach, -reach))])
@@ -186,9 +186,8 @@ class Reconstruction:
         return cause, cable
 
     def _lost_at(self, pose: FloatArray) -> str:
-        return (
-            f"; not determined: {Split(self.scheme.rows, pose, self.scheme.free_index, np.sqrt(self.budget.length_variance)).lost.text()}"
-        )
+        split = split_at(self.scheme.rows, pose, self.scheme.free_index, np.sqrt(self.budget.length_variance))
+        return f"; not determined: {split.lost.text()}"
 
     def _explained(
         self,
@@ -210,11 +209,11 @@ class Reconstruction:
         for last in np.unique(before[singular]):
             pose, there = (begun[:7], begun[7 : 7 + m]) if last < 0 else (poses[last], changes[last])
             mine = np.flatnonzero(singular & (before == last))
-            texts = explain(Split(self.scheme.rows, pose, free, u), changes[mine] - there)
+            texts = explain(split_at(self.scheme.rows, pose, free, u), changes[mine] - there)
             for i, text in zip(mine, texts, strict=True):
                 cause[i] = f"{cause[i]}; {text}"
         for i in np.flatnonzero(near):
-            lost = Split(self.scheme.rows, poses[i], free, u).lost
+            lost = split_at(self.scheme.rows, poses[i], free, u).lost
             remark = f"nearly singular: 1 mm of {lost.text()} changes the lengths by {lost.mm_per_mm:.2g} mm"
             cause[i] = f"{cause[i]}; {remark}" if cause[i] else remark
         return cause

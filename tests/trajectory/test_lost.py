@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.kernels.cable import CABLE_COLUMNS, span_lengths
 from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
-from lmeasure.trajectory.lost import Split, explain
+from lmeasure.trajectory.lost import explain, split_at
 
 ALL = np.arange(6)
 U = np.full(6, 0.0035)
@@ -27,7 +27,7 @@ def meeting_an_axis() -> FloatArray:
 
 
 def test_a_turn_about_a_known_axis_is_named() -> None:
-    lost = Split(meeting_an_axis(), START, ALL, U).lost
+    lost = split_at(meeting_an_axis(), START, ALL, U).lost
     np.testing.assert_allclose(lost.direction, [0.0, 0.0, 1.0], atol=1e-9)
     np.testing.assert_allclose(lost.point[:2], [40.0, -25.0], atol=1e-6)
     assert abs(lost.pitch_mm) < 1e-6
@@ -38,13 +38,13 @@ def test_a_turn_about_a_known_axis_is_named() -> None:
 def test_parallel_cables_lose_a_shift() -> None:
     rows = meeting_an_axis()
     rows[:, :3] = rows[:, 7:10] + np.column_stack([np.cos(1.1 * ALL), np.sin(1.1 * ALL), 0.0 * ALL]) * 800.0
-    lost = Split(rows, START, ALL, U).lost
+    lost = split_at(rows, START, ALL, U).lost
     assert lost.text() == "a shift along (0.000, 0.000, 1.000)"
 
 
 def test_what_is_not_lost_is_measured_with_its_uncertainty() -> None:
     rows = meeting_an_axis()
-    split = Split(rows, START, ALL, U)
+    split = split_at(rows, START, ALL, U)
     moved = np.concatenate([[0.03, -0.02, 0.05], Rotation.from_rotvec([2e-4, -1e-4, 3e-4]).as_quat()])
     changes = span_lengths(rows, moved[None]) - span_lengths(rows, START[None])
     twists, u = split.determined(changes)
