@@ -201,7 +201,8 @@ class _Eliminated:
         self.A, self.V = J[:, :own] * model.rig.width, V
         N, self.inverse, self.loose = _eliminate(model, J[:, own:])
         self.W = scipy.linalg.solve_triangular(np.linalg.cholesky(N.T @ V @ N), N.T, lower=True)
-        self.U, s, self.Vt = np.linalg.svd(self.W @ self.A, full_matrices=True)
+        # of the directions of the rig all, of those of the residuals only what they see
+        self.U, s, self.Vt = np.linalg.svd(self.W @ self.A, full_matrices=len(self.W) < own)
         self.s = np.r_[s, np.zeros(own - len(s))]
         self.known = (self.s > 1.0) & (np.arange(own) < most)
 
@@ -230,43 +231,47 @@ def _eliminate(model: JointModel, P: FloatArray) -> tuple[FloatArray, FloatArray
     poses that P does not tell wholly."""
     e, d = len(P), model.pose_unknowns
     zero = np.unique(model.campaign.zero)
-    columns = {int(i): np.arange(d * k, d * (k + 1)) for k, i in enumerate(model.at)}
+    columns = np.arange(P.shape[1]).reshape(-1, d)
     inverse, loose = np.zeros((P.shape[1], e)), []
-    parts, at = [], []
-    for i, own in columns.items():
-        rows = np.flatnonzero(model.pose_index == i)
-        if i in zero or not len(rows):
-            parts.append(np.eye(len(rows)))
-        else:
-            left, back, whole = _apart(P[np.ix_(rows, own)])
-            inverse[np.ix_(own, rows)] = back
-            parts.append(left)
-            if not whole:
-                loose.append(i)
-        at.append(rows)
-    N = np.zeros((e, sum(p.shape[1] for p in parts)))
-    column = 0
-    for rows, left in zip(at, parts, strict=True):
-        N[rows, column : column + left.shape[1]] = left
-        column += left.shape[1]
-    shared = np.concatenate([columns[i] for i in zero])
-    left, back, whole = _apart(N.T @ P[:, shared])
-    if not whole:
+    at_zero = np.flatnonzero(np.isin(model.pose_index, zero))
+    N = np.zeros((e, e))
+    N[at_zero, np.arange(len(at_zero))] = 1.0
+    used = len(at_zero)
+    for poses, rows in model.alike:
+        own = columns[poses]
+        left, back, rank = _apart(P[rows[:, :, None], own[:, None, :]])
+        inverse[own[:, :, None], rows[:, None, :]] = back
+        loose += model.at[poses[rank < d]].tolist()
+        # a pose that is not told wholly ends the calibration: its part need not be the largest
+        many = max(rows.shape[1] - d, 0)
+        N[rows[:, :, None], used + np.arange(len(poses) * many).reshape(-1, 1, many)] = left[:, :, rows.shape[1] - many :]
+        used += len(poses) * many
+    N = N[:, :used]
+    shared = columns[np.isin(model.at, zero)].ravel()
+    left, back, rank = (part[0] for part in _apart((N.T @ P[:, shared])[None]))
+    if rank < len(shared):
         loose += zero.tolist()
     inverse[shared] = back @ N.T
     others = np.setdiff1d(np.arange(P.shape[1]), shared)
     # the zero poses' part goes before the others see it
     inverse[others] -= (inverse[others] @ P[:, shared]) @ inverse[shared]
-    return N @ left, inverse, loose
+    return N @ left[:, int(rank) :], inverse, loose
 
 
-def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """An orthonormal basis of what is normal to the columns of P (e, c), the pseudo-inverse (c, e), and whether its rank is c."""
+def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Of matrices P (k, e, c): orthonormal bases (k, e, e) whose columns from the rank on are normal to those of P, the pseudo-inverses
+    (k, c, e) and the ranks (k,)."""
     # columns of one size, so that rank is a matter of geometry and not of units
-    size = np.maximum(np.linalg.norm(P, axis=0), 1e-300)
-    U, s, Vt = np.linalg.svd(P / size, full_matrices=True)
-    rank = int((s > RANK * s.max(initial=0.0)).sum())
-    return U[:, rank:], (Vt[:rank].T / s[:rank]) @ U[:, :rank].T / size[:, None], rank == P.shape[1]
+    size = np.maximum(np.linalg.norm(P, axis=1), 1e-300)
+    U, s, Vt = np.linalg.svd(P / size[:, None, :], full_matrices=True)
+    told = s > RANK * s.max(axis=1, initial=0.0, keepdims=True)
+    count = s.shape[1]
+    back = (
+        np.swapaxes(Vt[:, :count], 1, 2)
+        * np.where(told, 1.0 / np.where(told, s, 1.0), 0.0)[:, None, :]
+        @ np.swapaxes(U[:, :, :count], 1, 2)
+    )
+    return U, back / size[:, :, None], told.sum(axis=1)
 
 
 def _described(

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -46,6 +47,14 @@ class JointModel(Model):
     def pose_unknowns(self) -> int:
         """How many unknowns each pose has of its own."""
         return len(self.free)
+
+    @cached_property
+    def alike(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """Poses other than zero poses, in groups counted on as many cables: their numbers (k,) among `at`, and their equations (k, m)."""
+        others = [(k, np.flatnonzero(self.pose_index == i)) for k, i in enumerate(self.at) if i not in self.campaign.zero]
+        sizes = sorted({len(rows) for _, rows in others} - {0})
+        groups = [[(k, rows) for k, rows in others if len(rows) == size] for size in sizes]
+        return [(np.array([k for k, _ in group]), np.array([rows for _, rows in group])) for group in groups]
 
     @property
     def places_known(self) -> bool:
