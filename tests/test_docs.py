@@ -133,11 +133,11 @@ def test_constants_are_those_of_the_program(page: str) -> None:
         assert re.sub(r"e-0+", "e-", said) in text
 
 
-CITED = re.compile(r"\[([^\]]*\d[^\]]*)\]\(((?:\.\./)*benchmarks/results/\w+\.md)\)")
+CITED = re.compile(r"\[([^\]]*\d[^\]]*)\]\(((?:\.\./)*(?:benchmarks/results/\w+|docs/tutorial)\.md)\)")
 
 
 def cited(page: Path) -> list[tuple[str, Path]]:
-    """Figures of a page that link to a page of results, each with that page: `[5 to 7 mm](../benchmarks/results/planning.md)`."""
+    """Figures of a page that link to a page of results, or to the tutorial, which is run, as `[5 mm](docs/tutorial.md)`."""
     return [(" ".join(said.split()), page.parent / target) for said, target in CITED.findall(page.read_text(encoding="utf-8"))]
 
 

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import lmeasure.chains.robot_demo as chain
 from lmeasure import files
+from lmeasure.certification import Settings
 from lmeasure.certification.campaign import Tests
 from lmeasure.chains.robot_demo import ROBOT_STAGES, RobotDemo, robot_demo
 from lmeasure.cli import app
@@ -35,7 +36,7 @@ def told() -> list[str]:
 
 @pytest.fixture(scope="module")
 def done(out: Path, told: list[str]) -> RobotDemo:
-    return robot_demo(out, lambda stage, done, of: told.append(stage), seed=1, tests=SHORT)
+    return robot_demo(out, lambda stage, done, of: told.append(stage), seed=1, tests=SHORT, settings=Settings(trials=500))
 
 
 def test_characteristics_lie_within_their_uncertainty_of_the_truth(done: RobotDemo) -> None:

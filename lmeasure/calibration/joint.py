@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 import scipy.stats
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.frame import in_frame, motions, to_frame
 from lmeasure.calibration.joint_model import ROTATIONS, Frame, JointModel
@@ -258,7 +258,7 @@ def _eliminate(model: JointModel, P: FloatArray) -> tuple[FloatArray, FloatArray
     return N @ left[:, int(rank) :], inverse, loose
 
 
-def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
     """Of matrices P (k, e, c): orthonormal bases (k, e, e) whose columns from the rank on are normal to those of P, the pseudo-inverses
     (k, c, e) and the ranks (k,)."""
     # columns of one size, so that rank is a matter of geometry and not of units

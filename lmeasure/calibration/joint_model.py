@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.refine import Noise
 from lmeasure.calibration.unknowns import Model, Unknowns
@@ -49,7 +49,7 @@ class JointModel(Model):
         return len(self.free)
 
     @cached_property
-    def alike(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    def alike(self) -> list[tuple[IntArray, IntArray]]:
         """Poses other than zero poses, in groups counted on as many cables: their numbers (k,) among `at`, and their equations (k, m)."""
         others = [(k, np.flatnonzero(self.pose_index == i)) for k, i in enumerate(self.at) if i not in self.campaign.zero]
         sizes = sorted({len(rows) for _, rows in others} - {0})

@@ -86,8 +86,10 @@ class RobotDemo:
         return tuple(best.values())
 
 
-def robot_demo(out: Path, progress: Progress | None = None, seed: int = 0, tests: Tests = TESTS) -> RobotDemo:
-    """Calibrate the cell, let the simulated robot run the test cube, measure and certify it; all files into the folder `out`.
+def robot_demo(
+    out: Path, progress: Progress | None = None, seed: int = 0, tests: Tests = TESTS, settings: Settings | None = None
+) -> RobotDemo:
+    """Calibrate the cell, let the simulated robot run the test cube, measure it and certify it by the settings; all files into `out`.
 
     A folder that holds something else is refused with an LMeasureError; an earlier demo's is written over.
     """
@@ -127,7 +129,7 @@ def robot_demo(out: Path, progress: Progress | None = None, seed: int = 0, tests
     write_trajectory(out / "trajectory.parquet", trajectory)
 
     report = step(CERTIFY)
-    settings = Settings()
+    settings = settings or Settings()
     inputs = Inputs(out / "trajectory.parquet", out / "program.toml", out / "run")
     certificate = write_certificate(out / "certificate", inputs, settings, Choices(), report)
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)

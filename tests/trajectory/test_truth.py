@@ -1,6 +1,7 @@
 """Runs of an independent simulator, against where the tool really was (see tests/authorities/truth/README.md)."""
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,13 @@ def errors(trajectory: Trajectory, truth: NDArray[np.float64]) -> tuple[NDArray[
     return distance, np.asarray(angle)
 
 
+def normalised(trajectory: Trajectory, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(6,) root mean square errors (position, rotation) over what is stated of them."""
+    difference = trajectory.poses[:, :3] - truth[:, 1:4]
+    turn = (Rotation.from_quat(truth[:, 4:]) * Rotation.from_quat(trajectory.poses[:, 3:]).inv()).as_rotvec()
+    return np.asarray(np.sqrt(np.mean((np.hstack([difference, turn]) / trajectory.u) ** 2, axis=0)))
+
+
 def rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -55,11 +63,28 @@ def test_whole_counts_cost_what_they_cost_a_generic_optimiser(name: str, positio
 def test_stated_uncertainty_is_the_error_met(name: str) -> None:
     """No calibration is linked, the rig is the true one: rounding is the only error, and the stated uncertainties must be its size."""
     trajectory, truth = reconstruct(zeroed_exactly(read_run(AUTHORITY / name))), truth_of(name)
-    difference = trajectory.poses[:, :3] - truth[:, 1:4]
-    turn = (Rotation.from_quat(truth[:, 4:]) * Rotation.from_quat(trajectory.poses[:, 3:]).inv()).as_rotvec()
-    normalised = np.hstack([difference, turn]) / trajectory.u
     # neighbouring samples at rest share their rounding: 10 % on the rms of thousands of samples, not the 1 % of independent ones
-    np.testing.assert_allclose(np.sqrt(np.mean(normalised**2, axis=0)), 1.0, atol=0.1)
+    np.testing.assert_allclose(normalised(trajectory, truth), 1.0, atol=0.1)
+
+
+def test_the_readme_states_what_is_met() -> None:
+    readme = (AUTHORITY.parents[2] / "README.md").read_text(encoding="utf-8")
+    distance, angle = errors(reconstruct(zeroed_exactly(read_run(AUTHORITY / "cell-run-exact"))), truth_of("cell-run-exact"))
+    said = re.search(r"within (\S+) mm and (\S+) rad of the truth", readme)
+    assert said is not None
+    # what is left is rounding, which another processor may do otherwise
+    assert float(said[1]) / 4.0 < distance.max() < 2.0 * float(said[1])
+    assert float(said[2]) / 4.0 < angle.max() < 2.0 * float(said[2])
+    runs = [read_run(AUTHORITY / name) for name in ("cell-run", "three-drums-two-passes", "cell-run-long")]
+    found = [reconstruct(zeroed_exactly(run)) for run in runs]
+    truths = [truth_of(name) for name in ("cell-run", "three-drums-two-passes", "cell-run-long")]
+    met = np.array([[rms(e) for e in errors(f, t)] for f, t in zip(found, truths, strict=True)])
+    least, most = met.min(axis=0), met.max(axis=0)
+    figures = f"{least[0]:.4f} to {most[0]:.4f} mm and {least[1]:.1e} to {most[1]:.1e} rad rms"
+    assert figures.replace("e-0", "e-") in readme
+    assert "| Stated uncertainty against the error met | agree within 5 % |" in readme
+    for f, t in zip(found, truths, strict=True):
+        np.testing.assert_allclose(normalised(f, t), 1.0, atol=0.05)
 
 
 def test_a_counter_of_16_bits_tells_the_same_motion() -> None:
