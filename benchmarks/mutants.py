@@ -51,7 +51,12 @@ CORE = {
     "kernels/zone_rows.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_lanes.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_linked.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
-    "calibration/refine.py": ["tests/calibration/test_recover.py", "-k", "exact_poses or stated_pose or default"],
+    "calibration/refine.py": [
+        "tests/calibration/test_recover.py",
+        "tests/calibration/test_visits.py",
+        "-k",
+        "exact_poses or stated_pose or default or two_passes or visit",
+    ],
     "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
     "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
     "certification/iso9283_pose.py": ["tests/certification/test_iso9283.py"],
@@ -260,17 +265,9 @@ def equivalents() -> dict[tuple[str, str, str], str]:
     return {(m["file"], m["line"], m["change"]): m["why"] for m in table["mutant"]}
 
 
-def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: float, before: str | None = None) -> str:
-    """The section of the report about a file. before: the section that stood there, of which only survivors are tried again."""
-    text = (ROOT / "lmeasure" / file).read_text(encoding="utf-8")
-    every = mutants_of(file, text)
-    chosen = (
-        every if sample is None else sorted(random.Random(f"{seed} {file}").sample(every, min(sample, len(every))), key=lambda m: m.start)
-    )
-    known = equivalents()
-    survivors, tried = [m for m in chosen if m.key in known], [m for m in chosen if m.key not in known]
-    if before is not None:
-        tried = [m for m in tried if f"`{m.source}`: `{m.change}`: survives" in before]
+def _survivors(file: str, tests: list[str], tried: list[Mutant], longest_s: float) -> list[Mutant]:
+    """Those of the faults that the tests do not see."""
+    out = []
     with tempfile.TemporaryDirectory() as folder:
         kernels = file.startswith("kernels/")
         copy = Copy(Path(folder), kernels)
@@ -282,15 +279,30 @@ def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: f
         for number, mutant in enumerate(tried, 1):
             killed = copy.killed(mutant, tests, limit_s)
             if not killed:
-                survivors.append(mutant)
+                out.append(mutant)
             print(f"{file} {number}/{len(tried)} line {mutant.line}: {mutant.change}: {'killed' if killed else 'SURVIVES'}", flush=True)
+    return out
+
+
+def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: float, before: str | None = None) -> str:
+    """The section of the report about a file. before: the section that stood there, of which only survivors are tried again."""
+    text = (ROOT / "lmeasure" / file).read_text(encoding="utf-8")
+    every = mutants_of(file, text)
+    chosen = (
+        every if sample is None else sorted(random.Random(f"{seed} {file}").sample(every, min(sample, len(every))), key=lambda m: m.start)
+    )
+    known = equivalents()
+    survivors, tried = [m for m in chosen if m.key in known], [m for m in chosen if m.key not in known]
+    if before is not None:
+        tried = [m for m in tried if f"`{m.source}`: `{m.change}`: survives" in before]
+    survivors += _survivors(file, tests, tried, longest_s) if tried else []
     same = [m for m in survivors if m.key in known]
     told, dead = len(chosen) - len(same), len(chosen) - len(survivors)
     survivors.sort(key=lambda m: m.start)
     lines = [
         f"## {file}",
         "",
-        f"{dead} of {told} killed ({len(every)} in the file, {len(chosen)} tried, {len(same)} equivalent), by {', '.join(tests)}.",
+        f"{dead} of {told} killed ({len(every)} in the file, {len(chosen)} tried, {len(same)} equivalent), by `{' '.join(tests)}`.",
         "",
         *(
             f"- line {m.line}, `{m.source}`: `{m.change}`: {'equivalent: ' + known[m.key] if m.key in known else 'survives'}"
