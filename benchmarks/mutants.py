@@ -45,7 +45,7 @@ CORE = {
     "kernels/cable.py": ["tests/kernels/test_cable.py"],
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
     "kernels/screw.py": ["tests/kernels/test_screw.py"],
-    "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "tiles_are or in_pieces or 75_degrees or short_dip or spoil"],
+    "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "tiles_ or in_pieces or 75_degrees or short_dip or spoil"],
     "kernels/least_squares.py": ["tests/trajectory/test_schemes.py"],
     "kernels/zone.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_rows.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],

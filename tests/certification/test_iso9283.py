@@ -162,6 +162,7 @@ def test_on_the_limit_is_within_it() -> None:
     assert iso9283_time.last_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
     assert iso9283_time.first_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
     assert iso9283_time.overshoot(np.array([0.5, 1.0]), 1.0) == 0.0
+    assert iso9283_time.excursion(np.array([1.0, 2.0, 0.5]), 1.0) == 2.0
     assert iso9283_time.departure(time_s, np.array([1.0, 1.0, 3.0, 4.0]), 1.0) == pytest.approx(0.1)
     assert iso9283_path.stabilisation_length(time_s, np.array([3.0, 1.0, 1.0, 1.0]), 1.0) == pytest.approx(0.1)
     assert iso9283_path.stabilisation_length(time_s, np.array([5.0, 1.0, 0.0, 0.0]), 2.0) == pytest.approx(0.075)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import oracles
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable
 
@@ -61,3 +62,18 @@ def cell(seed: int = 0) -> list[oracles.Cable]:
 def cell_rows(seed: int = 0) -> FloatArray:
     """(6, 17) rows of `cell`."""
     return np.array([row_of(c) for c in cell(seed)])
+
+
+def turned(angles: FloatArray) -> FloatArray:
+    """(n, 7) poses of a tool that turns about one axis in its place."""
+    rotation = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, -1.0])) * Rotation.from_quat(HOME[3:])
+    return np.column_stack([np.tile(HOME[:3], (len(angles), 1)), rotation.as_quat()])
+
+
+def singular_angle(rows: FloatArray) -> float:
+    """The least angle at which the tool of `turned` is in a singular pose."""
+    angles = np.linspace(0.0, 2.0, 2001)
+    sides = np.array([np.linalg.det(cable.span_rows(rows, pose)) for pose in turned(angles)])
+    first = int(np.argmax(sides * sides[0] < 0.0))
+    assert first > 0
+    return float(angles[first - 1] + 1e-3 * sides[first - 1] / (sides[first - 1] - sides[first]))

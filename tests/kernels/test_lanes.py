@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rows import HOME, cell_rows
+from rows import HOME, cell_rows, singular_angle, turned
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable, lanes, screw
@@ -118,13 +118,7 @@ def test_what_is_lost_near_a_singular_pose_is_lost_in_lanes(rows: FloatArray) ->
 
 
 def test_a_short_dip_through_a_singular_pose_between_coarse_samples_is_seen(rows: FloatArray) -> None:
-    def turned(angles: FloatArray) -> FloatArray:
-        rotation = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, -1.0])) * Rotation.from_quat(HOME[3:])
-        return np.column_stack([np.tile(HOME[:3], (len(angles), 1)), rotation.as_quat()])
-
-    angles = np.linspace(0.0, 2.0, 2001)
-    sides = np.array([np.linalg.det(cable.span_rows(rows, pose)) for pose in turned(angles)])
-    singular = angles[int(np.argmax(sides * sides[0] < 0))]
+    singular = singular_angle(rows)
     assert 0.5 < singular < 2.0
     # there slowly, a stand, and a dip of 40 samples to beyond and back that begins behind a coarse sample
     stand = singular - 0.03
@@ -177,3 +171,20 @@ def test_tiles_are_taken(rows: FloatArray) -> None:
     fast = np.repeat(path(whole // 2, speed=60.0), 2, axis=0)
     one, many = both(rows, changes(rows, fast))
     np.testing.assert_array_equal(many[2], one[2])
+
+
+def test_tiles_beyond_75_degrees_go_sample_by_sample(rows: FloatArray) -> None:
+    """And those before are taken: a turn towards a singular pose, so slow that its coarse samples do not run over it."""
+    near = singular_angle(rows)
+    turn = np.concatenate(
+        [np.linspace(0.0, near - 0.25, lanes.CHUNK), np.repeat(np.linspace(near - 0.25, near - 0.03, lanes.CHUNK // 2), 2)]
+    )
+    one, many = both(rows, changes(rows, turned(turn)))
+    assert (one[3] == Status.OK).all()
+    assert_same(one, many)
+    alone, tiles = (found[2][lanes.CHUNK :].reshape(-1, lanes.WIDTH) for found in (one, many))
+    beyond = one[4][lanes.CHUNK :].reshape(-1, lanes.WIDTH).max(axis=1) > lanes.CLEAR_OF_SINGULAR
+    assert 8 < beyond.sum() < len(beyond) - 8
+    np.testing.assert_array_equal(tiles[beyond], alone[beyond])
+    assert (tiles[~beyond] == tiles[~beyond][:, :1]).all(axis=1).mean() > 0.8
+    assert (alone != alone[:, :1]).any(axis=1).all()

@@ -7,7 +7,7 @@ import numpy as np
 import oracles
 import pytest
 from numpy.typing import NDArray
-from rows import HOME, cell, cell_rows, straight_row
+from rows import HOME, cell, cell_rows, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable, screw
@@ -306,21 +306,6 @@ def test_the_other_assembly_is_never_given() -> None:
     assert not good[-150:].any()
     assert set(status[~good]) <= {Status.SINGULAR, Status.OTHER_ASSEMBLY, Status.NOT_CONVERGED}
     assert worst_apart(poses[good], truth[good])[0] < 1e-3
-
-
-def turned(angles: FloatArray) -> FloatArray:
-    """(n, 7) poses of a tool that turns about one axis in its place."""
-    rotation = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, -1.0])) * Rotation.from_quat(HOME[3:])
-    return np.column_stack([np.tile(HOME[:3], (len(angles), 1)), rotation.as_quat()])
-
-
-def singular_angle(rows: FloatArray) -> float:
-    """The least angle at which the tool of `turned` is in a singular pose."""
-    angles = np.linspace(0.0, 2.0, 2001)
-    sides = np.array([np.linalg.det(cable.span_rows(rows, pose)) for pose in turned(angles)])
-    first = int(np.argmax(sides * sides[0] < 0.0))
-    assert first > 0
-    return float(angles[first - 1] + 1e-3 * sides[first - 1] / (sides[first - 1] - sides[first]))
 
 
 def test_two_steps_are_looked_ahead() -> None:
