@@ -137,7 +137,8 @@ def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None 
 class Unwrapped:
     """A counter with its wraps undone.
 
-    counts (n,) continuous, NaN where there is none; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign;
+    counts (n,) continuous, NaN where there is none; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign, went
+    on;
     inferred_bits: the counter's width when it was not stated and its jumps are those of wraps, or None.
     """
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from lmeasure import files, unsolved
 from lmeasure.arrays import TextArray
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.counts import unwrap
+from lmeasure.counts import Unwrapped, unwrap
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
+from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.run import Run
 from lmeasure.status import WORDS, Status, words
@@ -28,7 +28,16 @@ HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interp
 
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
-Reasons = tuple[tuple[NDArray[np.bool_], int, str], ...]
+
+class Reason(NamedTuple):
+    """Why samples of a channel are not used: mask (n,), their status, and in words."""
+
+    mask: NDArray[np.bool_]
+    status: int
+    text: str
+
+
+Reasons = tuple[Reason, ...]
 
 
 @dataclass(frozen=True)
@@ -51,6 +60,10 @@ class Lengths:
     """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
     temperature_c: FloatArray | None = None
     """(n, m) temperatures at which the cables were counted; None where they were not recorded."""
+    gone_on: FloatArray | None = None
+    """(n, m) true counts of whatever a channel showed, those included that are not used because its origin is in doubt."""
+    reasons: tuple[Reasons, ...] = ()
+    """Of each cable."""
 
     @property
     def speed_mm_s(self) -> FloatArray:
@@ -183,9 +196,8 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     """
     time_s = run.passes[0].time_s
     n, m = len(time_s), len(run.rig.cable)
-    k = np.full((n, m), np.nan)
-    flags = np.zeros(n, np.int64)
-    cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
+    gone_on = np.full((n, m), np.nan)
+    reasons: list[Reasons] = []
     notes: list[str] = []
     skewed = any(p.u_time_s is not None for p in run.passes)
     u_time = np.zeros((n, m)) if skewed else None
@@ -199,31 +211,63 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             notes.append(
                 f"{counts.source}: channel {c.channel}: counter_bits is not stated; its jumps are those of {counter.inferred_bits} bits"
             )
-        values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) * drum.count_sign / drum.scale
-        speed, bits = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}", drum.counter_bits
-        reasons: Reasons = (
-            (counter.what == JUMPED, Status.JUMP, f"channel {c.channel} jumped faster than {speed} allows"),
-            (counter.what == FOREIGN, Status.JUMP, f"channel {c.channel} shows a value that a counter of {bits} bits does not have"),
-            (counter.what == UNSURE, Status.GAP, f"channel {c.channel} may have wrapped unseen at {speed}"),
-            (counter.what == EMPTY, Status.GAP, f"channel {c.channel} has no count"),
-        )
-        if drum.max_cable_acceleration_mm_s2 is not None:
-            limit = drum.max_cable_acceleration_mm_s2
-            slack = slack_samples(values, counts.time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
-            text = f"channel {c.channel} does not follow: it changed its speed faster than max_cable_acceleration_mm_s2 = {limit:g} allows"
-            reasons = (*reasons, (slack, Status.SLACK, text))
+        values, why = counter.counts * drum.count_sign / drum.scale, _reasons(counter, c.channel, drum, counts.time_s)
         if c.passage > 1:
-            values, reasons = _on_time_base(run, c.passage, values, reasons)
-        k[:, j] = values
+            values, why = _on_time_base(run, c.passage, values, why)
+        gone_on[:, j] = values
+        reasons.append(why)
         if u_time is not None and counts.u_time_s is not None:
             u_time[:, j] = counts.u_time_s if c.passage == 1 else np.interp(time_s, counts.time_s, counts.u_time_s)
         if warm is not None:
             warm[:, j] = np.nan if counts.temperature_c is None else np.interp(time_s, counts.time_s, counts.temperature_c)
-        for mask, flag, text in reasons:
+    return _lengths(run.rig, time_s, gone_on, tuple(reasons), tuple(notes), u_time, warm)
+
+
+def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Lengths:
+    """The same lengths, each channel used but for other reasons than before."""
+    assert lengths.gone_on is not None
+    return _lengths(rig, lengths.time_s, lengths.gone_on, reasons, lengths.notes, lengths.u_time_s, lengths.temperature_c)
+
+
+def _lengths(
+    rig: Rig,
+    time_s: FloatArray,
+    gone_on: FloatArray,
+    reasons: tuple[Reasons, ...],
+    notes: tuple[str, ...],
+    u_time_s: FloatArray | None,
+    temperature_c: FloatArray | None,
+) -> Lengths:
+    n, k = len(time_s), gone_on.copy()
+    flags = np.zeros(n, np.int64)
+    cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
+    for j, (c, why) in enumerate(zip(rig.cable, reasons, strict=True)):
+        for mask, flag, text in why:
+            k[mask, j] = np.nan
             first = mask & (flags == Status.OK)
             flags[first], cause[first], where[first] = flag, text, c.name
-    change = changes_from_counts(run.rig, k)
-    return Lengths(time_s, tuple(c.name for c in run.rig.cable), change, k, flags, cause, where, tuple(notes), u_time, warm)
+    change = changes_from_counts(rig, k)
+    cables = tuple(c.name for c in rig.cable)
+    return Lengths(time_s, cables, change, k, flags, cause, where, notes, u_time_s, temperature_c, gone_on, reasons)
+
+
+def _reasons(counter: Unwrapped, channel: str, drum: Drum, time_s: FloatArray) -> Reasons:
+    """Why samples of a channel, at times (n,), are not used."""
+    speed, bits = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}", drum.counter_bits
+    every = [
+        Reason(counter.what == JUMPED, Status.JUMP, f"channel {channel} jumped faster than {speed} allows"),
+        Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, f"channel {channel} went on after a jump: its origin is lost"),
+        Reason(counter.what == FOREIGN, Status.JUMP, f"channel {channel} shows a value that a counter of {bits} bits does not have"),
+        Reason(counter.what == UNSURE, Status.GAP, f"channel {channel} may have wrapped unseen at {speed}"),
+        Reason(counter.what == EMPTY, Status.GAP, f"channel {channel} has no count"),
+    ]
+    if drum.max_cable_acceleration_mm_s2 is not None:
+        limit = drum.max_cable_acceleration_mm_s2
+        values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) / drum.scale
+        slack = slack_samples(values, time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
+        text = f"channel {channel} does not follow: it changed its speed faster than max_cable_acceleration_mm_s2 = {limit:g} allows"
+        every.append(Reason(slack, Status.SLACK, text))
+    return tuple(reason for reason in every if reason.mask.any())
 
 
 def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> NDArray[np.bool_]:
@@ -310,11 +354,11 @@ def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) 
     out[outside] = np.nan
     hole = ~outside & ~at_left & ~at_right & (width > HOLE * np.median(np.diff(source))) if len(source) > 1 else np.zeros_like(outside)
     out[hole] = np.nan
-    moved = tuple(((mask[left] & ~at_right | mask[right] & ~at_left) & ~outside, flag, text) for mask, flag, text in reasons)
+    moved = tuple(Reason((mask[left] & ~at_right | mask[right] & ~at_left) & ~outside, flag, text) for mask, flag, text in reasons)
     return out, (
         *moved,
-        (outside, Status.GAP, f"pass {passage} does not cover this time"),
-        (hole, Status.GAP, f"pass {passage} has no samples around this time"),
+        Reason(outside, Status.GAP, f"pass {passage} does not cover this time"),
+        Reason(hole, Status.GAP, f"pass {passage} has no samples around this time"),
     )
 
 

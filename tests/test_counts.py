@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lmeasure.counts import Counts, read_counts, unwrap, write_counts
 from lmeasure.errors import FileFormatError
-from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE
+from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 
 FloatArray = NDArray[np.float64]
 
@@ -163,7 +163,9 @@ def test_a_spike_is_a_jump_and_what_follows_is_good() -> None:
             out = unwrap(shown, times(100), RATE, bits)
             bad = np.zeros(100, np.bool_)
             bad[40 : 40 + width] = True
-            assert np.array_equal(out.what == JUMPED, bad)
+            assert np.array_equal(out.what != FOLLOWED, bad)
+            assert out.what[40] == JUMPED
+            assert (out.what[41 : 40 + width] == WENT_ON).all()
             assert np.array_equal(out.counts[~bad], k[~bad])
 
 
@@ -181,8 +183,19 @@ def test_a_lost_origin_stays_lost() -> None:
     shown = k.copy()
     shown[40:] += 20_000
     out = unwrap(shown, times(100), RATE, 32)
-    assert (out.what[40:] == JUMPED).all()
-    assert np.isnan(out.counts[40:]).all()
+    assert out.what[40] == JUMPED
+    assert (out.what[41:] == WENT_ON).all()
+    assert np.array_equal(out.counts, shown), "it goes on, for who can prove it right"
+
+
+def test_a_jump_back_that_comes_late_proves_nothing() -> None:
+    """Behind a pause anything could have come."""
+    for width, back in ((90, FOLLOWED), (110, JUMPED)):
+        shown = np.arange(300.0) * 50
+        shown[40 : 40 + width] += 20_000
+        out = unwrap(shown, times(300), RATE, 32)
+        assert out.what[40 + width] == back
+        assert (out.what[41 + width :] == (FOLLOWED if back == FOLLOWED else WENT_ON)).all()
 
 
 def test_values_that_a_counter_cannot_show() -> None:
@@ -196,7 +209,7 @@ def test_values_that_a_counter_cannot_show() -> None:
 @given(st.lists(st.one_of(st.floats(-1e300, 1e300), st.just(float("nan"))), min_size=1, max_size=50), st.sampled_from([None, 8, 16, 64]))
 def test_any_numbers_are_classified(values: list[float], bits: int | None) -> None:
     out = unwrap(np.array(values), times(len(values)), RATE, bits)
-    assert np.array_equal(np.isnan(out.counts), (out.what != FOLLOWED) & (out.what != UNSURE))
+    assert np.array_equal(np.isnan(out.counts), (out.what == EMPTY) | (out.what == FOREIGN))
 
 
 def test_an_hour_takes_little_memory() -> None:

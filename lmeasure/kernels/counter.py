@@ -7,11 +7,12 @@ import numpy as np
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
 
-FOLLOWED, EMPTY, JUMPED, UNSURE, FOREIGN = range(5)
-STATE = 8
-# what a counter's state holds: whether there is a good sample; its continuous and recorded count and time; recorded count and time of the
-# last sample seen; whether its origin is lost; whether it is unsure
-_ANY, _COUNT, _GOOD, _GOOD_TIME, _SEEN, _SEEN_TIME, _LOST, _UNSURE = range(STATE)
+FOLLOWED, EMPTY, JUMPED, UNSURE, FOREIGN, WENT_ON = range(6)
+RETURN_S = 0.1  # within which a jump back shows that the number was wrong and not the counter
+STATE = 9
+# what a counter's state holds: whether there is a sample; continuous and recorded count and time of the last one; the same of the last one
+# before its origin was lost; whether it is lost; whether it is unsure
+_ANY, _COUNT, _SEEN, _SEEN_TIME, _GOOD_COUNT, _GOOD, _GOOD_TIME, _LOST, _UNSURE = range(STATE)
 
 
 @inline
@@ -25,10 +26,10 @@ def follow(recorded: FloatArray, time_s: FloatArray, max_rate: float, full: floa
     """Continuous counts (n,) and what each sample is (n,), from recorded counts (n,) with NaN for empty cells.
 
     max_rate [1/s] bounds the motion, full is the number of values of the counter, 0 when it does not wrap. The first count is taken as a
-    signed one. A step that the motion cannot have made is a jump, and the counter's origin is lost with it (JUMPED), until a jump back
-    to where the last good sample could have come. After a pause in which it could have gone half its range a counter is UNSURE for good.
-    A value that no counter of that size shows is FOREIGN and nothing else. Continuous counts are the recorded ones plus whole turns,
-    exactly.
+    signed one. A step that the motion cannot have made is a jump (JUMPED), and the counter's origin is lost with it: it WENT_ON, until it
+    jumps, within RETURN_S, back to where the last good sample could have come. Its counts go on too, for who can prove them right. After
+    a pause in which it could have gone half its range a counter is UNSURE for good. A value that no counter of that size shows is FOREIGN
+    and nothing else. Continuous counts are the recorded ones plus whole turns, exactly.
     """
     return resume(recorded, time_s, max_rate, full, np.zeros(STATE), 0.0)
 
@@ -52,29 +53,30 @@ def resume(
             continue
         step = shortest(x - state[_SEEN], full)
         reach = max_rate * max(time_s[i] - state[_SEEN_TIME], least_s) + 1.0
-        possible = abs(step) <= reach
         if state[_ANY] == 0.0:
             counts[i] = shortest(x, full)
             what[i] = FOLLOWED
         else:
-            if state[_LOST] != 0.0 and not possible:
-                step = shortest(x - state[_GOOD], full)
-                reach = max_rate * max(time_s[i] - state[_GOOD_TIME], least_s) + 1.0
-                state[_LOST] = 1.0 if abs(step) > reach else 0.0
-            elif not possible:
-                state[_LOST] = 1.0
-            if state[_LOST] == 0.0:
+            target = state[_COUNT] + step
+            if abs(step) > reach:
+                what[i] = JUMPED
+                away, back = time_s[i] - state[_GOOD_TIME], shortest(x - state[_GOOD], full)
+                if state[_LOST] == 0.0:
+                    state[_LOST] = 1.0
+                    state[_GOOD_COUNT], state[_GOOD], state[_GOOD_TIME] = state[_COUNT], state[_SEEN], state[_SEEN_TIME]
+                elif away <= RETURN_S and abs(back) <= max_rate * max(away, least_s) + 1.0:
+                    state[_LOST] = 0.0
+                    target = state[_GOOD_COUNT] + back
+                    what[i] = UNSURE if state[_UNSURE] != 0.0 else FOLLOWED
+            elif state[_LOST] != 0.0:
+                what[i] = WENT_ON
+            else:
                 # a way of half the range or more may as well have been the other way round
                 if full > 0.0 and reach >= 0.5 * full:
                     state[_UNSURE] = 1.0
-                target = state[_COUNT] + step
-                counts[i] = x + (full * math.floor((target - x) / full + 0.5) if full > 0.0 else 0.0)
                 what[i] = UNSURE if state[_UNSURE] != 0.0 else FOLLOWED
-            else:
-                what[i] = JUMPED
-        state[_SEEN], state[_SEEN_TIME] = x, time_s[i]
-        if what[i] != JUMPED:
-            state[_ANY], state[_COUNT], state[_GOOD], state[_GOOD_TIME] = 1.0, counts[i], x, time_s[i]
+            counts[i] = x + (full * math.floor((target - x) / full + 0.5) if full > 0.0 else 0.0)
+        state[_ANY], state[_COUNT], state[_SEEN], state[_SEEN_TIME] = 1.0, counts[i], x, time_s[i]
     return counts, what
 
 

@@ -20,7 +20,6 @@ from lmeasure.kernels.screw import (
     ON_THE_WAY_MM,
     OTHER_ASSEMBLY,
     SINGULAR,
-    SLACK,
     STRIDE_MM,
     copy,
     displace,
@@ -30,7 +29,6 @@ from lmeasure.kernels.screw import (
 from lmeasure.kernels.vector import add, cross, norm, rotate
 
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
-CONFIDENT = 5.0  # standard uncertainties of a length within which its residual must stay
 LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
 
 
@@ -149,33 +147,9 @@ def _fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
 
 
 @kernel
-def _suspect(cables: FloatArray, pose: FloatArray, G: FloatArray, r: FloatArray, u: FloatArray, slack_mm: float) -> int:
-    """The cable whose length contradicts the others most and beyond doubt, or -1 (Baarda's test).
-
-    A residual r_j is the error of that length times its redundancy 1 - h_j (h: how far the pose follows the length), so r_j / (1 - h_j)
-    is the error it would take alone, and r_j / sqrt(1 - h_j) has the length's own standard uncertainty.
-    """
-    found, largest = -1, 1.0
-    for j in range(cables.shape[0]):
-        if math.isnan(r[j]):
-            continue
-        _, e, arm = span_at(cables[j], pose)
-        moment = cross(arm, e)
-        h = 0.0
-        for c in range(3):
-            h += moment[c] * G[c, j] + e[c] * G[3 + c, j]
-        redundancy = 1.0 - h
-        if redundancy < 1e-6:
-            continue
-        error = abs(r[j]) / math.sqrt(redundancy) / max(CONFIDENT * u[j], slack_mm)
-        if error > largest:
-            found, largest = j, error
-    return found
-
-
-@kernel
 def new_state(start: FloatArray, m: int) -> FloatArray:
-    """(8 + m,) where a run of m cables has got to at its start: last good pose, change of the cables there, 1 when it was lost."""
+    """(8 + m,) where a run of m cables has got to at its start: last good pose, change of the cables there, the
+    number of cables by which it was lost, else 0."""
     state = np.zeros(8 + m)
     copy(start, state)
     return state
@@ -190,21 +164,19 @@ def follow(
     flags: IntArray,
     u: FloatArray,
     free: IntArray,
-    slack_mm: float,
-) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, IntArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
     """Poses of a run by continuation, from m >= f cables and f free components of the twist.
 
     cables (m, columns); start (7,); state (8 + m,), moved on in place; changes (n, m) [mm], NaN where a cable has no count: the others
     are used as long as f are left, else the sample keeps its flag of flags (n,); u (m,) standard uncertainties of the lengths [mm]; free
-    (f,) indices into the twist; slack_mm: an error of one length that is believed whatever u says. With two or more redundant cables one
-    that contradicts the others is left out; with one the sample is SLACK, for none can be named.
+    (f,) indices into the twist.
 
-    Returns poses (n, 7), largest absolute residual (n,) [mm], iterations (n,), status (n,), worst pressure angle (n,) [rad], the cable left
-    out (n,) or -1, chi squared (n,) of the residuals.
+    Returns poses (n, 7), largest absolute residual (n,) [mm], iterations (n,), status (n,), worst pressure angle (n,) [rad], chi squared
+    (n,) of the residuals by u alone.
     """
     n, m, f = changes.shape[0], cables.shape[0], len(free)
     poses, residual, angle, chi = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
-    iterations, status, left_out = np.zeros(n, np.int64), np.zeros(n, np.int64), np.full(n, -1)
+    iterations, status = np.zeros(n, np.int64), np.zeros(n, np.int64)
     size = platform_size(cables)
     zero, targets, weights, pose = np.empty(m), np.empty(m), np.empty(m), np.empty(7)
     G, r = np.empty((6, m)), np.empty(m)
@@ -214,9 +186,6 @@ def follow(
         targets[j], weights[j] = zero[j], smallest / u[j]
     _, side = _inverse(cables, start, weights, free, size, targets, G, r)
     for i in range(n):
-        if state[7 + m] != 0.0:
-            status[i] = OTHER_ASSEMBLY
-            continue
         counted, longest = 0, 0.0
         for j in range(m):
             good = math.isfinite(changes[i, j])
@@ -224,11 +193,12 @@ def follow(
             if good:
                 counted += 1
                 longest = max(longest, abs(changes[i, j] - state[7 + j]))
-        outcome = OK
-        while True:
-            if counted < f:
-                outcome = flags[i]
-                break
+        outcome = OK if counted >= f else flags[i]
+        # more cables than there were when it was lost tell the pose again
+        if outcome == OK and state[7 + m] > 0.0 and counted <= state[7 + m]:
+            status[i] = OTHER_ASSEMBLY
+            continue
+        if outcome == OK:
             parts = max(1, math.ceil(longest / STRIDE_MM))
             copy(state[:7], pose)
             for part in range(1, parts + 1):
@@ -239,30 +209,19 @@ def follow(
                 iterations[i] += steps
                 if outcome != OK:
                     break
-            if outcome != OK:
-                break
+        if outcome == OK:
             known, det = _inverse(cables, pose, weights, free, size, targets, G, r)
             if not known:
                 outcome = SINGULAR
             elif m == f and det * side <= 0.0:
                 outcome = OTHER_ASSEMBLY
-            if outcome != OK or counted == f:
-                break
-            j = _suspect(cables, pose, G, r, u, slack_mm)
-            if j < 0:
-                break
-            if counted - f < 2:
-                outcome = SLACK
-                break
-            left_out[i] = j
-            weights[j] = 0.0
-            counted -= 1
         if outcome == OK:
             fastest = _fastest(cables, pose, G)
             if fastest > LOST_SPEED:
                 outcome = SINGULAR
-                state[7 + m] = 1.0
+                state[7 + m] = counted
             else:
+                state[7 + m] = 0.0
                 angle[i] = math.acos(1.0 / fastest)
         status[i] = outcome
         if outcome == OK:
@@ -276,7 +235,7 @@ def follow(
                     worst = max(worst, abs(r[j]))
                     chi[i] += (r[j] / u[j]) ** 2
             residual[i] = worst
-    return poses, residual, iterations, status, angle, left_out, chi
+    return poses, residual, iterations, status, angle, chi
 
 
 @kernel

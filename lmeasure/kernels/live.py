@@ -7,7 +7,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import counter, kernel
 from lmeasure.kernels.cable import drum_change
-from lmeasure.kernels.screw import CABLES, GAP, JUMP, OK, resume
+from lmeasure.kernels.screw import CABLES, GAP, JUMP, OK, ORIGIN_LOST, resume
 
 
 @kernel
@@ -21,8 +21,8 @@ def step(
     recorded: FloatArray,
     u: FloatArray,
     pose: FloatArray,
-) -> tuple[int, float, float]:
-    """(status, largest residual [mm], worst pressure angle [rad]) of a sample, its pose into pose (7,), NaN when it is not OK.
+) -> tuple[int, float]:
+    """(status, worst pressure angle [rad]) of a sample, its pose into pose (7,), NaN when it is not OK.
 
     state of `screw.resume` and counters (6, `counter.STATE`) are moved on in place; channels (6, 4) of the cables: count per recorded count
     (sign over scale), largest rate of recorded counts [1/s], values of the counter or 0, count length [mm]; recorded (6,) NaN for no count.
@@ -31,9 +31,13 @@ def step(
     for j in range(CABLES):
         counts, what = counter.resume(recorded[j : j + 1], now, channels[j, 1], channels[j, 2], counters[j], 0.0)
         if what[0] != counter.FOLLOWED and flags[0] == OK:
-            flags[0] = JUMP if what[0] == counter.JUMPED or what[0] == counter.FOREIGN else GAP
-        changes[0, j] = drum_change(counts[0] * channels[j, 0], cables[j, 10], cables[j, 11], cables[j, 12], channels[j, 3])
-    poses, residual, _, status, angle = resume(cables, start, state, changes, flags, u)
+            if what[0] == counter.WENT_ON:
+                flags[0] = ORIGIN_LOST
+            else:
+                flags[0] = JUMP if what[0] == counter.JUMPED or what[0] == counter.FOREIGN else GAP
+        k = counts[0] if what[0] == counter.FOLLOWED else math.nan
+        changes[0, j] = drum_change(k * channels[j, 0], cables[j, 10], cables[j, 11], cables[j, 12], channels[j, 3])
+    poses, _, _, status, angle = resume(cables, start, state, changes, flags, u)
     for c in range(7):
         pose[c] = poses[0, c] if status[0] == OK else math.nan
-    return status[0], residual[0], angle[0]
+    return status[0], angle[0]

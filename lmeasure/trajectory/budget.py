@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.errors import TrajectoryError
@@ -35,7 +35,7 @@ from lmeasure.trajectory import at_once
 from lmeasure.trajectory.corrections import Correction, correction_of
 from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
-from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.record import NAMES, Trajectory
 from lmeasure.trajectory.scheme import Scheme, scheme_of
 from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, zero_phase
 from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
@@ -97,7 +97,7 @@ class Budget:
         temperature_c: float | None = None,
     ) -> None:
         self.correction = correction
-        self._rig, self._calibration, self._temperature_c = rig, calibration, temperature_c
+        self.rig, self._calibration, self._temperature_c = rig, calibration, temperature_c
         # where the point itself is measured its place in the tool frame does not enter
         self._exact = [
             v
@@ -146,10 +146,11 @@ class Budget:
         )
         self.by_length = tuple(source for source in by_length if source.names)
         """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""
-        self._every = (*(source for source in moved if source.names), *self.by_length)
-        self.sources = tuple(name for source in self._every for name in source.names)
-        self.uniform = tuple(source.uniform for source in self._every for _ in source.names)
-        self.covers = _covers(calibration is not None, [text for source in self._every for text in source.said])
+        self.every = (*(source for source in moved if source.names), *self.by_length)
+        """All sources of systematic error."""
+        self.sources = tuple(name for source in self.every for name in source.names)
+        self.uniform = tuple(source.uniform for source in self.every for _ in source.names)
+        self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
 
     def of(
         self,
@@ -158,16 +159,16 @@ class Budget:
         counts: FloatArray,
         speed_mm_s: FloatArray,
         u_time_s: FloatArray | None = None,
-        unused: IntArray | None = None,
+        unused: BoolArray | None = None,
         temperature_c: FloatArray | None = None,
         compiled: bool = True,
         travel: FloatArray | None = None,
     ) -> PoseCovariances:
         """Covariances and factors of (n, 7) poses at times (n,), true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the
-        instants at which the cables were counted; unused (n,): a cable that was left out, or -1; temperature_c (n, m), the start's where
-        it is None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
+        instants at which the cables were counted; unused (n, m): cables that were left out; temperature_c (n, m), the start's where it is
+        None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
         G, own = self._own(poses, counts, speed_mm_s, u_time_s, unused, compiled)
-        factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self._every)
+        factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self.every)
         return PoseCovariances(own, factors, self.sources, self.uniform)
 
     def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
@@ -192,7 +193,7 @@ class Budget:
         self,
         poses: FloatArray,
         lengths: Lengths,
-        unused: IntArray | None = None,
+        unused: BoolArray | None = None,
         compiled: bool = True,
         travel: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
@@ -201,7 +202,7 @@ class Budget:
         speed_mm_s = self.speed_mm_s(lengths)
         # each counter zeroed by itself, and all anywhere: the phases scatter as the counts do, and cost nothing
         alike = lengths.u_time_s is None and len(self._phase.names) == len(self.variance)
-        sources = tuple(source for source in self._every if not (alike and source is self._phase))
+        sources = tuple(source for source in self.every if not (alike and source is self._phase))
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
             u_time_s = None if lengths.u_time_s is None else lengths.u_time_s[part]
@@ -231,7 +232,7 @@ class Budget:
         counts: FloatArray,
         speed_mm_s: FloatArray,
         u_time_s: FloatArray | None,
-        unused: IntArray | None,
+        unused: BoolArray | None,
         compiled: bool,
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, m) each: twists per unit of each length, and the random errors as `PoseCovariances.own` has them."""
@@ -291,11 +292,11 @@ class Budget:
             few[:, 3:] = (0.0, 0.0, 0.0, 1.0)
         counts = lengths.counts[at]
         twists = self.twists(few, counts, None, compiled=False)
-        return taken_as_exact(self._rig, self._exact, self.scheme.rows, self._begun, few, counts, twists, self._warmth(lengths))
+        return taken_as_exact(self.rig, self._exact, self.scheme.rows, self._begun, few, counts, twists, self._warmth(lengths))
 
     def _warmth(self, lengths: Lengths) -> Warmth:
         """What is known of the run's temperature: at its start and at these samples."""
-        rig, record = self._rig, self._calibration
+        rig, record = self.rig, self._calibration
         at_start = np.nan if self._temperature_c is None else self._temperature_c
         seen = np.append(at_start, () if lengths.temperature_c is None else lengths.temperature_c)
         seen = seen[np.isfinite(seen)]
@@ -305,14 +306,13 @@ class Budget:
         low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
         return Warmth(reference, low, high, effects is not None and effects.thermal, "the rig's" if record is None else CALIBRATIONS)
 
-    def twists(self, poses: FloatArray, counts: FloatArray, unused: IntArray | None, compiled: bool) -> FloatArray:
+    def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
         """(n, 6, m) what the poses move by per mm of each length."""
         if self.scheme.six:
             return np.asarray((pose_covariance if compiled else at_once).twists(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.length_variance.min() / self.length_variance))
         if unused is not None:
-            left = np.flatnonzero(unused >= 0)
-            weights[left, unused[left]] = 0.0
+            weights[unused] = 0.0
         return np.asarray(least_squares.twists(self.scheme.rows, poses, weights, self.scheme.free_index))
 
 
@@ -368,18 +368,20 @@ def without_orientation(found: PoseCovariances) -> PoseCovariances:
 
 
 def closure_factors(
-    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, counts: FloatArray, unused: IntArray, compiled: bool = True
+    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, counts: FloatArray, unused: BoolArray, compiled: bool = True
 ) -> FloatArray:
     """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
     G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled)
     return np.asarray(G @ evidence.closure_lengths(time_s))
 
 
-def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> IntArray:
-    """(n,) the cable that an `ok` sample names because it was not used, or -1."""
-    out = np.full(len(trajectory.time_s), -1)
-    for j, name in enumerate(cables):
-        out[(trajectory.status == Status.OK) & (trajectory.cable == name)] = j
+def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArray:
+    """(n, m) cables that `ok` samples name because they were not used."""
+    out = np.zeros((len(trajectory.time_s), len(cables)), np.bool_)
+    ok = trajectory.status == Status.OK
+    for names in set(trajectory.cable[ok]) - {""}:
+        mask = ok & (trajectory.cable == names)
+        out[np.ix_(mask, [cables.index(name) for name in names.split(NAMES) if name in cables])] = True
     return out
 
 

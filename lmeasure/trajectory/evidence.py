@@ -6,7 +6,7 @@ that this one cable sees and no other does: a robot that steps so is far less li
 "suspected".
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from scipy.special import stdtr
 from lmeasure.lengths import Lengths
 from lmeasure.recorded import Recorded
 from lmeasure.rig import Rig
+from lmeasure.trajectory.continuity import ContinuityFinder
+from lmeasure.trajectory.doubts import NONE, Doubts, judged, unseen
 from lmeasure.trajectory.visits import LEAST_CABLES, RestFinder, Rests
 
 FloatArray = NDArray[np.float64]
@@ -78,6 +80,10 @@ class Evidence:
     first_s: float = 0.0
     last_s: float = 0.0
     notes: tuple[str, ...] = ()
+    doubts: Doubts = NONE
+    """Channels that stepped while the robot moved, or stood: not used at all."""
+    unseen: str = ""
+    """What steps the run would not have shown."""
 
     @property
     def sound(self) -> bool:
@@ -102,9 +108,9 @@ class Evidence:
             out[:, j, k * TERMS : (k + 1) * TERMS] = self.closure_mm[j] * series
         return out
 
-    def causes(self, time_s: FloatArray, unused: IntArray) -> list[tuple[NDArray[np.bool_], str]]:
-        """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n,): a cable that was left out, or -1."""
-        return [((time_s > step.after_s) & (unused != step.cable), f"{SUSPECTED}{step.text}") for step in self.steps]
+    def causes(self, time_s: FloatArray, unused: NDArray[np.bool_]) -> list[tuple[NDArray[np.bool_], str]]:
+        """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
+        return [((time_s > step.after_s) & ~unused[:, step.cable], f"{SUSPECTED}{step.text}") for step in self.steps]
 
 
 class EvidenceFinder:
@@ -113,25 +119,32 @@ class EvidenceFinder:
     def __init__(self, rig: Rig, recorded: tuple[Recorded, ...] = ()) -> None:
         self._rig, self._recorded = rig, recorded
         self._mm = np.array([rig.point(c.from_point).drum.count_length_mm for c in rig.cable])
-        self._finder = RestFinder()
+        self._finder, self._continuity = RestFinder(), ContinuityFinder(rig)
 
     def add(self, lengths: Lengths) -> None:
         """Take the next piece into account."""
-        self._finder.add(lengths.time_s, lengths.counts * self._mm)
+        assert lengths.gone_on is not None
+        self._finder.add(lengths.time_s, lengths.gone_on * self._mm)
+        self._continuity.add(lengths)
 
     def found(self) -> Evidence:
         """All that the run told."""
-        return evidence_of(self._rig, self._finder.rests(), self._recorded)
+        rests, continuity = self._finder.rests(), self._continuity.found()
+        doubts = judged(self._rig, continuity, rests)
+        evidence = evidence_of(self._rig, rests, self._recorded, doubts)
+        return replace(evidence, doubts=doubts, unseen=unseen(self._rig, continuity))
 
 
-def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = ()) -> Evidence:
-    """What the rests of a run tell of the rig's counters, beside the closures that were recorded."""
+def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), doubts: Doubts = NONE) -> Evidence:
+    """What the rests of a run tell of the rig's counters, beside the closures that were recorded. What a channel shows while it is in doubt
+    is nobody's length: of its steps and closures then nothing is said."""
     drums = [rig.point(c.from_point).drum for c in rig.cable]
     per_mm = np.array([d.count_sign * d.scale / d.count_length_mm for d in drums])
     count_mm = 1.0 / np.abs(per_mm)
     steps = tuple(
         Step(j, (c := rig.cable[j]).name, c.channel, float(rests.end_s[i]), float(rests.begin_s[k]), by * float(per_mm[j]), by)
         for j, i, k, by in _steps(rests, count_mm)
+        if not doubts.about(j, float(rests.begin_s[k]))
     )
     notes = [f"suspected: {step.text}; poses after that hang on it, and get no verdict" for step in steps]
     limit = np.maximum(np.maximum(CLOSED_COUNTS * count_mm, CLOSED_MM), CLOSED_SCATTERS * np.sqrt(2.0) * _scatter(rests, steps))
@@ -140,7 +153,8 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = ()) -> 
     back += [(_without(steps, _recorded(rig, entry, per_mm), whole), whole) for entry in recorded if entry.closure_counts]
     closure, span = np.zeros(len(drums)), whole
     for difference, between in back:
-        lost = (np.abs(difference) > np.maximum(limit, np.abs(closure))) & _alone(difference)
+        believed = np.array([not doubts.about(j, between[1]) for j in range(len(drums))])
+        lost = (np.abs(difference) > np.maximum(limit, np.abs(closure))) & _alone(difference) & believed
         if lost.any():
             closure, span = np.where(lost, difference, closure), between
     for j in np.flatnonzero(closure):
@@ -149,7 +163,7 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = ()) -> 
             f"channel {rig.cable[j].channel} does not close: {lost_counts} between two rests at one place, which enter the uncertainties "
             "as lost at a moment that is not known"
         )
-    several = np.flatnonzero((np.abs(back[0][0]) > limit) & (closure == 0.0)) if _returns(rests) else ()
+    several = np.flatnonzero((np.abs(back[0][0]) > limit) & (closure == 0.0)) if _returns(rests) and not doubts.every else ()
     if len(several) > 1:
         told = ", ".join(f"{rig.cable[j].channel} {back[0][0][j] * per_mm[j]:+.1f}" for j in several)
         notes.append(f"back at the first place of rest the counts differ by {told}: the robot moved, or several channels lost counts")

@@ -17,11 +17,10 @@ from lmeasure.trajectory.screw_method import Reconstruction
 
 @dataclass(frozen=True)
 class LiveSample:
-    """A pose (7,) base_from_tool, NaN unless status is `ok`, with its largest length residual and worst pressure angle."""
+    """A pose (7,) base_from_tool, NaN unless status is `ok`, with its worst pressure angle."""
 
     status: str
     pose: FloatArray
-    residual_mm: float
     worst_pressure_angle_deg: float
 
 
@@ -60,10 +59,8 @@ class LivePose:
     def update(self, time_s: float, recorded: FloatArray) -> LiveSample:
         """The pose of the next sample: recorded counts (6,) in the order of `channels`, NaN where there is none."""
         pose = np.empty(7)
-        status, residual, angle = live.step(
-            self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose
-        )
-        return LiveSample(WORDS[status], pose, residual, float(np.degrees(angle)))
+        status, angle = live.step(self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose)
+        return LiveSample(WORDS[status], pose, float(np.degrees(angle)))
 
 
 class PoseWatch:

@@ -10,6 +10,7 @@ from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
 from lmeasure.lengths import Lengths, count_variance, lengths_from_counts
 from lmeasure.run import Run
+from lmeasure.trajectory.doubts import Doubts
 from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.sources import PassClock
 from lmeasure.trajectory.stamps import Stamps, judged
@@ -38,15 +39,23 @@ class Alignment:
 
     @cached_property
     def lengths(self) -> Lengths:
-        """Its lengths, worked out once for all who ask for them."""
-        return lengths_from_counts(self.run)
+        """Its lengths, without counts that are in doubt by themselves; worked out once for all who ask for them."""
+        return self.without(self.evidence.doubts)
+
+    def without(self, doubts: Doubts) -> Lengths:
+        """Its lengths, without the counts that are in these doubts."""
+        return doubts.applied(self.run.rig, self._all_lengths)
 
     @cached_property
     def evidence(self) -> Evidence:
-        """What its rests tell of its counters."""
+        """What it tells of its counters."""
         finder = EvidenceFinder(self.run.rig, self.run.recorded)
-        finder.add(self.lengths)
+        finder.add(self._all_lengths)
         return finder.found()
+
+    @cached_property
+    def _all_lengths(self) -> Lengths:
+        return lengths_from_counts(self.run)
 
 
 def align(run: Run | Alignment) -> Alignment:

@@ -24,6 +24,8 @@ IntArray = NDArray[np.int64]
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
 SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
 """The part of those that the whole run has in common."""
+NAMES = ", "
+"""Between the names of cables where a sample is good without several."""
 _PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
 
 
@@ -31,13 +33,15 @@ _PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
 class Trajectory:
     """Poses of the tool over time; what is not `ok` is NaN.
 
-    time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual;
-    iterations (n,); status (n,) of `Status`; cause, cable (n) texts; worst_pressure_angle_deg (n,);
+    time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual,
+    NaN where no more cables are used than there are unknowns; iterations (n,); status (n,) of `Status`; cause, cable (n) texts, of `ok`
+    samples the cables they are without; worst_pressure_angle_deg (n,);
     random, systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R: what is independent
     from sample to sample, as the resolution of the counts, and what the whole run has in common, as the linked calibration, the start pose
     and the passes' clocks (`budget.covariances` tells how samples correlate).
-    covers: what the standard uncertainties hold, in words. chi_squared (n,): sum of squared residuals over their variances, of as many
-    degrees of freedom as there are redundant cables; None when there are none.
+    covers: what the standard uncertainties hold, in words. chi_squared (n,): of the lengths' contradictions, all that the run
+    shares in their covariance (`redundancy.Parities`), of as many degrees of freedom as cables are used beyond the unknowns, NaN where none
+    is; None when there are none or covariances were not asked for.
     """
 
     time_s: FloatArray

@@ -10,6 +10,7 @@ from lmeasure.recorded import notes_of
 from lmeasure.run import Run, RunHead
 from lmeasure.status import Status
 from lmeasure.trajectory.budget import CHUNK, closure_factors, left_out
+from lmeasure.trajectory.consistency import consistent
 from lmeasure.trajectory.evidence import Evidence
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.passes import Alignment, align
@@ -36,14 +37,17 @@ def reconstruct(
     Raises what `Reconstruction` and `passes.align` raise.
     """
     aligned = align(run)
-    run, lengths = aligned.run, aligned.lengths
+    run = aligned.run
     given = run.u_start, aligned.clocks, repeatability_mm, run.temperature_c
     reconstruction = Reconstruction(run.rig, run.known_start, run.calibration, constraint, *given)
     covariances = covariances or run.rig.passes > 1 or trials > 0
+    evidence = aligned.evidence
+    doubts = consistent(reconstruction, [aligned.lengths], evidence.doubts)
+    evidence, lengths = replace(evidence, doubts=doubts), aligned.lengths if doubts is evidence.doubts else aligned.without(doubts)
     trajectory = reconstruction.add(lengths, covariances=covariances)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed, progress)
-    trajectory = with_evidence(reconstruction, trajectory, lengths, aligned.evidence, run, covariances=covariances)
+    trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run, covariances=covariances)
     notes = (*trajectory.notes, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
         notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
@@ -55,7 +59,9 @@ def with_evidence(
 ) -> Trajectory:
     """A piece of a run's trajectory with what the run tells of its own counts: notes, causes of `ok` samples that hang on counts that are
     suspected, and what does not close in the systematic covariances."""
-    trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(run.recorded), *evidence.notes))
+    said = evidence.unseen, said_of_redundancy(reconstruction)
+    notes = (*trajectory.notes, *notes_of(run.recorded), *evidence.doubts.notes, *evidence.notes, *said)
+    trajectory = replace(trajectory, notes=notes)
     if evidence.sound:
         return trajectory
     unused, ok = left_out(trajectory, lengths.cables), trajectory.status == Status.OK
@@ -73,6 +79,20 @@ def with_evidence(
         factors = closure_factors(reconstruction.budget, evidence, trajectory.time_s[i], poses[i], lengths.counts[i], unused[i])
         systematic[i] += factors @ np.swapaxes(factors, 1, 2)
     return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
+
+
+def said_of_redundancy(reconstruction: Reconstruction) -> str:
+    """What the number of cables lets a run tell of its own faults, in words."""
+    scheme = reconstruction.scheme
+    cables = f"{len(scheme.rows)} cables for {len(scheme.free)} unknowns"
+    if scheme.redundancy == 0:
+        return (
+            f"no redundancy, {cables}: what is wrong from the beginning or errs slowly is never seen: channels swapped, a sign, a scale, a "
+            "channel that is late, a cable that hangs, counts lost a few at a time"
+        )
+    if scheme.redundancy == 1:
+        return f"one cable to spare, {cables}: that lengths contradict each other is seen, but not which of them is wrong"
+    return f"{scheme.redundancy} cables to spare, {cables}: one that contradicts the others is seen and left out"
 
 
 def covered(covers: str, evidence: Evidence) -> str:

@@ -1,5 +1,6 @@
 """Trajectory by the screw method (thesis Rashoyan 2021, 5.6), with the uncertainty of every pose."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import se3
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
@@ -17,22 +19,18 @@ from lmeasure.trajectory import at_once
 from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.lost import NEARLY, explain, split_at
-from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.record import NAMES, Trajectory
+from lmeasure.trajectory.redundancy import Redundancy
 from lmeasure.trajectory.scheme import scheme_of
 from lmeasure.trajectory.sources import PassClock
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 COMPILING_PAYS = 2**14  # samples from which the kernels save more than they take to compile
 START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that is off by centimetres is still on its side
 START_COVERAGE = 3.0  # standard uncertainties of the start
-SLACK_MM = 0.5  # an error of one length that no rig is calibrated so badly to have
 
 _CAUSES = {
     Status.SINGULAR: "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here",
     Status.NOT_CONVERGED: "no pose was found whose lengths are these counts",
-    Status.SLACK: "the lengths contradict each other, and one redundant cable cannot tell which does not follow",
     Status.OTHER_ASSEMBLY: "beyond a singular pose the lengths fit two assemblies: which one cannot be told",
 }
 NOT_MEASURED = "orientation not measured"
@@ -71,6 +69,7 @@ class Reconstruction:
         self.budget = Budget(rig, start, self.scheme, calibration, u_start, clocks, repeatability_mm, self.correction, temperature_c)
         self.covers = self.budget.covers
         m = len(self.scheme.rows)
+        self.redundancy = Redundancy(self.budget) if self.scheme.redundancy else None
         self._state = self._new_state(self.start)
         self._many = False
         self._travelled = np.zeros((m, 2))
@@ -102,18 +101,22 @@ class Reconstruction:
         scheme, lengths = self.scheme, self.corrected(lengths, self._state)
         begun = self._state.copy()
         found, compiled = self._next(lengths.change_mm, lengths.flags)
-        poses, residual, iterations, status, angle, *more = found
+        poses, residual, iterations, status, angle, *_ = found
         cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
         cable, left_out, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None, None
         if not scheme.six:
-            left_out, chi = more
-            chi_squared = chi if scheme.redundancy else None
+            left_out = np.isnan(lengths.change_mm)
             cause, cable = self._remarks(lengths, status, left_out, cause, cable)
+        # with as many cables as unknowns it is the solver's, not the lengths'
+        residual = np.where(np.isfinite(lengths.change_mm).sum(axis=1) > len(scheme.free), residual, np.nan)
         cause = self._explained(cause, status, poses, angle, lengths.change_mm, begun)
         random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
         if covariances:
             travel = self.budget.travel(lengths, self._travelled)
             random, systematic = self.budget.covariances(poses, lengths, left_out, compiled, travel)
+            if self.redundancy is not None:
+                parities = self.redundancy.parities(self.redundancy.epochs(lengths, travel), poses)
+                chi_squared = np.where(parities.freedom > 0, parities.chi_squared, np.nan)
         trajectory = Trajectory(
             lengths.time_s,
             poses,
@@ -131,6 +134,15 @@ class Reconstruction:
             self.budget.taken_as_exact(poses, lengths),
         )
         return _without_orientation(trajectory) if scheme.point else trajectory
+
+    def examined(self, pieces: Iterable[Lengths]) -> Iterator[tuple[Lengths, FloatArray, FloatArray, FloatArray | None]]:
+        """Of a run whose cables are redundant, one piece after the other: its lengths as they are used, its poses (n, 7), chi-squared (n,)
+        by the counts alone, and which way the cables travelled last. Where this reconstruction has got to is not touched."""
+        state, travelled = self._new_state(self.start), np.zeros((len(self.scheme.rows), 2))
+        for piece in pieces:
+            lengths = self.corrected(piece, state)
+            poses, *_, chi_squared = self._follow(self.scheme.rows, self.start, state, lengths.change_mm, lengths.flags)
+            yield lengths, poses, chi_squared, self.budget.travel(lengths, travelled)
 
     def corrected(self, lengths: Lengths, state: FloatArray | None = None) -> Lengths:
         """The lengths without the effects of temperature, stretch and sag that the rig states; state is where the run has got to, by
@@ -168,21 +180,19 @@ class Reconstruction:
         if self.scheme.six:
             follow = lanes.follow if len(changes) >= COMPILING_PAYS else screw.resume
             return tuple(follow(rows, start, state, changes, flags, u))
-        return tuple(least_squares.follow(rows, start, state, changes, flags, u, self.scheme.free_index, SLACK_MM))
+        return tuple(least_squares.follow(rows, start, state, changes, flags, u, self.scheme.free_index))
 
     def _remarks(
-        self, lengths: Lengths, status: IntArray, left_out: IntArray, cause: NDArray[np.object_], cable: NDArray[np.object_]
+        self, lengths: Lengths, status: IntArray, left_out: BoolArray, cause: NDArray[np.object_], cable: NDArray[np.object_]
     ) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
-        """Causes and cables of samples that are good without one of the cables, and what a scheme does not measure."""
+        """Causes and cables of samples that are good without some of the cables, left_out (n, m), and what a scheme does not measure."""
         ok = status == Status.OK
         cause, cable = np.where(ok, NOT_MEASURED if self.scheme.point else "", cause), np.where(ok, "", cable)
-        for flag in np.unique(lengths.flags[ok & (lengths.flags != Status.OK)]):
-            mask = ok & (lengths.flags == flag)
+        without = ok & left_out.any(axis=1)
+        for missing in np.unique(left_out[without], axis=0):
+            mask = without & (left_out == missing).all(axis=1)
+            cable[mask] = NAMES.join(np.array(lengths.cables)[missing])
             cause[mask] = [f"without it: {text}" for text in lengths.cause[mask]]
-            cable[mask] = lengths.cable[mask]
-        for j in np.unique(left_out[ok & (left_out >= 0)]):
-            mask = ok & (left_out == j)
-            cause[mask], cable[mask] = "does not follow the other cables and is left out", lengths.cables[j]
         return cause, cable
 
     def _lost_at(self, pose: FloatArray) -> str:

@@ -1,6 +1,6 @@
 """Reconstruction from file to file in bounded memory: a log of ten hours goes through a few pieces at a time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from lmeasure.kernels import counter
 from lmeasure.lengths import Lengths, counter_rate, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
+from lmeasure.trajectory.consistency import consistent
 from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.record import Summary, Trajectory
 from lmeasure.trajectory.runs import covered, with_evidence
@@ -42,13 +43,14 @@ def reconstruct_stream(
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
-    reconstruction = Reconstruction(rig, head.known_start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
+    reconstruction = _reconstruction(head, rig, constraint)
     counters = np.zeros((len(rig.cable), counter.STATE))
     summary = Summary()
     evidence = _evidence(head, rig)
+    evidence = replace(evidence, doubts=consistent(_reconstruction(head, rig, constraint), _pieces(head, rig, evidence), evidence.doubts))
     with trajectory_writer(out, covered(reconstruction.covers, evidence), angles) as write:
         for piece in read_counts_in_pieces(head.counts[0], progress):
-            lengths = lengths_from_counts(Run(rig, head.start, (piece,)), counters)
+            lengths = evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
             lengths = replace(lengths, notes=(*notes, *lengths.notes))
             trajectory = reconstruction.add(lengths)
             trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, head, covariances=True)
@@ -65,6 +67,17 @@ def _evidence(head: RunHead, rig: Rig) -> Evidence:
     for piece in read_counts_in_pieces(head.counts[0]):
         finder.add(lengths_from_counts(Run(rig, head.start, (piece,)), counters))
     return finder.found()
+
+
+def _reconstruction(head: RunHead, rig: Rig, constraint: str | None) -> Reconstruction:
+    return Reconstruction(rig, head.known_start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
+
+
+def _pieces(head: RunHead, rig: Rig, evidence: Evidence) -> Iterator[Lengths]:
+    """Lengths of one piece after the other, without what is in doubt by itself."""
+    counters = np.zeros((len(rig.cable), counter.STATE))
+    for piece in read_counts_in_pieces(head.counts[0]):
+        yield evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
 
 
 def _with_widths(head: RunHead) -> tuple[Rig, list[str]]:

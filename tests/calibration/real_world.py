@@ -61,9 +61,9 @@ class Score:
     squares: float
 
 
-def make(case: Case, seed: int, samples: int = 200) -> Made:
+def make(case: Case, seed: int, samples: int = 200, cables: int = 6) -> Made:
     """A drawn rig, its campaign and a run: counters zeroed anew for the run, each reading come to from either side."""
-    truth, rng = real_rig.draw(seed, case.flaws), np.random.default_rng([seed, 7])
+    truth, rng = real_rig.draw(seed, case.flaws, cables), np.random.default_rng([seed, 7])
     m = len(truth.base)
     stood = real_rig.scattered(rng, case.poses)
     counts = truth.counts(stood, stood[0], rng.choice([-1.0, 1.0], (case.poses, m)), 0.0, rng.uniform(-0.5, 0.5, m))

@@ -101,7 +101,7 @@ def test_what_todays_method_refuses_is_said_and_no_difference(tmp_path: Path) ->
     resealed(tmp_path / "c", {"settings": content_of(tmp_path / "c")["settings"] | {"planes": 3}})
     found = looked_at(tmp_path / "c")
     assert (found.differences, found.exit_code) == ((), 3)
-    assert "today's, 2, refuses the inputs: planes = 3 normal to a path are too few" in found.skipped[0]
+    assert f"today's, {METHOD}, refuses the inputs: planes = 3 normal to a path are too few" in found.skipped[0]
 
 
 def test_a_certificate_states_its_method(copy: Path) -> None:

@@ -264,7 +264,11 @@ def test_every_digit_is_as_it_is_written(folder: Path) -> None:
     assert read_certificate(path) == content_of(folder)
     assert read_certificate(path) == content_of(folder) | {"method": METHOD}
     text = path.read_text(encoding="utf-8")
-    for other in (text.replace('"method": 2', '"method": 2,\n "method": 2'), text + "\n", text.replace('"value": ', '"value":  ', 1)):
+    for other in (
+        text.replace(f'"method": {METHOD}', f'"method": {METHOD},\n "method": {METHOD}'),
+        text + "\n",
+        text.replace('"value": ', '"value":  ', 1),
+    ):
         path.write_text(other, encoding="utf-8")
         with pytest.raises(CertificationError, match="is not written as lmeasure writes it"):
             read_certificate(path)

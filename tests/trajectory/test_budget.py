@@ -288,7 +288,10 @@ def test_a_cable_that_was_left_out_moves_no_pose() -> None:
     counts = counts_from_poses(eight, poses, START)
     twists = [
         Budget(rig, START, scheme_of(rig, START, None)).twists(poses, k, unused, True)
-        for rig, k, unused in ((eight, counts, np.array([2, 2, -1])), (seven, np.delete(counts, 2, axis=1), None))
+        for rig, k, unused in (
+            (eight, counts, np.eye(8, dtype=np.bool_)[[2, 2, 3]] & [[True], [True], [False]]),
+            (seven, np.delete(counts, 2, axis=1), None),
+        )
     ]
     assert (twists[0][:2, :, 2] == 0.0).all()
     assert (twists[0][2, :, 2] != 0.0).any()

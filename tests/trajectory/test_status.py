@@ -23,7 +23,8 @@ def statuses(trajectory: Trajectory) -> list[str]:
 
 def assert_not_ok_is_nan(trajectory: Trajectory) -> None:
     bad = trajectory.status != Status.OK
-    for values in (trajectory.poses, trajectory.u, trajectory.residual_mm, trajectory.worst_pressure_angle_deg):
+    assert np.isnan(trajectory.residual_mm).all(), "six cables have no residuals"
+    for values in (trajectory.poses, trajectory.u, trajectory.worst_pressure_angle_deg):
         assert np.isnan(values[bad]).all()
         assert np.isfinite(values[~bad]).all()
     assert all(bool(cause) == b or cause.startswith("nearly singular") for cause, b in zip(trajectory.cause, bad, strict=True))
@@ -78,7 +79,7 @@ def test_a_jump_that_does_not_come_back_loses_the_rest(run: Run) -> None:
     recorded = run.passes[0].recorded.copy()
     recorded[300:, 1] -= 50_000
     trajectory = reconstruct(with_recorded(run, recorded))
-    assert statuses(trajectory) == ["jump" if i >= 300 else "ok" for i in range(N)]
+    assert statuses(trajectory) == ["jump" if i == 300 else "origin_lost" if i > 300 else "ok" for i in range(N)]
     assert set(trajectory.cable[300:]) == {"c2"}
 
 
@@ -130,9 +131,10 @@ def _rows(rows: FloatArray, poses: FloatArray) -> list[FloatArray]:
 
 def test_lengths_of_no_pose_do_not_converge_and_the_run_goes_on(run: Run, clean: Trajectory) -> None:
     recorded = run.passes[0].recorded.copy()
-    # 19 m/s is a possible speed of a cable: the counter is not to blame
+    # 19 m/s is a possible speed of a cable, and two at once are no counter's fault
     ramp = np.concatenate([np.arange(1, 101), np.arange(99, 0, -1)]) * -1500.0
-    recorded[150:349, 0] += ramp
+    for channel in (0, 4):
+        recorded[150:349, channel] += ramp
     trajectory = reconstruct(with_recorded(run, recorded))
     assert statuses(trajectory)[:150] == ["ok"] * 150
     assert statuses(trajectory)[349:] == ["ok"] * (N - 349)

@@ -24,7 +24,7 @@ def _small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def difficult(rig: Rig, reach_mm: float = 520.0) -> Run:
-    """Gaps, a jump that comes back, one that does not: across the pieces' ends."""
+    """Gaps, a jump that comes back too late to be nothing, one that does not: across the pieces' ends."""
     run = record(rig, *motion(N, reach_mm=reach_mm, tilt_rad=0.1))
     recorded: FloatArray = run.passes[0].recorded.copy()
     recorded[250:600, 2] = np.nan
@@ -67,7 +67,7 @@ def test_pieces_give_the_same_file(kind: str, bits: int | None, tmp_path: Path) 
     assert done[-1] == 100
     assert_alike(tmp_path / "pieces.parquet", tmp_path / "whole.parquet")
     assert_same_text(summary.text(), whole.summary())
-    assert {"ok", "gap", "jump"} == set(pd.read_parquet(tmp_path / "pieces.parquet")["status"])
+    assert {"ok", "gap", "jump", "origin_lost"} == set(pd.read_parquet(tmp_path / "pieces.parquet")["status"])
 
 
 @pytest.mark.parametrize("kind", [".csv", ".parquet"])

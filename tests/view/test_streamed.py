@@ -99,7 +99,8 @@ def test_pieces_give_the_recording_of_the_whole(kind: str, tmp_path: Path) -> No
             assert values == others, key
     assert len(pieces["/status", "TextLog:text"]) >= 3
     known = [at for at, value in pieces["/world/tool", "Points3D:positions" if kind == "point" else "Transform3D:translation"] if value]
-    assert len(known) > N / 2
+    # the jump that comes back late is a lost origin
+    assert len(known) > N / 3
     assert len(pieces["/residual_mm/c1", "Scalars:scalars"]) == N
 
 

@@ -1,0 +1,335 @@
+"""Whether the cables of a run agree, and which of them to leave out.
+
+With more cables than unknowns every sample is a test: chi-squared of the contradictions, everything that the lengths share in its
+covariance (`trajectory.redundancy`). An alarm is one that a sound run of so many samples has once in a thousand runs (Bonferroni). Alarms
+of a run are one question: which cable, left out, explains them? A set of cables explains alarms when the others agree at all of them
+together, at 1e-3; it is left out when no other set of its size does. Where several explain them, or none, nobody can tell which is wrong
+and the samples are inconsistent. With one cable too many that is always so, for any one of them explains anything.
+
+From when and until when: an alarm comes late where an error grows, and an error that stays hides wherever the geometry does not show it. So
+a doubt reaches back to the last samples, and on to the first, at which every cable in question is seen to agree, by a standard uncertainty
+that would show the error it has at the alarms. Where none explains the alarms the whole run is in doubt.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import chi2
+
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.lengths import Lengths
+from lmeasure.rig import Rig
+from lmeasure.status import Status
+from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
+from lmeasure.trajectory.redundancy import Epochs, Parities, Redundancy
+from lmeasure.trajectory.screw_method import Reconstruction
+
+SIGNIFICANCE = 1e-3
+"""Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted."""
+HARDLY = 1e-6
+"""Of an explanation that is the only one left: the tails of a calibration's law are not known so well that it should be refuted."""
+JUDGED = 40
+"""Alarms by which explanations are judged, the strongest among them."""
+APART_S = 1.0
+"""Without an alarm, between alarms that are explained one by one where nothing explains them all."""
+AGREES = 2.0
+"""Standard uncertainties within which a cable agrees."""
+SHOWS = (3.0, 30.0)
+"""Times its standard uncertainty a cable's error must be, half of what it is at the alarms within these bounds, for an agreement to speak
+against it."""
+PROVES = 5.0
+"""Standard uncertainties within which a cable's error must be everywhere, and within half of them where it is known best, to be none."""
+AGAIN_S = 0.1
+AGAIN = 5
+"""Samples, and for so long, a cable must agree again."""
+MOSTLY = 0.8
+"""Of those samples: one of twenty lies beyond two standard uncertainties."""
+BACK_MM = 0.05
+"""Standard uncertainty of an error up to which redundant cables prove an origin."""
+MOST_EPOCHS = 2**17
+"""Kept of a run: of a longer one, of several neighbours the one that contradicts itself most."""
+ON_THE_WAY = 2000
+"""Epochs by which a run is followed to its alarms."""
+ROUNDS = 12
+
+Solve = Callable[[FloatArray], FloatArray]
+"""(n, 7) poses of a run from its start by changes (n, m) of the cables, NaN for one that is not used."""
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """Cables that explain alarms, each by itself or as the set that is left out; certain: no other set does."""
+
+    cables: tuple[int, ...]
+    certain: bool
+
+
+class Consistency:
+    """Judges a run by its epochs, which it changes: what is found wrong is not used any more. samples: of the whole run."""
+
+    def __init__(self, rig: Rig, redundancy: Redundancy, solve: Solve, epochs: Epochs, samples: int) -> None:
+        self._rig, self._redundancy, self._solve = rig, redundancy, solve
+        self._epochs, self._samples = epochs, max(samples, 1)
+        self._settled = np.zeros(len(epochs), np.bool_)
+
+    def judged(self, before: Doubts) -> Doubts:
+        """What is in doubt of the run: before, and beside it what its cables say of each other."""
+        every = list(before.every)
+        for _ in range(ROUNDS):
+            poses = self._solve(self._epochs.change_mm)
+            parities = self._redundancy.parities(self._epochs, poses)
+            alarms = self._alarms(parities)
+            if not len(alarms):
+                break
+            every += self._doubts(alarms, parities)
+        notes = list(before.notes)
+        every, proved = self._proved(every)
+        notes = [note for note in notes if not any(note.startswith(text) for text in proved)] + list(proved.values())
+        return Doubts(tuple(sorted(every, key=lambda d: (d.after_s, d.cable))), (*notes, *_notes(self._rig, every)))
+
+    def _alarms(self, parities: Parities) -> IntArray:
+        """Epochs that contradict themselves and are not settled."""
+        chance = chi2.sf(parities.chi_squared, np.maximum(parities.freedom, 1))
+        wrong = (parities.freedom > 0) & (chance < SIGNIFICANCE / self._samples)
+        return np.asarray(np.flatnonzero(wrong & ~self._settled))
+
+    def _doubts(self, alarms: IntArray, parities: Parities) -> list[Doubt]:
+        """What becomes of alarms: all of them by one explanation, else the first of them by one."""
+        explained = self._explained(alarms, parities)
+        if not explained.cables:
+            gaps = np.flatnonzero(np.diff(self._epochs.time_s[alarms]) > APART_S)
+            if len(gaps):
+                alarms = alarms[: gaps[0] + 1]
+                explained = self._explained(alarms, parities)
+        if explained.certain:
+            return [doubt for cable in explained.cables for doubt in self._left_out(cable, explained.cables, alarms)]
+        return self._inconsistent(explained.cables, alarms, parities)
+
+    def _explained(self, alarms: IntArray, parities: Parities) -> _Explained:
+        chi = parities.chi_squared[alarms]
+        strongest = alarms[np.argsort(-chi, kind="stable")[: JUDGED // 2]]
+        spread = alarms[np.unique(np.linspace(0, len(alarms) - 1, JUDGED // 2).round().astype(np.intp))]
+        chosen = np.union1d(strongest, spread)
+        # cables that all of them use, or explanations could not be told apart at all
+        used: BoolArray = np.isfinite(self._epochs.change_mm)
+        most = chosen[np.argmax(used[chosen].sum(axis=1))]
+        chosen = chosen[np.all(used[chosen] == used[most], axis=1)]
+        usable = np.flatnonzero(used[most])
+        spare = len(usable) - len(self._redundancy.free)
+        for size in range(1, spare):
+            sets = list(combinations(usable.tolist(), size))
+            chances = self._chances(sets, chosen)
+            for level in (SIGNIFICANCE, HARDLY):
+                standing = [cables for cables, chance in zip(sets, chances, strict=True) if chance >= level]
+                if len(standing) == 1:
+                    return _Explained(standing[0], True)
+                if standing:
+                    return _Explained(tuple(sorted({j for cables in standing for j in cables})), False)
+        return _Explained(tuple(usable.tolist()) if spare == 1 else (), False)
+
+    def _chances(self, sets: list[tuple[int, ...]], chosen: IntArray) -> list[float]:
+        """Of each set of cables, the chance that the others contradict each other as much as they do at the chosen epochs."""
+        poses = []
+        for cables in ((), *sets):
+            way, every = self._followed(cables, chosen)
+            poses.append(every[np.searchsorted(way, chosen)])
+        epochs = self._epochs.at(chosen)
+        chances = [self._chance(epochs, cables, at) for cables, at in zip(sets, poses[1:], strict=True)]
+        # without some cable a run may end at a singular pose; what it leaves is then tested at the poses that explain most, to first order
+        best = poses[1 + int(np.argmax(chances))]
+        known = np.where(np.isfinite(best), best, poses[0])
+        filled = [np.where(np.isfinite(at), at, known) for at in poses[1:]]
+        return [
+            chance if np.isfinite(at).all() else self._chance(epochs, cables, full)
+            for cables, at, full, chance in zip(sets, poses[1:], filled, chances, strict=True)
+        ]
+
+    def _chance(self, epochs: Epochs, cables: tuple[int, ...], poses: FloatArray) -> float:
+        """Of contradictions as large without these cables, at poses (n, 7), by all epochs together and by the worst alone (Bonferroni);
+        -1 where no pose is known."""
+        known = np.isfinite(poses[:, 0])
+        if not known.any():
+            return -1.0
+        epochs, poses = epochs.at(known), poses[known]
+        used = np.isfinite(epochs.change_mm)
+        used[:, list(cables)] = False
+        together, alone, freedom = self._redundancy.jointly(epochs, poses, used)
+        n = len(poses)
+        return float(2.0 * min(chi2.sf(together, freedom * n), chi2.sf(alone.max(), freedom) * n))
+
+    def _followed(self, cables: tuple[int, ...], wanted: IntArray) -> tuple[IntArray, FloatArray]:
+        """Epochs on the way to the wanted ones, these among them, and their poses (k, 7) without these cables."""
+        last = int(wanted.max())
+        way = np.union1d(np.unique(np.linspace(0, last, min(last + 1, ON_THE_WAY)).round().astype(np.intp)), wanted)
+        changes = self._epochs.change_mm[way].copy()
+        changes[:, list(cables)] = np.nan
+        return way, self._solve(changes)
+
+    def _left_out(self, cable: int, cables: tuple[int, ...], alarms: IntArray) -> list[Doubt]:
+        every = np.arange(len(self._epochs))
+        _, poses = self._followed(cables, every)
+        used = np.isfinite(self._epochs.change_mm)
+        used[:, [j for j in cables if j != cable]] = False
+        parities = self._redundancy.parities(self._epochs, poses, used)
+        error, u = (values[:, cable] for values in parities.errors)
+        out = []
+        for first, last in self._spans(alarms, error[:, None], u[:, None]):
+            after, until = self._between(first, last)
+            within = (self._epochs.time_s > after) & (self._epochs.time_s <= until) & np.isfinite(u)
+            largest = float(error[within][np.argmax(np.abs(error[within]))]) if within.any() else np.nan
+            text = f"does not follow the other cables, by up to {largest:+.3g} mm, and is left out"
+            out.append(Doubt(cable, after, until, Status.INCONSISTENT, text))
+            mask = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
+            self._epochs.change_mm[mask, cable] = np.nan
+        return out
+
+    def _inconsistent(self, cables: tuple[int, ...], alarms: IntArray, parities: Parities) -> list[Doubt]:
+        names = [self._rig.cable[j].name for j in cables]
+        m = self._epochs.change_mm.shape[1]
+        if not cables:
+            text = "the cables contradict each other, and no single one explains it"
+        elif len(names) == m:
+            text = "the cables contradict each other, and which is wrong cannot be told"
+        else:
+            text = f"the cables contradict each other: {' or '.join(names)} is wrong, and which cannot be told"
+        error, u = parities.errors
+        chosen = list(cables) or list(range(m))
+        spans = self._spans(alarms, error[:, chosen], u[:, chosen], forever=not cables)
+        out = []
+        for first, last in spans:
+            after, until = self._between(first, last)
+            out.append(Doubt(EVERY, after, until, Status.INCONSISTENT, text))
+            self._settled |= (self._epochs.time_s > after) & (self._epochs.time_s <= until)
+        return out
+
+    def _between(self, first: int, last: int) -> tuple[float, float]:
+        """Times behind the epoch before the first and up to the last, or to the end."""
+        time_s = self._epochs.time_s
+        return float(time_s[first - 1]) if first > 0 else -np.inf, float(time_s[last]) if last < len(time_s) - 1 else np.inf
+
+    def _spans(self, alarms: IntArray, error: FloatArray, u: FloatArray, *, forever: bool = False) -> list[tuple[int, int]]:
+        """First and last epochs of the doubts about cables with errors and uncertainties (n, q), from the alarms on."""
+        n = len(error)
+        told = np.where(np.isfinite(u[alarms]), np.abs(error[alarms]), 0.0)
+        size = np.quantile(told, 0.9, axis=0) if len(alarms) else np.zeros(error.shape[1])
+        shows = np.clip(0.5 * (told / u[alarms]).max(axis=0, initial=0.0), *SHOWS)
+        agrees: BoolArray = np.all((np.abs(error) <= AGREES * u) & (shows * u <= size), axis=1)
+        time_s, number = self._epochs.time_s, np.cumsum(agrees)
+        out: list[tuple[int, int]] = []
+        for alarm in alarms.tolist():
+            if out and alarm <= out[-1][1]:
+                continue
+            # several channels may err so that for a while no single one seems to
+            before = np.flatnonzero(agrees[:alarm]) if not forever else np.empty(0, np.int64)
+            first = int(before[-1]) + 1 if len(before) else 0
+            last = n - 1
+            if not forever:
+                for begin in np.flatnonzero(agrees[alarm:]) + alarm:
+                    end = int(np.searchsorted(time_s, time_s[begin] + AGAIN_S))
+                    end = min(max(end, begin + AGAIN - 1), n - 1)
+                    if number[end] - number[begin] + 1 >= MOSTLY * (end - begin + 1) and end - begin + 1 >= min(AGAIN, n - begin):
+                        last = int(begin) - 1
+                        break
+            out.append((first, max(last, alarm)))
+        return out
+
+    def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[str, str]]:
+        """Doubts less those of lost origins that the other cables prove right, and what to say of these instead."""
+        told: dict[str, str] = {}
+        for doubt in [d for d in every if d.status == Status.ORIGIN_LOST and d.cable != EVERY]:
+            mine = np.flatnonzero(doubt.mask(self._epochs.time_s) & ~self._settled)
+            if not len(mine):
+                continue
+            poses = self._solve(self._epochs.change_mm)[mine]
+            epochs = self._epochs.at(mine)
+            used = np.isfinite(epochs.change_mm)
+            used[:, doubt.cable] = np.isfinite(epochs.gone_on_mm[:, doubt.cable])
+            error, u = (v[:, doubt.cable] for v in self._redundancy.parities(epochs, poses, used).errors)
+            best = int(np.argmin(u))
+            agrees = np.all(np.abs(error) <= PROVES * u) and abs(error[best]) <= 0.5 * PROVES * u[best]
+            if u[best] <= BACK_MM and agrees:
+                every.remove(doubt)
+                told[doubt.text] = f"{doubt.text}; but the other cables show that it has lost nothing"
+                mask = doubt.mask(self._epochs.time_s)
+                self._epochs.change_mm[mask, doubt.cable] = self._epochs.gone_on_mm[mask, doubt.cable]
+        return every, told
+
+
+def _notes(rig: Rig, every: list[Doubt]) -> list[str]:
+    """What is to be said of inconsistencies in a summary."""
+    notes = []
+    for doubt in sorted((d for d in every if d.status == Status.INCONSISTENT), key=lambda d: d.after_s):
+        begin = "the beginning" if np.isinf(doubt.after_s) else f"{doubt.after_s:.6g} s"
+        end = "the end" if np.isinf(doubt.until_s) else f"{doubt.until_s:.6g} s"
+        whose = "" if doubt.cable == EVERY else f"cable {rig.cable[doubt.cable].name} "
+        notes.append(f"from {begin} to {end}: {whose}{doubt.text}")
+    return notes
+
+
+class EpochFinder:
+    """Collects the epochs of a run that is given in pieces."""
+
+    def __init__(self, redundancy: Redundancy, significance: float = SIGNIFICANCE) -> None:
+        self._redundancy, self._significance = redundancy, significance
+        self._pieces: list[Epochs] = []
+        self._scores: list[FloatArray] = []
+        self.samples = 0
+
+    def add(self, epochs: Epochs, poses: FloatArray, chi_squared: FloatArray) -> None:
+        """The next samples: their poses (n, 7) and an upper bound (n,) of their chi-squared."""
+        self.samples += len(epochs)
+        freedom = np.maximum(np.isfinite(epochs.change_mm).sum(axis=1) - len(self._redundancy.free), 1)
+        with np.errstate(invalid="ignore"):
+            suspect = ~(chi2.sf(chi_squared, freedom) >= self._significance / self.samples) & np.isfinite(poses[:, 0])
+        score = np.where(np.isfinite(chi_squared), 0.0, np.inf)
+        rows = np.flatnonzero(suspect)
+        if len(rows):
+            score[rows] = self._redundancy.parities(epochs.at(rows), poses[rows]).chi_squared
+        self._pieces.append(epochs)
+        self._scores.append(score)
+        if sum(len(piece) for piece in self._pieces) > 2 * MOST_EPOCHS:
+            self._thin()
+
+    def epochs(self) -> Epochs:
+        """All of them, thinned where they are many."""
+        if len(self._pieces) > 1:
+            self._join()
+        return self._pieces[0]
+
+    def _join(self) -> None:
+        self._pieces, self._scores = [_joined(self._pieces)], [np.concatenate(self._scores)]
+
+    def _thin(self) -> None:
+        """Of every two neighbours the one that contradicts itself more."""
+        self._join()
+        score = self._scores[0]
+        pairs = len(score) // 2
+        first = score[0 : 2 * pairs : 2] >= score[1 : 2 * pairs : 2]
+        kept = np.where(first, np.arange(0, 2 * pairs, 2), np.arange(1, 2 * pairs, 2))
+        self._pieces, self._scores = [self._pieces[0].at(kept)], [score[kept]]
+
+
+def _joined(pieces: list[Epochs]) -> Epochs:
+    def of(name: str) -> FloatArray | None:
+        values = [getattr(piece, name) for piece in pieces]
+        return None if values[0] is None else np.concatenate(values)
+
+    return Epochs(**{name: of(name) for name in Epochs.__dataclass_fields__})  # type: ignore[arg-type]
+
+
+def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before: Doubts) -> Doubts:
+    """What is in doubt of a run, given the lengths of one piece after the other as they are used by what is known before."""
+    scheme, redundancy = reconstruction.scheme, reconstruction.redundancy
+    if redundancy is None:
+        return before
+    finder = EpochFinder(redundancy)
+    for lengths, poses, chi_squared, travel in reconstruction.examined(pieces):
+        finder.add(redundancy.epochs(lengths, travel), poses, chi_squared)
+    epochs = finder.epochs()
+
+    def solve(changes: FloatArray) -> FloatArray:
+        return reconstruction.solve(scheme.rows, reconstruction.start, changes, np.zeros(len(changes), np.int64))
+
+    return Consistency(reconstruction.rig, redundancy, solve, epochs, finder.samples).judged(before)

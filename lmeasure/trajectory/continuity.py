@@ -1,0 +1,379 @@
+"""Steps in the counts of single channels that no motion makes, told by the motion itself.
+
+Between two samples a body of some inertia does not step. Let x be a cable's length at four samples, d1, d2, d3 the changes between them
+in the times t1, t2, t3. Going on from before at d1/t1, or back from behind at d3/t3, the middle interval is missed by
+
+    e1 = d2 - d1 t2/t1        e0 = d2 - d3 t2/t3.
+
+Where the speed changes at once within the interval the two have opposite signs, and so they have under any steady acceleration: a step is
+the median of 0, e0 and e1, what both agree on. An acceleration that changes from -A to A leaves at most A t2 (t1 + 2 t2 + t3) / 4. A is
+taken from the motion: at every sample the second largest acceleration of all cables, which no fault of one channel can be, over stretches
+long enough for whole counts not to matter; twice its largest value is allowed for.
+
+A channel that stops or runs off from one sample to the next while the others go on evenly does not follow either: its change of speed is
+held against the same A. One that all cables share is the robot's. Nor does a channel that stands on one count while another cable of the
+same point is drawn far.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray
+from lmeasure.lengths import Lengths
+from lmeasure.rig import Rig
+from lmeasure.status import Status
+from lmeasure.trajectory.standing import StandingFinder, Stood
+
+STEP_MM = 0.2
+"""A smaller step may be a cable's that sticks and slips."""
+STRIDES = (1, 2)
+"""Of samples: a count that was lost half-way between two samples, or was interpolated, is spread over two."""
+MARGIN = 2.0
+"""Times the acceleration of the motion: what its hardest stop has more."""
+WINDOWS_S = (0.02, 0.005)
+"""Over which accelerations are taken: whole counts of 0.012 mm then are 0.1 and 2 m/s^2. The first is that of the motion."""
+RUSH = 5.0
+"""Times the acceleration of the motion from which a single channel that changes its speed does not follow it."""
+ALONE = 8.0
+"""Times as much as the others change theirs together (root mean square)."""
+GOING_MM_S = 5.0
+"""Speed of another cable, before and behind, from which the tool is known to be on its way."""
+BRIDGED_S = 0.1
+"""Within which a channel that comes back to where it would be anyway has lost nothing."""
+SHARED = 0.25
+"""Of the largest step that may be left of the steps of all channels where the clock stepped, or their counts were held."""
+JITTERED = 4.0
+"""Times the way that a cable goes while stamps are off: both speeds, and the interval itself."""
+HABIT = 0.02
+"""Of the intervals in which a cable moves: a channel that steps more often does so by nature, as one that is read more often than it
+counts."""
+AROUND = 6
+"""Samples either way over which a speed is taken that stale counts do not hide."""
+EVEN = 0.02
+"""Of an interval by which stamps of rows that are not there may differ from whole intervals."""
+HOLE = 2.5  # usual intervals: a longer one is a gap
+SMALLEST_COUNTS = 2.0  # by which rounding alone may miss the interval
+
+
+@dataclass(frozen=True)
+class Break:
+    """Where a channel went on elsewhere: after the sample at before_s, at the latest by the one at after_s, by about by_mm of cable within
+    u_mm; by_mm is NaN where it did not step but stopped or ran off. length_mm and speed_mm_s: its length and speed before and after."""
+
+    cable: int
+    before_s: float
+    after_s: float
+    by_mm: float
+    u_mm: float
+    length_mm: tuple[float, float] = (np.nan, np.nan)
+    speed_mm_s: tuple[float, float] = (np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class Away:
+    """A channel that was elsewhere for a moment, from the sample behind after_s to the one before until_s, and came back."""
+
+    cable: int
+    after_s: float
+    until_s: float
+
+
+@dataclass(frozen=True)
+class Continuity:
+    """What a run's counts tell of its channels: breaks, moments away and channels that stood, in order of time; acceleration_mm_s2 of the
+    motion, least_mm (m,) the smallest step that would have been seen everywhere, clock_s where all channels step as if the clock did."""
+
+    breaks: tuple[Break, ...]
+    away: tuple[Away, ...]
+    stood: tuple[Stood, ...]
+    acceleration_mm_s2: float
+    least_mm: FloatArray
+    clock_s: tuple[float, ...] = ()
+
+
+class ContinuityFinder:
+    """Collects the breaks of a run whose lengths are given in pieces."""
+
+    def __init__(self, rig: Rig) -> None:
+        drums = [rig.point(c.from_point).drum for c in rig.cable]
+        self._count_mm = np.array([d.count_length_mm / d.scale for d in drums])
+        self._mm = np.array([d.count_length_mm for d in drums])
+        self._time_s, self._mm_at = np.empty(0), np.empty((0, len(drums)))
+        self._interval_s = 0.0
+        self._accelerations = np.zeros(len(WINDOWS_S))
+        self._standing = StandingFinder(rig)
+        self._geometry = 0.0  # largest time squared over which a step may hide [s^2]
+        self._jitter_mm = np.zeros(len(drums))
+        self._going = np.zeros(len(drums))
+        """Intervals in which each cable moved."""
+        self._steps: list[_Candidates] = []
+        self._rushes: list[list[_Candidates]] = [[] for _ in WINDOWS_S]
+        self._jumps: list[Break] = []
+
+    def add(self, lengths: Lengths) -> None:
+        """Take the next piece into account."""
+        assert lengths.gone_on is not None
+        time_s = np.concatenate([self._time_s, lengths.time_s])
+        mm = np.concatenate([self._mm_at, lengths.gone_on * self._mm])
+        known = len(self._time_s)
+        self._take_jumps(lengths, time_s, mm, known)
+        if len(time_s) >= 4:
+            interval = float(np.median(np.diff(time_s)))
+            self._interval_s = max(self._interval_s, interval)
+            windows = [max(1, round(window / interval)) for window in WINDOWS_S]
+            off = _off(time_s, interval)
+            x = np.ascontiguousarray(mm.T)  # along each channel
+            self._look_for_steps(time_s, mm, x, known, interval, off)
+            for number, w in enumerate(windows):
+                self._look_for_rushes(time_s, mm, x, known, w, number, float(off.max()))
+            kept = max(2 * max(windows) + 1, 3 * max(STRIDES) + 1)
+            self._time_s, self._mm_at = time_s[-kept:].copy(), mm[-kept:].copy()
+        else:
+            self._time_s, self._mm_at = time_s, mm
+        self._standing.add(lengths.time_s, lengths.gone_on * self._mm)
+
+    @property
+    def _acceleration(self) -> float:
+        return float(self._accelerations[0])
+
+    def found(self) -> Continuity:
+        """All that the run told."""
+        breaks: list[Break] = []
+        clock: set[float] = set()
+        held = self._held_s()
+        for candidates in self._steps:
+            allowed = candidates.allowed_mm + MARGIN * self._acceleration * candidates.geometry_s2[:, None]
+            allowed += held * np.abs(candidates.going_mm_s)
+            beyond = np.abs(candidates.by) > allowed
+            for i in np.flatnonzero(beyond.any(axis=1)):
+                if _of_the_clock(candidates.by[i], candidates.going_mm_s[i], allowed[i]):
+                    clock.add(float(candidates.before_s[i]))
+                else:
+                    _add(breaks, (candidates.at(int(i), int(j), float(allowed[i, j])) for j in np.flatnonzero(beyond[i])))
+        _add(breaks, self._jumps)
+        for number, every in enumerate(self._rushes):
+            for candidates in every:
+                beyond = np.abs(candidates.by) > RUSH * self._accelerations[: number + 1].max()
+                rushed = (replace(candidates.at(int(i), int(j), np.nan), by_mm=np.nan) for i, j in np.argwhere(beyond))
+                # a step is a rush as well, as far as the stretch reaches
+                _add(breaks, rushed, 1.5 * max(WINDOWS_S[number], self._interval_s))
+        stood = self._standing.found()
+        ends = [(s.cable, s.until_s, float(np.nextafter(s.until_s, np.inf))) for s in stood if s.until_s < np.inf]
+        _add(breaks, (Break(*end, np.nan, np.nan) for end in ends), self._interval_s)
+        breaks.sort(key=lambda b: b.before_s)
+        lost, away = self._bridged(breaks)
+        least = STEP_MM + SMALLEST_COUNTS * self._count_mm + MARGIN * self._acceleration * self._geometry + self._jitter_mm
+        return Continuity(tuple(lost), tuple(away), stood, self._acceleration, least, tuple(sorted(clock)))
+
+    def _held_s(self) -> FloatArray:
+        """(m,) for how long [s] a channel that steps all the time holds its counts: more than steps of that size are faults."""
+        by = np.concatenate([np.abs(c.by) * (np.abs(c.by) > c.allowed_mm) for c in self._steps] or [np.zeros((0, len(self._mm)))])
+        going = np.concatenate([np.abs(c.going_mm_s) for c in self._steps] or [np.zeros((0, len(self._mm)))])
+        out = np.zeros(len(self._mm))
+        for j in np.flatnonzero((by > 0.0).sum(axis=0) > HABIT * self._going):
+            steps = by[:, j] > 0.0
+            out[j] = 2.0 * np.quantile(by[steps, j] / np.maximum(going[steps, j], GOING_MM_S), 0.95)
+        return out
+
+    def _bridged(self, breaks: list[Break]) -> tuple[list[Break], list[Away]]:
+        """Breaks less those that the next one of the cable takes back at once, as moments away: a step the other way, or where a channel
+        that stood goes on, to within what the motion tells, where it had come without."""
+        lost: list[Break] = []
+        away: list[Away] = []
+        for new in breaks:
+            of_cable = [old for old in lost if old.cable == new.cable]
+            old = of_cable[-1] if of_cable else None
+            if old is not None and new.before_s - old.after_s <= BRIDGED_S and self._took_back(old, new):
+                lost.remove(old)
+                away.append(Away(new.cable, old.before_s, new.after_s))
+            else:
+                lost.append(new)
+        return lost, away
+
+    def _took_back(self, old: Break, new: Break) -> bool:
+        if np.isfinite(old.by_mm):
+            return bool(abs(old.by_mm + new.by_mm) <= old.u_mm + new.u_mm)
+        gone = new.after_s - old.before_s
+        missed = new.length_mm[1] - old.length_mm[0] - gone * (old.speed_mm_s[0] + new.speed_mm_s[1]) / 2.0
+        known = STEP_MM + MARGIN * self._acceleration * gone**2 / 4.0 + new.u_mm
+        return bool(abs(missed) <= known <= abs(new.by_mm) / 2.0)
+
+    def _take_jumps(self, lengths: Lengths, time_s: FloatArray, mm: FloatArray, known: int) -> None:
+        """Jumps beyond the stated speed, which may stand where no step can be told from the motion."""
+        for j, reasons in enumerate(lengths.reasons):
+            for reason in reasons:
+                if reason.status != Status.JUMP:
+                    continue
+                for i in np.flatnonzero(reason.mask) + known:
+                    if i > 0 and np.isfinite(mm[i, j] - mm[i - 1, j]):
+                        by = float(mm[i, j] - mm[i - 1, j])
+                        about = float(np.fmax.reduce(np.abs(np.diff(mm[max(i - 3, 0) : i, j])), initial=0.0))
+                        self._jumps.append(Break(j, float(time_s[i - 1]), float(time_s[i]), by, STEP_MM + 2.0 * about))
+
+    def _look_for_steps(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, interval: float, off: FloatArray) -> None:
+        steps = np.diff(time_s)
+        for stride in STRIDES:
+            self._steps += _steps(time_s, mm, x, known, stride, self._count_mm, off)
+        gone = np.abs(np.diff(x[:, max(known - 1, 0) :]))
+        self._going += (gone > self._count_mm[:, None]).sum(axis=1)
+        fine = steps <= HOLE * interval
+        self._geometry = max(self._geometry, float((steps[fine] ** 2).max(initial=0.0)))
+        if off.any():
+            speed = np.abs(np.diff(x))[:, fine] / np.maximum(steps[fine], interval)
+            self._jitter_mm = np.fmax(self._jitter_mm, JITTERED * np.fmax.reduce(speed * off[fine], axis=1, initial=0.0))
+
+    def _look_for_rushes(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, w: int, number: int, off_s: float) -> None:
+        """Accelerations over w samples either way: the motion's, and those that one channel has by itself; off_s: of the stamps."""
+        m, n = x.shape
+        if n <= 2 * w or m < 2:
+            return
+        before, after = time_s[w:-w] - time_s[: -2 * w], time_s[2 * w :] - time_s[w:-w]
+        interval = float(np.median(np.diff(time_s)))
+        bent = x[:, 2 * w :] - 2.0 * x[:, w:-w]
+        bent += x[:, : -2 * w]
+        # by the samples' order, and where they are not even by their stamps: as for steps
+        size = (np.abs(bent, out=bent) - SMALLEST_COUNTS * self._count_mm[:, None] * 2.0) / (w * interval) ** 2
+        if max(np.abs(before - w * interval).max(), np.abs(after - w * interval).max()) > EVEN * w * interval:
+            first, second = (x[:, w:-w] - x[:, : -2 * w]) / before, (x[:, 2 * w :] - x[:, w:-w]) / after
+            missed = SMALLEST_COUNTS * self._count_mm[:, None] + 2.0 * off_s * np.fmax(np.abs(first), np.abs(second))
+            by_stamps = (np.abs(second - first) - missed * (1.0 / before + 1.0 / after)) * (2.0 / (before + after))
+            size = np.fmin(size, by_stamps)
+        largest, next_largest = _two_largest(size)
+        self._accelerations[number] = max(self._accelerations[number], float(np.fmax.reduce(next_largest, initial=0.0)))
+        limit = RUSH * self._accelerations[: number + 1].max()
+        some = np.flatnonzero(largest > limit)
+        some = some[some + 2 * w >= known]
+        if not len(some):
+            return
+        # few: row by row from here on, what is not there being nothing
+        mine = np.maximum(np.nan_to_num(size[:, some].T), 0.0)
+        first, second = ((mm[some + k] - mm[some + k - w]) / (time_s[some + k] - time_s[some + k - w])[:, None] for k in (w, 2 * w))
+        others = np.sqrt(np.maximum((mine**2).sum(axis=1, keepdims=True) - mine**2, 0.0) / (m - 1))
+        going = np.minimum(_others_largest(np.abs(first)), _others_largest(np.abs(second))) > GOING_MM_S
+        # where the change is in the middle of the stretch it is seen largest
+        around = np.clip(some[:, None] + np.arange(-w, w + 1), 0, size.shape[1] - 1)
+        peak = np.fmax.reduce(size[:, around], axis=2).T
+        alone = (mine > limit) & (mine > ALONE * others) & going & (mine >= peak)
+        rows = np.flatnonzero(alone.any(axis=1))
+        if len(rows):
+            middle, nothing = some[rows] + w, np.zeros(len(rows))
+            by = np.where(alone, mine, 0.0)[rows]
+            states = np.zeros_like(by), np.array((mm[middle], mm[middle])), np.array((first[rows], second[rows]))
+            self._rushes[number].append(_Candidates(time_s[middle - 1], time_s[middle + 1], by, nothing[:, None], nothing, *states))
+
+
+@dataclass(frozen=True)
+class _Candidates:
+    """Intervals in which something may have happened: before_s, after_s (k,); by (k, m) steps [mm], or accelerations [mm/s^2]; allowed_mm
+    (k, m) what steps may be without any acceleration; geometry_s2 (k,) what an acceleration adds to that; going_mm_s (k, m) speeds over a
+    few samples either way, without the interval; length_mm, speed_mm_s (2, k, m) of the cables before and after."""
+
+    before_s: FloatArray
+    after_s: FloatArray
+    by: FloatArray
+    allowed_mm: FloatArray
+    geometry_s2: FloatArray
+    going_mm_s: FloatArray
+    length_mm: FloatArray
+    speed_mm_s: FloatArray
+
+    def at(self, i: int, j: int, u_mm: float) -> Break:
+        """Interval i as a break of cable j."""
+        length, speed = self.length_mm[:, i, j].tolist(), self.speed_mm_s[:, i, j].tolist()
+        return Break(j, float(self.before_s[i]), float(self.after_s[i]), float(self.by[i, j]), u_mm, tuple(length), tuple(speed))
+
+
+def _off(time_s: FloatArray, interval: float) -> FloatArray:
+    """(n - 1,) by how much intervals of stamps are off the usual one [s]: then it is not known how fast a cable went. Rows that are not
+    there leave whole intervals."""
+    steps = np.diff(time_s)
+    off = np.abs(steps - np.maximum(np.rint(steps / interval), 1.0) * interval)
+    return np.where((off < EVEN * interval) | (steps > HOLE * interval), 0.0, np.abs(steps - interval))
+
+
+def _steps(
+    time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, stride: int, count_mm: FloatArray, off_s: FloatArray
+) -> list[_Candidates]:
+    """Steps of channels over `stride` samples that are larger than rounding, jitter and a cable that slips."""
+    n = len(time_s)
+    first = max(known - 3 * stride, 0)
+    if n < first + 3 * stride + 1:
+        return []
+    d = x[:, first + stride :] - x[:, first:-stride]
+    last = d.shape[1] - 2 * stride
+    twice = 2.0 * d[:, stride : stride + last]
+    twice -= d[:, :last]
+    twice -= d[:, 2 * stride :]
+    # between stamps that are even both continuations err alike by half of this; where they are not, each is looked at
+    t = time_s[first + stride :] - time_s[first:-stride]
+    uneven = (
+        np.abs(t[:last] - t[stride : stride + last]) + np.abs(t[2 * stride :] - t[stride : stride + last])
+        > EVEN * t[stride : stride + last]
+    )
+    rows = first + np.flatnonzero((np.fmax.reduce(np.abs(twice, out=twice), axis=0) > 2.0 * STEP_MM) | uneven)
+    if not len(rows):
+        return []
+    at = [rows + k * stride for k in range(4)]
+    t1, t2, t3 = (time_s[at[k + 1]] - time_s[at[k]] for k in range(3))
+    d1, d2, d3 = (mm[at[k + 1]] - mm[at[k]] for k in range(3))
+    v1, v3 = d1 / t1[:, None], d3 / t3[:, None]
+    e1, e0 = d2 - v1 * t2[:, None], d2 - v3 * t2[:, None]
+    # stamps may be late where samples were even, and samples uneven where stamps are right: a step is one by both
+    by = _both(_both(e0, e1), _both(d2 - d1, d2 - d3))
+    # by how much the stamps of these samples may be off
+    off = off_s[rows[:, None] + np.arange(3 * stride)].max(axis=1)
+    rounding = SMALLEST_COUNTS * count_mm * np.maximum(1.0, np.maximum(t2 / t1, t2 / t3) / 2.0 + 0.5)[:, None]
+    allowed = STEP_MM + rounding + np.nan_to_num(np.fmax(np.abs(v1), np.abs(v3))) * (JITTERED * off)[:, None]
+    kept = (np.abs(by) > allowed).any(axis=1)
+    if not kept.any():
+        return []
+    by, allowed, geometry = by[kept], allowed[kept], (t2 * (t1 + 2.0 * t2 + t3) / 4.0)[kept]
+    i, k = at[1][kept], at[2][kept]
+    before, after = np.maximum(i - AROUND, 0), np.minimum(k + AROUND, n - 1)
+    around = np.maximum(time_s[i] - time_s[before] + time_s[after] - time_s[k], 1e-9)[:, None]
+    going = np.nan_to_num((mm[i] - mm[before] + mm[after] - mm[k]) / around)
+    return [_Candidates(time_s[i], time_s[k], by, allowed, geometry, going, np.array((mm[i], mm[k])), np.array((v1[kept], v3[kept])))]
+
+
+def _both(a: FloatArray, b: FloatArray) -> FloatArray:
+    """What two estimates of a step agree on: the smaller of the same sign, else nothing; nothing where one is NaN."""
+    out = np.where(np.sign(a) == np.sign(b), np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0)
+    return np.where(np.isfinite(out), out, 0.0)
+
+
+def _two_largest(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) each: the largest and the second largest of (m, n) values; NaN is passed over."""
+    largest, second = values[0].copy(), np.full(values.shape[1], -np.inf)
+    for row in values[1:]:
+        second = np.fmax(second, np.fmin(largest, row))
+        largest = np.fmax(largest, row)
+    return largest, second
+
+
+def _others_largest(values: FloatArray) -> FloatArray:
+    """(n, m) of each column the largest of the other columns at the same row; NaN is passed over."""
+    values = np.nan_to_num(values)
+    if values.shape[1] < 2:
+        return np.zeros_like(values)
+    ordered = np.partition(values, -2, axis=1)
+    return np.where(values >= ordered[:, -1:], ordered[:, -2:-1], ordered[:, -1:])
+
+
+def _of_the_clock(by_mm: FloatArray, speed_mm_s: FloatArray, allowed_mm: FloatArray) -> bool:
+    """Whether the steps of all channels (m,) are what a step of the clock makes of their speeds."""
+    speed = np.nan_to_num(speed_mm_s)
+    squares = float(speed @ speed)
+    if (np.abs(by_mm) > allowed_mm).sum() < 2 or squares == 0.0:
+        return False
+    left = by_mm - speed * (speed @ by_mm / squares)
+    return bool((np.abs(left) <= np.maximum(allowed_mm, SHARED * np.abs(by_mm).max())).all())
+
+
+def _add(breaks: list[Break], new: Iterable[Break], within_s: float = 0.0) -> None:
+    """Take the new ones that are not seen already, or near."""
+    for one in new:
+        near = (one.before_s < old.after_s + within_s and old.before_s - within_s < one.after_s for old in breaks if old.cable == one.cable)
+        if not any(near):
+            breaks.append(one)

@@ -1,0 +1,178 @@
+"""When a channel is not to be believed, and what proves it right again.
+
+A counter that stepped (`trajectory.continuity`) counts on, from another origin. Its lengths are not used from there on, until something
+shows that the origin is where it was: a rest at a place where the run rested before, or began, at which all the other channels are back and
+this one too. (Redundant cables prove it likewise: `trajectory.consistency`.)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.arrays import FloatArray
+from lmeasure.lengths import Lengths, Reason, with_reasons
+from lmeasure.rig import Rig
+from lmeasure.status import Status
+from lmeasure.trajectory.continuity import Away, Break, Continuity
+from lmeasure.trajectory.standing import Stood
+from lmeasure.trajectory.visits import LEAST_CABLES, NEAR_MM, Rests
+
+EVERY = -1
+"""Instead of a cable: all of them."""
+BACK_COUNTS = 3.0
+BACK_MM = 0.1
+BACK_SCATTERS = 3.0
+"""Of the other channels at the two visits (root mean square), between these bounds: up to this a channel is back where it was."""
+COARSE_MM = 1.0
+"""A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A cable whose counts are not used, or `EVERY`, from the sample behind after_s to the one at until_s, with the status and cause of
+    samples that need it."""
+
+    cable: int
+    after_s: float
+    until_s: float
+    status: Status
+    text: str
+
+    def mask(self, time_s: FloatArray) -> NDArray[np.bool_]:
+        """(n,) which samples at times (n,) it is about."""
+        return (time_s > self.after_s) & (time_s <= self.until_s)
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """All of a run, in order of time, and notes for the reader."""
+
+    every: tuple[Doubt, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def about(self, cable: int, time_s: float) -> bool:
+        """Whether a cable is in doubt at a time."""
+        return any(d.cable == cable and d.after_s < time_s <= d.until_s for d in self.every)
+
+    def applied(self, rig: Rig, lengths: Lengths) -> Lengths:
+        """Lengths of a piece of the run without the counts that are in doubt; what only a jump had made doubtful is used again where
+        nothing is said against it."""
+        lost = any(reason.status == Status.ORIGIN_LOST for reasons in lengths.reasons for reason in reasons)
+        first, last = float(lengths.time_s[0]), float(lengths.time_s[-1])
+        here = [d for d in self.every if d.after_s < last and d.until_s >= first]
+        if not lost and not here:
+            return lengths
+        reasons = []
+        for j, before in enumerate(lengths.reasons):
+            mine = [Reason(d.mask(lengths.time_s), d.status, d.text) for d in here if d.cable == j]
+            reasons.append((*(r for r in before if r.status != Status.ORIGIN_LOST), *(r for r in mine if r.mask.any())))
+        lengths = with_reasons(rig, lengths, tuple(reasons))
+        for doubt in here:
+            if doubt.cable == EVERY:
+                mask = doubt.mask(lengths.time_s)
+                lengths.change_mm[mask] = lengths.counts[mask] = np.nan
+                lengths.flags[mask], lengths.cause[mask], lengths.cable[mask] = doubt.status, doubt.text, ""
+        return lengths
+
+
+NONE = Doubts()
+
+
+def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
+    """What is in doubt of a run, by its breaks and its rests, whose lengths are those of all counts, doubtful ones included."""
+    every = [_for_a_moment(rig, away) for away in continuity.away] + [_stood(rig, stood) for stood in continuity.stood]
+    notes = _of_moments(rig, continuity.away)
+    count_mm = np.array([(d := rig.point(c.from_point).drum).count_length_mm / d.scale for c in rig.cable])
+    open_until: dict[int, float] = {}
+    for new in sorted(continuity.breaks, key=lambda b: -b.before_s):
+        every.append(_lost(rig, new, open_until.get(new.cable, np.inf), float(count_mm[new.cable])))
+        open_until[new.cable] = new.before_s
+    every.sort(key=lambda d: (d.after_s, d.cable))
+    for doubt in [d for d in every if d.status == Status.ORIGIN_LOST]:
+        if any(stood.cable == doubt.cable and stood.after_s == doubt.after_s for stood in continuity.stood):
+            notes.append(doubt.text)
+            continue
+        others = Doubts(tuple(every))
+        # where a channel stands it is back everywhere
+        standing = [s for s in continuity.stood if s.cable == doubt.cable]
+        proof = _proof(rests, doubt, others, count_mm, standing)
+        if proof is None:
+            notes.append(f"{doubt.text}{'' if np.isinf(doubt.until_s) else f', up to its next step at {doubt.until_s:.6g} s'}")
+        else:
+            every.remove(doubt)
+            notes.append(f"{doubt.text}; but it is back where it was at the rest at {proof:.6g} s: it has lost nothing")
+    if continuity.clock_s:
+        told = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
+        more = len(continuity.clock_s) - 3
+        notes.append(f"all channels step as if the clock had, behind {told} s{f' and at {more} more instants' if more > 0 else ''}")
+    return Doubts(tuple(every), tuple(notes))
+
+
+def unseen(rig: Rig, continuity: Continuity) -> str:
+    """What steps of a counter this run would not show, in words."""
+    j = int(np.argmax(continuity.least_mm))
+    drum = rig.point(rig.cable[j].from_point).drum
+    counts = continuity.least_mm[j] / drum.count_length_mm * drum.scale
+    limit = f"the acceleration of the motion itself, {continuity.acceleration_mm_s2:.3g} mm/s2, being the limit"
+    text = f"steps of a counter by {counts:.0f} counts ({continuity.least_mm[j]:.2g} mm) and more are seen, {limit}"
+    slow = "; it is sampled too slowly for its speed to show smaller ones" if continuity.least_mm[j] > COARSE_MM else ""
+    return text + slow
+
+
+def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[str]:
+    """A line for each channel that was elsewhere for moments."""
+    notes = []
+    for j in sorted({a.cable for a in away}):
+        mine = [a.after_s for a in away if a.cable == j]
+        often = f", {len(mine)} times, first" if len(mine) > 1 else ""
+        notes.append(f"channel {rig.cable[j].channel} was elsewhere for a moment{often} behind {mine[0]:.6g} s")
+    return notes
+
+
+def _for_a_moment(rig: Rig, away: Away) -> Doubt:
+    channel = rig.cable[away.cable].channel
+    # the sample at until_s is the first that is right again
+    until = float(np.nextafter(away.until_s, -np.inf))
+    return Doubt(away.cable, away.after_s, until, Status.JUMP, f"channel {channel} was elsewhere for a moment")
+
+
+def _stood(rig: Rig, stood: Stood) -> Doubt:
+    channel = rig.cable[stood.cable].channel
+    text = f"channel {channel} stands from {stood.after_s:.6g} s on while its point is drawn far: it does not count"
+    return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, text)
+
+
+def _lost(rig: Rig, at: Break, until_s: float, count_mm: float) -> Doubt:
+    channel = rig.cable[at.cable].channel
+    between = f"between {at.before_s:.6g} and {at.after_s:.6g} s"
+    if np.isnan(at.by_mm):
+        text = f"channel {channel} does not follow the tool {between}, which goes on evenly: its origin is lost"
+    else:
+        drum = rig.point(rig.cable[at.cable].from_point).drum
+        text = f"channel {channel} stepped by about {drum.count_sign * at.by_mm / count_mm:+.0f} counts {between}: its origin is lost"
+    return Doubt(at.cable, at.before_s, until_s, Status.ORIGIN_LOST, text)
+
+
+def _proof(rests: Rests, doubt: Doubt, doubts: Doubts, count_mm: FloatArray, standing: list[Stood]) -> float | None:
+    """The beginning [s] of the first rest at which a cable in doubt is back where it was at a place known from before, or None."""
+    if not len(rests):
+        return None
+    m, j = rests.length_mm.shape[1], doubt.cable
+    # where counting began is a place as well
+    places = [(0.0, np.zeros(m), np.ones(m, np.bool_))]
+    for begin, length in zip(rests.begin_s.tolist(), rests.length_mm, strict=True):
+        trusted = np.array([not doubts.about(k, begin) for k in range(m)])
+        if doubt.after_s < begin <= doubt.until_s and not any(s.after_s <= begin <= s.until_s for s in standing):
+            for _, before, known in places:
+                others = trusted & known
+                others[j] = False
+                if not known[j] or others.sum() < LEAST_CABLES - 1:
+                    continue
+                apart = length - before
+                scatter = np.sqrt(np.mean(apart[others] ** 2))
+                back = max(BACK_COUNTS * count_mm[j], min(BACK_MM, BACK_SCATTERS * scatter))
+                if np.abs(apart[others]).max() <= NEAR_MM and abs(apart[j]) <= back:
+                    return float(begin)
+        places.append((begin, length, trusted))
+    return None

@@ -1,0 +1,178 @@
+"""What redundant cables tell of each other at a sample, with everything the lengths share in their covariance.
+
+Let A (m, f) be the rows of the cables by the free components of the twist, r the lengths less those at a pose near the true one, S the
+covariance of the lengths: of the counts themselves, and of all that the run has in common (zero phase, calibration, start pose, ...). With
+N an orthonormal basis of what no motion reaches, A^T N = 0, the parity vector N^T r has the covariance N^T S N whatever the pose is, and
+with
+
+    W = N (N^T S N)^-1 N^T
+
+chi-squared is r^T W r, of m - f degrees of freedom; the error that cable j alone would have to have is (W r)_j / W_jj, of standard
+uncertainty 1/sqrt(W_jj): infinite where the others do not control it (Baarda 1968; Teunissen 2006, 4.4).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.kernels.cable import span_lengths, span_rows_of
+from lmeasure.kernels.screw import platform_size
+from lmeasure.lengths import Lengths, changes_from_counts
+from lmeasure.trajectory.budget import Budget
+from lmeasure.trajectory.sources import Situation
+
+CHUNK = 2048  # samples whose systematic errors are in memory at once
+UNCONTROLLED = 1e-6
+"""Of a cable's variance that the others must be able to show."""
+
+
+@dataclass(frozen=True)
+class Epochs:
+    """Samples of a run: time_s (n,), change_mm (n, m) of the cables, NaN where they are not used, gone_on_mm (n, m) the same of whatever
+    they showed, counts and speeds (n, m), own variance of the lengths (n, m) [mm^2], temperatures and last travel (n, m) or None."""
+
+    time_s: FloatArray
+    change_mm: FloatArray
+    gone_on_mm: FloatArray
+    counts: FloatArray
+    speed_mm_s: FloatArray
+    variance_mm2: FloatArray
+    temperature_c: FloatArray | None
+    travel: FloatArray | None
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def at(self, index: NDArray[np.intp] | BoolArray | slice) -> "Epochs":
+        """Some of them."""
+
+        def some(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[index]
+
+        values = self.time_s, self.change_mm, self.gone_on_mm, self.counts, self.speed_mm_s, self.variance_mm2
+        time_s, change, gone_on, counts, speed, variance = (v[index] for v in values)
+        return Epochs(time_s, change, gone_on, counts, speed, variance, some(self.temperature_c), some(self.travel))
+
+    def situation(self, poses: FloatArray) -> Situation:
+        """What errors of their lengths depend on, at poses (n, 7)."""
+        return Situation(self.time_s, poses, self.counts, self.speed_mm_s, self.temperature_c, self.travel)
+
+
+@dataclass(frozen=True)
+class Parities:
+    """residual_mm (n, m), zero for cables that are not used; used (n, m); weight (n, m, m), W; freedom (n,)."""
+
+    residual_mm: FloatArray
+    used: BoolArray
+    weight: FloatArray
+    freedom: NDArray[np.int64]
+
+    @property
+    def chi_squared(self) -> FloatArray:
+        """(n,) of the contradictions."""
+        return np.asarray(np.einsum("nj,njk,nk->n", self.residual_mm, self.weight, self.residual_mm))
+
+    @property
+    def errors(self) -> tuple[FloatArray, FloatArray]:
+        """(n, m) each: the error [mm] that a cable alone would have, and its standard uncertainty, infinite where nothing controls it."""
+        diagonal = np.einsum("njj->nj", self.weight)
+        controlled = self.used & (diagonal > 0.0)
+        weighed = np.einsum("njk,nk->nj", self.weight, self.residual_mm)
+        known = np.where(controlled, diagonal, 1.0)
+        return np.where(controlled, weighed / known, 0.0), np.where(controlled, 1.0 / np.sqrt(known), np.inf)
+
+
+class Redundancy:
+    """Tests of the lengths of one run against each other."""
+
+    def __init__(self, budget: Budget) -> None:
+        self._budget, self._rows = budget, budget.scheme.rows
+        self.free, self._size = budget.scheme.free_index, platform_size(budget.scheme.rows)
+        self._zero = span_lengths(self._rows, budget.scheme.start_of(budget.start)[None])
+
+    def epochs(self, lengths: Lengths, travel: FloatArray | None) -> Epochs:
+        """A piece of the run; its changes may be set to NaN. travel (n, m) as `Budget.travel` gives it."""
+        budget, used = self._budget, np.isfinite(lengths.change_mm)
+        gone_on = lengths.counts if lengths.gone_on is None else lengths.gone_on
+        speed = budget.speed_mm_s(lengths)
+        u_time_s = 0.0 if lengths.u_time_s is None else lengths.u_time_s
+        variance = np.broadcast_to(budget.variance + (u_time_s * speed) ** 2, used.shape)
+        gone_on_mm = np.where(used, lengths.change_mm, changes_from_counts(budget.rig, gone_on))
+        warm = lengths.temperature_c
+        return Epochs(lengths.time_s, lengths.change_mm.copy(), gone_on_mm, gone_on, speed, variance, warm, travel)
+
+    def residuals(self, poses: FloatArray, change_mm: FloatArray) -> FloatArray:
+        """(n, m) [mm] of changes (n, m) at poses (n, 7)."""
+        return np.asarray(change_mm - (span_lengths(self._rows, np.ascontiguousarray(poses)) - self._zero))
+
+    def parities(self, epochs: Epochs, poses: FloatArray, used: BoolArray | None = None) -> Parities:
+        """Of epochs at poses (n, 7) near the true ones, by the cables used (n, m), those that have a change by default; where there is no
+        pose nothing is known and no degree of freedom."""
+        n, m = epochs.change_mm.shape
+        used = np.isfinite(epochs.change_mm) if used is None else used
+        used = used & np.isfinite(poses[:, :1])
+        residual, weight = np.zeros((n, m)), np.zeros((n, m, m))
+        for begin in range(0, n, CHUNK):
+            part = slice(begin, begin + CHUNK)
+            there = np.isfinite(poses[part, 0])
+            at = epochs.at(part)
+            placed = np.where(there[:, None], poses[part], self._budget.scheme.start_of(self._budget.start))
+            mine = used[part]
+            residual[part] = np.where(mine, self.residuals(placed, at.gone_on_mm), 0.0)
+            basis, shared = self.basis(placed, mine), self.shared(at, placed, mine)
+            within = np.swapaxes(basis, 1, 2) @ self._covariance(at, shared, mine) @ basis
+            weight[part] = basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2))
+        both = used[:, :, None] & used[:, None, :]
+        weight = np.where(both, weight, 0.0)
+        # rounding alone, where as many cables are left as there are unknowns
+        diagonal = np.einsum("njj->nj", weight)
+        uncontrolled = diagonal * epochs.variance_mm2 < UNCONTROLLED
+        weight = np.where(uncontrolled[:, :, None] | uncontrolled[:, None, :], 0.0, weight)
+        return Parities(residual, used, weight, np.maximum(used.sum(axis=1) - len(self.free), 0))
+
+    def basis(self, poses: FloatArray, used: BoolArray) -> FloatArray:
+        """(n, m, m - f) orthonormal basis of errors of the lengths that no motion makes; of a cable that is not used the unit vector is
+        in it."""
+        rows = span_rows_of(self._rows, np.ascontiguousarray(poses))
+        rows[:, :, :3] /= self._size
+        scaled = np.where(used[:, :, None], rows[:, :, self.free], 0.0)
+        return np.asarray(np.linalg.qr(scaled, mode="complete")[0][:, :, len(self.free) :])
+
+    def shared(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> FloatArray:
+        """(n, m, K) errors of the lengths that the whole run has in common [mm], by variables of unit variance."""
+        lengths = self._budget.lengths_of(epochs.situation(poses), self._budget.every)
+        return np.where(used[:, :, None] & np.isfinite(lengths), lengths, 0.0)
+
+    def _covariance(self, epochs: Epochs, shared: FloatArray, used: BoolArray) -> FloatArray:
+        own = np.where(used, epochs.variance_mm2, 1.0)
+        return np.asarray(shared @ np.swapaxes(shared, 1, 2) + own[:, :, None] * np.eye(own.shape[1]))
+
+    def jointly(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> tuple[float, FloatArray, int]:
+        """Chi-squared of all epochs together, whose systematic errors are one draw, each epoch's own (n,), and the degrees of freedom of an
+        epoch; the same cables are used at all of them."""
+        basis = self.basis(poses, used)
+        basis = basis[:, :, : int(used[0].sum()) - len(self.free)] if used.all() else _without_unused(basis, used)
+        residual = np.where(used, self.residuals(poses, epochs.gone_on_mm), 0.0)
+        parity = np.einsum("njr,nj->nr", basis, residual)
+        shared = np.swapaxes(basis, 1, 2) @ self.shared(epochs, poses, used)
+        own = np.swapaxes(basis, 1, 2) @ (np.where(used, epochs.variance_mm2, 0.0)[:, :, None] * basis)
+        n, r = parity.shape
+        each = shared @ np.swapaxes(shared, 1, 2) + own
+        alone = np.einsum("nr,nr->n", parity, np.linalg.solve(each, parity[:, :, None])[:, :, 0])
+        flat = shared.reshape(n * r, -1)
+        covariance = flat @ flat.T
+        for i in range(n):
+            covariance[i * r : (i + 1) * r, i * r : (i + 1) * r] += own[i]
+        return float(parity.ravel() @ np.linalg.solve(covariance, parity.ravel())), np.asarray(alone), r
+
+
+def _without_unused(basis: FloatArray, used: BoolArray) -> FloatArray:
+    """The part of bases (n, m, m - f) without the unit vectors of cables that are not used, the same at all n."""
+    unused = np.flatnonzero(~used[0])
+    kept = basis.shape[2] - len(unused)
+    # what is orthogonal, within the basis, to its rows of the unused cables
+    rows = np.swapaxes(basis[:, unused, :], 1, 2)
+    turned = np.linalg.qr(rows, mode="complete")[0][:, :, len(unused) :]
+    return np.asarray(basis @ turned)[:, :, :kept]

@@ -1,0 +1,96 @@
+"""Channels that stand on one count while their attachment point is drawn far: an encoder that died, a cable that hangs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray
+from lmeasure.rig import Rig
+
+STANDS_S = 0.2
+STANDS_MM = 50.0
+MOST_MM = 5.0  # from sample to sample
+MOVES_MM = 5.0
+MOVING = 3
+"""Cables that move at least so much, when the tool does."""
+"""For so long at least, and by so much another cable of the same attachment point moves while one stands on a count: its point moves, and
+not on a sphere."""
+
+
+@dataclass(frozen=True)
+class Stood:
+    """A cable (index) whose channel stood from after_s on, until_s [s] or to the end."""
+
+    cable: int
+    after_s: float
+    until_s: float
+
+
+class StandingFinder:
+    """Channels that stand on one count while another cable of the same attachment point moves far."""
+
+    def __init__(self, rig: Rig) -> None:
+        points = np.array([c.to_point for c in rig.cable])
+        m = len(points)
+        braked = np.array([rig.point(c.from_point).drum.braked for c in rig.cable])
+        self._together = (points[:, None] == points) & ~np.eye(m, dtype=np.bool_) & ~braked[:, None]
+        # of each channel: its last count and since when, the extremes of the ways of all cables since then, and whether it has been told
+        self._last, self._since = np.full(m, np.nan), np.full(m, np.nan)
+        self._low, self._high = np.full((m, m), np.inf), np.full((m, m), -np.inf)
+        self._told, self._way = np.zeros(m, np.bool_), np.zeros(m)
+        self._found: list[Stood] = []
+        self._before_s = 0.0
+
+    def add(self, time_s: FloatArray, mm: FloatArray) -> None:
+        """The next samples: times (n,) and lengths (n, m) by the counts alone."""
+        # a cable that steps has not been drawn
+        gone = np.nan_to_num(np.diff(mm, axis=0, prepend=self._last[None])).clip(-MOST_MM, MOST_MM).cumsum(axis=0) + self._way
+        self._way = gone[-1]
+        for j in np.flatnonzero(self._together.any(axis=1)):
+            values = np.concatenate([self._last[j : j + 1], mm[:, j]])
+            # empty cells do not move a channel
+            moved = np.flatnonzero(~((values[1:] == values[:-1]) | np.isnan(values[1:])))
+            edges = np.concatenate([[0], moved, [len(time_s)]])
+            # the one that goes on from before, long ones, and the one that will go on
+            lasting = time_s[edges[1:] - 1] - time_s[np.minimum(edges[:-1], len(time_s) - 1)] >= STANDS_S
+            lasting[0] = lasting[-1] = True
+            for number in np.flatnonzero(lasting).tolist():
+                begin, end = int(edges[number]), int(edges[number + 1])
+                if number:
+                    self._begin(int(j), float(time_s[begin]))
+                if end > begin:
+                    self._go_on(int(j), time_s[begin:end], gone[begin:end])
+                if self._told[j] and end < len(time_s):
+                    # the last sample at which it stood may be one of the piece before
+                    self._end(int(j), float(time_s[end - 1]) if end else self._before_s)
+
+        self._before_s = float(time_s[-1])
+        for cable, column in enumerate(mm.T):
+            seen = np.flatnonzero(np.isfinite(column))
+            if len(seen):
+                self._last[cable] = column[seen[-1]]
+
+    def _end(self, j: int, time_s: float) -> None:
+        k = max(i for i, stood in enumerate(self._found) if stood.cable == j)
+        self._found[k] = replace(self._found[k], until_s=time_s)
+        self._told[j] = False
+
+    def _begin(self, j: int, time_s: float) -> None:
+        self._since[j], self._told[j] = time_s, False
+        self._low[j], self._high[j] = np.inf, -np.inf
+
+    def _go_on(self, j: int, time_s: FloatArray, mm: FloatArray) -> None:
+        if self._told[j]:
+            return
+        self._low[j] = np.fmin(self._low[j], np.fmin.reduce(mm, axis=0))
+        self._high[j] = np.fmax(self._high[j], np.fmax.reduce(mm, axis=0))
+        far = self._high[j] - self._low[j]
+        # one cable alone that runs off is itself at fault
+        if far[self._together[j]].max() > STANDS_MM and (far > MOVES_MM).sum() >= MOVING:
+            self._told[j] = True
+            since = self._since[j] if np.isfinite(self._since[j]) else float(time_s[0])
+            self._found.append(Stood(j, since, np.inf))
+
+    def found(self) -> tuple[Stood, ...]:
+        """All of them."""
+        return tuple(sorted(self._found, key=lambda stood: stood.after_s))

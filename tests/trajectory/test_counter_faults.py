@@ -1,0 +1,267 @@
+"""Counters that step, stand, hang or are mixed up: found where they can be, and sound motions left in peace."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import START, FloatArray, cell, motion, position_error, record, with_recorded
+from scipy.spatial.transform import Rotation
+from test_schemes import EIGHT, SEVEN, rig_of
+
+from lmeasure.rig import Rig
+from lmeasure.run import Run, read_run, read_run_head, write_run
+from lmeasure.status import WORDS, Status
+from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream
+from lmeasure.trajectory.continuity import Continuity, ContinuityFinder
+from lmeasure.trajectory.passes import align
+
+COUNT_MM = 0.012
+
+
+def words(trajectory: Trajectory) -> list[str]:
+    return [WORDS[status] for status in trajectory.status]
+
+
+def along(points: FloatArray, speed_mm_s: float, rate_hz: float, ramp_s: float = 0.0, rest_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Times and poses of a tool led straight from point to point (k, 3), its speed there at once or by ramps, resting at each."""
+    parts = [np.repeat(points[:1], max(round(rest_s * rate_hz), 1), axis=0)]
+    for a, b in pairwise(points):
+        length = float(np.linalg.norm(b - a))
+        whole = length / speed_mm_s + ramp_s
+        t = np.arange(1, round(whole * rate_hz) + 1) / rate_hz
+        if ramp_s:
+            gone = np.where(t < ramp_s, t**2 / 2 / ramp_s, t - ramp_s / 2)
+            late = np.maximum(t - (whole - ramp_s), 0.0)
+            gone = speed_mm_s * (gone - late**2 / 2 / ramp_s)
+        else:
+            gone = speed_mm_s * t
+        parts += [a + np.minimum(gone, length)[:, None] * (b - a) / length, np.repeat(b[None], round(rest_s * rate_hz), axis=0)]
+    places = np.vstack(parts)
+    turn = Rotation.from_rotvec(places / 2000.0)
+    return np.arange(len(places)) / rate_hz, np.column_stack([places, turn.as_quat()])
+
+
+WORSE = ("jitter", "rows lost", "vibration", "stick and slip", "an emergency stop", "stale counts", "stale counts of each by itself")
+CORNERS = np.array([[0.0, 0, 0], [150, 0, 0], [150, 120, 0], [150, 120, -100], [0, 0, 0], [-120, 40, 60], [0, 0, 0]])
+
+
+def round_trip(rig: Rig, rate_hz: float = 250.0) -> Run:
+    """A run that rests at each corner, and comes back to its start twice."""
+    return record(rig, *along(CORNERS, 250.0, rate_hz, 0.1, 0.5))
+
+
+def continuity_of(run: Run) -> Continuity:
+    finder = ContinuityFinder(run.rig)
+    finder.add(align(run)._all_lengths)
+    return finder.found()
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 250.0, 1000.0])
+@pytest.mark.parametrize("ramp_s", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("rest_s", [0.0, 0.3])
+def test_sound_motions_do_not_step(rate_hz: float, ramp_s: float, rest_s: float) -> None:
+    """Corners passed at full speed, from one sample to the next, among them."""
+    for speed in (50.0, 250.0, 1000.0):
+        found = continuity_of(record(cell(), *along(CORNERS, speed, rate_hz, ramp_s, rest_s)))
+        assert (found.breaks, found.away, found.stood, found.clock_s) == ((), (), (), ())
+
+
+@pytest.mark.parametrize("what", WORSE)
+def test_nor_do_sound_motions_of_worse_machines(what: str) -> None:
+    rng = np.random.default_rng(7)
+    times, poses = along(CORNERS, 250.0, 250.0, 0.1, 0.3)
+    if what == "vibration":
+        poses[:, :3] += 0.05 * np.sin(2 * np.pi * np.outer(times, [11.0, 9.0, 13.0]))
+    if what == "an emergency stop":
+        stopped = np.minimum(np.arange(len(poses)), 300)
+        poses = poses[stopped]
+    run = record(cell(), times, poses)
+    counts = run.passes[0]
+    if what == "jitter":
+        counts = replace(counts, time_s=np.sort(times + rng.uniform(0.0, 0.008, len(times))) + 1e-6 * np.arange(len(times)))
+    if what == "rows lost":
+        kept = np.sort(rng.permutation(len(times))[: int(0.8 * len(times))])
+        counts = replace(counts, time_s=times[kept], recorded=counts.recorded[kept])
+    if what == "stick and slip":
+        counts = replace(counts, recorded=np.rint(counts.recorded / 8.0) * 8.0)
+    if what == "stale counts":
+        counts = replace(counts, recorded=counts.recorded[np.arange(len(times)) // 3 * 3])
+    if what == "stale counts of each by itself":
+        every = [column[np.maximum((np.arange(len(times)) + j) // 3 * 3 - j, 0)] for j, column in enumerate(counts.recorded.T)]
+        counts = replace(counts, recorded=np.stack(every, axis=1))
+    found = continuity_of(replace(run, passes=(counts,)))
+    assert (found.breaks, found.away, found.stood) == ((), (), ())
+
+
+@pytest.mark.parametrize("rate_hz", [250.0, 1000.0])
+@pytest.mark.parametrize("counts", [60, 1000, -20_000])
+def test_a_step_is_found_where_and_as_large_as_it_is(counts: int, rate_hz: float) -> None:
+    rng = np.random.default_rng(abs(counts))
+    for _ in range(5):
+        run = round_trip(cell(), rate_hz)
+        n, j = len(run.passes[0].time_s), int(rng.integers(6))
+        i = int(rng.integers(5, n - 5))
+        recorded = run.passes[0].recorded.copy()
+        recorded[i:, j] += counts
+        (found,) = continuity_of(with_recorded(run, recorded)).breaks
+        sign = run.rig.observation_point[j].drum.count_sign
+        assert (found.cable, found.before_s, found.after_s) == (j, run.passes[0].time_s[i - 1], run.passes[0].time_s[i])
+        assert found.by_mm == pytest.approx(sign * counts * COUNT_MM, abs=found.u_mm)
+        trajectory = reconstruct(with_recorded(run, recorded))
+        assert (trajectory.status[:i] == Status.OK).all()
+        ok = trajectory.status[i:] == Status.OK
+        assert not ok.any(), "no rest can prove it"
+        assert any(f"stepped by about {'+' if counts > 0 else '-'}" in note for note in trajectory.notes)
+
+
+def test_half_a_step_between_two_samples_is_one() -> None:
+    run = round_trip(cell())
+    recorded = run.passes[0].recorded.copy()
+    recorded[700, 2] += 300
+    recorded[701:, 2] += 600
+    (found,) = continuity_of(with_recorded(run, recorded)).breaks
+    assert found.cable == 2
+    assert abs(found.by_mm) == pytest.approx(600 * COUNT_MM, abs=0.3)
+
+
+def test_a_bit_that_flips_once_costs_a_sample() -> None:
+    run = round_trip(cell())
+    recorded = run.passes[0].recorded.copy()
+    recorded[640, 4] = int(recorded[640, 4]) ^ 1024
+    trajectory = reconstruct(with_recorded(run, recorded))
+    assert np.flatnonzero(trajectory.status != Status.OK).tolist() == [640]
+    assert words(trajectory)[640] == "jump"
+
+
+def test_a_second_jump_minutes_later_proves_nothing_but_a_rest_does() -> None:
+    """Today's counter jumped back to where it could be; where it was is told by the rests only."""
+    run = round_trip(cell())
+    n = len(run.passes[0].time_s)
+    for back, proved in ((2000, True), (1500, False)):
+        recorded = run.passes[0].recorded.copy()
+        recorded[400:, 1] += 2000
+        recorded[n // 2 :, 1] -= back
+        trajectory = reconstruct(with_recorded(run, recorded))
+        lost = trajectory.status == Status.ORIGIN_LOST
+        assert lost[400 : n // 2].all()
+        assert lost[n // 2 :].all() != proved
+        assert lost[n // 2 :].any() != proved
+        if proved:
+            assert any("it has lost nothing" in note for note in trajectory.notes)
+
+
+@pytest.mark.parametrize("pairs", [SEVEN, EIGHT])
+def test_redundant_cables_prove_an_origin(pairs: list[tuple[str, str]]) -> None:
+    run = record(rig_of(pairs), *motion(2500, rate_hz=250.0))
+    truth = motion(2500, rate_hz=250.0)[1]
+    recorded = run.passes[0].recorded.copy()
+    recorded[600:900, 3] += 700.0
+    trajectory = reconstruct(with_recorded(run, recorded))
+    assert set(words(trajectory)) == {"ok"}
+    assert set(trajectory.cable[600:900]) == {"c4"}
+    assert set(trajectory.cable[:600]) | set(trajectory.cable[902:]) == {""}
+    assert any("the other cables show that it has lost nothing" in note for note in trajectory.notes)
+    assert position_error(trajectory.poses, truth).max() < 0.03
+
+
+def test_a_clock_that_steps_is_no_counter() -> None:
+    times, poses = motion(2000, rate_hz=250.0)
+    late = times + np.where(np.arange(2000) >= 1000, 0.048, 0.0)
+    run = record(cell(), times, motion(2100, rate_hz=250.0)[1][np.rint(late * 250).astype(int)])
+    trajectory = reconstruct(run)
+    assert set(words(trajectory)) == {"ok"}
+    assert any("as if the clock had" in note for note in trajectory.notes)
+    assert poses.shape == (2000, 7)
+
+
+def test_a_channel_that_stands_while_its_point_moves_is_told() -> None:
+    """From a rest on: no sudden stop shows it."""
+    run = round_trip(cell())
+    recorded = run.passes[0].recorded.copy()
+    recorded[100:, 2] = recorded[100, 2]
+    trajectory = reconstruct(with_recorded(run, recorded))
+    moving = np.flatnonzero(np.abs(np.diff(run.passes[0].recorded[:, 2])) > 1)
+    assert (trajectory.status[moving[0] + 2 :] == Status.ORIGIN_LOST).all()
+    recorded[800:, 2] = run.passes[0].recorded[800:, 2]
+    again = reconstruct(with_recorded(run, recorded))
+    assert (again.status[moving[0] + 2 : 800] == Status.ORIGIN_LOST).all()
+    assert (again.status[805:] == Status.OK).all(), "the rests prove it"
+    drums = [p.model_copy(update={"drum": p.drum.model_copy(update={"braked": True})}) for p in run.rig.observation_point]
+    braked = run.rig.model_copy(update={"observation_point": tuple(drums)})
+    assert continuity_of(replace(with_recorded(run, recorded), rig=braked)).stood == ()
+
+
+def test_swapped_channels_of_eight_cables_are_never_ok() -> None:
+    run = record(rig_of(EIGHT), *motion(1500, rate_hz=250.0))
+    recorded = run.passes[0].recorded.copy()
+    recorded[:, [1, 4]] = recorded[:, [4, 1]]
+    trajectory = reconstruct(with_recorded(run, recorded))
+    assert set(words(trajectory)) == {"inconsistent"}
+    assert any("no single one explains it" in note for note in trajectory.notes)
+
+
+def test_two_channels_that_err_one_after_the_other_are_each_left_out() -> None:
+    run = record(rig_of(EIGHT), *motion(3000, rate_hz=250.0))
+    recorded = run.passes[0].recorded.copy()
+    for j, begin in ((2, 300), (6, 1800)):
+        recorded[begin : begin + 500, j] -= (300.0 * np.sin(np.pi * np.arange(500) / 500) ** 2).round()
+    trajectory = reconstruct(with_recorded(run, recorded))
+    assert set(words(trajectory)) == {"ok"}
+    assert set(trajectory.cable[330:770]) == {"c3"}
+    assert set(trajectory.cable[1830:2270]) == {"c7"}
+    assert set(trajectory.cable) == {"", "c3", "c7"}
+    assert position_error(trajectory.poses, motion(3000, rate_hz=250.0)[1]).max() < 0.03
+
+
+def test_without_two_cables_the_covariance_is_that_of_the_others(tmp_path: Path) -> None:
+    run = record(rig_of(EIGHT), *motion(400, rate_hz=250.0))
+    recorded = run.passes[0].recorded.copy()
+    recorded[100:, [6, 7]] = np.nan
+    missing = with_recorded(run, recorded)
+    trajectory = reconstruct(missing)
+    assert set(trajectory.cable[100:]) == {"c7, c8"}
+    assert np.isnan(trajectory.residual_mm[100:]).all()
+    assert np.isfinite(trajectory.residual_mm[:100]).all()
+    found = covariances(trajectory, run)
+    np.testing.assert_allclose(found.random, trajectory.random, rtol=1e-9)
+    six = reconstruct(record(cell(), *motion(400, rate_hz=250.0)))
+    np.testing.assert_allclose(trajectory.random[200], six.random[200], rtol=1e-3, atol=1e-12)
+    write_run(tmp_path / "run", missing)
+    reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "t.parquet")
+    assert set(read_trajectory(tmp_path / "t.parquet").cable[100:]) == {"c7, c8"}
+
+
+def test_from_file_to_file_the_same_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lmeasure.files.PIECE_ROWS", 257)
+    monkeypatch.setattr("lmeasure.files.PIECE_BYTES", 20_000)
+    run = record(rig_of(EIGHT), *motion(2000, rate_hz=250.0))
+    recorded = run.passes[0].recorded.copy()
+    recorded[700:, 5] += 90.0
+    recorded[1200:1500, 2] -= (300.0 * np.sin(np.pi * np.arange(300) / 300) ** 2).round()
+    write_run(tmp_path / "run", with_recorded(run, recorded))
+    summary = reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "t.parquet")
+    whole = reconstruct(read_run(tmp_path / "run"))
+    back = read_trajectory(tmp_path / "t.parquet")
+    np.testing.assert_allclose(back.poses, whole.poses, atol=1e-9)
+    assert back.cable.tolist() == whole.cable.tolist()
+    assert back.cause.tolist() == whole.cause.tolist()
+    assert back.chi_squared is not None
+    assert whole.chi_squared is not None
+    np.testing.assert_allclose(back.chi_squared, whole.chi_squared, rtol=1e-6, atol=1e-9)
+    for note in whole.notes:
+        assert f"note: {note}" in summary.text()
+
+
+@pytest.mark.parametrize(
+    ("pairs", "said"), [(None, "no redundancy, 6 cables"), (SEVEN, "one cable to spare"), (EIGHT, "2 cables to spare")]
+)
+def test_the_summary_says_what_can_be_seen(pairs: list[tuple[str, str]] | None, said: str) -> None:
+    run = record(cell() if pairs is None else rig_of(pairs), *motion(300))
+    text = reconstruct(run).summary()
+    assert said in text
+    assert "steps of a counter by" in text
+    if pairs is None:
+        assert "what is wrong from the beginning or errs slowly is never seen" in text
+    np.testing.assert_array_equal(run.known_start, START)

@@ -1,0 +1,116 @@
+"""What redundant cables tell of each other, against generalised least squares written out, and against draws of what a run shares."""
+
+import numpy as np
+import pytest
+from cells import FloatArray, motion, record
+from scipy.linalg import block_diag
+from test_schemes import EIGHT, SEVEN, rig_of
+
+from lmeasure.kernels.cable import span_rows_of
+from lmeasure.lengths import lengths_from_counts
+from lmeasure.rig import Rig
+from lmeasure.trajectory.redundancy import Redundancy
+from lmeasure.trajectory.screw_method import Reconstruction
+
+N = 40
+
+
+def zeroed_anywhere(rig: Rig) -> Rig:
+    """The same rig, its counters zeroed anywhere within a count and its drums uncertain."""
+    points = [
+        p.model_copy(update={"drum": p.drum.model_copy(update={"zero_exact": False, "u_count_length_mm": 1e-6, "u_axial_offset_mm": 0.2})})
+        for p in rig.observation_point
+    ]
+    return rig.model_copy(update={"observation_point": tuple(points)})
+
+
+def prepared(pairs: list[tuple[str, str]], seed: int = 0) -> tuple[Reconstruction, Redundancy, FloatArray, FloatArray, FloatArray]:
+    """A redundant rig's reconstruction, poses (N, 7), errors of its lengths (N, m) as drawn, their covariance (N m, N m) and residuals."""
+    rig = zeroed_anywhere(rig_of(pairs))
+    times, poses = motion(N, rate_hz=20.0)
+    reconstruction = Reconstruction(rig, poses[0], None)
+    redundancy = Redundancy(reconstruction.budget)
+    epochs = redundancy.epochs(lengths_from_counts(record(rig, times, poses, exact=True)), None)
+    used = np.ones((N, len(pairs)), np.bool_)
+    shared = redundancy.shared(epochs, poses, used)
+    rng = np.random.default_rng(seed)
+    own = np.sqrt(epochs.variance_mm2)
+    errors = own * rng.standard_normal(own.shape) + shared @ rng.standard_normal(shared.shape[2])
+    flat = shared.reshape(-1, shared.shape[2])
+    return reconstruction, redundancy, poses, errors, flat @ flat.T + np.diag((own**2).ravel())
+
+
+@pytest.mark.parametrize("pairs", [SEVEN, EIGHT])
+def test_chi_squared_and_errors_are_those_of_generalised_least_squares(pairs: list[tuple[str, str]]) -> None:
+    """Min over the pose of (r - A x)^T S^-1 (r - A x), and the estimate of one more unknown, an error of cable j."""
+    reconstruction, redundancy, poses, errors, covariance = prepared(pairs)
+    m = len(pairs)
+    rig = reconstruction.rig
+    epochs = redundancy.epochs(lengths_from_counts(record(rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs.gone_on_mm[:] += errors
+    parities = redundancy.parities(epochs, poses)
+    rows = span_rows_of(rig.cable_rows(), poses)
+    alone, u = parities.errors
+    for i in range(0, N, 7):
+        S = covariance.reshape(N, m, N, m)[i, :, i]
+        r = redundancy.residuals(poses[i : i + 1], epochs.gone_on_mm[i : i + 1])[0]
+        np.testing.assert_allclose(r, errors[i], atol=1e-6)
+
+        def left(A: FloatArray, S: FloatArray = S, r: FloatArray = r) -> tuple[float, FloatArray, FloatArray]:
+            normal = A.T @ np.linalg.solve(S, A)
+            x = np.linalg.solve(normal, A.T @ np.linalg.solve(S, r))
+            v = r - A @ x
+            return float(v @ np.linalg.solve(S, v)), x, np.linalg.inv(normal)
+
+        A = rows[i] * np.repeat([1.0 / 150.0, 1.0], 3)
+        assert parities.chi_squared[i] == pytest.approx(left(A)[0], rel=1e-6)
+        for j in range(m):
+            chi, x, cov = left(np.column_stack([A, np.eye(m)[j]]))
+            assert alone[i, j] == pytest.approx(x[-1], rel=1e-5, abs=1e-9)
+            assert u[i, j] == pytest.approx(np.sqrt(cov[-1, -1]), rel=1e-5)
+            assert parities.chi_squared[i] - (alone[i, j] / u[i, j]) ** 2 == pytest.approx(chi, abs=1e-6)
+
+
+def test_together_epochs_are_one_draw_of_what_they_share() -> None:
+    reconstruction, redundancy, poses, errors, covariance = prepared(EIGHT)
+    m, few = 8, np.array([3, 11, 20, 33])
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs.gone_on_mm[:] += errors
+    used = np.ones((len(few), m), np.bool_)
+    used[:, 2] = False
+    together, alone, freedom = redundancy.jointly(epochs.at(few), poses[few], used)
+    assert freedom == 1
+    rows = span_rows_of(reconstruction.rig.cable_rows(), poses[few]) * np.repeat([1.0 / 150.0, 1.0], 3)
+    kept = np.flatnonzero(used.ravel())
+    index = (few[:, None] * m + np.arange(m)).ravel()[kept]
+    S, r, A = covariance[np.ix_(index, index)], errors.ravel()[index], block_diag(*rows)[kept]
+    v = r - A @ np.linalg.solve(A.T @ np.linalg.solve(S, A), A.T @ np.linalg.solve(S, r))
+    assert together == pytest.approx(float(v @ np.linalg.solve(S, v)), rel=1e-6)
+    every = redundancy.parities(epochs.at(few), poses[few], used)
+    np.testing.assert_allclose(alone, every.chi_squared, rtol=1e-6)
+    # correlated, so not the sum of its parts
+    assert abs(together - alone.sum()) > 1e-3
+
+
+def test_chi_squared_has_its_degrees_of_freedom_over_draws_of_the_run() -> None:
+    """The mean over runs; within a run all samples share most of their errors."""
+    found = []
+    for seed in range(60):
+        reconstruction, redundancy, poses, errors, _ = prepared(EIGHT, seed)
+        epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+        epochs.gone_on_mm[:] += errors
+        found.append(redundancy.parities(epochs.at(slice(10, N, 10)), poses[10::10]).chi_squared)
+    assert np.mean(found) == pytest.approx(2.0, abs=4.0 * 2.0 / np.sqrt(60))
+    assert np.mean(np.array(found) < 5.99) == pytest.approx(0.95, abs=0.06)
+
+
+def test_what_nothing_controls_has_no_error() -> None:
+    """Of seven cables one is not used: six tell a pose and nothing else."""
+    reconstruction, redundancy, poses, errors, _ = prepared(SEVEN)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs.gone_on_mm[:] += errors
+    epochs.change_mm[:, 4] = np.nan
+    parities = redundancy.parities(epochs, poses)
+    assert (parities.freedom == 0).all()
+    np.testing.assert_array_equal(parities.chi_squared, 0.0)
+    assert np.isinf(parities.errors[1]).all()
