@@ -135,11 +135,6 @@ class Drum(CableOnDrum):
     u_tangent_length_mm: NotNegative | None = None
     u_axial_offset_mm: NotNegative | None = None
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without `braked` where it says nothing: digests of rigs, which certificates hold, stay what they were before that key was."""
-        return {key: value for key, value in handler(self).items() if key != "braked" or value}
-
     @model_validator(mode="after")
     def _groove_is_shallow(self) -> Self:
         turn = self.counts_per_revolution * self.count_length_mm

@@ -152,6 +152,11 @@ class Budget:
         self.uniform = tuple(source.uniform for source in self.every for _ in source.names)
         self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether a calibration is linked."""
+        return self._calibration is not None
+
     def of(
         self,
         time_s: FloatArray,

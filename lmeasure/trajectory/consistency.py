@@ -12,7 +12,7 @@ that would show the error it has at the alarms. Where none explains the alarms t
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -53,6 +53,10 @@ MOST_EPOCHS = 2**17
 ON_THE_WAY = 2000
 """Epochs by which a run is followed to its alarms."""
 ROUNDS = 12
+UNCALIBRATED = (
+    "the rig links no calibration: by how much its drawing is off is in no uncertainty, and makes lengths contradict each other as well; "
+    "`lmeasure calibrate` finds it"
+)
 
 Solve = Callable[[FloatArray], FloatArray]
 """(n, 7) poses of a run from its start by changes (n, m) of the cables, NaN for one that is not used."""
@@ -332,4 +336,7 @@ def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before
     def solve(changes: FloatArray) -> FloatArray:
         return reconstruction.solve(scheme.rows, reconstruction.start, changes, np.zeros(len(changes), np.int64))
 
-    return Consistency(reconstruction.rig, redundancy, solve, epochs, finder.samples).judged(before)
+    found = Consistency(reconstruction.rig, redundancy, solve, epochs, finder.samples).judged(before)
+    if reconstruction.budget.calibrated or not any(doubt.cable == EVERY for doubt in found.every):
+        return found
+    return replace(found, notes=(*found.notes, UNCALIBRATED))
