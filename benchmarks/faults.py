@@ -317,12 +317,13 @@ def table(after: pd.DataFrame, before: pd.DataFrame | None) -> str:
         ]
         lines.append(f"| {kind} | {' | '.join(cells)} |")
     lines.append("")
-    for name, cables, limits in columns:
+    for _, cables, limits in columns:
         for version, data in versions:
             of = data[(data.cables == cables) & (data.limits == limits)]
             if len(of):
                 share = (of.outcome == "silent").mean()
-                lines.append(f"- {name} cables{version}: {share:.0%} of {len(of)} runs silent, {of.wrong.mean():.1%} of samples wrong.")
+                rigs = f"{cables} cables{', limits stated' if limits else ''}{version}"
+                lines.append(f"- {rigs}: {share:.0%} of {len(of)} runs silent, {of.wrong.mean():.1%} of samples wrong.")
     eight = after[after.cables == 8]
     for cables in (7, 8):
         of = after[(after.cables == cables) & after.detectable]
