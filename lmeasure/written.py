@@ -10,6 +10,7 @@ import json
 import os
 import re
 import stat
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ from lmeasure.opened import open_regular, sha256_of
 
 LEDGER = ".lmeasure-written.json"
 SCHEMA = "lmeasure.written/1"
+WAIT_S = 5.0  # for another command that enters its files, which takes milliseconds
 PART = re.compile(r"\..+\.(\d+)\.(part|old)(\..*)?")
 """Names under which files and folders stand until they are whole: .NAME.PROCESS.part"""
 
@@ -93,14 +95,33 @@ def _entries(folder: Path) -> dict[str, object]:
 
 
 def _enter(command: str, folder: Path, paths: list[Path]) -> None:
-    entries = {name: entry for name, entry in _entries(folder).items() if (folder / name).exists()}
-    entries |= {path.name: {"command": command, "sha256": sha256_of(path)} for path in paths}
+    new = {path.name: {"command": command, "sha256": sha256_of(path)} for path in paths}
     temporary = folder / f"{LEDGER}.{os.getpid()}.part"
+    with _alone(folder):
+        entries = {name: entry for name, entry in _entries(folder).items() if (folder / name).exists()} | new
+        try:
+            temporary.write_text(json.dumps({"schema": SCHEMA, "files": entries}, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+            temporary.replace(folder / LEDGER)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """While no other command enters what it wrote into this folder; one that was killed meanwhile is waited for in vain, and once."""
+    lock, given_up = folder / f"{LEDGER}.lock", time.monotonic() + WAIT_S
+    while True:
+        try:
+            os.close(os.open(lock, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+            break
+        except FileExistsError:
+            if time.monotonic() > given_up:
+                break
+            time.sleep(0.01)
     try:
-        temporary.write_text(json.dumps({"schema": SCHEMA, "files": entries}, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-        temporary.replace(folder / LEDGER)
+        yield
     finally:
-        temporary.unlink(missing_ok=True)
+        lock.unlink(missing_ok=True)
 
 
 def _stamp(path: Path) -> tuple[int, ...] | None:

@@ -153,3 +153,46 @@ def test_what_a_killed_command_left_is_named(cell: Path, monkeypatch: pytest.Mon
     assert done.exit_code == 0
     for path in left:
         assert f"note: {path.name} was left by a command that was broken off; nothing needs it" in done.stderr
+
+
+AT_ONCE = """
+import sys
+from pathlib import Path
+from lmeasure.written import writing
+
+folder, name = Path(sys.argv[1]), sys.argv[2]
+print("ready", flush=True)
+sys.stdin.readline()
+for i in range(25):
+    with writing("zone", [folder / f"{name}-{i}"]):
+        (folder / f"{name}-{i}").write_text("here")
+"""
+
+
+def test_commands_that_end_at_one_moment_are_all_entered(tmp_path: Path) -> None:
+    """Processes that write into one folder: none loses another's entries, and a lock that a killed one left stops nobody for good."""
+    started = [
+        subprocess.Popen([sys.executable, "-c", AT_ONCE, str(tmp_path), name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for name in "abc"
+    ]
+    for process in started:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in started:
+        assert process.stdin is not None
+        process.stdin.write("\n")
+        process.stdin.flush()
+    for process in started:
+        assert process.communicate()[0] == ""
+        assert process.returncode == 0
+    assert len(json.loads((tmp_path / LEDGER).read_text())["files"]) == 75
+    assert sorted(p.name for p in tmp_path.iterdir() if p.name.startswith(".")) == [LEDGER]
+
+
+def test_a_lock_that_was_left_stops_nobody_for_good(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lmeasure.written.WAIT_S", 0.05)
+    (tmp_path / f"{LEDGER}.lock").touch()
+    with writing("zone", [tmp_path / "z.nc"]):
+        (tmp_path / "z.nc").write_text("here")
+    assert list(json.loads((tmp_path / LEDGER).read_text())["files"]) == ["z.nc"]
+    assert not (tmp_path / f"{LEDGER}.lock").exists()
