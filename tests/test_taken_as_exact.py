@@ -121,7 +121,7 @@ def test_temperature_that_is_not_stated_or_differs_is_flagged(of_run: float | No
 
 def test_a_rig_without_calibration_has_its_dimensions_at_its_reference() -> None:
     run = replace(plain_run(), temperature_c=26.0)
-    note = [line for line in reconstruct(run).summary().splitlines() if line.startswith("note")]
+    note = [line for line in reconstruct(run).summary().splitlines() if line.startswith("note: no expansion")]
     assert len(note) == 1
     assert note[0].startswith("note: no expansion is stated, and it was up to 6.0 K off the rig's 20.0 deg C: steel would add up to 0.0")
 

@@ -57,19 +57,19 @@ def resume(
             counts[i] = shortest(x, full)
             what[i] = FOLLOWED
         else:
-            target = state[_COUNT] + step
-            if abs(step) > reach:
-                what[i] = JUMPED
+            base, jumped = state[_COUNT], abs(step) > reach
+            if jumped and state[_LOST] == 0.0:
+                state[_LOST] = 1.0
+                state[_GOOD_COUNT], state[_GOOD], state[_GOOD_TIME] = state[_COUNT], state[_SEEN], state[_SEEN_TIME]
+            elif jumped:
                 away, back = time_s[i] - state[_GOOD_TIME], shortest(x - state[_GOOD], full)
-                if state[_LOST] == 0.0:
-                    state[_LOST] = 1.0
-                    state[_GOOD_COUNT], state[_GOOD], state[_GOOD_TIME] = state[_COUNT], state[_SEEN], state[_SEEN_TIME]
-                elif away <= RETURN_S and abs(back) <= max_rate * max(away, least_s) + 1.0:
+                possible = max_rate * max(away, least_s) + 1.0
+                if away <= RETURN_S and abs(back) <= possible:
                     state[_LOST] = 0.0
-                    target = state[_GOOD_COUNT] + back
-                    what[i] = UNSURE if state[_UNSURE] != 0.0 else FOLLOWED
-            elif state[_LOST] != 0.0:
-                what[i] = WENT_ON
+                    base, step, reach = state[_GOOD_COUNT], back, possible
+            target = base + step
+            if state[_LOST] != 0.0:
+                what[i] = JUMPED if jumped else WENT_ON
             else:
                 # a way of half the range or more may as well have been the other way round
                 if full > 0.0 and reach >= 0.5 * full:

@@ -65,6 +65,82 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
             r"back at the first place of rest the counts differ by (.*): the robot moved, or several channels lost counts",
             r"по возвращении к первому месту остановки отсчёты отличаются на {0}: сместился робот либо несколько каналов потеряли отсчёты",
         ),
+        (
+            r"steps of a counter by (.*) counts \((.*) mm\) and more are seen, the acceleration of the motion itself, (.*) mm/s2, being "
+            r"the limit",
+            r"скачки счётчика от {n0} отсч. ({n1} мм) обнаруживаются; предел – ускорение самого движения, {n2} мм/с²",
+        ),
+        (
+            r"(steps of a counter .*); it is sampled too slowly for its speed to show smaller ones",
+            r"{0}; для меньших запись при такой скорости слишком редка",
+        ),
+        (
+            r"no redundancy, (\d+) cables for (\d+) unknowns: what is wrong from the beginning or errs slowly is never seen: .*",
+            r"избыточности нет, тросов {0} на {1} неизвестных: неверное с самого начала или медленное не обнаруживается: перепутанные "
+            r"каналы, знак, масштаб, запаздывающий канал, повисший трос, отсчёты, теряемые понемногу",
+        ),
+        (
+            r"one cable to spare, (\d+) cables for (\d+) unknowns: that lengths contradict each other is seen, but not which of them is "
+            r"wrong",
+            r"избыточен один трос, тросов {0} на {1} неизвестных: противоречие длин обнаруживается, но не то, какая неверна",
+        ),
+        (
+            r"(\d+) cables to spare, (\d+) cables for (\d+) unknowns: one that contradicts the others is seen and left out",
+            r"избыточных тросов {0}, тросов {1} на {2} неизвестных: противоречащий остальным обнаруживается и исключается",
+        ),
+        (
+            r"channel (.*) stepped by about (.*) counts between (.*) and (.*) s: its origin is lost",
+            r"канал {0}: скачок примерно на {n1} отсч. между {n2} и {n3} с, начало отсчёта потеряно",
+        ),
+        (
+            r"channel (.*) does not follow the tool between (.*) and (.*) s, which goes on evenly: its origin is lost",
+            r"канал {0} не следует за инструментом между {n1} и {n2} с, начало отсчёта потеряно",
+        ),
+        (r"(.*: its origin is lost), up to its next step at (.*) s", r"{0}, до следующего скачка в {n1} с"),
+        (
+            r"(channel .*); but it is back where it was at the rest at (.*) s: it has lost nothing",
+            r"{0}; но на остановке в {n1} с он на прежнем месте: ничего не потеряно",
+        ),
+        (r"(channel .*); but the other cables show that it has lost nothing", r"{0}; но остальные тросы показывают: ничего не потеряно"),
+        (
+            r"channel (.*) stands from (.*) s on while its point is drawn far: it does not count",
+            r"канал {0} стоит с {n1} с, хотя его точка далеко перемещается: он не считает",
+        ),
+        (r"channel (.*) was elsewhere for a moment behind (.*) s", r"канал {0}: мгновенный выброс после {n1} с"),
+        (
+            r"channel (.*) was elsewhere for a moment, (\d+) times, first behind (.*) s",
+            r"канал {0}: мгновенные выбросы, всего {1}, первый после {n2} с",
+        ),
+        (r"all channels step as if the clock had, behind (.*) s", r"скачок во всех каналах, как от часов, после {n0} с"),
+        (
+            r"all channels step as if the clock had, behind (.*) s and at (\d+) more instants",
+            r"скачки во всех каналах, как от часов, после {n0} с и ещё {1}",
+        ),
+        (
+            r"from (.*) to (.*): cable (.*) does not follow the other cables, by up to (.*) mm, and is left out",
+            r"от {0} до {1}: трос {2} не согласуется с остальными, до {n3} мм, и исключён",
+        ),
+        (
+            r"from (.*) to (.*): the cables contradict each other, and which is wrong cannot be told",
+            r"от {0} до {1}: тросы противоречат друг другу, какой из них неверен, неизвестно",
+        ),
+        (
+            r"from (.*) to (.*): the cables contradict each other, and no single one explains it",
+            r"от {0} до {1}: тросы противоречат друг другу, и ни один в отдельности этого не объясняет",
+        ),
+        (
+            r"from (.*) to (.*): the cables contradict each other: (.*) is wrong, and which cannot be told",
+            r"от {0} до {1}: тросы противоречат друг другу, неверен один из: {2}",
+        ),
+        (r"the beginning", r"начала"),
+        (r"the end", r"конца"),
+        (r"([-\d.e+]+) s", r"{n0} с"),
+        (
+            r"the rig links no calibration: by how much its drawing is off is in no uncertainty, and makes lengths contradict each other "
+            r"as well; `lmeasure calibrate` finds it",
+            r"описание установки не ссылается на калибровку: отклонения от чертежа не входят в неопределённости и тоже приводят к "
+            r"противоречию длин; их находит `lmeasure calibrate`",
+        ),
         (r"pass (\d+): the recording ended early(.*)", r"проход {0}: запись оборвалась{1}"),
         (r"pass (\d+): faults while it was recorded: (.*)", r"проход {0}: сбои при записи: {1}"),
         (
