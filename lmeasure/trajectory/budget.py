@@ -157,6 +157,11 @@ class Budget:
         """Whether a calibration is linked."""
         return self._calibration is not None
 
+    @property
+    def one_motion(self) -> bool:
+        """Whether several passes are taken for one motion, exactly repeated."""
+        return self.rig.passes > 1 and self._repeatability_mm == 0.0
+
     def of(
         self,
         time_s: FloatArray,

@@ -52,7 +52,10 @@ MOST_EPOCHS = 2**17
 """Kept of a run: of a longer one, of several neighbours the one that contradicts itself most."""
 ON_THE_WAY = 2000
 """Epochs by which a run is followed to its alarms."""
-ROUNDS = 12
+ROUNDS = 40
+NOT_REPEATED = (
+    "by how much the robot does not repeat the motion of its passes is not stated, and makes their lengths contradict each other too"
+)
 UNCALIBRATED = (
     "the rig links no calibration: by how much its drawing is off is in no uncertainty, and makes lengths contradict each other as well; "
     "`lmeasure calibrate` finds it"
@@ -88,6 +91,11 @@ class Consistency:
             if not len(alarms):
                 break
             every += self._doubts(alarms, parities)
+        else:
+            # so many faults one after the other: whatever still contradicts itself is nobody's
+            parities = self._redundancy.parities(self._epochs, self._solve(self._epochs.change_mm))
+            alarms = self._alarms(parities)
+            every += self._inconsistent((), alarms, parities) if len(alarms) else []
         notes = list(before.notes)
         every, proved = self._proved(every)
         notes = [note for note in notes if not any(note.startswith(text) for text in proved)] + list(proved.values())
@@ -337,6 +345,10 @@ def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before
         return reconstruction.solve(scheme.rows, reconstruction.start, changes, np.zeros(len(changes), np.int64))
 
     found = Consistency(reconstruction.rig, redundancy, solve, epochs, finder.samples).judged(before)
-    if reconstruction.budget.calibrated or not any(doubt.cable == EVERY for doubt in found.every):
-        return found
-    return replace(found, notes=(*found.notes, UNCALIBRATED))
+    notes = found.notes
+    contradicted = [doubt for doubt in found.every if doubt.status == Status.INCONSISTENT]
+    if not reconstruction.budget.calibrated and any(doubt.cable == EVERY for doubt in contradicted):
+        notes = (*notes, UNCALIBRATED)
+    if contradicted and reconstruction.budget.one_motion:
+        notes = (*notes, NOT_REPEATED)
+    return replace(found, notes=notes)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.status import Status
@@ -44,11 +44,18 @@ BRIDGED_S = 0.1
 """Within which a channel that comes back to where it would be anyway has lost nothing."""
 SHARED = 0.25
 """Of the largest step that may be left of the steps of all channels where the clock stepped, or their counts were held."""
+BINS = np.concatenate([[0.0], np.geomspace(1.0, 1e9, 181)])
+HABITS_EVERY = 4
+"""Samples of which one is looked at for what is usual."""
 JITTERED = 4.0
 """Times the way that a cable goes while stamps are off: both speeds, and the interval itself."""
-HABIT = 0.02
+STALE = 0.1
 """Of the intervals in which a cable moves: a channel that steps more often does so by nature, as one that is read more often than it
 counts."""
+HELD = 8.0
+"""Intervals for which such a channel holds its counts at most."""
+HABIT = 0.02
+"""Of a run: what a cable does for longer is its habit."""
 AROUND = 6
 """Samples either way over which a speed is taken that stale counts do not hide."""
 EVEN = 0.02
@@ -109,8 +116,10 @@ class ContinuityFinder:
         self._going = np.zeros(len(drums))
         """Intervals in which each cable moved."""
         self._steps: list[_Candidates] = []
+        self._habits = [np.zeros((len(drums), len(BINS)), np.int64) for _ in WINDOWS_S]
         self._rushes: list[list[_Candidates]] = [[] for _ in WINDOWS_S]
         self._jumps: list[Break] = []
+        self._last_seen: list[tuple[float, float] | None] = [None] * len(drums)
 
     def add(self, lengths: Lengths) -> None:
         """Take the next piece into account."""
@@ -142,9 +151,9 @@ class ContinuityFinder:
         """All that the run told."""
         breaks: list[Break] = []
         clock: set[float] = set()
-        held = self._held_s()
+        held, acceleration = self._held_s(), np.maximum(self._acceleration, self._usual(0))
         for candidates in self._steps:
-            allowed = candidates.allowed_mm + MARGIN * self._acceleration * candidates.geometry_s2[:, None]
+            allowed = candidates.allowed_mm + MARGIN * acceleration * candidates.geometry_s2[:, None]
             allowed += held * np.abs(candidates.going_mm_s)
             beyond = np.abs(candidates.by) > allowed
             for i in np.flatnonzero(beyond.any(axis=1)):
@@ -155,7 +164,7 @@ class ContinuityFinder:
         _add(breaks, self._jumps)
         for number, every in enumerate(self._rushes):
             for candidates in every:
-                beyond = np.abs(candidates.by) > RUSH * self._accelerations[: number + 1].max()
+                beyond = np.abs(candidates.by) > RUSH * self._accelerations[: number + 1].max() + 2.0 * self._usual(number)
                 rushed = (replace(candidates.at(int(i), int(j), np.nan), by_mm=np.nan) for i, j in np.argwhere(beyond))
                 # a step is a rush as well, as far as the stretch reaches
                 _add(breaks, rushed, 1.5 * max(WINDOWS_S[number], self._interval_s))
@@ -164,17 +173,25 @@ class ContinuityFinder:
         _add(breaks, (Break(*end, np.nan, np.nan) for end in ends), self._interval_s)
         breaks.sort(key=lambda b: b.before_s)
         lost, away = self._bridged(breaks)
-        least = STEP_MM + SMALLEST_COUNTS * self._count_mm + MARGIN * self._acceleration * self._geometry + self._jitter_mm
+        least = STEP_MM + SMALLEST_COUNTS * self._count_mm + MARGIN * acceleration * self._geometry + self._jitter_mm
         return Continuity(tuple(lost), tuple(away), stood, self._acceleration, least, tuple(sorted(clock)))
+
+    def _usual(self, number: int) -> FloatArray:
+        """(m,) the acceleration of each cable by habit, in all but some hundredths of the run: a tool may have a way along which it
+        accelerates one cable only."""
+        counts = np.cumsum(self._habits[number], axis=1)
+        reached = counts >= (1.0 - HABIT) * np.maximum(counts[:, -1:], 1)
+        return np.where(counts[:, -1] > 0, BINS[np.argmax(reached, axis=1)], 0.0)
 
     def _held_s(self) -> FloatArray:
         """(m,) for how long [s] a channel that steps all the time holds its counts: more than steps of that size are faults."""
         by = np.concatenate([np.abs(c.by) * (np.abs(c.by) > c.allowed_mm) for c in self._steps] or [np.zeros((0, len(self._mm)))])
         going = np.concatenate([np.abs(c.going_mm_s) for c in self._steps] or [np.zeros((0, len(self._mm)))])
         out = np.zeros(len(self._mm))
-        for j in np.flatnonzero((by > 0.0).sum(axis=0) > HABIT * self._going):
+        for j in np.flatnonzero((by > 0.0).sum(axis=0) > STALE * self._going):
             steps = by[:, j] > 0.0
-            out[j] = 2.0 * np.quantile(by[steps, j] / np.maximum(going[steps, j], GOING_MM_S), 0.95)
+            held = 2.0 * np.quantile(by[steps, j] / np.maximum(going[steps, j], GOING_MM_S), 0.95)
+            out[j] = min(held, HELD * self._interval_s)
         return out
 
     def _bridged(self, breaks: list[Break]) -> tuple[list[Break], list[Away]]:
@@ -201,16 +218,22 @@ class ContinuityFinder:
         return bool(abs(missed) <= known <= abs(new.by_mm) / 2.0)
 
     def _take_jumps(self, lengths: Lengths, time_s: FloatArray, mm: FloatArray, known: int) -> None:
-        """Jumps beyond the stated speed, which may stand where no step can be told from the motion."""
+        """Jumps beyond the stated speed, which may stand where no step can be told from the motion: behind empty cells, or first of all."""
         for j, reasons in enumerate(lengths.reasons):
             for reason in reasons:
                 if reason.status != Status.JUMP:
                     continue
-                for i in np.flatnonzero(reason.mask) + known:
-                    if i > 0 and np.isfinite(mm[i, j] - mm[i - 1, j]):
-                        by = float(mm[i, j] - mm[i - 1, j])
-                        about = float(np.fmax.reduce(np.abs(np.diff(mm[max(i - 3, 0) : i, j])), initial=0.0))
-                        self._jumps.append(Break(j, float(time_s[i - 1]), float(time_s[i]), by, STEP_MM + 2.0 * about))
+                for i in (np.flatnonzero(reason.mask) + known).tolist():
+                    seen = np.flatnonzero(np.isfinite(mm[:i, j]))
+                    before = (float(time_s[seen[-1]]), float(mm[seen[-1], j])) if len(seen) else self._last_seen[j]
+                    if before is None or not np.isfinite(mm[i, j]):
+                        continue
+                    about = float(np.fmax.reduce(np.abs(np.diff(mm[max(i - 3, 0) : i, j])), initial=0.0))
+                    self._jumps.append(Break(j, before[0], float(time_s[i]), float(mm[i, j]) - before[1], STEP_MM + 2.0 * about))
+        for j, column in enumerate(mm.T):
+            seen = np.flatnonzero(np.isfinite(column))
+            if len(seen):
+                self._last_seen[j] = float(time_s[seen[-1]]), float(column[seen[-1]])
 
     def _look_for_steps(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, interval: float, off: FloatArray) -> None:
         steps = np.diff(time_s)
@@ -234,16 +257,20 @@ class ContinuityFinder:
         bent = x[:, 2 * w :] - 2.0 * x[:, w:-w]
         bent += x[:, : -2 * w]
         # by the samples' order, and where they are not even by their stamps: as for steps
-        size = (np.abs(bent, out=bent) - SMALLEST_COUNTS * self._count_mm[:, None] * 2.0) / (w * interval) ** 2
+        missed_mm = SMALLEST_COUNTS * self._count_mm[:, None]
+        size = (np.abs(bent, out=bent) - 2.0 * missed_mm) / (w * interval) ** 2
         if max(np.abs(before - w * interval).max(), np.abs(after - w * interval).max()) > EVEN * w * interval:
             first, second = (x[:, w:-w] - x[:, : -2 * w]) / before, (x[:, 2 * w :] - x[:, w:-w]) / after
-            missed = SMALLEST_COUNTS * self._count_mm[:, None] + 2.0 * off_s * np.fmax(np.abs(first), np.abs(second))
+            missed = missed_mm + 2.0 * off_s * np.fmax(np.abs(first), np.abs(second))
             by_stamps = (np.abs(second - first) - missed * (1.0 / before + 1.0 / after)) * (2.0 / (before + after))
             size = np.fmin(size, by_stamps)
         largest, next_largest = _two_largest(size)
         self._accelerations[number] = max(self._accelerations[number], float(np.fmax.reduce(next_largest, initial=0.0)))
+        self._habits[number] += _sizes(size[:, max(known - 2 * w, 0) :: HABITS_EVERY])
         limit = RUSH * self._accelerations[: number + 1].max()
-        some = np.flatnonzero(largest > limit)
+        # a cable that sticks and slips rushes as well
+        slips = 2.0 * STEP_MM / (w * interval) ** 2
+        some = np.flatnonzero(largest > limit + slips)
         some = some[some + 2 * w >= known]
         if not len(some):
             return
@@ -255,11 +282,11 @@ class ContinuityFinder:
         # where the change is in the middle of the stretch it is seen largest
         around = np.clip(some[:, None] + np.arange(-w, w + 1), 0, size.shape[1] - 1)
         peak = np.fmax.reduce(size[:, around], axis=2).T
-        alone = (mine > limit) & (mine > ALONE * others) & going & (mine >= peak)
+        alone = (mine > limit + slips) & (mine > ALONE * others) & going & (mine >= peak)
         rows = np.flatnonzero(alone.any(axis=1))
         if len(rows):
             middle, nothing = some[rows] + w, np.zeros(len(rows))
-            by = np.where(alone, mine, 0.0)[rows]
+            by = np.where(alone, mine - slips, 0.0)[rows]
             states = np.zeros_like(by), np.array((mm[middle], mm[middle])), np.array((first[rows], second[rows]))
             self._rushes[number].append(_Candidates(time_s[middle - 1], time_s[middle + 1], by, nothing[:, None], nothing, *states))
 
@@ -341,6 +368,12 @@ def _both(a: FloatArray, b: FloatArray) -> FloatArray:
     """What two estimates of a step agree on: the smaller of the same sign, else nothing; nothing where one is NaN."""
     out = np.where(np.sign(a) == np.sign(b), np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0)
     return np.where(np.isfinite(out), out, 0.0)
+
+
+def _sizes(values: FloatArray) -> IntArray:
+    """(m, bins) how many of (m, n) accelerations are up to each of `BINS` and above the one before; NaN counts as none at all."""
+    place = np.searchsorted(BINS, np.nan_to_num(values)).clip(max=len(BINS) - 1)
+    return np.stack([np.bincount(row, minlength=len(BINS)) for row in place])
 
 
 def _two_largest(values: FloatArray) -> tuple[FloatArray, FloatArray]:

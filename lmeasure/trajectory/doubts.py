@@ -24,6 +24,8 @@ BACK_COUNTS = 3.0
 BACK_MM = 0.1
 BACK_SCATTERS = 3.0
 """Of the other channels at the two visits (root mean square), between these bounds: up to this a channel is back where it was."""
+TOLD = 12
+"""Notes of a run's counters that a reader is asked to read."""
 COARSE_MM = 1.0
 """A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on."""
 
@@ -106,6 +108,8 @@ def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
         told = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
         more = len(continuity.clock_s) - 3
         notes.append(f"all channels step as if the clock had, behind {told} s{f' and at {more} more instants' if more > 0 else ''}")
+    if len(notes) > TOLD:
+        notes = [*notes[:TOLD], f"and {len(notes) - TOLD} more of the kind"]
     return Doubts(tuple(every), tuple(notes))
 
 

@@ -35,11 +35,10 @@ class StandingFinder:
         braked = np.array([rig.point(c.from_point).drum.braked for c in rig.cable])
         self._together = (points[:, None] == points) & ~np.eye(m, dtype=np.bool_) & ~braked[:, None]
         # of each channel: its last count and since when, the extremes of the ways of all cables since then, and whether it has been told
-        self._last, self._since = np.full(m, np.nan), np.full(m, np.nan)
+        self._last, self._last_s, self._since = np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan)
         self._low, self._high = np.full((m, m), np.inf), np.full((m, m), -np.inf)
         self._told, self._way = np.zeros(m, np.bool_), np.zeros(m)
         self._found: list[Stood] = []
-        self._before_s = 0.0
 
     def add(self, time_s: FloatArray, mm: FloatArray) -> None:
         """The next samples: times (n,) and lengths (n, m) by the counts alone."""
@@ -47,28 +46,33 @@ class StandingFinder:
         gone = np.nan_to_num(np.diff(mm, axis=0, prepend=self._last[None])).clip(-MOST_MM, MOST_MM).cumsum(axis=0) + self._way
         self._way = gone[-1]
         for j in np.flatnonzero(self._together.any(axis=1)):
-            values = np.concatenate([self._last[j : j + 1], mm[:, j]])
-            # empty cells do not move a channel
-            moved = np.flatnonzero(~((values[1:] == values[:-1]) | np.isnan(values[1:])))
-            edges = np.concatenate([[0], moved, [len(time_s)]])
-            # the one that goes on from before, long ones, and the one that will go on
-            lasting = time_s[edges[1:] - 1] - time_s[np.minimum(edges[:-1], len(time_s) - 1)] >= STANDS_S
-            lasting[0] = lasting[-1] = True
-            for number in np.flatnonzero(lasting).tolist():
-                begin, end = int(edges[number]), int(edges[number + 1])
-                if number:
-                    self._begin(int(j), float(time_s[begin]))
-                if end > begin:
-                    self._go_on(int(j), time_s[begin:end], gone[begin:end])
-                if self._told[j] and end < len(time_s):
-                    # the last sample at which it stood may be one of the piece before
-                    self._end(int(j), float(time_s[end - 1]) if end else self._before_s)
+            # empty cells neither move a channel nor let it stand
+            seen = np.flatnonzero(np.isfinite(mm[:, j]))
+            if len(seen):
+                self._look(int(j), time_s[seen], mm[seen, j], gone[seen])
 
-        self._before_s = float(time_s[-1])
         for cable, column in enumerate(mm.T):
             seen = np.flatnonzero(np.isfinite(column))
             if len(seen):
-                self._last[cable] = column[seen[-1]]
+                self._last[cable], self._last_s[cable] = column[seen[-1]], time_s[seen[-1]]
+
+    def _look(self, j: int, time_s: FloatArray, mm: FloatArray, gone: FloatArray) -> None:
+        """At a channel's own samples: times and lengths (n,), and the ways of all cables (n, m)."""
+        values, times = np.concatenate([self._last[j : j + 1], mm]), np.concatenate([self._last_s[j : j + 1], time_s])
+        moved = np.flatnonzero((values[1:] != values[:-1]) | ~(np.diff(times) <= STANDS_S))
+        edges = np.concatenate([[0], moved, [len(time_s)]])
+        # the one that goes on from before, long ones, and the one that will go on
+        lasting = time_s[edges[1:] - 1] - time_s[np.minimum(edges[:-1], len(time_s) - 1)] >= STANDS_S
+        lasting[0] = lasting[-1] = True
+        for number in np.flatnonzero(lasting).tolist():
+            begin, end = int(edges[number]), int(edges[number + 1])
+            if number:
+                self._begin(j, float(time_s[begin]))
+            if end > begin:
+                self._go_on(j, time_s[begin:end], gone[begin:end])
+            if self._told[j] and end < len(time_s):
+                # the last sample at which it stood may be one of the piece before
+                self._end(j, float(time_s[end - 1]) if end else float(self._last_s[j]))
 
     def _end(self, j: int, time_s: float) -> None:
         k = max(i for i, stood in enumerate(self._found) if stood.cable == j)
@@ -86,9 +90,11 @@ class StandingFinder:
         self._high[j] = np.fmax(self._high[j], np.fmax.reduce(mm, axis=0))
         far = self._high[j] - self._low[j]
         # one cable alone that runs off is itself at fault
-        if far[self._together[j]].max() > STANDS_MM and (far > MOVES_MM).sum() >= MOVING:
+        since = float(self._since[j] if np.isfinite(self._since[j]) else time_s[0])
+        self._since[j] = since
+        long = time_s[-1] - since >= STANDS_S
+        if long and far[self._together[j]].max() > STANDS_MM and (far > MOVES_MM).sum() >= MOVING:
             self._told[j] = True
-            since = self._since[j] if np.isfinite(self._since[j]) else float(time_s[0])
             self._found.append(Stood(j, since, np.inf))
 
     def found(self) -> tuple[Stood, ...]:

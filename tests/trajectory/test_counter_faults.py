@@ -10,7 +10,7 @@ from cells import START, FloatArray, cell, motion, position_error, record, with_
 from scipy.spatial.transform import Rotation
 from test_schemes import EIGHT, SEVEN, rig_of
 
-from lmeasure.rig import Rig
+from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run, read_run, read_run_head, write_run
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream
@@ -276,3 +276,100 @@ def test_a_drawing_that_is_off_is_not_called_a_fault_of_a_cable() -> None:
     trajectory = reconstruct(replace(run, rig=rig.model_copy(update={"observation_point": tuple(moved)})))
     assert set(words(trajectory)) == {"inconsistent"}
     assert any("the rig links no calibration" in note for note in trajectory.notes)
+
+
+@pytest.mark.parametrize("flips", [3, 40])
+def test_bits_that_flip_often_are_no_habit(flips: int) -> None:
+    """On a straight line at an even speed, which has no acceleration to hold anything against."""
+    t = np.arange(4000) / 250.0
+    poses = np.zeros((4000, 7))
+    poses[:, 0], poses[:, 6] = 60.0 * t, 1.0
+    run = record(cell(), t, poses)
+    recorded = run.passes[0].recorded.copy()
+    at = 50 + 90 * np.arange(flips)
+    recorded[at, 3] = recorded[at, 3].astype(int) ^ 1024
+    trajectory = reconstruct(with_recorded(run, recorded))
+    assert np.flatnonzero(trajectory.status != Status.OK).tolist() == at.tolist()
+    assert any("was elsewhere for a moment" in note for note in trajectory.notes)
+
+
+def orthogonal() -> Rig:
+    """Three cables to one point, along the axes: a motion along one of them hardly moves the others."""
+    data = cell().to_dict()
+    far = {"B1": [-1500.0, 150.0, 0.0], "B2": [0.0, -1350.0, 0.0], "B3": [0.0, 150.0, 1500.0]}
+    points = [
+        dict(p, position_mm=far[p["name"]], guide_alpha_deg=45.0 if p["name"] != "B3" else -30.0) for p in data["observation_point"][:3]
+    ]
+    return cell(observation_point=points, cable=[{"name": f"c{i}", "channel": f"ch{i}", "from": f"B{i}", "to": "P1"} for i in (1, 2, 3)])
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0, 100.0, 250.0])
+def test_a_cable_that_moves_alone_by_its_place_is_no_fault(rate_hz: float) -> None:
+    t = np.arange(round(10 * rate_hz)) / rate_hz
+    poses = np.zeros((len(t), 7))
+    poses[:, 0], poses[:, 6] = 150.0 * np.sin(np.pi * t), 1.0
+    found = continuity_of(record(orthogonal(), t, poses))
+    assert (found.breaks, found.away, found.stood) == ((), (), ())
+
+
+@pytest.mark.parametrize("what", ["vibrates", "sticks"])
+def test_a_cable_that_vibrates_or_sticks_a_little_follows(what: str) -> None:
+    t = np.arange(1500) / 250.0
+    poses = np.zeros((1500, 7))
+    poses[:, 0], poses[:, 6] = 60.0 * t, 1.0
+    run = record(cell(), t, poses)
+    recorded = run.passes[0].recorded.copy()
+    if what == "vibrates":
+        recorded[:, 2] += np.rint(5.0 * np.sin(2.0 * np.pi * 25.0 * t))
+    else:
+        recorded[700:775, 2] -= np.rint(np.linspace(0.0, 12.0, 75))
+    assert set(words(reconstruct(with_recorded(run, recorded)))) == {"ok"}
+
+
+def test_a_jump_behind_empty_cells_loses_the_origin_too() -> None:
+    run = round_trip(cell())
+    recorded = run.passes[0].recorded.copy()
+    recorded[600:630, 3] = np.nan
+    recorded[630:, 3] += 300_000
+    trajectory = reconstruct(with_recorded(run, recorded))
+    assert set(words(trajectory)[600:630]) == {"gap"}
+    assert set(words(trajectory)[631:]) == {"origin_lost"}
+    assert (trajectory.status[:600] == Status.OK).all()
+
+
+def test_empty_cells_neither_hide_nor_make_a_channel_that_stands() -> None:
+    run = round_trip(cell())
+    standing = run.passes[0].recorded.copy()
+    standing[100:, 2] = standing[100, 2]
+    standing[::20, 2] = np.nan
+    assert [stood.cable for stood in continuity_of(with_recorded(run, standing)).stood] == [2]
+    for begin in range(20, 1500, 100):
+        empty = run.passes[0].recorded.copy()
+        empty[begin : begin + 150, 0] = np.nan
+        assert continuity_of(with_recorded(run, empty)).stood == ()
+
+
+def test_more_faults_than_anybody_counts_are_never_called_ok(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lmeasure.trajectory.consistency.ROUNDS", 2)
+    run = record(rig_of(EIGHT), *motion(4800, rate_hz=200.0))
+    recorded = run.passes[0].recorded.copy()
+    for k in range(8):
+        begin = 100 + 600 * k
+        recorded[begin : begin + 250, (2, 6)[k % 2]] -= np.rint(600.0 * np.sin(np.pi * np.arange(250) / 250) ** 2)[: 4800 - begin]
+    trajectory = reconstruct(with_recorded(run, recorded))
+    ok = trajectory.status == Status.OK
+    assert position_error(trajectory.poses[ok], motion(4800, rate_hz=200.0)[1][ok]).max(initial=0.0) < 0.05
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0])
+def test_passes_that_are_interpolated_do_not_contradict_each_other(rate_hz: float) -> None:
+    data = rig_of(EIGHT).to_dict()
+    for i, cable in enumerate(data["cable"]):
+        cable["pass"] = 1 + i // 4
+    times, poses = motion(240, rate_hz=rate_hz)
+    run = record(rig_from_dict(data), times, poses)
+    later = times[:-1] + 0.5 / rate_hz
+    between = record(run.rig, *motion(480, rate_hz=2 * rate_hz)).passes[1].recorded[1:-1:2][: len(later)]
+    shifted = replace(run.passes[1], time_s=np.concatenate([[times[0]], later]), recorded=np.vstack([run.passes[1].recorded[:1], between]))
+    trajectory = reconstruct(replace(run, passes=(run.passes[0], shifted)))
+    assert set(words(trajectory)[2:-2]) == {"ok"}
