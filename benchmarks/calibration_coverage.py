@@ -16,11 +16,12 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration import Calibration, Settings, calibrate
 from lmeasure.calibration.refine import Noise, Whitened, fit, residual_covariance
 from lmeasure.calibration.unknowns import Model, unknowns_of
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import cable_covariance, counts_from_poses, span_lengths
+from lmeasure.lengths import counts_from_poses, span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
 from coverage_table import command, row

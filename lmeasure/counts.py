@@ -6,14 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import conventions, files
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels import counter
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 INFERRED_BITS = (16, 24, 32)
 

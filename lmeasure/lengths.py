@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lmeasure import files, unsolved
-from lmeasure.arrays import TextArray
-from lmeasure.calibration_record import CalibrationRecord
+from lmeasure import files
+from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.counts import Unwrapped, unwrap
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
@@ -19,9 +17,6 @@ from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, W
 from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.run import Run
 from lmeasure.status import WORDS, Status, words
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SLACK_S = 0.5  # a cable that lost the tool is taut again before
 HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
@@ -32,7 +27,7 @@ MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 class Reason(NamedTuple):
     """Why samples of a channel are not used: mask (n,), their status, and in words."""
 
-    mask: NDArray[np.bool_]
+    mask: BoolArray
     status: int
     text: str
 
@@ -270,7 +265,7 @@ def _reasons(counter: Unwrapped, channel: str, drum: Drum, time_s: FloatArray) -
     return tuple(reason for reason in every if reason.mask.any())
 
 
-def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> NDArray[np.bool_]:
+def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> BoolArray:
     """(n,) where a cable does not follow, from its true counts (n,) at times (n,): it changed its speed faster than limit [1/s^2] allows,
     beyond what counts rounded to a quantum can show, or stands between two such changes less than SLACK_S apart.
 
@@ -360,89 +355,3 @@ def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) 
         Reason(outside, Status.GAP, f"pass {passage} does not cover this time"),
         Reason(hole, Status.GAP, f"pass {passage} has no samples around this time"),
     )
-
-
-def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:
-    """For each cable the calibration record's names of the kernels' parameters (`kernels.cable.PARAMETERS`)."""
-    out: list[list[str]] = []
-    for c in rig.cable if cables is None else cables:
-        point = c.from_point
-        own = (
-            "x_mm",
-            "y_mm",
-            "z_mm",
-            "guide_alpha_deg",
-            "guide_beta_deg",
-            "pulley_radius_mm",
-            "scale",
-            "tangent_length_mm",
-            "axial_offset_mm",
-        )
-        attachment = [f"tool.{c.to_point}.{axis}_mm" for axis in "xyz"]
-        out.append([*(f"{point}.{key}" for key in own), *attachment, f"{point}.groove_pitch_mm"])
-    return out
-
-
-def cable_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(13 m, 13 m) covariance of the cables' parameters, mm and rad, in the kernels' order: of the record, and of dimensions that the rig
-    states to be uncertain (`unsolved_columns`); zero where there is neither."""
-    rest, columns = solved_covariance(rig, record, cables), unsolved_columns(rig, record, cables)
-    return rest + columns @ columns.T if columns.shape[1] else rest
-
-
-def solved_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(13 m, 13 m) covariance of the cables' parameters by what the calibration solved, without what they have from `unsolved_columns`."""
-    m = len(rig.cable if cables is None else cables)
-    if record is None:
-        return np.zeros((m * len(cable_kernels.PARAMETERS), m * len(cable_kernels.PARAMETERS)))
-    names = parameter_names(rig, cables)
-    covariance = record.cable_covariance(names)
-    if not record.dimensions:
-        return covariance
-    followed = record.dimension_columns(names)[1]
-    return np.asarray(covariance - followed @ followed.T)
-
-
-def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
-    """(p, r) F with F F^T the covariance (p, p), r its rank; width (p,): a standard uncertainty of each parameter, 0 where it is exact.
-
-    Parameters are millimetres and radians, known well and badly: what is nothing can only be told in units of their own widths. One that
-    several cables share stands in the covariance several times, and once in F.
-    """
-    unit = np.where(width > 0.0, width, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    kept = values > 1e-14 * max(float(values.max(initial=0.0)), 0.0)
-    return np.ascontiguousarray(unit[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
-
-
-def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of the dimensions that
-    the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them.
-
-    What a record says of a dimension counts, and not the rig, whose statement was the calibration's prior.
-    """
-    chosen = rig.cable if cables is None else cables
-    names = parameter_names(rig, chosen)
-    known = () if record is None else record.dimensions
-    solved = () if record is None else record.names
-    stated = {n: v.u for v in unsolved.stated(rig, chosen, solved, unsolved.PARAMETERS) for n in v.names}
-    own = _selected(rig, chosen, tuple(stated)) * np.array(list(stated.values()))
-    if record is None or not known:
-        return own
-    of_dimensions, followed = record.dimension_columns(names)
-    return np.column_stack([_selected(rig, chosen, tuple(d.name for d in known)) @ of_dimensions + followed, own])
-
-
-def _selected(rig: Rig, cables: tuple[Cable, ...], dimensions: tuple[str, ...]) -> FloatArray:
-    """(13 m, s) the kernels' parameters by these dimensions of the rig."""
-    names, parameters = parameter_names(rig, cables), cable_kernels.PARAMETERS
-    out = np.zeros((len(cables), len(parameters), len(dimensions)))
-    for j, c in enumerate(cables):
-        drum = rig.point(c.from_point).drum
-        for s, name in enumerate(dimensions):
-            if name == f"{c.from_point}.count_length_mm":
-                # a longer count is a recorded count that stands for more: f changes by k c/scale and by -k
-                out[j, parameters.index("scale"), s] = -drum.scale / drum.count_length_mm
-            elif name in names[j]:
-                out[j, names[j].index(name), s] = 1.0
-    return out.reshape(len(cables) * len(parameters), len(dimensions))

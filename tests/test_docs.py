@@ -22,7 +22,7 @@ import pytest
 
 from lmeasure.cli import main
 from lmeasure.kernels import lanes, screw
-from lmeasure.trajectory import consistency, continuity, doubts, evidence, lost, screw_method, standing, visits
+from lmeasure.trajectory import consistency, continuity, doubts, evidence, lost, screw_method, standing, steps, visits
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -109,7 +109,7 @@ def test_pictures_are_those_of_the_program(tmp_path: Path) -> None:
 
 CONSTANTS = {
     "faults.md": [
-        f"and {continuity.STEP_MM:g} mm for a cable that sticks and slips",
+        f"and {steps.STEP_MM:g} mm for a cable that sticks and slips",
         f"({['', '', '', '', '', 'five'][int(continuity.RUSH)]} times the motion's acceleration)",
         f"stands on one count for {standing.STANDS_S:g} s while",
         f"of the same attachment point is drawn by {standing.STANDS_MM:g} mm",

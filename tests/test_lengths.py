@@ -11,19 +11,18 @@ import pytest
 import test_rig
 from numpy.typing import NDArray
 
+from lmeasure.cable_parameters import cable_covariance, parameter_names
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.kernels.cable import PARAMETERS
 from lmeasure.lengths import (
     Lengths,
-    cable_covariance,
     changes_from_counts,
     count_variance,
     counts_from_poses,
     length_residuals,
     lengths_from_counts,
-    parameter_names,
     read_lengths,
     recorded_from_counts,
     span_lengths,

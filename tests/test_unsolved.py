@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import covariances, unsolved
 from lmeasure.accuracy.zone import scan_zone, tilts
+from lmeasure.cable_parameters import cable_covariance, unsolved_columns
 from lmeasure.counts import Counts
 from lmeasure.effects import zero_at
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import changes_from_counts, length_gradients, span_lengths, span_rows
-from lmeasure.lengths import cable_covariance, unsolved_columns
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
 from lmeasure.trajectory import reconstruct

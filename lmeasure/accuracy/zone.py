@@ -18,13 +18,14 @@ from lmeasure.accuracy.refinement import refined_volume
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.cable_parameters import cable_covariance, covariance_root
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.effects import zero_at
 from lmeasure.errors import AccuracyError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
-from lmeasure.lengths import cable_covariance, covariance_root, span_lengths
+from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 from lmeasure.zeroing import length_variance, zeroed_exactly
 

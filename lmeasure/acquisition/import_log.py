@@ -16,6 +16,7 @@ from lmeasure.acquisition.decoders import STANDARD_IDENTIFIERS, CounterField, co
 from lmeasure.acquisition.events import EventLog, event_columns
 from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames
 from lmeasure.acquisition.logfiles import LogReport, identifiers_in, log_batches
+from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.can_table import CanOpenCan, DbcCan, DbcChannel
 from lmeasure.counts import Counts
@@ -24,7 +25,6 @@ from lmeasure.opened import sha256_of
 from lmeasure.rig import Rig
 from lmeasure.run import Run, write_run
 
-FloatArray = np.ndarray[Any, np.dtype[np.float64]]
 SHOWN_IDENTIFIERS = 12
 
 

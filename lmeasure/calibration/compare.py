@@ -13,12 +13,12 @@ import numpy as np
 import scipy.stats
 
 from lmeasure.arrays import FloatArray
+from lmeasure.cable_parameters import parameter_names
 from lmeasure.calibration.prediction import workspace
 from lmeasure.calibration.solve import Calibration
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import parameter_names
 from lmeasure.rig import Cable, Rig, read_rig
 
 SIGNIFICANT = 0.01

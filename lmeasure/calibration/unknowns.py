@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.cable_parameters import parameter_names
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.effects import Zero, effects_of
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import count_variance, parameter_names
+from lmeasure.lengths import count_variance
 from lmeasure.rig import ObservationPoint, Rig, rig_from_dict
 from lmeasure.unsolved import Unsolved, stated
 

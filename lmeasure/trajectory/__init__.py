@@ -1,7 +1,8 @@
 """Where the gripper went: trajectories from runs."""
 
-from lmeasure.trajectory.budget import PoseCovariances, covariances
+from lmeasure.trajectory.budget import PoseCovariances
 from lmeasure.trajectory.record import Summary, Trajectory, read_trajectory
+from lmeasure.trajectory.run_covariances import covariances
 from lmeasure.trajectory.runs import reconstruct
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.stream import can_stream, reconstruct_stream

@@ -7,36 +7,22 @@ sum_k factor_k z_k, with factors of its own at every sample and the same z: from
 follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). What the sources are: `trajectory.sources`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.cable_parameters import cable_covariance, covariance_root, solved_covariance, unsolved_columns
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import REFERENCE_C, effects_of, zero_at
-from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
-from lmeasure.lengths import (
-    Lengths,
-    cable_covariance,
-    count_variance,
-    covariance_root,
-    solved_covariance,
-    unsolved_columns,
-    zero_temperature,
-)
+from lmeasure.lengths import Lengths, count_variance
 from lmeasure.rig import Rig
-from lmeasure.run import Run
-from lmeasure.status import Status
 from lmeasure.trajectory import at_once
-from lmeasure.trajectory.corrections import Correction, correction_of
-from lmeasure.trajectory.evidence import CLOSURE, Evidence
-from lmeasure.trajectory.passes import Alignment, align
-from lmeasure.trajectory.record import NAMES, Trajectory
-from lmeasure.trajectory.scheme import Scheme, scheme_of
+from lmeasure.trajectory.corrections import Correction
+from lmeasure.trajectory.scheme import Scheme
 from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, zero_phase
 from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
@@ -324,75 +310,6 @@ class Budget:
         if unused is not None:
             weights[unused] = 0.0
         return np.asarray(least_squares.twists(self.scheme.rows, poses, weights, self.scheme.free_index))
-
-
-def covariances(
-    trajectory: Trajectory,
-    run: Run | Alignment,
-    samples: slice | NDArray[np.intp] | BoolArray | None = None,
-    *,
-    constraint: str | None = None,
-    repeatability_mm: float = 0.0,
-) -> PoseCovariances:
-    """Random covariances and systematic factors of the poses of a run, all or the chosen samples; constraint and repeatability_mm as
-    `reconstruct` was given them. A trajectory that was read from its file will do.
-
-    TrajectoryError when the trajectory is not of this run; raises what `passes.align` raises.
-    """
-    aligned = align(run)
-    run, lengths = aligned.run, aligned.lengths
-    if len(aligned.stamp_s) != len(trajectory.time_s) or not np.allclose(aligned.stamp_s, trajectory.time_s, rtol=0.0, atol=1e-9):
-        raise TrajectoryError(
-            f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
-            "it is not of this run"
-        )
-    start = run.known_start
-    scheme = scheme_of(run.rig, start, constraint)
-    correction = correction_of(run.rig, scheme, scheme.start_of(start), zero_temperature(lengths, run.temperature_c))
-    budget = Budget(run.rig, start, scheme, run.calibration, run.u_start, aligned.clocks, repeatability_mm, correction)
-    chosen = slice(None) if samples is None else samples
-    speed, skew = budget.speed_mm_s(lengths)[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
-    poses = trajectory.poses[chosen].copy()
-    if scheme.point is not None:
-        # of the point alone: any orientation will do, for the rows have no arms
-        known = ~np.isnan(poses[:, 0])
-        poses[known, 3:] = (0.0, 0.0, 0.0, 1.0)
-    warm = None if lengths.temperature_c is None else lengths.temperature_c[chosen]
-    travel = budget.travel(lengths)
-    travel = None if travel is None else travel[chosen]
-    unused = left_out(trajectory, lengths.cables)[chosen]
-    found = budget.of(lengths.time_s[chosen], poses, lengths.counts[chosen], speed, skew, unused, warm, travel=travel)
-    if aligned.evidence.closure_mm.any():
-        closing = closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, lengths.counts[chosen], unused)
-        sources = (*found.sources, *(CLOSURE,) * closing.shape[2])
-        uniform = (*found.uniform, *(False,) * closing.shape[2])
-        found = replace(found, factors=np.concatenate([found.factors, closing], axis=2), sources=sources, uniform=uniform)
-    return found if scheme.point is None else without_orientation(found)
-
-
-def without_orientation(found: PoseCovariances) -> PoseCovariances:
-    """The same where the orientation is not measured: NaN."""
-    own, factors = found.own.copy(), found.factors.copy()
-    own[:, :3] = factors[:, :3] = np.nan
-    return replace(found, own=own, factors=factors)
-
-
-def closure_factors(
-    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, counts: FloatArray, unused: BoolArray, compiled: bool = True
-) -> FloatArray:
-    """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
-    G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled)
-    return np.asarray(G @ evidence.closure_lengths(time_s))
-
-
-def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArray:
-    """(n, m) cables that `ok` samples name because they were not used."""
-    out = np.zeros((len(trajectory.time_s), len(cables)), np.bool_)
-    ok = trajectory.status == Status.OK
-    for names in set(trajectory.cable[ok]) - {""}:
-        mask = ok & (trajectory.cable == names)
-        out[np.ix_(mask, [cables.index(name) for name in names.split(NAMES) if name in cables])] = True
-    return out
 
 
 def _without_point(scheme: Scheme, rows: FloatArray) -> FloatArray:

@@ -20,14 +20,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.arrays import FloatArray
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.status import Status
 from lmeasure.trajectory.standing import StandingFinder, Stood
+from lmeasure.trajectory.steps import (
+    BINS,
+    EVEN,
+    HOLE,
+    JITTERED,
+    SMALLEST_COUNTS,
+    STEP_MM,
+    Break,
+    Candidates,
+    counted_sizes,
+    off_usual_s,
+    others_largest,
+    steps_seen,
+    two_largest,
+)
 
-STEP_MM = 0.2
-"""A smaller step may be a cable's that sticks and slips."""
 STRIDES = (1, 2)
 """Of samples: a count that was lost half-way between two samples, or was interpolated, is spread over two."""
 MARGIN = 2.0
@@ -44,11 +57,8 @@ BRIDGED_S = 0.1
 """Within which a channel that comes back to where it would be anyway has lost nothing."""
 SHARED = 0.25
 """Of the largest step that may be left of the steps of all channels where the clock stepped, or their counts were held."""
-BINS = np.concatenate([[0.0], np.geomspace(1.0, 1e9, 181)])
 HABITS_EVERY = 4
 """Samples of which one is looked at for what is usual."""
-JITTERED = 4.0
-"""Times the way that a cable goes while stamps are off: both speeds, and the interval itself."""
 STALE = 0.1
 """Of the intervals in which a cable moves: a channel that steps more often does so by nature, as one that is read more often than it
 counts."""
@@ -56,26 +66,6 @@ HELD = 8.0
 """Intervals for which such a channel holds its counts at most."""
 HABIT = 0.02
 """Of a run: what a cable does for longer is its habit."""
-AROUND = 6
-"""Samples either way over which a speed is taken that stale counts do not hide."""
-EVEN = 0.02
-"""Of an interval by which stamps of rows that are not there may differ from whole intervals."""
-HOLE = 2.5  # usual intervals: a longer one is a gap
-SMALLEST_COUNTS = 2.0  # by which rounding alone may miss the interval
-
-
-@dataclass(frozen=True)
-class Break:
-    """Where a channel went on elsewhere: after the sample at before_s, at the latest by the one at after_s, by about by_mm of cable within
-    u_mm; by_mm is NaN where it did not step but stopped or ran off. length_mm and speed_mm_s: its length and speed before and after."""
-
-    cable: int
-    before_s: float
-    after_s: float
-    by_mm: float
-    u_mm: float
-    length_mm: tuple[float, float] = (np.nan, np.nan)
-    speed_mm_s: tuple[float, float] = (np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -115,9 +105,9 @@ class ContinuityFinder:
         self._jitter_mm = np.zeros(len(drums))
         self._going = np.zeros(len(drums))
         """Intervals in which each cable moved."""
-        self._steps: list[_Candidates] = []
+        self._steps: list[Candidates] = []
         self._habits = [np.zeros((len(drums), len(BINS)), np.int64) for _ in WINDOWS_S]
-        self._rushes: list[list[_Candidates]] = [[] for _ in WINDOWS_S]
+        self._rushes: list[list[Candidates]] = [[] for _ in WINDOWS_S]
         self._jumps: list[Break] = []
         self._last_seen: list[tuple[float, float] | None] = [None] * len(drums)
 
@@ -132,7 +122,7 @@ class ContinuityFinder:
             interval = float(np.median(np.diff(time_s)))
             self._interval_s = max(self._interval_s, interval)
             windows = [max(1, round(window / interval)) for window in WINDOWS_S]
-            off = _off(time_s, interval)
+            off = off_usual_s(time_s, interval)
             x = np.ascontiguousarray(mm.T)  # along each channel
             self._look_for_steps(time_s, mm, x, known, interval, off)
             for number, w in enumerate(windows):
@@ -238,7 +228,7 @@ class ContinuityFinder:
     def _look_for_steps(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, interval: float, off: FloatArray) -> None:
         steps = np.diff(time_s)
         for stride in STRIDES:
-            self._steps += _steps(time_s, mm, x, known, stride, self._count_mm, off)
+            self._steps += steps_seen(time_s, mm, x, known, stride, self._count_mm, off)
         gone = np.abs(np.diff(x[:, max(known - 1, 0) :]))
         self._going += (gone > self._count_mm[:, None]).sum(axis=1)
         fine = steps <= HOLE * interval
@@ -264,9 +254,9 @@ class ContinuityFinder:
             missed = missed_mm + 2.0 * off_s * np.fmax(np.abs(first), np.abs(second))
             by_stamps = (np.abs(second - first) - missed * (1.0 / before + 1.0 / after)) * (2.0 / (before + after))
             size = np.fmin(size, by_stamps)
-        largest, next_largest = _two_largest(size)
+        largest, next_largest = two_largest(size)
         self._accelerations[number] = max(self._accelerations[number], float(np.fmax.reduce(next_largest, initial=0.0)))
-        self._habits[number] += _sizes(size[:, max(known - 2 * w, 0) :: HABITS_EVERY])
+        self._habits[number] += counted_sizes(size[:, max(known - 2 * w, 0) :: HABITS_EVERY])
         limit = RUSH * self._accelerations[: number + 1].max()
         # a cable that sticks and slips rushes as well
         slips = 2.0 * STEP_MM / (w * interval) ** 2
@@ -278,7 +268,7 @@ class ContinuityFinder:
         mine = np.maximum(np.nan_to_num(size[:, some].T), 0.0)
         first, second = ((mm[some + k] - mm[some + k - w]) / (time_s[some + k] - time_s[some + k - w])[:, None] for k in (w, 2 * w))
         others = np.sqrt(np.maximum((mine**2).sum(axis=1, keepdims=True) - mine**2, 0.0) / (m - 1))
-        going = np.minimum(_others_largest(np.abs(first)), _others_largest(np.abs(second))) > GOING_MM_S
+        going = np.minimum(others_largest(np.abs(first)), others_largest(np.abs(second))) > GOING_MM_S
         # where the change is in the middle of the stretch it is seen largest
         around = np.clip(some[:, None] + np.arange(-w, w + 1), 0, size.shape[1] - 1)
         peak = np.fmax.reduce(size[:, around], axis=2).T
@@ -288,110 +278,7 @@ class ContinuityFinder:
             middle, nothing = some[rows] + w, np.zeros(len(rows))
             by = np.where(alone, mine - slips, 0.0)[rows]
             states = np.zeros_like(by), np.array((mm[middle], mm[middle])), np.array((first[rows], second[rows]))
-            self._rushes[number].append(_Candidates(time_s[middle - 1], time_s[middle + 1], by, nothing[:, None], nothing, *states))
-
-
-@dataclass(frozen=True)
-class _Candidates:
-    """Intervals in which something may have happened: before_s, after_s (k,); by (k, m) steps [mm], or accelerations [mm/s^2]; allowed_mm
-    (k, m) what steps may be without any acceleration; geometry_s2 (k,) what an acceleration adds to that; going_mm_s (k, m) speeds over a
-    few samples either way, without the interval; length_mm, speed_mm_s (2, k, m) of the cables before and after."""
-
-    before_s: FloatArray
-    after_s: FloatArray
-    by: FloatArray
-    allowed_mm: FloatArray
-    geometry_s2: FloatArray
-    going_mm_s: FloatArray
-    length_mm: FloatArray
-    speed_mm_s: FloatArray
-
-    def at(self, i: int, j: int, u_mm: float) -> Break:
-        """Interval i as a break of cable j."""
-        length, speed = self.length_mm[:, i, j].tolist(), self.speed_mm_s[:, i, j].tolist()
-        return Break(j, float(self.before_s[i]), float(self.after_s[i]), float(self.by[i, j]), u_mm, tuple(length), tuple(speed))
-
-
-def _off(time_s: FloatArray, interval: float) -> FloatArray:
-    """(n - 1,) by how much intervals of stamps are off the usual one [s]: then it is not known how fast a cable went. Rows that are not
-    there leave whole intervals."""
-    steps = np.diff(time_s)
-    off = np.abs(steps - np.maximum(np.rint(steps / interval), 1.0) * interval)
-    return np.where((off < EVEN * interval) | (steps > HOLE * interval), 0.0, np.abs(steps - interval))
-
-
-def _steps(
-    time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, stride: int, count_mm: FloatArray, off_s: FloatArray
-) -> list[_Candidates]:
-    """Steps of channels over `stride` samples that are larger than rounding, jitter and a cable that slips."""
-    n = len(time_s)
-    first = max(known - 3 * stride, 0)
-    if n < first + 3 * stride + 1:
-        return []
-    d = x[:, first + stride :] - x[:, first:-stride]
-    last = d.shape[1] - 2 * stride
-    twice = 2.0 * d[:, stride : stride + last]
-    twice -= d[:, :last]
-    twice -= d[:, 2 * stride :]
-    # between stamps that are even both continuations err alike by half of this; where they are not, each is looked at
-    t = time_s[first + stride :] - time_s[first:-stride]
-    uneven = (
-        np.abs(t[:last] - t[stride : stride + last]) + np.abs(t[2 * stride :] - t[stride : stride + last])
-        > EVEN * t[stride : stride + last]
-    )
-    rows = first + np.flatnonzero((np.fmax.reduce(np.abs(twice, out=twice), axis=0) > 2.0 * STEP_MM) | uneven)
-    if not len(rows):
-        return []
-    at = [rows + k * stride for k in range(4)]
-    t1, t2, t3 = (time_s[at[k + 1]] - time_s[at[k]] for k in range(3))
-    d1, d2, d3 = (mm[at[k + 1]] - mm[at[k]] for k in range(3))
-    v1, v3 = d1 / t1[:, None], d3 / t3[:, None]
-    e1, e0 = d2 - v1 * t2[:, None], d2 - v3 * t2[:, None]
-    # stamps may be late where samples were even, and samples uneven where stamps are right: a step is one by both
-    by = _both(_both(e0, e1), _both(d2 - d1, d2 - d3))
-    # by how much the stamps of these samples may be off
-    off = off_s[rows[:, None] + np.arange(3 * stride)].max(axis=1)
-    rounding = SMALLEST_COUNTS * count_mm * np.maximum(1.0, np.maximum(t2 / t1, t2 / t3) / 2.0 + 0.5)[:, None]
-    allowed = STEP_MM + rounding + np.nan_to_num(np.fmax(np.abs(v1), np.abs(v3))) * (JITTERED * off)[:, None]
-    kept = (np.abs(by) > allowed).any(axis=1)
-    if not kept.any():
-        return []
-    by, allowed, geometry = by[kept], allowed[kept], (t2 * (t1 + 2.0 * t2 + t3) / 4.0)[kept]
-    i, k = at[1][kept], at[2][kept]
-    before, after = np.maximum(i - AROUND, 0), np.minimum(k + AROUND, n - 1)
-    around = np.maximum(time_s[i] - time_s[before] + time_s[after] - time_s[k], 1e-9)[:, None]
-    going = np.nan_to_num((mm[i] - mm[before] + mm[after] - mm[k]) / around)
-    return [_Candidates(time_s[i], time_s[k], by, allowed, geometry, going, np.array((mm[i], mm[k])), np.array((v1[kept], v3[kept])))]
-
-
-def _both(a: FloatArray, b: FloatArray) -> FloatArray:
-    """What two estimates of a step agree on: the smaller of the same sign, else nothing; nothing where one is NaN."""
-    out = np.where(np.sign(a) == np.sign(b), np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0)
-    return np.where(np.isfinite(out), out, 0.0)
-
-
-def _sizes(values: FloatArray) -> IntArray:
-    """(m, bins) how many of (m, n) accelerations are up to each of `BINS` and above the one before; NaN counts as none at all."""
-    place = np.searchsorted(BINS, np.nan_to_num(values)).clip(max=len(BINS) - 1)
-    return np.stack([np.bincount(row, minlength=len(BINS)) for row in place])
-
-
-def _two_largest(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) each: the largest and the second largest of (m, n) values; NaN is passed over."""
-    largest, second = values[0].copy(), np.full(values.shape[1], -np.inf)
-    for row in values[1:]:
-        second = np.fmax(second, np.fmin(largest, row))
-        largest = np.fmax(largest, row)
-    return largest, second
-
-
-def _others_largest(values: FloatArray) -> FloatArray:
-    """(n, m) of each column the largest of the other columns at the same row; NaN is passed over."""
-    values = np.nan_to_num(values)
-    if values.shape[1] < 2:
-        return np.zeros_like(values)
-    ordered = np.partition(values, -2, axis=1)
-    return np.where(values >= ordered[:, -1:], ordered[:, -2:-1], ordered[:, -1:])
+            self._rushes[number].append(Candidates(time_s[middle - 1], time_s[middle + 1], by, nothing[:, None], nothing, *states))
 
 
 def _of_the_clock(by_mm: FloatArray, speed_mm_s: FloatArray, allowed_mm: FloatArray) -> bool:

@@ -8,14 +8,14 @@ this one too. (Redundant cables prove it likewise: `trajectory.consistency`.)
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.lengths import Lengths, Reason, with_reasons
 from lmeasure.rig import Rig
 from lmeasure.status import Status
-from lmeasure.trajectory.continuity import Away, Break, Continuity
+from lmeasure.trajectory.continuity import Away, Continuity
 from lmeasure.trajectory.standing import Stood
+from lmeasure.trajectory.steps import Break
 from lmeasure.trajectory.visits import LEAST_CABLES, NEAR_MM, Rests
 
 EVERY = -1
@@ -41,7 +41,7 @@ class Doubt:
     status: Status
     text: str
 
-    def mask(self, time_s: FloatArray) -> NDArray[np.bool_]:
+    def mask(self, time_s: FloatArray) -> BoolArray:
         """(n,) which samples at times (n,) it is about."""
         return (time_s > self.after_s) & (time_s <= self.until_s)
 

@@ -9,18 +9,15 @@ that this one cable sees and no other does: a robot that steps so is far less li
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.lengths import Lengths
 from lmeasure.recorded import Recorded
 from lmeasure.rig import Rig
 from lmeasure.trajectory.continuity import ContinuityFinder
 from lmeasure.trajectory.doubts import NONE, Doubts, judged, unseen
 from lmeasure.trajectory.visits import LEAST_CABLES, RestFinder, Rests
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SIGNIFICANCE = 1e-3
 """Of a run: shared by all channels and all moments at which counts may have been lost (Bonferroni)."""
@@ -108,7 +105,7 @@ class Evidence:
             out[:, j, k * TERMS : (k + 1) * TERMS] = self.closure_mm[j] * series
         return out
 
-    def causes(self, time_s: FloatArray, unused: NDArray[np.bool_]) -> list[tuple[NDArray[np.bool_], str]]:
+    def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, str]]:
         """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
         return [((time_s > step.after_s) & ~unused[:, step.cable], f"{SUSPECTED}{step.text}") for step in self.steps]
 
@@ -198,7 +195,7 @@ def _returns(rests: Rests) -> list[tuple[FloatArray, tuple[float, float]]]:
     return out
 
 
-def _alone(sizes: FloatArray) -> NDArray[np.bool_]:
+def _alone(sizes: FloatArray) -> BoolArray:
     """(m,) which of m channels is ALONE times as large as the others together (root mean square); none can be told of few."""
     m = len(sizes)
     others = np.sqrt(np.maximum((sizes**2).sum() - sizes**2, 0.0) / max(m - 1, 1))

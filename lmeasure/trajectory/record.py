@@ -7,19 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import files, se3
-from lmeasure.arrays import TextArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_rotation, convention
 from lmeasure.errors import FileFormatError
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.status import WORDS, Status, words
 from lmeasure.trajectory.stamps import stamps_of
 from lmeasure.unsolved import Taken, worst
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
 SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
@@ -182,7 +178,7 @@ def read_trajectory(path: Path) -> Trajectory:
     )
 
 
-def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: NDArray[np.bool_], why: str) -> None:
+def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: BoolArray, why: str) -> None:
     """FileFormatError names the first value that is bad."""
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels.cable import span_lengths, span_rows_of
 from lmeasure.kernels.screw import platform_size
 from lmeasure.lengths import Lengths, changes_from_counts
@@ -67,7 +67,7 @@ class Parities:
     residual_mm: FloatArray
     used: BoolArray
     weight: FloatArray
-    freedom: NDArray[np.int64]
+    freedom: IntArray
 
     @property
     def chi_squared(self) -> FloatArray:

@@ -9,12 +9,13 @@ from lmeasure.lengths import Lengths
 from lmeasure.recorded import notes_of
 from lmeasure.run import Run, RunHead
 from lmeasure.status import Status
-from lmeasure.trajectory.budget import CHUNK, closure_factors, left_out
+from lmeasure.trajectory.budget import CHUNK
 from lmeasure.trajectory.consistency import consistent
 from lmeasure.trajectory.evidence import Evidence
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.run_covariances import closure_factors, left_out
 from lmeasure.trajectory.screw_method import Reconstruction
 
 

@@ -5,10 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
@@ -183,8 +182,8 @@ class Reconstruction:
         return tuple(least_squares.follow(rows, start, state, changes, flags, u, self.scheme.free_index))
 
     def _remarks(
-        self, lengths: Lengths, status: IntArray, left_out: BoolArray, cause: NDArray[np.object_], cable: NDArray[np.object_]
-    ) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
+        self, lengths: Lengths, status: IntArray, left_out: BoolArray, cause: TextArray, cable: TextArray
+    ) -> tuple[TextArray, TextArray]:
         """Causes and cables of samples that are good without some of the cables, left_out (n, m), and what a scheme does not measure."""
         ok = status == Status.OK
         cause, cable = np.where(ok, NOT_MEASURED if self.scheme.point else "", cause), np.where(ok, "", cable)
@@ -201,13 +200,13 @@ class Reconstruction:
 
     def _explained(
         self,
-        cause: NDArray[np.object_],
+        cause: TextArray,
         status: IntArray,
         poses: FloatArray,
         angle: FloatArray,
         changes: FloatArray,
         begun: FloatArray,
-    ) -> NDArray[np.object_]:
+    ) -> TextArray:
         """The causes with what is lost at singular samples and nearly lost at known ones; begun is the state before these samples."""
         singular = status == Status.SINGULAR
         near = (status == Status.OK) & (angle > np.radians(NEARLY))

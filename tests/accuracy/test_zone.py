@@ -13,11 +13,12 @@ from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_z
 from lmeasure.accuracy.limits import REASONS, Limits
 from lmeasure.accuracy.zone import axis, drum_variance, tilts
 from lmeasure.accuracy.zone_dataset import summary
+from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.conventions import rotation_from_angles
 from lmeasure.errors import AccuracyError, FileFormatError, RigError
 from lmeasure.kernels.pose_covariance import pose_covariances
-from lmeasure.lengths import cable_covariance, counts_from_poses
+from lmeasure.lengths import counts_from_poses
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.zeroing import length_variance
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from test_unsolved import delta, drawn_flaws, run_of, stating
 
 from lmeasure import covariances
+from lmeasure.cable_parameters import cable_covariance, unsolved_columns
 from lmeasure.calibration import Campaign, Settings, calibrate
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record, write_calibration_record
 from lmeasure.errors import FileFormatError
-from lmeasure.lengths import cable_covariance, unsolved_columns
 from lmeasure.poses import Poses
 from lmeasure.run import Run
 from lmeasure.trajectory import reconstruct

@@ -1,0 +1,95 @@
+"""Parameters of cables as the kernels order them, by the names of a calibration's record, and how they err."""
+
+import numpy as np
+
+from lmeasure import unsolved
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.rig import Cable, Rig
+
+
+def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:
+    """For each cable the calibration record's names of the kernels' parameters (`kernels.cable.PARAMETERS`)."""
+    out: list[list[str]] = []
+    for c in rig.cable if cables is None else cables:
+        point = c.from_point
+        own = (
+            "x_mm",
+            "y_mm",
+            "z_mm",
+            "guide_alpha_deg",
+            "guide_beta_deg",
+            "pulley_radius_mm",
+            "scale",
+            "tangent_length_mm",
+            "axial_offset_mm",
+        )
+        attachment = [f"tool.{c.to_point}.{axis}_mm" for axis in "xyz"]
+        out.append([*(f"{point}.{key}" for key in own), *attachment, f"{point}.groove_pitch_mm"])
+    return out
+
+
+def cable_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(13 m, 13 m) covariance of the cables' parameters, mm and rad, in the kernels' order: of the record, and of dimensions that the rig
+    states to be uncertain (`unsolved_columns`); zero where there is neither."""
+    rest, columns = solved_covariance(rig, record, cables), unsolved_columns(rig, record, cables)
+    return rest + columns @ columns.T if columns.shape[1] else rest
+
+
+def solved_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(13 m, 13 m) covariance of the cables' parameters by what the calibration solved, without what they have from `unsolved_columns`."""
+    m = len(rig.cable if cables is None else cables)
+    if record is None:
+        return np.zeros((m * len(PARAMETERS), m * len(PARAMETERS)))
+    names = parameter_names(rig, cables)
+    covariance = record.cable_covariance(names)
+    if not record.dimensions:
+        return covariance
+    followed = record.dimension_columns(names)[1]
+    return np.asarray(covariance - followed @ followed.T)
+
+
+def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
+    """(p, r) F with F F^T the covariance (p, p), r its rank; width (p,): a standard uncertainty of each parameter, 0 where it is exact.
+
+    Parameters are millimetres and radians, known well and badly: what is nothing can only be told in units of their own widths. One that
+    several cables share stands in the covariance several times, and once in F.
+    """
+    unit = np.where(width > 0.0, width, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    kept = values > 1e-14 * max(float(values.max(initial=0.0)), 0.0)
+    return np.ascontiguousarray(unit[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+    """(13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of the dimensions that
+    the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them.
+
+    What a record says of a dimension counts, and not the rig, whose statement was the calibration's prior.
+    """
+    chosen = rig.cable if cables is None else cables
+    names = parameter_names(rig, chosen)
+    known = () if record is None else record.dimensions
+    solved = () if record is None else record.names
+    stated = {n: v.u for v in unsolved.stated(rig, chosen, solved, unsolved.PARAMETERS) for n in v.names}
+    own = _selected(rig, chosen, tuple(stated)) * np.array(list(stated.values()))
+    if record is None or not known:
+        return own
+    of_dimensions, followed = record.dimension_columns(names)
+    return np.column_stack([_selected(rig, chosen, tuple(d.name for d in known)) @ of_dimensions + followed, own])
+
+
+def _selected(rig: Rig, cables: tuple[Cable, ...], dimensions: tuple[str, ...]) -> FloatArray:
+    """(13 m, s) the kernels' parameters by these dimensions of the rig."""
+    names = parameter_names(rig, cables)
+    out = np.zeros((len(cables), len(PARAMETERS), len(dimensions)))
+    for j, c in enumerate(cables):
+        drum = rig.point(c.from_point).drum
+        for s, name in enumerate(dimensions):
+            if name == f"{c.from_point}.count_length_mm":
+                # a longer count is a recorded count that stands for more: f changes by k c/scale and by -k
+                out[j, PARAMETERS.index("scale"), s] = -drum.scale / drum.count_length_mm
+            elif name in names[j]:
+                out[j, names[j].index(name), s] = 1.0
+    return out.reshape(len(cables) * len(PARAMETERS), len(dimensions))
