@@ -55,7 +55,9 @@ JOBS = {
     "reconstruct, eight cables": ["reconstruct", "{in}/eight", "--out", "{out}/t.parquet"],
     "zone, six cables": ["zone", "{truth}/cell-run/rig.toml", *BOX, "--out", "{out}/zone.nc"],
     "zone, linked": ["zone", "{in}/calibrated/rig.toml", *BOX, "--out", "{out}/zone.nc"],
-    "plan-poses": ["plan-poses", "{truth}/cell-run/rig.toml", "--poses", "12", "--box", "-200:200,-200:200,-200:200", "--out", "{out}/planned.csv"],
+    "plan-poses": [
+        "plan-poses", "{truth}/cell-run/rig.toml", "--poses", "12", "--box", "-200:200,-200:200,-200:200", "--out", "{out}/planned.csv"
+    ],
     "certify": [
         "certify", "{in}/measured/trajectory.parquet", "--run", "{in}/measured/run", "--program", "{in}/measured/program.toml",
         "--out", "{out}",
