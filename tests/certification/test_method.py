@@ -16,9 +16,11 @@ from test_bundle import reprinted, resealed
 from typer.testing import CliRunner
 
 from lmeasure.certification import Settings
+from lmeasure.certification.again import RELATIVE, compare, label
 from lmeasure.certification.bundle import MANIFEST, check_seal, opened_zip, seal, write_zip
 from lmeasure.certification.canonical import canonical, digest
-from lmeasure.certification.measure import Inputs
+from lmeasure.certification.certificate import certificate
+from lmeasure.certification.measure import Inputs, inputs_in, measure, settings_from
 from lmeasure.certification.method import METHOD
 from lmeasure.certification.signature import fingerprint, read_public_key
 from lmeasure.certification.verify import Verification, verify
@@ -27,6 +29,7 @@ from lmeasure.errors import CertificationError
 from lmeasure.report.certificate import PRINTERS, Choices, write_certificate
 
 BEFORE = Path(__file__).parents[1] / "authorities" / "sealed-before"
+METHOD_3 = Path(__file__).parents[1] / "authorities" / "sealed-method-3"
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +82,26 @@ def test_folders_sealed_before_the_method_was_stated_still_open(name: str) -> No
     done = CliRunner().invoke(app, ["verify", str(BEFORE / name)])
     assert done.exit_code == 3, done.output
     assert "every byte as sealed; " in done.output
+
+
+@pytest.mark.parametrize("name", ["with-run", "without-run"])
+def test_every_figure_of_folders_sealed_by_method_3_is_computed_again(name: str) -> None:
+    """All tests of the standard, both laws of errors, exclusions, verdicts and notes; whatever the method's number is by now."""
+    folder = METHOD_3 / name
+    stated = content_of(folder)
+    inputs = inputs_in(folder, stated["measurement"])
+    measured = measure(inputs, settings_from(stated["settings"]))
+    again = certificate(
+        measured, inputs, stated["inputs"], created=stated["created"], language=stated["language"], environment=stated["environment"]
+    )
+    assert len(stated["characteristics"]) == 208
+    assert [label(c) for c in again["characteristics"]] == [label(c) for c in stated["characteristics"]]
+    differences, largest = compare(stated, again | {"method": stated["method"]}, exact=False)
+    assert differences == []
+    assert largest < RELATIVE
+    found = verify(folder)
+    assert found.differences == ()
+    assert found.exit_code == (0 if stated["method"] == METHOD else 3)
 
 
 def test_of_another_method_bytes_and_inputs_are_still_checked(tmp_path: Path) -> None:
