@@ -1,6 +1,7 @@
 """Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.counts import Unwrapped, unwrap
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
+from lmeasure.interpolation import between
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.rig import Cable, Drum, Rig
@@ -20,6 +22,9 @@ from lmeasure.status import WORDS, Status, words
 
 SLACK_S = 0.5  # a cable that lost the tool is taut again before
 HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
+SMOOTH_MM = 0.2
+"""By which a later pass may bend otherwise before and after an interval, and still be taken for smooth there: where a counter stepped or a
+cable was jerked nothing is to be spread over the samples about."""
 
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
@@ -59,8 +64,19 @@ class Lengths:
     """(n, m) true counts of whatever a channel showed, those included that are not used because its origin is in doubt."""
     reasons: tuple[Reasons, ...] = ()
     """Of each cable."""
+    missed_mm: FloatArray | None = None
+    """(n, m) by about how much lengths are off that were read off straight lines between samples of a later pass; None where none was."""
 
     @property
+    def u_mm(self) -> FloatArray | None:
+        """(n, m) standard uncertainties of the lengths beside what is rounded off the counts: by the instants at which the cables were
+        counted and by straight lines between samples. None where there is neither."""
+        if self.u_time_s is None:
+            return self.missed_mm
+        late = self.u_time_s * self.speed_mm_s
+        return late if self.missed_mm is None else np.hypot(late, self.missed_mm)
+
+    @cached_property
     def speed_mm_s(self) -> FloatArray:
         """(n, m) speeds of the cables, zero where they are not known."""
         if len(self.time_s) < 2:
@@ -187,13 +203,14 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     the next; without it the run is whole.
 
     A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes, which
-    must be on the clock of pass 1 (`trajectory.passes.align`), are interpolated linearly.
+    must be on the clock of pass 1 (`trajectory.passes.align`), are read between their samples (`interpolation.between`).
     """
     time_s = run.passes[0].time_s
     n, m = len(time_s), len(run.rig.cable)
     gone_on = np.full((n, m), np.nan)
     reasons: list[Reasons] = []
     notes: list[str] = []
+    missed_mm = np.zeros((n, m))
     skewed = any(p.u_time_s is not None for p in run.passes)
     u_time = np.zeros((n, m)) if skewed else None
     warm = np.empty((n, m)) if any(p.temperature_c is not None for p in run.passes) else None
@@ -208,32 +225,24 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             )
         values, why = counter.counts * drum.count_sign / drum.scale, _reasons(counter, c.channel, drum, counts.time_s)
         if c.passage > 1:
-            values, why = _on_time_base(run, c.passage, values, why)
+            values, missed, why = _on_time_base(run, c.passage, values, why, drum)
+            missed_mm[:, j] = missed * drum.count_length_mm
         gone_on[:, j] = values
         reasons.append(why)
         if u_time is not None and counts.u_time_s is not None:
             u_time[:, j] = counts.u_time_s if c.passage == 1 else np.interp(time_s, counts.time_s, counts.u_time_s)
         if warm is not None:
             warm[:, j] = np.nan if counts.temperature_c is None else np.interp(time_s, counts.time_s, counts.temperature_c)
-    return _lengths(run.rig, time_s, gone_on, tuple(reasons), tuple(notes), u_time, warm)
+    cables, nothing = tuple(c.name for c in run.rig.cable), np.zeros(n, np.int64)
+    none = np.full(n, "", dtype=np.object_)
+    whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on)
+    return with_reasons(run.rig, replace(whole, missed_mm=missed_mm if missed_mm.any() else None), tuple(reasons))
 
 
 def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Lengths:
-    """The same lengths, each channel used but for other reasons than before."""
+    """The same lengths, each channel used but for these reasons."""
     assert lengths.gone_on is not None
-    return _lengths(rig, lengths.time_s, lengths.gone_on, reasons, lengths.notes, lengths.u_time_s, lengths.temperature_c)
-
-
-def _lengths(
-    rig: Rig,
-    time_s: FloatArray,
-    gone_on: FloatArray,
-    reasons: tuple[Reasons, ...],
-    notes: tuple[str, ...],
-    u_time_s: FloatArray | None,
-    temperature_c: FloatArray | None,
-) -> Lengths:
-    n, k = len(time_s), gone_on.copy()
+    n, k = len(lengths.time_s), lengths.gone_on.copy()
     flags = np.zeros(n, np.int64)
     cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
     for j, (c, why) in enumerate(zip(rig.cable, reasons, strict=True)):
@@ -241,9 +250,7 @@ def _lengths(
             k[mask, j] = np.nan
             first = mask & (flags == Status.OK)
             flags[first], cause[first], where[first] = flag, text, c.name
-    change = changes_from_counts(rig, k)
-    cables = tuple(c.name for c in rig.cable)
-    return Lengths(time_s, cables, change, k, flags, cause, where, notes, u_time_s, temperature_c, gone_on, reasons)
+    return replace(lengths, change_mm=changes_from_counts(rig, k), counts=k, flags=flags, cause=cause, cable=where, reasons=reasons)
 
 
 def _reasons(counter: Unwrapped, channel: str, drum: Drum, time_s: FloatArray) -> Reasons:
@@ -331,27 +338,42 @@ class LengthResiduals:
         return np.asarray(lengths.change_mm - modelled)
 
 
-def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons) -> tuple[FloatArray, Reasons]:
-    """Counts of a later pass at pass 1's times; what lies outside it, in a hole of it, or next to a sample that is not good, is flagged."""
-    first, source = run.passes[0], run.passes[passage - 1].time_s
-    if len(source) == len(first.time_s) and np.allclose(source, first.time_s, rtol=0, atol=1e-9):
-        return values, reasons
-    right = np.clip(np.searchsorted(source, first.time_s), 1, max(len(source) - 1, 1))
+def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons, drum: Drum) -> tuple[FloatArray, FloatArray, Reasons]:
+    """Counts of a later pass at pass 1's times and by how much they may miss there, in counts; what lies outside it, in a hole of it, or
+    next to a sample that is not good, is flagged."""
+    time_s, source = run.passes[0].time_s, run.passes[passage - 1].time_s
+    if len(source) == len(time_s) and np.allclose(source, time_s, rtol=0, atol=1e-9):
+        return values, np.zeros_like(values), reasons
+    right = np.clip(np.searchsorted(source, time_s), 1, max(len(source) - 1, 1))
     left = right - 1
     if len(source) == 1:
         right = left
-    outside = (first.time_s < source[0]) | (first.time_s > source[-1])
-    width = np.where(source[right] > source[left], source[right] - source[left], 1.0)
-    f = (first.time_s - source[left]) / width
+    outside = (time_s < source[0]) | (time_s > source[-1])
+    f = (time_s - source[left]) / np.where(source[right] > source[left], source[right] - source[left], 1.0)
     # on a sample only that sample counts: its neighbour may be a gap
     at_left, at_right = f == 0.0, f == 1.0
-    out = np.where(at_left, values[left], np.where(at_right, values[right], (1 - f) * values[left] + f * values[right]))
+    out = np.where(at_left, values[left], values[right])
     out[outside] = np.nan
-    hole = ~outside & ~at_left & ~at_right & (width > HOLE * np.median(np.diff(source))) if len(source) > 1 else np.zeros_like(outside)
-    out[hole] = np.nan
+    missed, hole = np.zeros_like(out), np.zeros_like(outside)
+    inside = np.flatnonzero(~outside & ~at_left & ~at_right)
+    if len(inside):
+        step = np.diff(source)
+        whole = step <= HOLE * np.median(step)
+        good = np.isfinite(values)
+        for reason in reasons:
+            good &= ~reason.mask
+        read = between(
+            source, values, good[1:] & good[:-1] & whole, left[inside], time_s[inside], 1.0 / drum.scale, SMOOTH_MM / drum.count_length_mm
+        )
+        hole[inside] = ~whole[left[inside]]
+        out[inside], missed[inside] = np.where(hole[inside], np.nan, read.values), np.where(hole[inside], 0.0, read.missed)
     moved = tuple(Reason((mask[left] & ~at_right | mask[right] & ~at_left) & ~outside, flag, text) for mask, flag, text in reasons)
-    return out, (
-        *moved,
-        Reason(outside, Status.GAP, f"pass {passage} does not cover this time"),
-        Reason(hole, Status.GAP, f"pass {passage} has no samples around this time"),
+    return (
+        out,
+        missed,
+        (
+            *moved,
+            Reason(outside, Status.GAP, f"pass {passage} does not cover this time"),
+            Reason(hole, Status.GAP, f"pass {passage} has no samples around this time"),
+        ),
     )

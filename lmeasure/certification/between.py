@@ -1,11 +1,10 @@
 """What lies between the samples of a path: where it passes a plane, and where it is nearest to or farthest from something."""
 
-import itertools
-
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.interpolation import lagrange
 
 HALVINGS = 40
 """Of a step between samples, until a passage is found in it: to 1e-12 of it."""
@@ -28,7 +27,7 @@ def passage(time_s: FloatArray, ahead: FloatArray, part: FloatArray, smooth: Boo
     at = part * time[:, 2]
     weights = np.stack([np.zeros_like(part), 1.0 - part, part, np.zeros_like(part)], axis=1)
     at[cubic] = _zero(time[cubic], ahead[cubic])
-    weights[cubic] = _lagrange(time[cubic], at[cubic])
+    weights[cubic] = lagrange(time[cubic], at[cubic])
     return time_s[:, 1] + at, weights
 
 
@@ -48,18 +47,10 @@ def _zero(time_s: FloatArray, ahead: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (start + end))
 
 
-def _lagrange(time_s: FloatArray, at: FloatArray) -> FloatArray:
-    """(m, 4) weights with which values at time_s (m, 4) make those of the cubics through them at (m,)."""
-    out = np.ones_like(time_s)
-    for i, j in itertools.permutations(range(4), 2):
-        out[:, i] *= (at - time_s[:, j]) / (time_s[:, i] - time_s[:, j])
-    return out
-
-
 def share(part: FloatArray) -> FloatArray:
     """(m,) of the variance of a sample what is read from the four about it has, at part (m,) of the even step between the middle ones."""
     steps = np.tile(np.arange(-1.0, 3.0), (len(part), 1))
-    return np.asarray((_lagrange(steps, part) ** 2).sum(axis=1))
+    return np.asarray((lagrange(steps, part) ** 2).sum(axis=1))
 
 
 def finer(values: FloatArray, *, kinks: bool) -> FloatArray:

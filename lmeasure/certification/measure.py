@@ -72,6 +72,11 @@ class Inputs:
                 raise CertificationError(f"{out[name]}: its copy would have the name of that of {out[first]}")
         return out
 
+    @property
+    def passes(self) -> int:
+        """How many times the motion was measured: once without a run."""
+        return 1 if self.run is None else read_run_head(self.run, self.rig).rig.passes
+
     def stated(self) -> dict[str, Any]:
         """What `inputs_in` needs besides the files, for certificate.json."""
         return {

@@ -15,7 +15,7 @@ from lmeasure.certification.certificate import LANGUAGES, certificate
 from lmeasure.certification.environment import environment
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Measured, inputs_in, measure, settings_from
-from lmeasure.certification.method import METHOD, method_of
+from lmeasure.certification.method import METHOD, method_of, same_figures
 from lmeasure.errors import CertificationError, LMeasureError
 
 PROGRAM = ("lmeasure", "lmeasure sources")
@@ -81,19 +81,21 @@ def verify(
     except LMeasureError as error:
         return _not_computed(folder, seal, error)
     own = {key: value for key, value in environment().items() if stated["environment"].get(key) != value}
-    other = method_of(stated) != METHOD
+    method = method_of(stated)
+    other = not same_figures(method, 1)
     told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
     out = [*seal.differences, *of_environment(stated["environment"], environment())]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
     try:
         inputs = inputs_in(folder, stated["measurement"])
+        other = not same_figures(method, inputs.passes)
         copies = entries(folder, sorted(inputs.copies()))
         measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress)
     except LMeasureError as error:
         if not other:
             return _not_computed(folder, seal, error)
-        why = f"figures: by method {method_of(stated)}; today's, {METHOD}, refuses the inputs: {_inside(folder, error)}"
+        why = f"figures: by method {method}; today's, {METHOD}, refuses the inputs: {_inside(folder, error)}"
         return Verification(stated["id"], tuple(out), signer=seal.signer, environment=told, skipped=(why,))
     out += _strangers(seal, {c["file"] for c in copies}, printers)
     again = certificate(
@@ -103,12 +105,13 @@ def verify(
         created=stated["created"],
         language=stated["language"],
         environment=stated["environment"],
+        method=METHOD if other else method,
     )
     lines: tuple[str, ...] = ()
     skipped, largest, figures = [], 0.0, 0
     if other:
         found, lines = beside(stated, again)
-        skipped.append(f"figures: made by method {method_of(stated)}, today's is {METHOD}")
+        skipped.append(f"figures: made by method {method}, today's is {METHOD}")
     else:
         found, largest = compare(stated, again, exact=not own)
         figures = len(stated["characteristics"])
@@ -116,7 +119,7 @@ def verify(
     for name, printer in (printers or {}).items():
         if any(d.what == name for d in seal.differences):
             continue
-        found, why_not = _page(folder, name, printer, stated, measured, own)
+        found, why_not = _page(folder, name, printer, stated, measured, own, other=other)
         out += found
         skipped += why_not
     return Verification(stated["id"], tuple(out), figures, seal.signer, told, largest, tuple(skipped), lines)
@@ -139,12 +142,12 @@ def _strangers(seal: Seal, inputs: set[str], printers: Mapping[str, Printer] | N
 
 
 def _page(
-    folder: Path, name: str, printer: Printer, stated: dict[str, Any], measured: Measured, own: Mapping[str, str]
+    folder: Path, name: str, printer: Printer, stated: dict[str, Any], measured: Measured, own: Mapping[str, str], *, other: bool
 ) -> tuple[list[Difference], list[str]]:
     """Where a file that people read says otherwise than the certificate, and why it could not be compared."""
     if not (folder / name).exists():
         return [], [f"{name}: is not in the folder"] if printer.needed else []
-    if method_of(stated) != METHOD or any(key in own for key in PROGRAM):
+    if other or any(key in own for key in PROGRAM):
         return [], [f"{name}: what it prints, since another version of this program prints other texts"]
     content, expected = regular_bytes(folder / name), printer(stated, measured)
     if content == expected:

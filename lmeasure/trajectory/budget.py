@@ -154,16 +154,16 @@ class Budget:
         poses: FloatArray,
         counts: FloatArray,
         speed_mm_s: FloatArray,
-        u_time_s: FloatArray | None = None,
+        u_mm: FloatArray | None = None,
         unused: BoolArray | None = None,
         temperature_c: FloatArray | None = None,
         compiled: bool = True,
         travel: FloatArray | None = None,
     ) -> PoseCovariances:
-        """Covariances and factors of (n, 7) poses at times (n,), true counts (n, m) and cable speeds (n, m); u_time_s (n, m) of the
-        instants at which the cables were counted; unused (n, m): cables that were left out; temperature_c (n, m), the start's where it is
+        """Covariances and factors of (n, 7) poses at times (n,), true counts (n, m) and cable speeds (n, m); u_mm (n, m) as
+        `Lengths.u_mm` has it; unused (n, m): cables that were left out; temperature_c (n, m), the start's where it is
         None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
-        G, own = self._own(poses, counts, speed_mm_s, u_time_s, unused, compiled)
+        G, own = self._own(poses, counts, u_mm, unused, compiled)
         factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self.every)
         return PoseCovariances(own, factors, self.sources, self.uniform)
 
@@ -195,17 +195,17 @@ class Budget:
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
-        speed_mm_s = self.speed_mm_s(lengths)
+        speed_mm_s, u_mm = self.speed_mm_s(lengths), lengths.u_mm
         # each counter zeroed by itself, and all anywhere: the phases scatter as the counts do, and cost nothing
-        alike = lengths.u_time_s is None and len(self._phase.names) == len(self.variance)
+        alike = u_mm is None and len(self._phase.names) == len(self.variance)
         sources = tuple(source for source in self.every if not (alike and source is self._phase))
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
-            u_time_s = None if lengths.u_time_s is None else lengths.u_time_s[part]
+            own_mm = None if u_mm is None else u_mm[part]
             left = None if unused is None else unused[part]
             warm = None if lengths.temperature_c is None else lengths.temperature_c[part]
             gone = None if travel is None else travel[part]
-            G, own = self._own(poses[part], lengths.counts[part], speed_mm_s[part], u_time_s, left, compiled)
+            G, own = self._own(poses[part], lengths.counts[part], own_mm, left, compiled)
             random[part] = own @ np.swapaxes(own, 1, 2)
             systematic[part] = random[part] if alike else np.where(np.isnan(random[part]), np.nan, 0.0)
             if sources:
@@ -226,15 +226,14 @@ class Budget:
         self,
         poses: FloatArray,
         counts: FloatArray,
-        speed_mm_s: FloatArray,
-        u_time_s: FloatArray | None,
+        u_mm: FloatArray | None,
         unused: BoolArray | None,
         compiled: bool,
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, m) each: twists per unit of each length, and the random errors as `PoseCovariances.own` has them."""
         G = self.twists(np.ascontiguousarray(poses), counts, unused, compiled)
-        u_mm = np.sqrt(self.variance + (0.0 if u_time_s is None else (u_time_s * speed_mm_s) ** 2))
-        return G, G * np.broadcast_to(u_mm, counts.shape)[:, None, :]
+        whole = np.sqrt(self.variance + (0.0 if u_mm is None else u_mm**2))
+        return G, G * np.broadcast_to(whole, counts.shape)[:, None, :]
 
     def _factors(self, G: FloatArray, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
         """(n, 6, K) errors of poses whose twists per unit of each length are G (n, 6, m), by the variables of these sources."""

@@ -43,7 +43,8 @@ def by_monte_carlo(
 ) -> Trajectory:
     """The trajectory with covariances from as many trials, each kind of error by itself.
 
-    Random: every count is anywhere within half a unit of what was recorded, and its instant uncertain where that is stated. Systematic:
+    Random: every count is anywhere within half a unit of what was recorded, and off by whatever else its length is
+    uncertain by at that sample (`Lengths.u_mm`). Systematic:
     the rig's parameters are drawn from the linked calibration and what the rig states, the start pose and whatever else acts on the lengths
     (the zero phase, the passes' clocks and places, temperature, drums and pulleys that run out) from their own laws, once per trial for the
     whole run. Poses that a trial does not find are
@@ -55,7 +56,7 @@ def by_monte_carlo(
     generator = np.random.default_rng(seed)
     budget, start = reconstruction.budget, reconstruction.start
     rows, counts, factor = reconstruction.scheme.rows, lengths.counts, budget.parameters
-    skew = None if lengths.u_time_s is None else lengths.u_time_s * lengths.speed_mm_s
+    u_mm = lengths.u_mm
     of = trials * (2 if budget.sources else 1)
     lengths = reconstruction.corrected(lengths)
     # what temperature, stretch and sag have taken off the changes stays with the trials
@@ -66,8 +67,8 @@ def by_monte_carlo(
     def random_trial() -> FloatArray:
         within = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales
         changes = changes_from_counts(rows, within) + offset
-        if skew is not None:
-            changes += skew * generator.standard_normal(changes.shape)
+        if u_mm is not None:
+            changes += u_mm * generator.standard_normal(changes.shape)
         return reconstruction.solve(rows, start, changes, lengths.flags)
 
     def systematic_trial() -> FloatArray:

@@ -97,22 +97,10 @@ class Redundancy:
         budget, used = self._budget, np.isfinite(lengths.change_mm)
         gone_on = lengths.counts if lengths.gone_on is None else lengths.gone_on
         speed = budget.speed_mm_s(lengths)
-        u_time_s = 0.0 if lengths.u_time_s is None else lengths.u_time_s
         gone_on_mm = np.where(used, lengths.change_mm, changes_from_counts(budget.rig, gone_on))
-        variance = budget.variance + (u_time_s * speed) ** 2 + self._interpolated(gone_on_mm)
+        variance = np.broadcast_to(budget.variance + (0.0 if lengths.u_mm is None else lengths.u_mm**2), speed.shape)
         warm = lengths.temperature_c
         return Epochs(lengths.time_s, lengths.change_mm.copy(), gone_on_mm, gone_on, speed, variance, warm, travel)
-
-    def _interpolated(self, mm: FloatArray) -> FloatArray:
-        """(n, m) variance of lengths (n, m) that are read off straight lines between the samples of a later pass: the way from the line is
-        an eighth of the second difference at most."""
-        missed = np.zeros_like(mm)
-        later = np.array([c.passage > 1 for c in self._budget.rig.cable])
-        if later.any() and len(mm) > 2:
-            bent = np.nan_to_num(mm[2:, later] - 2.0 * mm[1:-1, later] + mm[:-2, later]) / 8.0
-            missed[1:-1, later] = bent
-            missed[0, later], missed[-1, later] = bent[0], bent[-1]
-        return missed**2
 
     def residuals(self, poses: FloatArray, change_mm: FloatArray) -> FloatArray:
         """(n, m) [mm] of changes (n, m) at poses (n, 7)."""

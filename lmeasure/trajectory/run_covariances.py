@@ -43,7 +43,7 @@ def covariances(
     correction = correction_of(run.rig, scheme, scheme.start_of(start), zero_temperature(lengths, run.temperature_c))
     budget = Budget(run.rig, start, scheme, run.calibration, run.u_start, aligned.clocks, repeatability_mm, correction)
     chosen = slice(None) if samples is None else samples
-    speed, skew = budget.speed_mm_s(lengths)[chosen], None if lengths.u_time_s is None else lengths.u_time_s[chosen]
+    speed, u_mm = budget.speed_mm_s(lengths)[chosen], None if lengths.u_mm is None else lengths.u_mm[chosen]
     poses = trajectory.poses[chosen].copy()
     if scheme.point is not None:
         # of the point alone: any orientation will do, for the rows have no arms
@@ -53,7 +53,7 @@ def covariances(
     travel = budget.travel(lengths)
     travel = None if travel is None else travel[chosen]
     unused = left_out(trajectory, lengths.cables)[chosen]
-    found = budget.of(lengths.time_s[chosen], poses, lengths.counts[chosen], speed, skew, unused, warm, travel=travel)
+    found = budget.of(lengths.time_s[chosen], poses, lengths.counts[chosen], speed, u_mm, unused, warm, travel=travel)
     if aligned.evidence.closure_mm.any():
         closing = closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, lengths.counts[chosen], unused)
         sources = (*found.sources, *(CLOSURE,) * closing.shape[2])

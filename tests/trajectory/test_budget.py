@@ -1,6 +1,7 @@
 """The budget of a run: what samples share and what they do not, against what real reconstructions scatter by."""
 
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -181,7 +182,7 @@ def test_a_run_aligned_once_gives_the_same_digits(monkeypatch: pytest.MonkeyPatc
     asked = np.array([0, 7, 8, len(run.passes[0].time_s) - 1])
     expected, whole = reconstruct(run), covariances(reconstruct(run), run)
     calls: list[str] = []
-    speed = vars(Lengths)["speed_mm_s"].fget
+    speed = vars(Lengths)["speed_mm_s"].func
 
     def lengths(given: Run) -> Lengths:
         calls.append("lengths")
@@ -192,7 +193,9 @@ def test_a_run_aligned_once_gives_the_same_digits(monkeypatch: pytest.MonkeyPatc
         return np.asarray(speed(given))
 
     monkeypatch.setattr("lmeasure.trajectory.passes.lengths_from_counts", lengths)
-    monkeypatch.setattr(Lengths, "speed_mm_s", property(speeds))
+    own = cached_property(speeds)
+    own.__set_name__(Lengths, "speed_mm_s")
+    monkeypatch.setattr(Lengths, "speed_mm_s", own)
     aligned = align(run)
     found = reconstruct(aligned, covariances=False)
     part = covariances(found, aligned, asked)

@@ -1,0 +1,93 @@
+"""Values between samples: cubics where samples bear them, straight lines where they do not, and by how much these miss."""
+
+import numpy as np
+import pytest
+
+from lmeasure.arrays import FloatArray
+from lmeasure.interpolation import between, lagrange
+
+
+def read(
+    time_s: FloatArray, values: FloatArray, at_s: FloatArray, quantum: float = 0.0, smooth: float = 0.2, bad: tuple[int, ...] = ()
+) -> tuple[FloatArray, FloatArray]:
+    """Values at at_s and by how much they miss; steps that end in a bad sample are not good."""
+    good = ~np.isin(np.arange(len(time_s)), bad)
+    left = np.searchsorted(time_s, at_s, side="right") - 1
+    found = between(time_s, values, good[1:] & good[:-1], left, at_s, quantum, smooth)
+    return found.values, found.missed
+
+
+def straight(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
+    return np.asarray(np.interp(at_s, time_s, values))
+
+
+def test_a_cubic_is_met_at_uneven_stamps_and_the_ends_are_straight() -> None:
+    time_s = np.arange(30) + np.random.default_rng(1).uniform(-0.05, 0.05, 30)
+    at_s = time_s[:-1] + 0.5
+
+    def law(t: FloatArray) -> FloatArray:
+        return np.asarray(1e4 + 3.0 * t - 0.2 * t**2 + 0.01 * t**3)
+
+    values, missed = read(time_s, law(time_s), at_s)
+    np.testing.assert_allclose(values[1:-1], law(at_s)[1:-1], rtol=0.0, atol=1e-9)
+    assert not missed[1:-1].any()
+    ends = [0, -1]
+    np.testing.assert_allclose(values[ends], straight(time_s, law(time_s), at_s)[ends], rtol=1e-15)
+    np.testing.assert_allclose(missed[ends], np.abs(values - law(at_s))[ends], rtol=0.1)
+
+
+def test_weights_by_hand() -> None:
+    half, early = lagrange(np.array([[-1.0, 0.0, 1.0, 2.0], [-1.0, 0.0, 1.0, 2.0]]), np.array([0.5, 0.0]))
+    np.testing.assert_allclose(half, np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0, rtol=1e-15)
+    np.testing.assert_array_equal(early, [0.0, 1.0, 0.0, 0.0])
+
+
+def test_neither_a_step_nor_a_kink_is_spread_over_the_samples_about() -> None:
+    time_s = np.arange(12.0)
+    at_s = time_s[:-1] + 0.3
+    for values in (np.where(time_s > 5.0, 2.0, 0.0), np.maximum(time_s - 5.0, 0.0)):
+        np.testing.assert_allclose(read(time_s, values, at_s)[0], straight(time_s, values, at_s), rtol=1e-15, atol=1e-15)
+    # as large an acceleration that comes and goes slowly is met
+    values, true = np.sin(0.5 * time_s), np.sin(0.5 * at_s)
+    assert np.abs(read(time_s, values, at_s)[0] - true)[1:-1].max() < 0.0012
+    assert np.abs(straight(time_s, values, at_s) - true)[1:-1].max() > 0.02
+
+
+def test_what_is_in_doubt_has_no_part_in_what_is_about_it() -> None:
+    time_s = np.arange(12.0)
+    values, at_s = time_s**2, time_s[:-1] + 0.5
+    spoilt = values.copy()
+    spoilt[6] = np.nan
+    found, missed = read(time_s, spoilt, at_s, bad=(6,))
+    assert np.isnan(found[[5, 6]]).all()
+    np.testing.assert_allclose(found[[2, 3, 8, 9]], at_s[[2, 3, 8, 9]] ** 2, rtol=1e-14)
+    # straight beside it, which misses a parabola by a quarter
+    np.testing.assert_allclose(found[[4, 7]] - at_s[[4, 7]] ** 2, 0.25, rtol=1e-12)
+    np.testing.assert_allclose(missed[[4, 7]], 0.25, rtol=1e-12)
+    # two samples alone: what the others bend at most
+    found, missed = read(time_s, values, at_s, bad=(4, 7))
+    np.testing.assert_allclose(missed[5], 0.25, rtol=1e-12)
+
+
+def test_rounding_is_no_bend_and_is_not_made_larger() -> None:
+    """A still sensor between two counts, sampled unevenly: nothing is missed, and what is read scatters less than a count does."""
+    rng = np.random.default_rng(3)
+    time_s = np.cumsum(rng.uniform(1.0, 9.0, 3000))
+    values = np.rint(rng.uniform(-0.5, 0.5, 3000) + 0.5)
+    at_s = time_s[:-1] + rng.uniform(0.0, 1.0, 2999) * np.diff(time_s)
+    found, missed = read(time_s, values, at_s, quantum=1.0)
+    assert missed.max() < 1e-12
+    assert found.std() < values.std()
+    assert np.abs(found - 0.5).max() <= 1.5
+
+
+@pytest.mark.parametrize("part", [0.25, 0.5])
+def test_what_a_straight_line_misses_is_told(part: float) -> None:
+    """Steps of a motion that comes on at once are read straight; the true miss is about what is told."""
+    time_s = np.arange(40.0)
+    at_s = time_s[:-1] + part
+    values, missed = read(time_s, 50.0 * np.cos(time_s), at_s, smooth=0.0)
+    error = np.abs(values - 50.0 * np.cos(at_s))
+    told = missed > 0.0
+    assert told.sum() > 5
+    assert np.sqrt(np.mean(error[told] ** 2)) == pytest.approx(np.sqrt(np.mean(missed[told] ** 2)), rel=0.5)
