@@ -1,12 +1,13 @@
 """The arm that stands in the simulated cell: as its maker drew it, and as it was built."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.robots.serial import AXES, elbow_arm
+from lmeasure.robots.robot import shipped
 from lmeasure.robots.simulated import SimulatedRobot
 
 FOOT_MM = (1100.0, 0.0, -500.0)
@@ -30,17 +31,18 @@ def cell_robot(seed: int = 0) -> SimulatedRobot:
     foot = se3.pose(FOOT_MM, Rotation.from_rotvec([0.0, 0.0, math.pi]))
     # the flange looks down, the tool's axes are those of the base frame at rest
     tool = se3.pose([0.0, 0.0, TOOL_MM], Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0])))
-    nominal = elbow_arm(foot=foot, tool=tool)
+    nominal = replace(shipped("generic6").arm, foot=foot, tool=tool)
+    axes = nominal.axes_count
     errors = rng.normal(size=nominal.links.shape) * [U_ANGLE_RAD, U_LENGTH_MM, U_LENGTH_MM, U_ANGLE_RAD, U_ANGLE_RAD]
     return SimulatedRobot(
         nominal,
         nominal.with_errors(errors),
         rest=np.array([0.0, 0.0, 0.0, 0.0, 1.4, 0.0]),
         ramp_s=RAMP_S,
-        natural_rad_s=rng.uniform(80.0, 110.0, AXES),
-        damping=rng.uniform(0.4, 0.55, AXES),
-        joint_noise_rad=JOINT_NOISE_RAD * rng.uniform(0.5, 1.5, AXES),
-        backlash_rad=BACKLASH_RAD * rng.uniform(0.5, 1.5, AXES),
+        natural_rad_s=rng.uniform(80.0, 110.0, axes),
+        damping=rng.uniform(0.4, 0.55, axes),
+        joint_noise_rad=JOINT_NOISE_RAD * rng.uniform(0.5, 1.5, axes),
+        backlash_rad=BACKLASH_RAD * rng.uniform(0.5, 1.5, axes),
         stiffness_n_mm_rad=np.array([2e9, 2e9, 1.5e9, 4e8, 4e8, 3e8]),
         growth=GROWTH,
         growth_s=GROWTH_S,

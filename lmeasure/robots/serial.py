@@ -1,8 +1,10 @@
-"""Six-axis arms by Denavit and Hartenberg's parameters: forward kinematics of any arm, inverse of an elbow arm with a spherical wrist.
+"""Serial arms by Denavit and Hartenberg's parameters: forward kinematics and its derivatives of any arm, and the closed inverse of an elbow
+arm with a spherical wrist.
 
 Link i turns about z by theta, moves along z by d, along the new x by a, turns about it by alpha, and about the new y by beta:
-T_i = Rz(theta_i + offset_i) Tz(d_i) Tx(a_i) Rx(alpha_i) Ry(beta_i). The beta, zero in a nominal arm, is Hayati's: without it a small tilt
-between parallel axes would need a distant d (Hayati and Mirmirani, J. Robotic Systems 2, 1985).
+T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i) Ry(beta_i); where the joint is prismatic, q_i is added to d_i. The beta, zero in a
+nominal arm, is Hayati's: without it a small tilt between parallel axes would need a distant d (Hayati and Mirmirani, J. Robotic
+Systems 2, 1985).
 """
 
 import math
@@ -12,12 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import RobotError
 
-AXES = 6
 LINK_COLUMNS = OFFSET, D, A, ALPHA, BETA = range(5)
-"""Columns of a link table (6, 5): offset [rad], d [mm], a [mm], alpha [rad], beta [rad]."""
+"""Columns of a link table (n, 5): theta [rad], d [mm], a [mm], alpha [rad], beta [rad]."""
+ELBOW_AXES = 6
 ELBOW_ALPHA = (-0.5 * math.pi, 0.0, -0.5 * math.pi, 0.5 * math.pi, -0.5 * math.pi, 0.0)
 WAYS = 8
 """Ways in which an elbow arm with a spherical wrist reaches a pose."""
@@ -28,9 +30,11 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class SerialArm:
-    """A six-axis arm standing in the base frame of the commands.
+    """An arm of n joints standing in the base frame of the commands.
 
-    links (6, 5): see `LINK_COLUMNS`; foot (7,): base_from_foot; tool (7,): flange_from_tool; low, high (6,): joint limits [rad].
+    links (n, 5): see `LINK_COLUMNS`; foot (7,): base_from_foot, where the first axis is the foot's z; tool (7,): flange_from_tool; low,
+    high (n,): joint limits [rad, mm]; prismatic (n,): joints that slide, none where it is None. Joint values are
+    rad, or mm where they slide.
     """
 
     links: FloatArray
@@ -38,13 +42,24 @@ class SerialArm:
     tool: FloatArray
     low: FloatArray
     high: FloatArray
+    prismatic: BoolArray | None = None
+
+    @property
+    def axes_count(self) -> int:
+        """Number of its joints."""
+        return len(self.links)
+
+    @property
+    def sliding(self) -> BoolArray:
+        """(n,) whether a joint is prismatic."""
+        return np.zeros(self.axes_count, np.bool_) if self.prismatic is None else self.prismatic
 
     def with_errors(self, errors: FloatArray) -> "SerialArm":
-        """The same arm with (6, 5) errors added to its links: what was built, beside what its controller believes."""
+        """The same arm with (n, 5) errors added to its links: what was built, beside what its controller believes."""
         return replace(self, links=self.links + errors)
 
     def forward(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> FloatArray:
-        """(..., 7) poses base_from_tool, qw not negative, at (..., 6) joint angles [rad]; growth (...): relative growth of all d and a."""
+        """(..., 7) poses base_from_tool, qw not negative, at (..., n) joint values; growth (...): relative growth of all d and a."""
         joints = np.asarray(joints, dtype=np.float64)
         at, turn = self.flange(joints, growth)
         at = at + np.einsum("...ij,j->...i", turn, self.tool[:3])
@@ -55,27 +70,58 @@ class SerialArm:
     def flange(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
         """(..., 3) positions [mm] and (..., 3, 3) rotations foot_from_flange."""
         at, turn = np.zeros((*joints.shape[:-1], 3)), np.broadcast_to(np.eye(3), (*joints.shape[:-1], 3, 3))
-        for i in range(AXES):
+        for i in range(self.axes_count):
             at, turn = self._past(i, joints[..., i], at, turn, growth)
         return at, turn
 
+    def twists(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """base_from_flange (N, 7) at joint values (N, n), and (N, n, 5, 6) its derivatives by every entry of the links.
+
+        A derivative is a twist (omega; v) at the base's origin in its axes: each entry is a turn about, or a shift along, an axis that
+        the entries before it have placed. That of the joint's own value is the one of theta, or of d where it slides.
+        """
+        shape = joints.shape[:-1]
+        stand = se3.matrices(self.foot)
+        x, y, z = (np.broadcast_to(stand[:, k], (*shape, 3)) for k in range(3))
+        at = np.broadcast_to(self.foot[:3], (*shape, 3))
+        out = np.zeros((*shape, self.axes_count, 5, 6))
+        for i, (offset, d, a, alpha, beta) in enumerate(self.links):
+            slides = bool(self.sliding[i])
+            of = out[..., i, :, :]
+            of[..., OFFSET, :3], of[..., OFFSET, 3:], of[..., D, 3:] = z, np.cross(at, z), z
+            x, y = _turned(x, y, offset if slides else offset + joints[..., i, None])
+            at = at + ((d + joints[..., i, None]) if slides else d) * z + a * x
+            of[..., A, 3:], of[..., ALPHA, :3], of[..., ALPHA, 3:] = x, x, np.cross(at, x)
+            y, z = _turned(y, z, alpha)
+            of[..., BETA, :3], of[..., BETA, 3:] = y, np.cross(at, y)
+            z, x = _turned(z, x, beta)
+        turn = Rotation.from_matrix(np.stack([x, y, z], axis=-1)).as_quat(canonical=True)
+        return np.concatenate([at, turn], axis=-1), out
+
+    def joint_twists(self, twists: FloatArray) -> FloatArray:
+        """(N, n, 6) derivatives by the joints' own values, of those by the links' entries."""
+        return np.asarray(np.where(self.sliding[:, None], twists[..., D, :], twists[..., OFFSET, :]))
+
     def axes(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(..., 6, 3) points on the joint axes [mm] and their directions, in the base frame."""
+        """(..., n, 3) points on the joint axes [mm] and their directions, in the base frame."""
         shape = joints.shape[:-1]
         at, turn = np.zeros((*shape, 3)), np.broadcast_to(np.eye(3), (*shape, 3, 3))
-        points, directions = np.empty((*shape, AXES, 3)), np.empty((*shape, AXES, 3))
+        points, directions = np.empty((*shape, self.axes_count, 3)), np.empty((*shape, self.axes_count, 3))
         stand = se3.matrices(self.foot)
-        for i in range(AXES):
+        for i in range(self.axes_count):
             points[..., i, :], directions[..., i, :] = self.foot[:3] + at @ stand.T, turn[..., 2] @ stand.T
             at, turn = self._past(i, joints[..., i], at, turn, 0.0)
         return points, directions
 
     def _past(
-        self, i: int, angle: FloatArray, at: FloatArray, turn: FloatArray, growth: FloatArray | float
+        self, i: int, value: FloatArray, at: FloatArray, turn: FloatArray, growth: FloatArray | float
     ) -> tuple[FloatArray, FloatArray]:
         """The frame behind link i, of the frame before it."""
         offset, d, a, alpha, beta = self.links[i]
-        theta = angle + offset
+        if self.sliding[i]:
+            theta, d = np.broadcast_to(offset, value.shape), (d + value)[..., None]
+        else:
+            theta = value + offset
         c, s = np.cos(theta), np.sin(theta)
         x, y, z = turn[..., 0], turn[..., 1], turn[..., 2]
         out = c[..., None] * x + s[..., None] * y
@@ -84,7 +130,7 @@ class SerialArm:
         twist = (Rotation.from_rotvec([alpha, 0.0, 0.0]) * Rotation.from_rotvec([0.0, beta, 0.0])).as_matrix()
         return at + stretch * (d * z + a * out), np.stack([out, side, z], axis=-1) @ twist
 
-    def inverse(self, poses: FloatArray) -> FloatArray:
+    def ways(self, poses: FloatArray) -> FloatArray:
         """(..., 8, 6) joint angles in (-pi, pi] that take the tool to (..., 7) poses, NaN where a way does not reach.
 
         The ways are shoulder (front, back) x elbow (two) x wrist (two), wrist fastest. A way beyond the joint limits is NaN. RobotError
@@ -92,7 +138,7 @@ class SerialArm:
         """
         poses = np.asarray(poses, dtype=np.float64)
         joints = np.stack([self._way(poses.reshape(-1, 7), way) for way in range(WAYS)], axis=1)
-        return np.asarray(joints.reshape(*poses.shape[:-1], WAYS, AXES))
+        return np.asarray(joints.reshape(*poses.shape[:-1], WAYS, ELBOW_AXES))
 
     def _way(self, rows: FloatArray, way: int) -> FloatArray:
         """(n, 6) joint angles of one way to (n, 7) poses."""
@@ -108,10 +154,17 @@ class SerialArm:
         joints[~((joints >= self.low) & (joints <= self.high)).all(axis=1)] = np.nan
         return joints
 
-    def _require_elbow(self) -> None:
+    @property
+    def is_elbow(self) -> bool:
+        """Whether `ways` solves it."""
         links = self.links
+        if len(links) != ELBOW_AXES or self.sliding.any():
+            return False
         rest = (links[[1, 2, 4], D], links[[3, 4, 5], A], links[:, BETA], links[:, ALPHA] - ELBOW_ALPHA)
-        if any(values.any() for values in rest):
+        return not any(values.any() for values in rest)
+
+    def _require_elbow(self) -> None:
+        if not self.is_elbow:
             raise RobotError("the closed inverse is that of an elbow arm with a spherical wrist; these links are none")
 
     def _shoulder(self, wrist: FloatArray, back: int) -> tuple[FloatArray, FloatArray]:
@@ -135,7 +188,7 @@ class SerialArm:
 
         RobotError names the first sample that cannot be reached, or where the way jumps: the path runs through a singular pose.
         """
-        ways = self.inverse(poses[0])
+        ways = self.ways(poses[0])
         if np.isnan(ways).all():
             raise RobotError(f"sample 0: the arm cannot reach {_shown(poses[0])}", 0)
         joints = self._way(poses, int(np.nanargmin(np.abs(_turns(ways - start)).max(axis=1))))
@@ -177,29 +230,11 @@ def _turns(angles: FloatArray) -> FloatArray:
     return np.asarray(math.pi - np.mod(math.pi - angles, 2.0 * math.pi))
 
 
+def _turned(first: FloatArray, second: FloatArray, angle: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+    """Two of a frame's axes (..., 3) after a turn about the third, from the first towards the second."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * first + s * second, c * second - s * first
+
+
 def _shown(pose: FloatArray) -> str:
     return "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*pose[:3])
-
-
-def elbow_arm(
-    *,
-    shoulder_mm: tuple[float, float] = (450.0, 150.0),
-    upper_mm: float = 800.0,
-    elbow_mm: float = 120.0,
-    fore_mm: float = 850.0,
-    flange_mm: float = 100.0,
-    foot: FloatArray | None = None,
-    tool: FloatArray | None = None,
-) -> SerialArm:
-    """A common arm: shoulder_mm height and reach of the second axis, upper arm, elbow offset, forearm, wrist centre to flange.
-
-    At zero the upper arm stands upright and the forearm runs straight ahead.
-    """
-    links = np.zeros((AXES, len(LINK_COLUMNS)))
-    links[:, ALPHA] = ELBOW_ALPHA
-    links[1, OFFSET] = -0.5 * math.pi
-    links[[0, 3, 5], D] = shoulder_mm[0], fore_mm, flange_mm
-    links[[0, 1, 2], A] = shoulder_mm[1], upper_mm, elbow_mm
-    rest = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    limit = np.radians([185.0, 150.0, 180.0, 350.0, 130.0, 350.0])
-    return SerialArm(links, rest if foot is None else foot, rest if tool is None else tool, -limit, limit)

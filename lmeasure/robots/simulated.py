@@ -12,7 +12,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.commands import Command
-from lmeasure.robots.serial import AXES, SerialArm
+from lmeasure.robots.serial import SerialArm
 
 GRAVITY_M_S2 = 9.80665
 MAX_SAMPLES = 50_000_000
@@ -92,8 +92,9 @@ class SimulatedRobot:
 
     def _errors(self, asked: FloatArray, spans: Sequence["Span"], rate_hz: float, rng: np.random.Generator) -> FloatArray:
         """(n, 6) errors of the joints: drawn once for each command, taken up while it moves, kept while it rests."""
-        noise = rng.normal(size=(len(spans), AXES)) * self.joint_noise_rad
-        knots, values = [0.0], [np.zeros(AXES)]
+        axes = self.nominal.axes_count
+        noise = rng.normal(size=(len(spans), axes)) * self.joint_noise_rad
+        knots, values = [0.0], [np.zeros(axes)]
         for span, drawn in zip(spans, noise, strict=True):
             end = min(round(span.arrival_s * rate_hz), len(asked) - 1)
             before = max(round((span.arrival_s - sum(self.ramp_s) - APPROACH_S) * rate_hz), 0)
@@ -102,7 +103,7 @@ class SimulatedRobot:
             knots += [span.begin_s, span.arrival_s]
             values += [values[-1], drawn - 0.5 * self.backlash_rad * side]
         time_s, table = np.arange(len(asked)) / rate_hz, np.array(values)
-        return np.column_stack([np.interp(time_s, knots, table[:, i]) for i in range(AXES)])
+        return np.column_stack([np.interp(time_s, knots, table[:, i]) for i in range(axes)])
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,69 @@
+"""What every robot under test can do, whatever its kind: parameters by name, joint values to poses, and the derivatives of both."""
+
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+from lmeasure.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a robot as files name it, such as `joint_2.a_mm`; value in the unit (`mm`, `deg`, ...) that the name ends with.
+
+    size: what a unit of it is in the robot's own numbers, radians and millimetres; width: how far it may lie from its nominal value, as
+    a standard uncertainty in its unit, where nothing else is known.
+    """
+
+    name: str
+    unit: str
+    value: float
+    size: float
+    width: float
+
+
+class RobotModel(Protocol):
+    """A robot that can be identified. Joint values are rad, or mm where a joint slides; poses (N, 7) are base_from_flange.
+
+    side (N, n): on which side of its play each joint lies, -1, 0 or 1, by the way that it was come from; 0 where it is not given.
+    """
+
+    @property
+    def name(self) -> str:
+        """As its file calls it."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """In the order of joint values."""
+        ...
+
+    @property
+    def sliding(self) -> FloatArray:
+        """(n,) whether a joint's value is a length."""
+        ...
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """(n,) least and largest joint values."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All of them, freed or not."""
+        ...
+
+    def moved(self, change: FloatArray) -> Self:
+        """The robot with (p,) added to its parameters, in the robot's own numbers (rad, mm)."""
+        ...
+
+    def forward(self, joints: FloatArray, side: FloatArray | None = None) -> FloatArray:
+        """(N, 7) base_from_flange at joint values (N, n)."""
+        ...
+
+    def derivatives(self, joints: FloatArray, side: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, n, 6) by joint values and (N, p, 6) by parameters."""
+        ...
+
+    def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
+        """(k, n) joint values within the limits that take the flange to the pose (7,): all that there are, none where k is 0."""
+        ...

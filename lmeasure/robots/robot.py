@@ -1,0 +1,239 @@
+"""A robot as robot.toml states it: joints by standard Denavit-Hartenberg links, with what else is known of them."""
+
+import math
+from importlib.resources import files as resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+
+from lmeasure import files
+from lmeasure.arrays import FloatArray
+from lmeasure.checked import Name, Strict, complaint
+from lmeasure.conventions import LARGEST_ANGLE, MAX_LENGTH_MM
+from lmeasure.errors import RobotError
+from lmeasure.poses import UNIT_TOLERANCE
+from lmeasure.robots.serial import SerialArm
+from lmeasure.robots.serial_robot import GRAVITY_M_S2, SerialRobot
+
+SCHEMA = "lmeasure.robot/1"
+_SHIPPED = resources("lmeasure.robots").joinpath("shipped")
+MOST_JOINTS = 32
+GEOMETRY = frozenset(
+    ("name", "type", "theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg", "min_deg", "max_deg", "min_mm", "max_mm", "pitch_mm")
+)
+"""Keys of a joint that say where its axis lies and how far it goes."""
+
+
+def _length(value: float) -> float:
+    if not abs(value) <= MAX_LENGTH_MM:
+        raise ValueError(f"must be a length of at most {MAX_LENGTH_MM:.0f} mm")
+    return value
+
+
+def _angle(value: float) -> float:
+    if not abs(value) <= LARGEST_ANGLE:
+        raise ValueError(f"must be an angle of at most {LARGEST_ANGLE:g} degrees")
+    return value
+
+
+Length = Annotated[float, AfterValidator(_length)]
+Angle = Annotated[float, AfterValidator(_angle)]
+Small = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+class _Link(Strict):
+    """Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), the joint's value added to theta where it turns and to d where it slides."""
+
+    name: Name
+    theta_deg: Angle = 0.0
+    d_mm: Length = 0.0
+    a_mm: Length = 0.0
+    alpha_deg: Angle = 0.0
+    beta_deg: Angle = 0.0
+    scale: Annotated[float, Field(ge=-10.0, le=10.0)] = 1.0
+    """Of the joint's value; -1 where it counts the other way."""
+
+    @model_validator(mode="after")
+    def _scale_is_not_nothing(self) -> Self:
+        if abs(self.scale) < 0.1:
+            raise ValueError(f"scale: {self.scale:g} leaves nothing of the joint's value")
+        return self
+
+
+class Revolute(_Link):
+    """A joint that turns."""
+
+    type: Literal["revolute"] = "revolute"
+    min_deg: Angle = -360.0
+    max_deg: Angle = 360.0
+    sin1_deg: Small = 0.0
+    cos1_deg: Small = 0.0
+    sin2_deg: Small = 0.0
+    cos2_deg: Small = 0.0
+    compliance_deg_per_nm: Small = 0.0
+    backlash_deg: Small = 0.0
+
+    @property
+    def terms(self) -> tuple[float, ...]:
+        """In the order of `serial_robot.TERMS`, rad and N mm."""
+        angles = (self.sin1_deg, self.cos1_deg, self.sin2_deg, self.cos2_deg, 1e-3 * self.compliance_deg_per_nm, self.backlash_deg)
+        return (self.scale - 1.0, *(math.radians(v) for v in angles))
+
+
+class Prismatic(_Link):
+    """A joint that slides."""
+
+    type: Literal["prismatic"] = "prismatic"
+    min_mm: Length
+    max_mm: Length
+    pitch_mm: Annotated[float, Field(gt=0), AfterValidator(_length)] | None = None
+    """Of the screw that drives it: the length of one turn, over which harmonics repeat."""
+    sin1_mm: Small = 0.0
+    cos1_mm: Small = 0.0
+    sin2_mm: Small = 0.0
+    cos2_mm: Small = 0.0
+    compliance_mm_per_n: Small = 0.0
+    backlash_mm: Small = 0.0
+
+    @property
+    def terms(self) -> tuple[float, ...]:
+        """In the order of `serial_robot.TERMS`, mm and N."""
+        return (self.scale - 1.0, self.sin1_mm, self.cos1_mm, self.sin2_mm, self.cos2_mm, self.compliance_mm_per_n, self.backlash_mm)
+
+
+class Place(Strict):
+    """A pose: of the first axis in the robot's base, or of the tool on the flange."""
+
+    position_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _turns(self) -> Self:
+        length = math.hypot(*self.quaternion_xyzw)
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
+            raise ValueError(f"quaternion_xyzw: its length is {length:.9g}, not 1")
+        return self
+
+    @property
+    def row(self) -> FloatArray:
+        """(7,) pose."""
+        quaternion = np.array(self.quaternion_xyzw)
+        return np.concatenate([self.position_mm, quaternion / np.linalg.norm(quaternion)])
+
+
+class Payload(Strict):
+    """What hangs from the flange."""
+
+    mass_kg: Annotated[float, Field(ge=0, le=1e5)]
+    centre_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """In the flange's frame."""
+
+
+Joint = Annotated[Revolute | Prismatic, Field(discriminator="type")]
+
+
+class Robot(Strict):
+    """A robot as robot.toml states it."""
+
+    schema_: Annotated[Literal["lmeasure.robot/1"], Field(alias="schema")] = "lmeasure.robot/1"
+    name: Name
+    kind: Literal["serial"] = "serial"
+    base: Place | None = None
+    """Robot's base from the frame whose z is the first axis; the same frame where it is not given."""
+    tool: Place | None = None
+    """Flange from tool."""
+    payload: Payload | None = None
+    joint: Annotated[tuple[Joint, ...], Field(min_length=1, max_length=MOST_JOINTS)]
+
+    @model_validator(mode="after")
+    def _holds_together(self) -> Self:
+        names = [j.name for j in self.joint]
+        twice = next((n for n in names if names.count(n) > 1), None)
+        if twice is not None:
+            raise ValueError(f"joint: the name {twice!r} is given twice")
+        for j in self.joint:
+            low, high, unit = (j.min_deg, j.max_deg, "deg") if isinstance(j, Revolute) else (j.min_mm, j.max_mm, "mm")
+            if not low < high:
+                raise ValueError(f"joint {j.name}: min_{unit} {low:g} is not below max_{unit} {high:g}")
+        return self
+
+    @property
+    def sliding(self) -> tuple[bool, ...]:
+        """Whether each joint slides."""
+        return tuple(isinstance(j, Prismatic) for j in self.joint)
+
+    @property
+    def arm(self) -> SerialArm:
+        """Its geometry as arrays."""
+        links = np.array(
+            [[math.radians(j.theta_deg), j.d_mm, j.a_mm, math.radians(j.alpha_deg), math.radians(j.beta_deg)] for j in self.joint]
+        )
+        limits = np.array([np.radians([j.min_deg, j.max_deg]) if isinstance(j, Revolute) else [j.min_mm, j.max_mm] for j in self.joint])
+        foot, tool = ((Place() if place is None else place).row for place in (self.base, self.tool))
+        return SerialArm(links, foot, tool, limits[:, 0], limits[:, 1], np.array(self.sliding))
+
+    @property
+    def model(self) -> SerialRobot:
+        """The robot that computes."""
+        turn = [1.0 if isinstance(j, Revolute) else 2.0 * math.pi / j.pitch_mm if j.pitch_mm else math.nan for j in self.joint]
+        load = np.zeros(3) if self.payload is None else np.array([0.0, 0.0, -GRAVITY_M_S2 * self.payload.mass_kg])
+        at = np.zeros(3) if self.payload is None else np.array(self.payload.centre_mm)
+        terms = np.array([j.terms for j in self.joint])
+        return SerialRobot(self.name, tuple(j.name for j in self.joint), self.arm, terms, np.array(turn), load, at, self.arm)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of robot.toml; terms that are nothing are left out."""
+        data = self.model_dump(by_alias=True, exclude_none=True, mode="json")
+        for joint in data["joint"]:
+            for key in [k for k, v in joint.items() if k not in GEOMETRY and v == (1.0 if k == "scale" else 0.0)]:
+                del joint[key]
+        return data
+
+    def with_values(self, values: dict[str, float]) -> Self:
+        """With values of its parameters by name, such as `joint_2.a_mm`."""
+        of: dict[str, dict[str, float]] = {}
+        for name, value in values.items():
+            joint, key = name.rsplit(".", 1)
+            of.setdefault(joint, {})[key] = float(value)
+        return self.model_copy(update={"joint": tuple(j.model_copy(update=of.get(j.name, {})) for j in self.joint)})
+
+
+_TABLES: dict[str, type[BaseModel]] = {"base": Place, "tool": Place, "payload": Payload, "joint": Revolute}
+
+
+def robot_from_dict(data: dict[str, Any], source: str = "robot") -> Robot:
+    """A checked robot; RobotError names the source and the key."""
+    if "schema" not in data:
+        raise RobotError(f"{source}: schema: is missing; this program reads {SCHEMA!r}")
+    try:
+        return Robot.model_validate(data, by_alias=True, by_name=False)
+    except ValidationError as error:
+        raise RobotError(f"{source}: {complaint(error, data, Robot, _TABLES)}") from None
+
+
+def read_robot(path: Path) -> Robot:
+    """Read and check a robot.toml; RobotError names the file and the key."""
+    return robot_from_dict(files.read_toml(path), str(path))
+
+
+def write_robot(path: Path, robot: Robot) -> None:
+    """Write a robot.toml, whole or not at all."""
+    files.write_toml(path, robot.to_dict())
+
+
+def shipped_names() -> tuple[str, ...]:
+    """Robots that come along."""
+    return tuple(
+        sorted(
+            Path(entry.name).stem for entry in resources("lmeasure.robots").joinpath("shipped").iterdir() if entry.name.endswith(".toml")
+        )
+    )
+
+
+def shipped(name: str) -> Robot:
+    """A robot that comes along, by its name; RobotError names those that there are."""
+    if name not in shipped_names():
+        raise RobotError(f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
+    return read_robot(Path(str(_SHIPPED.joinpath(f"{name}.toml"))))
