@@ -1,4 +1,4 @@
-"""Parameters of cables as the kernels order them, by the names of a calibration's record, and how they err."""
+"""How cables' parameters err, in the kernels' order: what a calibration's record says, and the rig of its dimensions."""
 
 import numpy as np
 
@@ -6,28 +6,8 @@ from lmeasure import unsolved
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import Cable, Rig
-
-
-def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:
-    """For each cable the calibration record's names of the kernels' parameters (`kernels.cable.PARAMETERS`)."""
-    out: list[list[str]] = []
-    for c in rig.cable if cables is None else cables:
-        point = c.from_point
-        own = (
-            "x_mm",
-            "y_mm",
-            "z_mm",
-            "guide_alpha_deg",
-            "guide_beta_deg",
-            "pulley_radius_mm",
-            "scale",
-            "tangent_length_mm",
-            "axial_offset_mm",
-        )
-        attachment = [f"tool.{c.to_point}.{axis}_mm" for axis in "xyz"]
-        out.append([*(f"{point}.{key}" for key in own), *attachment, f"{point}.groove_pitch_mm"])
-    return out
 
 
 def cable_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:

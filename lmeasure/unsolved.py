@@ -32,6 +32,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.effects import Zero
 from lmeasure.kernels import travel as kernels
+from lmeasure.observation.parameters import attachment_names
 from lmeasure.rig import Cable, Rig
 
 EXPANSION_PER_K = 11.5e-6  # of steel
@@ -121,7 +122,7 @@ class Variable:
     def names(self) -> tuple[str, ...]:
         """Names of its components, those of a calibration's parameters where it could be one."""
         if self.kind is ATTACHMENT:
-            return tuple(f"tool.{self.owner}.{axis}_mm" for axis in "xyz")
+            return attachment_names(self.owner)
         key = self.kind.key.removeprefix("u_")
         return (f"{self.owner}.{key}",) if self.kind in (COUNT_LENGTH, PITCH) else (f"{self.owner}.{key} 1", f"{self.owner}.{key} 2")
 
@@ -163,7 +164,7 @@ def _stated(rig: Rig, kind: Kind, owner: str) -> float | None:
 
 def _solved(kind: Kind, owner: str, known: set[str]) -> bool:
     if kind is ATTACHMENT:
-        return f"tool.{owner}.x_mm" in known
+        return attachment_names(owner)[0] in known
     return any(f"{owner}.{name}" in known for name in (kind.parameter, kind.key.removeprefix("u_")))
 
 

@@ -11,7 +11,7 @@ import pytest
 import test_rig
 from numpy.typing import NDArray
 
-from lmeasure.cable_parameters import cable_covariance, parameter_names
+from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts
 from lmeasure.errors import FileFormatError, GeometryError
@@ -28,6 +28,7 @@ from lmeasure.lengths import (
     span_lengths,
     write_lengths,
 )
+from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
 from lmeasure.status import Status

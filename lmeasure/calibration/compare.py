@@ -13,12 +13,12 @@ import numpy as np
 import scipy.stats
 
 from lmeasure.arrays import FloatArray
-from lmeasure.cable_parameters import parameter_names
 from lmeasure.calibration.prediction import workspace
 from lmeasure.calibration.solve import Calibration
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
+from lmeasure.observation.parameters import PLACE, parameter_names, value_of
 from lmeasure.rig import Cable, Rig, read_rig
 
 SIGNIFICANT = 0.01
@@ -119,7 +119,7 @@ def compare(old: Earlier, new: Calibration, seed: int = 0) -> Comparison:
     width = np.array([_width(old.record, new.record, n) for n in common])
     covariances = _covariance(old.record, common), _covariance(new.record, common)
     values = tuple(
-        ValueShift(n, _value(old.rig, n), _value(new.rig, n), float(u))
+        ValueShift(n, value_of(old.rig, n) or 0.0, value_of(new.rig, n) or 0.0, float(u))
         for n, u in zip(common, np.sqrt(np.diag(covariances[0] + covariances[1])), strict=True)
     )
     z = np.array([v.change for v in values]) / width
@@ -128,7 +128,7 @@ def compare(old: Earlier, new: Calibration, seed: int = 0) -> Comparison:
     points = []
     for owner in owners:
         own = np.array([i for i, n in enumerate(common) if n.rsplit(".", 1)[0] == owner])
-        place = [values[i].change for i in own if common[i].rsplit(".", 1)[1] in ("x_mm", "y_mm", "z_mm")]
+        place = [values[i].change for i in own if common[i].rsplit(".", 1)[1] in PLACE]
         points.append(
             _tested(
                 owner.removeprefix("tool."),
@@ -228,17 +228,6 @@ def _width(old: CalibrationRecord, new: CalibrationRecord, name: str) -> float:
 def _known(rig: Rig, name: str) -> bool:
     owner = name.rsplit(".", 1)[0]
     return owner.removeprefix("tool.") in (rig.tool if owner.startswith("tool.") else {p.name for p in rig.observation_point})
-
-
-def _value(rig: Rig, name: str) -> float:
-    """The rig's value of a record's parameter."""
-    owner, key = name.rsplit(".", 1)
-    if owner.startswith("tool."):
-        return rig.tool[owner.removeprefix("tool.")]["xyz".index(key[0])]
-    point = rig.point(owner)
-    if key in ("x_mm", "y_mm", "z_mm"):
-        return point.position_mm["xyz".index(key[0])]
-    return float(getattr(point if hasattr(point, key) else point.drum, key))
 
 
 def _check_frames(old: Earlier, new: CalibrationRecord) -> None:

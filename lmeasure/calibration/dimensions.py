@@ -17,7 +17,8 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Dimension
-from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.observation.parameters import value_of, with_values
+from lmeasure.rig import Rig
 from lmeasure.unsolved import PARAMETERS
 
 
@@ -35,11 +36,11 @@ class Dimensions:
 
     def entries(self, rig: Rig) -> tuple[Dimension, ...]:
         """For the record; rig has the corrected values."""
-        u, found = np.sqrt(np.diag(self.covariance)), values(rig)
+        u = np.sqrt(np.diag(self.covariance))
         return tuple(
             Dimension(
                 name=name,
-                value=found[name],
+                value=value_of(rig, name) or 0.0,
                 u=float(u[i]),
                 prior_u=float(self.stated[i]),
                 covariance=tuple(map(float, [*self.with_values[:, i], *self.covariance[:, i]])),
@@ -78,23 +79,8 @@ def _possible(T: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
     return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def values(rig: Rig) -> dict[str, float]:
-    """The dimensions of a rig by their names."""
-    out = {f"{p.name}.count_length_mm": p.drum.count_length_mm for p in rig.observation_point}
-    out |= {f"{p.name}.groove_pitch_mm": p.drum.groove_pitch_mm for p in rig.observation_point}
-    return out | {f"tool.{name}.{axis}_mm": x for name, at in rig.tool.items() for axis, x in zip("xyz", at, strict=True)}
-
-
 def with_dimensions(rig: Rig, found: Dimensions) -> Rig:
     """The rig with corrected dimensions."""
     if not found.names:
         return rig
-    data = rig.to_dict()
-    points = {p["name"]: p for p in data["observation_point"]}
-    for name, by in zip(found.names, found.correction.tolist(), strict=True):
-        owner, key = name.rsplit(".", 1)
-        if owner.startswith("tool."):
-            data["tool"][owner.removeprefix("tool.")]["xyz".index(key[0])] += by
-        else:
-            points[owner]["drum"][key] += by
-    return rig_from_dict(data, "calibrated rig")
+    return with_values(rig, {name: (value_of(rig, name) or 0.0) + by for name, by in zip(found.names, found.correction, strict=True)})

@@ -25,7 +25,7 @@ LEAST, MOST = 1e-6, 1e3  # sizes between which an explanation is looked for; nei
 GRID = 60
 SWEEPS = 4
 FREED = ("scale", "attachment", "radius")
-"""Groups of `unknowns.GROUPS` that are taken as exact unless asked for, and whose errors look like nothing else."""
+"""Groups of `observation.parameters.GROUPS` that are taken as exact unless asked for, and whose errors look like nothing else."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Model, Unknowns
 from lmeasure.calibration_record import Finding, Unobservable
 from lmeasure.effects import effects_of
+from lmeasure.observation.parameters import GUIDE, PLACE
 
 BEGINS = "no point can be searched for alone: the nominal rig starts the least squares"
 
@@ -85,8 +86,8 @@ def shape_findings(
         values = dict(zip(unknowns.names, found.theta[: len(unknowns.names)], strict=True))
         p = campaign.rig.point(name)
         where = np.array(
-            [values.get(f"{name}.{k}", v) for k, v in zip(("x_mm", "y_mm", "z_mm"), p.position_mm, strict=True)]
-            + [math.radians(values.get(f"{name}.{k}", getattr(p, k))) for k in ("guide_alpha_deg", "guide_beta_deg")]
+            [values.get(f"{name}.{k}", v) for k, v in zip(PLACE, p.position_mm, strict=True)]
+            + [math.radians(values.get(f"{name}.{k}", getattr(p, k))) for k in GUIDE]
         )
         if not any(box.holds(where.copy()) for box in boxes):
             text = f"{name}: the result lies at the edge of the neighbourhood searched, or beyond; widen it (--neighbourhood-mm, -deg)"

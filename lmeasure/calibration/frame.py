@@ -16,6 +16,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration.joint_model import Frame, JointModel
 from lmeasure.kernels.cable import guide_direction
+from lmeasure.observation.parameters import GUIDE, PLACE
 
 MAX_STEPS = 50
 SETTLED = 1e-12
@@ -26,8 +27,8 @@ def _places(model: JointModel) -> tuple[FloatArray, FloatArray]:
     solved for."""
     at = {name: i for i, name in enumerate(model.rig.names)}
     points = dict.fromkeys(c.from_point for c in model.campaign.cables)
-    place = np.array([[at[f"{p}.{a}_mm"] for a in "xyz"] for p in points])
-    return place, np.array([[at[f"{p}.guide_{g}_deg"] for g in ("alpha", "beta")] for p in points])
+    place, guide = (np.array([[at[f"{p}.{key}"] for key in keys] for p in points]) for keys in (PLACE, GUIDE))
+    return place, guide
 
 
 def _turned_guides(alpha: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,20 +7,13 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.calibration_record import Unobservable
+from lmeasure.observation.parameters import PLACE, TABLE
 from lmeasure.poses import Poses
 from lmeasure.rig import Cable, Rig
 
 SAME = ": the counts stay the same, only the prior holds it"
 SHARE = 0.3  # of a direction that several points share, from which a point's part is told
-_WORDS = {
-    "guide_alpha_deg": ("guide alpha", "deg"),
-    "guide_beta_deg": ("guide beta", "deg"),
-    "pulley_radius_mm": ("the pulley radius", "mm"),
-    "scale": ("the count scale", ""),
-    "tangent_length_mm": ("the drum's tangent length", "mm"),
-    "axial_offset_mm": ("the drum's axial offset", "mm"),
-    "groove_pitch_mm": ("the groove pitch", "mm"),
-}
+_WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words}
 
 
 def lines_of_sight(rig: Rig, cables: Iterable[Cable], poses: Poses) -> dict[str, FloatArray]:
@@ -74,9 +67,9 @@ def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, s
     """What moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
     by_key = dict(zip(keys, change, strict=True))
     parts = []
-    move = np.array([by_key.get(k, 0.0) for k in ("x_mm", "y_mm", "z_mm")])
+    move = np.array([by_key.get(k, 0.0) for k in PLACE])
     length = float(np.linalg.norm(move))
-    place = [i for i, k in enumerate(keys) if k in ("x_mm", "y_mm", "z_mm")]
+    place = [i for i, k in enumerate(keys) if k in PLACE]
     if place and float(np.linalg.norm(vector[place])) > 0.1:
         along = abs(float(move @ sight)) / length if sight is not None else 0.0
         way = "along its line of sight" if along > 0.9 else "across its line of sight" if along < 0.4 else "askew to its line of sight"

@@ -14,6 +14,7 @@ from lmeasure.calibration.joint_model import Frame
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.observation.parameters import GUIDE, PLACE
 
 STARTS = 6  # distinct LP candidates that are polished per point
 APART = 10.0  # standard uncertainties between two results that are not one
@@ -53,7 +54,7 @@ def box_of(campaign: Campaign, name: str, settings: Settings) -> Box:
     """The neighbourhood of a nominal point."""
     half = np.array([settings.neighbourhood_mm] * 3 + [math.radians(settings.neighbourhood_deg)] * 2)
     # nobody measured an assumed angle: all of its range is searched
-    for key, i, whole in (("guide_alpha_deg", 3, math.pi / 2), ("guide_beta_deg", 4, math.pi)):
+    for key, i, whole in zip(GUIDE, (3, 4), (math.pi / 2, math.pi), strict=True):
         if f"{name}.{key}" in campaign.rig.assumed:
             half[i] = whole
     point = campaign.rig.point(name)
@@ -84,7 +85,7 @@ def solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise,
         Box(np.array([*s.position, *around.centre[3:]]), around.half) for solutions in coarse.values() for s in solutions[:1] if s.physical
     ]
     starts = [unknowns.nominal]
-    free = [f"{name}.{key}" for key in ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")]
+    free = [f"{name}.{key}" for key in (*PLACE, *GUIDE)]
     for candidate in search_point(point_data(campaign, name), boxes, settings.seed):
         start = unknowns.nominal.copy()
         values = [*candidate[:3], *np.degrees(candidate[3:])]

@@ -7,13 +7,14 @@ from scipy.stats import qmc
 
 from lmeasure import unsolved
 from lmeasure.arrays import FloatArray
-from lmeasure.cable_parameters import cable_covariance, parameter_names
+from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.lengths import counts_from_poses
+from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 
 SAMPLES_LOG2 = 8

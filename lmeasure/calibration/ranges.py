@@ -8,6 +8,7 @@ from scipy.stats import qmc
 
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration.unknowns import Model
+from lmeasure.observation.parameters import PLACE
 
 SAMPLES_LOG2 = 6
 FITS_MM = 0.05  # residual up to which an assumed set of values is held possible
@@ -32,7 +33,7 @@ def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Ra
     """
     unknowns = model.unknowns
     own = unknowns.of(point)
-    place = [i for i in own if unknowns.names[i].rsplit(".", 1)[1] in ("x_mm", "y_mm", "z_mm")]
+    place = [i for i in own if unknowns.names[i].rsplit(".", 1)[1] in PLACE]
     held = [i for i in own if i not in place]
     if not held or len(place) != 3:
         return None

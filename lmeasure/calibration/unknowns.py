@@ -6,67 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.cable_parameters import parameter_names
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.effects import Zero, effects_of
-from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import count_variance
-from lmeasure.rig import ObservationPoint, Rig, rig_from_dict
+from lmeasure.observation.parameters import FACTORS, SCALE, UNSIGNED, Slots, parameter_names, solved_parameters, with_values
+from lmeasure.rig import Rig
 from lmeasure.unsolved import Unsolved, stated
-
-GROUPS = {
-    "position": ("x_mm", "y_mm", "z_mm"),
-    "guide": ("guide_alpha_deg", "guide_beta_deg"),
-    "radius": ("pulley_radius_mm",),
-    "scale": ("scale",),
-    "tangent": ("tangent_length_mm",),
-    "axial": ("axial_offset_mm",),
-    "pitch": ("groove_pitch_mm",),
-    "attachment": (),
-}
-"""What `--solve` names, as keys of an observation point; attachment points are the tool's."""
-
-DEFAULT_WIDTH = {
-    "x_mm": 30.0,
-    "y_mm": 30.0,
-    "z_mm": 30.0,
-    "guide_alpha_deg": 5.0,
-    "guide_beta_deg": 5.0,
-    "pulley_radius_mm": 1.0,
-    "scale": 0.01,
-    "tangent_length_mm": 5.0,
-    "axial_offset_mm": 5.0,
-    "groove_pitch_mm": 0.05,
-    "attachment": 0.5,
-}
-"""Prior standard uncertainty of a nominal value whose rig file states none: a drawing, a tape measure, a protractor."""
-
-ASSUMED_WIDTH = {
-    "x_mm": 300.0,
-    "y_mm": 300.0,
-    "z_mm": 300.0,
-    "guide_alpha_deg": 26.0,  # anywhere within +-45 degrees
-    "guide_beta_deg": 104.0,  # anywhere on the circle: 360/sqrt(12)
-    "pulley_radius_mm": 10.0,
-    "scale": 0.3,
-    "tangent_length_mm": 60.0,
-    "axial_offset_mm": 20.0,
-    "groove_pitch_mm": 1.0,
-    "attachment": 20.0,
-}
-"""Prior standard uncertainty of a value in the rig's `assumed` list: nobody measured it."""
-
-_STATED = {
-    "x_mm": "u_position_mm",
-    "y_mm": "u_position_mm",
-    "z_mm": "u_position_mm",
-    "guide_alpha_deg": "u_guide_deg",
-    "guide_beta_deg": "u_guide_deg",
-    "pulley_radius_mm": "u_pulley_radius_mm",
-}
-_DRUM_KEYS = ("scale", "tangent_length_mm", "axial_offset_mm", "groove_pitch_mm")
-_ASSUMED_ALIAS = {"position_mm": ("x_mm", "y_mm", "z_mm"), "count_length_mm": ("scale",)}
 
 
 @dataclass(frozen=True)
@@ -86,64 +32,10 @@ class Unknowns:
         return np.array([i for i in range(len(self.names)) if self.owner(i) == owner], dtype=np.int64)
 
 
-def unknowns_of(campaign: Campaign, solve: tuple[str, ...], fixed_assumed: bool = False) -> Unknowns:
+def unknowns_of(campaign: Campaign, solve: tuple[str, ...]) -> Unknowns:
     """What to solve for: the named groups, and every assumed value, for the points whose cables were measured."""
-    for group in solve:
-        if group not in GROUPS:
-            raise CalibrationError(f"--solve: {group!r} is not one of {', '.join(GROUPS)}")
-    rig = campaign.rig
-    assumed = _assumed(rig)
-    names: list[str] = []
-    nominal: list[float] = []
-    width: list[float] = []
-    for name in dict.fromkeys(c.from_point for c in campaign.cables):
-        point = rig.point(name)
-        for key in DEFAULT_WIDTH:
-            if key == "attachment":
-                continue
-            wanted = any(key in GROUPS[g] for g in solve)
-            if not wanted and (f"{name}.{key}" not in assumed or fixed_assumed):
-                continue
-            names.append(f"{name}.{key}")
-            nominal.append(_value(point, key))
-            width.append(_width(point, key, f"{name}.{key}" in assumed))
-    for name in dict.fromkeys(c.to_point for c in campaign.cables):
-        if "attachment" in solve or (name in assumed and not fixed_assumed):
-            for axis in range(3):
-                names.append(f"tool.{name}.{'xyz'[axis]}_mm")
-                nominal.append(rig.tool[name][axis])
-                usual = (ASSUMED_WIDTH if name in assumed else DEFAULT_WIDTH)["attachment"]
-                width.append(usual if rig.u_attachment_mm is None else max(rig.u_attachment_mm, 1e-9))
-    if not names:
-        raise CalibrationError("--solve: nothing is left to solve for")
-    return Unknowns(tuple(names), np.array(nominal), np.array(width))
-
-
-def _assumed(rig: Rig) -> set[str]:
-    out = set()
-    for name in rig.assumed:
-        if name in rig.tool:
-            out.add(name)
-            continue
-        point, key = name.split(".", 1)
-        out |= {f"{point}.{k}" for k in _ASSUMED_ALIAS.get(key, (key,))}
-    return out
-
-
-def _value(point: ObservationPoint, key: str) -> float:
-    if key in ("x_mm", "y_mm", "z_mm"):
-        return point.position_mm["xyz".index(key[0])]
-    return float(getattr(point.drum if key in _DRUM_KEYS else point, key))
-
-
-def _width(point: ObservationPoint, key: str, assumed: bool) -> float:
-    holder = point.drum if key in _DRUM_KEYS else point
-    u = getattr(holder, _STATED.get(key, f"u_{key}"), None)
-    if u is None and key == "scale" and point.drum.u_count_length_mm is not None:
-        u = point.drum.u_count_length_mm / point.drum.count_length_mm * point.drum.scale
-    if u is not None:
-        return max(float(u), 1e-9)
-    return (ASSUMED_WIDTH if assumed else DEFAULT_WIDTH)[key]
+    found = solved_parameters(campaign.rig, campaign.cables, solve)
+    return Unknowns(tuple(p.name for p in found), np.array([p.value for p in found]), np.array([p.prior_u for p in found]))
 
 
 class Model:
@@ -164,10 +56,13 @@ class Model:
         self._where = np.array([[place.get(n, -1) for n in row] for row in parameter_names(campaign.rig, campaign.cables)])
         self._effects = effects_of(campaign.rig, campaign.cables)
         self.unsolved = Unsolved(campaign.rig, stated(campaign.rig, campaign.cables, unknowns.names), campaign.cables)
+        self._slots = slots = Slots(self._rows, self._where >= 0)
+        self._in_slots, self._unit = self._where[slots.cable, slots.parameter], FACTORS[slots.parameter]
+        self._scaled = np.flatnonzero(self._where[:, SCALE] >= 0)
         own = self._where[self.cable_index]
         equation, parameter = np.nonzero(own >= 0)
         self._derivatives = equation, parameter, own[equation, parameter]
-        self._radius = np.array([n.endswith("radius_mm") for n in unknowns.names])
+        self._radius = np.array([n.rsplit(".", 1)[1] in UNSIGNED for n in unknowns.names])
         self._factor = np.array([math.radians(1.0) if n.endswith("_deg") else 1.0 for n in unknowns.names])
 
     @property
@@ -196,26 +91,10 @@ class Model:
 
     def cables(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The kernels' rows, the decoding scales and the true counts when the unknowns are theta (p,)."""
-        rows, scales = self._rows.copy(), self._scales.copy()
-        columns = (0, 1, 2, 14, 15, 6, -1, 10, 11, 7, 8, 9, 12)
-        for j in range(len(rows)):
-            for parameter, column in enumerate(columns):
-                i = self._where[j, parameter]
-                if i < 0:
-                    continue
-                value = theta[i] * self._factor[i]
-                if column == 6:
-                    # a radius has no sign: a step below zero comes out on the other side
-                    rows[j, 6] = abs(value)
-                elif column == -1:
-                    scales[j] = value
-                elif column == 12:
-                    rows[j, 12] = value / rows[j, 16]
-                else:
-                    rows[j, column] = value
-            rows[j, 3:6] = cable_kernels.guide_direction(rows[j, 14], rows[j, 15])
+        scales = self._scales.copy()
+        scales[self._scaled] = theta[self._where[self._scaled, SCALE]]
         counts = np.where(np.isfinite(self.campaign.counts), self.campaign.counts, 0.0) * (self._scales / scales)
-        return rows, scales, counts
+        return self._slots.filled(self._rows, theta[self._in_slots] * self._unit), scales, counts
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(e,) modelled less measured changes [mm]; infinite where a cable cannot run."""
@@ -332,26 +211,5 @@ class Model:
 
 def rig_with(campaign: Campaign, unknowns: Unknowns, theta: FloatArray, calibration: str | None) -> Rig:
     """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges."""
-    data = campaign.rig.to_dict()
-    points = {p["name"]: p for p in data["observation_point"]}
-    for name, number in zip(unknowns.names, theta, strict=True):
-        value = abs(float(number)) if name.endswith("radius_mm") else float(number)
-        owner, key = name.rsplit(".", 1)
-        if owner.startswith("tool."):
-            data["tool"][owner.removeprefix("tool.")]["xyz".index(key[0])] = value
-        elif key in ("x_mm", "y_mm", "z_mm"):
-            points[owner]["position_mm"]["xyz".index(key[0])] = value
-        elif key in _DRUM_KEYS:
-            points[owner]["drum"][key] = value
-        else:
-            points[owner][key] = value
-    for p in points.values():
-        alpha, beta = p["guide_alpha_deg"], p["guide_beta_deg"]
-        alpha = math.remainder(alpha, 360.0)
-        if abs(alpha) > 90.0:
-            alpha, beta = math.copysign(180.0, alpha) - alpha, beta + 180.0
-        p["guide_alpha_deg"], p["guide_beta_deg"] = alpha, math.remainder(beta, 360.0) if abs(beta) > 360.0 else beta
-    data.pop("calibration", None)
-    if calibration is not None:
-        data["calibration"] = calibration
-    return rig_from_dict(data, "calibrated rig")
+    rig = with_values(campaign.rig, dict(zip(unknowns.names, theta.tolist(), strict=True)))
+    return rig.model_copy(update={"calibration": calibration})

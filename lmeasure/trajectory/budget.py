@@ -19,6 +19,7 @@ from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
 from lmeasure.lengths import Lengths, count_variance
+from lmeasure.observation.parameters import TABLE, Owner
 from lmeasure.rig import Rig
 from lmeasure.trajectory import at_once
 from lmeasure.trajectory.corrections import Correction
@@ -315,7 +316,7 @@ def _without_point(scheme: Scheme, rows: FloatArray) -> FloatArray:
     """(13 m, ...) of the cables' parameters; where the point itself is measured its place in the tool frame does not enter."""
     if scheme.point is None:
         return rows
-    attachment = np.tile([name.startswith("attachment") for name in PARAMETERS], len(scheme.rows))
+    attachment = np.tile([p.owner is Owner.ATTACHMENT for p in TABLE], len(scheme.rows))
     return np.where(attachment[:, None], 0.0, rows)
 
 

@@ -10,6 +10,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.cable import PARAMETERS, changes_from_counts
 from lmeasure.lengths import Lengths
+from lmeasure.observation.parameters import kernel_values, with_kernel_values
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.sources import Situation, drawn
@@ -17,20 +18,6 @@ from lmeasure.trajectory.sources import Situation, drawn
 Progress = Callable[[int, int], None]
 
 TRIALS = 400  # a standard deviation of as many draws is known to 3.5 %
-_COLUMN = {
-    "x_mm": 0,
-    "y_mm": 1,
-    "z_mm": 2,
-    "guide_alpha_rad": 14,
-    "guide_beta_rad": 15,
-    "pulley_radius_mm": 6,
-    "tangent_length_mm": 10,
-    "axial_offset_mm": 11,
-    "attachment_x_mm": 7,
-    "attachment_y_mm": 8,
-    "attachment_z_mm": 9,
-}
-"""Where the kernels' rows hold the parameters that they hold as such."""
 
 
 def by_monte_carlo(
@@ -97,14 +84,9 @@ def by_monte_carlo(
 
 def moved_rows(rows: FloatArray, shift: FloatArray) -> FloatArray:
     """(m, columns) rows of cables whose parameters are moved by shift (m, 13), in the order of `PARAMETERS`; scale has no place there."""
-    out = rows.copy()
-    for name, column in _COLUMN.items():
-        out[:, column] += shift[:, PARAMETERS.index(name)]
-    out[:, 6] = np.maximum(out[:, 6], 0.0)
-    out[:, 12] += shift[:, PARAMETERS.index("groove_pitch_mm")] / out[:, 16]
-    a, b = out[:, 14], out[:, 15]
-    out[:, 3:6] = np.column_stack([-np.cos(a) * np.sin(b), -np.cos(a) * np.cos(b), np.sin(a)])
-    return out
+    values, radius = kernel_values(rows) + shift, PARAMETERS.index("pulley_radius_mm")
+    values[:, radius] = np.maximum(values[:, radius], 0.0)
+    return with_kernel_values(rows, values)
 
 
 def _scatter(trial: Callable[[], FloatArray], base: FloatArray, trials: int, step: Callable[[], None]) -> FloatArray:

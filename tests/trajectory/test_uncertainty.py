@@ -5,12 +5,12 @@ import pytest
 from cells import START, FloatArray, cell, motion, record
 from scipy.spatial.transform import Rotation
 
-from lmeasure.cable_parameters import parameter_names
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.cable import PARAMETERS
 from lmeasure.lengths import lengths_from_counts
+from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
 from lmeasure.trajectory import Reconstruction, reconstruct

@@ -1,0 +1,323 @@
+"""Parameters of an instrument, and the one table of those that a cable has: every other place that needs one asks here.
+
+A further parameter of cables is a row of this table, its key in `rig`, and its derivative in `kernels.cable`.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.errors import CalibrationError, RigError
+from lmeasure.kernels.cable import guide_direction
+from lmeasure.rig import Cable, Drum, ObservationPoint, Rig, rig_from_dict
+
+EXACT = 1e-9
+"""Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an instrument, in the unit of its name, and how well it was known before: its standard uncertainty."""
+
+    name: str
+    value: float
+    prior_u: float
+    unit: str = "mm"
+
+
+class Owner(StrEnum):
+    """What of a rig a cable's parameter belongs to. Of a drum the observation point's name is the name."""
+
+    POINT = "observation point"
+    DRUM = "drum"
+    ATTACHMENT = "attachment point"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CableParameter:
+    """A kind of parameter of a cable.
+
+    key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it; words: what a reader does.
+    default_u: prior standard uncertainty of a nominal value that states none (a drawing, a tape measure, a protractor); assumed_u: of one
+    in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do.
+    """
+
+    key: str
+    owner: Owner
+    group: str
+    words: str
+    default_u: float
+    assumed_u: float
+    column: int | None
+    stored: str = ""
+    """Its key in rig.toml, where that is another; index: which of several numbers there."""
+    index: int | None = None
+    stated: str = ""
+    """The key of its standard uncertainty, where that is another than u_ and the key."""
+    inverse: str = ""
+    """A key of rig.toml that says the same the other way round: what is uncertain of it is uncertain of the parameter."""
+    per_revolution: bool = False
+    """Whether the kernels' rows have it per count, as its share of a drum's revolution."""
+    unsigned: bool = False
+    """Whether its sign means nothing."""
+
+    @property
+    def unit(self) -> str:
+        """mm, deg, or nothing."""
+        return next((unit for unit in ("mm", "deg") if self.key.endswith(f"_{unit}")), "")
+
+    @property
+    def factor(self) -> float:
+        """What the kernels have for one unit: radians of a degree."""
+        return math.radians(1.0) if self.unit == "deg" else 1.0
+
+    def name(self, cable: Cable) -> str:
+        """What a calibration record calls it."""
+        return f"tool.{cable.to_point}.{self.key}" if self.owner is Owner.ATTACHMENT else f"{cable.from_point}.{self.key}"
+
+
+def _place(axis: str, column: int) -> CableParameter:
+    return CableParameter(
+        key=f"{axis}_mm", owner=Owner.POINT, group="position", words="", default_u=30.0, assumed_u=300.0, column=column,
+        stored="position_mm", index="xyz".index(axis), stated="u_position_mm",
+    )  # fmt: skip
+
+
+def _attachment(axis: str, column: int) -> CableParameter:
+    return CableParameter(
+        key=f"{axis}_mm", owner=Owner.ATTACHMENT, group="attachment", words="", default_u=0.5, assumed_u=20.0, column=column,
+        index="xyz".index(axis), stated="u_attachment_mm",
+    )  # fmt: skip
+
+
+def _guide(angle: str, column: int, assumed_u: float) -> CableParameter:
+    return CableParameter(
+        key=f"guide_{angle}_deg", owner=Owner.POINT, group="guide", words=f"guide {angle}", default_u=5.0, assumed_u=assumed_u,
+        column=column, stated="u_guide_deg",
+    )  # fmt: skip
+
+
+TABLE = (
+    _place("x", 0),
+    _place("y", 1),
+    _place("z", 2),
+    _guide("alpha", 14, 26.0),  # anywhere within +-45 degrees
+    _guide("beta", 15, 104.0),  # anywhere on the circle: 360/sqrt(12)
+    CableParameter(
+        key="pulley_radius_mm", owner=Owner.POINT, group="radius", words="the pulley radius", default_u=1.0, assumed_u=10.0, column=6,
+        unsigned=True,
+    ),
+    CableParameter(
+        key="scale", owner=Owner.DRUM, group="scale", words="the count scale", default_u=0.01, assumed_u=0.3, column=None,
+        inverse="count_length_mm",
+    ),
+    CableParameter(
+        key="tangent_length_mm", owner=Owner.DRUM, group="tangent", words="the drum's tangent length", default_u=5.0, assumed_u=60.0,
+        column=10,
+    ),
+    CableParameter(
+        key="axial_offset_mm", owner=Owner.DRUM, group="axial", words="the drum's axial offset", default_u=5.0, assumed_u=20.0, column=11,
+    ),
+    _attachment("x", 7),
+    _attachment("y", 8),
+    _attachment("z", 9),
+    CableParameter(
+        key="groove_pitch_mm", owner=Owner.DRUM, group="pitch", words="the groove pitch", default_u=0.05, assumed_u=1.0, column=12,
+        per_revolution=True,
+    ),
+)  # fmt: skip
+"""In the order of `kernels.cable.PARAMETERS`."""
+
+_OF_POINT = tuple(p for p in TABLE if p.owner is not Owner.ATTACHMENT)
+_OF_TOOL = tuple(p for p in TABLE if p.owner is Owner.ATTACHMENT)
+_OF_KEY = {p.key: p for p in _OF_POINT}
+
+GROUPS = {g: tuple(p.key for p in TABLE if p.group == g) for g in dict.fromkeys(p.group for p in (*_OF_POINT, *_OF_TOOL))}
+"""What `--solve` names, and the keys of each."""
+PLACE, GUIDE = GROUPS["position"], GROUPS["guide"]
+SCALE = next(i for i, p in enumerate(TABLE) if p.key == "scale")
+"""Which of the table is the decoding scale, which the kernels' rows do not have."""
+UNSIGNED = frozenset(p.key for p in TABLE if p.unsigned)
+"""Keys of values whose sign means nothing."""
+FACTORS = np.array([p.factor for p in TABLE])
+"""(13,) what the kernels have for one unit of each."""
+
+_COUNTS_PER_REVOLUTION = 16  # the column of the kernels' rows
+_IN_ROWS = np.array([p.column is not None for p in TABLE])
+_COLUMNS = np.array([-1 if p.column is None else p.column for p in TABLE])
+_PER_REVOLUTION = np.array([p.per_revolution for p in TABLE])
+_UNSIGNED = np.array([p.unsigned for p in TABLE])
+
+
+def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:
+    """For each cable the calibration record's names of the kernels' parameters (`kernels.cable.PARAMETERS`)."""
+    return [[p.name(c) for p in TABLE] for c in (rig.cable if cables is None else cables)]
+
+
+def attachment_names(point: str) -> tuple[str, ...]:
+    """The calibration record's names of an attachment point's coordinates."""
+    return tuple(f"tool.{point}.{p.key}" for p in _OF_TOOL)
+
+
+def solved_parameters(rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...]) -> tuple[Parameter, ...]:
+    """What to solve for: the named groups, and every assumed value, of the points that the cables lead from and to.
+
+    CalibrationError for a group that does not exist, and when nothing is left.
+    """
+    for group in solve:
+        if group not in GROUPS:
+            raise CalibrationError(f"--solve: {group!r} is not one of {', '.join(GROUPS)}")
+    assumed = _assumed(rig)
+    points = [(f"{name}.", p) for name in dict.fromkeys(c.from_point for c in cables) for p in _OF_POINT]
+    tool = [(f"tool.{name}.", p) for name in dict.fromkeys(c.to_point for c in cables) for p in _OF_TOOL]
+    out = []
+    for owner, p in points + tool:
+        name = owner + p.key
+        if p.group in solve or name in assumed:
+            u = stated_u(rig, name)
+            width = (p.assumed_u if name in assumed else p.default_u) if u is None else max(u, EXACT)
+            value = value_of(rig, name)
+            assert value is not None
+            out.append(Parameter(name, value, width, p.unit))
+    if not out:
+        raise CalibrationError("--solve: nothing is left to solve for")
+    return tuple(out)
+
+
+def _assumed(rig: Rig) -> set[str]:
+    """Names of the parameters that the rig's `assumed` list means."""
+    out: set[str] = set()
+    for name in rig.assumed:
+        if name in rig.tool:
+            out |= {*attachment_names(name)}
+            continue
+        point, key = name.split(".", 1)
+        out |= {f"{point}.{p.key}" for p in _OF_POINT if key in (p.stored or p.key, p.inverse)}
+    return out
+
+
+def stated_u(rig: Rig, name: str) -> float | None:
+    """Standard uncertainty that the rig states of a parameter's value, in its unit; None where it states none."""
+    owner, _, key = name.rpartition(".")
+    if owner.startswith("tool."):
+        return rig.u_attachment_mm
+    p, point = _OF_KEY[key], rig.point(owner)
+    holder = point.drum if p.owner is Owner.DRUM else point
+    u: float | None = getattr(holder, p.stated or f"u_{key}", None)
+    if u is None and p.inverse and (of_inverse := getattr(holder, f"u_{p.inverse}")) is not None:
+        u = of_inverse / getattr(holder, p.inverse) * getattr(holder, key)
+    return u
+
+
+class _Location(NamedTuple):
+    """Where rig.toml keeps a number: in what, that one's name, the key, and which of several numbers there."""
+
+    kind: Owner
+    owner: str
+    key: str
+    place: int | None
+
+
+def _located(name: str) -> _Location | None:
+    """Where a number of a calibration record's name is kept; None for a kind of number that a rig does not hold."""
+    owner, _, key = name.rpartition(".")
+    if owner.startswith("tool."):
+        index = next((p.index for p in _OF_TOOL if p.key == key), None)
+        point = owner.removeprefix("tool.")
+        return None if index is None else _Location(Owner.ATTACHMENT, point, point, index)
+    if key in _OF_KEY:
+        p = _OF_KEY[key]
+        return _Location(p.owner, owner, p.stored or key, p.index)
+    kind = next((kind for kind, model in ((Owner.POINT, ObservationPoint), (Owner.DRUM, Drum)) if key in model.model_fields), None)
+    return None if kind is None else _Location(kind, owner, key, None)
+
+
+def value_of(rig: Rig, name: str) -> float | None:
+    """The rig's number of a calibration record's name, a dimension's too, in the unit of the name; None for a kind of number that no rig
+    holds. RigError, the beginning of a sentence, where its owner is missing."""
+    at = _located(name)
+    if at is None:
+        return None
+    if at.kind is Owner.ATTACHMENT:
+        if at.owner not in rig.tool:
+            raise RigError(f"there is no point {at.owner} in [tool] of")
+        return rig.tool[at.owner][at.place or 0]
+    point = next((p for p in rig.observation_point if p.name == at.owner), None)
+    if point is None:
+        raise RigError(f"there is no observation point {at.owner} in")
+    value = getattr(point.drum if at.kind is Owner.DRUM else point, at.key)
+    value = value if at.place is None else value[at.place]
+    return float(value) if isinstance(value, int | float) else None
+
+
+def with_values(rig: Rig, values: Mapping[str, float]) -> Rig:
+    """The rig with other values of parameters or dimensions by their names, signs taken off where they mean nothing, guide angles brought
+    back to their ranges."""
+    data = rig.to_dict()
+    points = {p["name"]: p for p in data["observation_point"]}
+    for name, number in values.items():
+        at = _located(name)
+        assert at is not None
+        value = abs(float(number)) if at.key in UNSIGNED else float(number)
+        point = points.get(at.owner, {})
+        holder = {Owner.POINT: point, Owner.DRUM: point.get("drum"), Owner.ATTACHMENT: data["tool"]}[at.kind]
+        if at.place is None:
+            holder[at.key] = value
+        else:
+            holder[at.key][at.place] = value
+    for point in points.values():
+        point[GUIDE[0]], point[GUIDE[1]] = _in_range(point[GUIDE[0]], point[GUIDE[1]])
+    return rig_from_dict(data, "calibrated rig")
+
+
+def _in_range(alpha: float, beta: float) -> tuple[float, float]:
+    """Guide angles [deg] of the same direction, alpha within +-90 and beta within +-360."""
+    alpha = math.remainder(alpha, 360.0)
+    if abs(alpha) > 90.0:
+        alpha, beta = math.copysign(180.0, alpha) - alpha, beta + 180.0
+    return alpha, math.remainder(beta, 360.0) if abs(beta) > 360.0 else beta
+
+
+def same_direction(key: str, angle: float) -> Iterable[float]:
+    """A guide angle [deg] and the other of the same direction: (alpha, beta) and (180 - alpha, beta + 180)."""
+    return angle, 180.0 - angle if key == GUIDE[0] else angle + 180.0
+
+
+def kernel_values(rows: FloatArray) -> FloatArray:
+    """(m, 13) parameters of m cables in the kernels' order and units, from their rows; NaN for what these do not have."""
+    out = np.full((len(rows), len(TABLE)), np.nan)
+    out[:, _IN_ROWS] = rows[:, _COLUMNS[_IN_ROWS]]
+    out[:, _PER_REVOLUTION] *= rows[:, [_COUNTS_PER_REVOLUTION]]
+    return out
+
+
+def with_kernel_values(rows: FloatArray, values: FloatArray) -> FloatArray:
+    """(m, CABLE_COLUMNS) rows of cables with parameters (m, 13) in the kernels' order and units."""
+    slots = Slots(rows, np.ones(values.shape, dtype=np.bool_))
+    return slots.filled(rows, values[slots.cable, slots.parameter])
+
+
+class Slots:
+    """Where chosen (m, 13) parameters of m cables, rows (m, CABLE_COLUMNS), stand in the kernels' rows: cable (k,) and parameter (k,) of
+    those that do."""
+
+    def __init__(self, rows: FloatArray, chosen: BoolArray) -> None:
+        self.cable, self.parameter = np.nonzero(chosen & _IN_ROWS)
+        self._at = self.cable, _COLUMNS[self.parameter]
+        self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, _COUNTS_PER_REVOLUTION], 1.0)
+        self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter])
+
+    def filled(self, rows: FloatArray, values: FloatArray) -> FloatArray:
+        """The rows with values (k,) in the kernels' units there."""
+        out, new = rows.copy(), values / self._per
+        # a radius has no sign: a step below zero comes out on the other side
+        new[self._unsigned] = np.abs(new[self._unsigned])
+        out[self._at] = new
+        for row in out:
+            row[3:6] = guide_direction(row[14], row[15])
+        return out
