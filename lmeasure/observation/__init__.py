@@ -1,1 +1,31 @@
-"""What a channel measures, and the parameters it depends on."""
+"""What a channel measures, said once for each kind of sensor, and poses from any number of channels of any kind.
+
+`channel` says what is asked of a kind (`Observation`); `cable`, `swivel`, `inclination` and `distance` are the kinds, `parameters` the
+numbers that they depend on. `solver` finds poses from readings and what the poses err by, `follow` those of a run. Nothing here is
+compiled: it is the reference, plain to read, that every compiled way is tested to equal.
+"""
+
+from lmeasure.observation.cable import CableLength
+from lmeasure.observation.channel import Observation, differences, predictions, rows
+from lmeasure.observation.distance import Distance
+from lmeasure.observation.follow import follow
+from lmeasure.observation.inclination import Inclination
+from lmeasure.observation.solver import Solved, pressure_angles, shared_errors, solve_poses, twists
+from lmeasure.observation.swivel import SwivelAngle
+
+__all__ = [
+    "CableLength",
+    "Distance",
+    "Inclination",
+    "Observation",
+    "Solved",
+    "SwivelAngle",
+    "differences",
+    "follow",
+    "predictions",
+    "pressure_angles",
+    "rows",
+    "shared_errors",
+    "solve_poses",
+    "twists",
+]

@@ -172,21 +172,25 @@ def solved_parameters(rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...
     for group in solve:
         if group not in GROUPS:
             raise CalibrationError(f"--solve: {group!r} is not one of {', '.join(GROUPS)}")
-    assumed = _assumed(rig)
     points = [(f"{name}.", p) for name in dict.fromkeys(c.from_point for c in cables) for p in _OF_POINT]
     tool = [(f"tool.{name}.", p) for name in dict.fromkeys(c.to_point for c in cables) for p in _OF_TOOL]
-    out = []
+    assumed, out = _assumed(rig), []
     for owner, p in points + tool:
-        name = owner + p.key
-        if p.group in solve or name in assumed:
-            u = stated_u(rig, name)
-            width = (p.assumed_u if name in assumed else p.default_u) if u is None else max(u, EXACT)
-            value = value_of(rig, name)
-            assert value is not None
-            out.append(Parameter(name, value, width, p.unit))
+        if p.group in solve or owner + p.key in assumed:
+            out.append(parameter_of(rig, owner + p.key))
     if not out:
         raise CalibrationError("--solve: nothing is left to solve for")
     return tuple(out)
+
+
+def parameter_of(rig: Rig, name: str) -> Parameter:
+    """The parameter of a calibration record's name as the rig states it, its prior standard uncertainty as usual where it states none."""
+    owner, _, key = name.rpartition(".")
+    p = next(q for q in _OF_TOOL if q.key == key) if owner.startswith("tool.") else _OF_KEY[key]
+    u, value = stated_u(rig, name), value_of(rig, name)
+    assert value is not None
+    usual = p.assumed_u if name in _assumed(rig) else p.default_u
+    return Parameter(name, value, usual if u is None else max(u, EXACT), p.unit)
 
 
 def _assumed(rig: Rig) -> set[str]:

@@ -1,0 +1,122 @@
+"""Every fast way to poses and their covariances gives what the reference gives, over random cells."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from rigs import COUNT_MM, HOME, FloatArray, cables, path, poses, rows_of
+from scipy.spatial.transform import Rotation
+
+from lmeasure import se3
+from lmeasure.kernels import counter, lanes, least_squares, live, pose_covariance, screw
+from lmeasure.observation import CableLength, Solved, predictions, shared_errors, twists
+from lmeasure.observation.channel import values
+from lmeasure.observation.follow import follow
+from lmeasure.observation.parameters import FACTORS
+from lmeasure.status import Status
+from lmeasure.trajectory import at_once
+
+SAME_MM, SAME_RAD = 1e-9, 1e-12
+ALL = np.arange(6)
+
+
+def a_run(seed: int, m: int, n: int, radius: float | None, missing: float = 0.0) -> tuple[list[CableLength], FloatArray, FloatArray]:
+    """Cables, their kernels' rows, and changes of length by whole counts, some of them missing."""
+    channels, g = cables(seed, m, radius), np.random.default_rng(seed)
+    changes = predictions(channels, path(n, reach_mm=g.uniform(20.0, 150.0), turn_rad=g.uniform(0.0, 0.15)))
+    changes = COUNT_MM * np.round(changes / COUNT_MM)
+    changes[g.random(changes.shape) < missing] = np.nan
+    return channels, rows_of(channels), changes
+
+
+def assert_same(found: Sequence[Any], reference: Solved) -> None:
+    """poses, residual, iterations, status, angle of a fast way."""
+    np.testing.assert_array_equal(found[3], reference.status)
+    ok = reference.status == Status.OK
+    assert ok.mean() > 0.5
+    assert np.isnan(found[0][~ok]).all()
+    apart = np.abs(se3.displacement(found[0][ok], reference.poses[ok]))
+    assert apart[:, 3:].max() < SAME_MM
+    assert apart[:, :3].max() < SAME_RAD
+    np.testing.assert_allclose(found[4][ok], reference.angle[ok], rtol=0, atol=1e-9)
+
+
+@settings(max_examples=8, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([None, 0.0]), st.sampled_from([0.0, 0.02]))
+def test_six_cables(seed: int, radius: float | None, gaps: float) -> None:
+    """Sample by sample, in lanes, in NumPy and live."""
+    channels, rows, changes = a_run(seed, 6, 256, radius, gaps)
+    reference = follow(channels, changes, HOME)
+    flags, u = np.where(np.isnan(changes).any(axis=1), Status.GAP, Status.OK).astype(np.int64), np.full(6, COUNT_MM / np.sqrt(12.0))
+    # near singular poses the fast ways refuse earlier, by what errors of the lengths could do: they have tests of their own
+    assume(not (reference.angle > np.radians(70.0)).any())
+    assert_same(screw.track(rows, HOME, changes, flags, u), reference)
+    assert_same(lanes.follow(rows, HOME, screw.new_state(HOME), changes, flags, u), reference)
+    few = at_once.follow(rows, HOME, screw.new_state(HOME), changes, flags)
+    assert few is not None
+    assert_same(few, reference)
+    np.testing.assert_allclose(_live(rows, changes[:20], u), reference.poses[:20], rtol=0, atol=SAME_MM)
+
+
+def _live(rows: FloatArray, changes: FloatArray, u: FloatArray) -> FloatArray:
+    """(n, 7) poses of the counts of these changes, one after the other."""
+    state, counters, out = screw.new_state(HOME), np.zeros((6, counter.STATE)), np.full((len(changes), 7), np.nan)
+    plain = rows.copy()
+    plain[:, 12] = 0.0  # a drum whose counts are so many mm
+    channels = np.tile([1.0, 1e9, 0.0, COUNT_MM], (6, 1))
+    for i, change in enumerate(changes):
+        live.step(plain, HOME, state, counters, channels, i * 1e-3, change / COUNT_MM, u, out[i])
+    return out
+
+
+@settings(max_examples=8, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([6, 7, 8]), st.sampled_from([None, 0.0]), st.sampled_from([0.0, 0.03]))
+def test_any_number_of_cables(seed: int, m: int, radius: float | None, missing: float) -> None:
+    channels, rows, changes = a_run(seed, m, 200, radius, missing)
+    reference = follow(channels, changes, HOME)
+    flags = np.full(200, int(Status.GAP))
+    found = least_squares.follow(rows, HOME, least_squares.new_state(HOME, m), changes, flags, np.full(m, COUNT_MM / np.sqrt(12.0)), ALL)
+    assume(not (reference.angle > np.radians(80.0)).any())
+    assert_same(found, reference)
+    np.testing.assert_allclose(found[5], reference.chi2, rtol=1e-6, atol=1e-6)
+    used = np.isfinite(changes)
+    G = least_squares.twists(rows, reference.poses, used.astype(np.float64), ALL)
+    np.testing.assert_allclose(G, twists(channels, reference.poses, used), rtol=1e-7, atol=1e-12)
+    own = G * COUNT_MM / np.sqrt(12.0)
+    np.testing.assert_allclose(own @ np.swapaxes(own, 1, 2), reference.covariance, rtol=1e-7, atol=1e-18)
+
+
+def test_constrained_motions() -> None:
+    """A planar stage on four cables."""
+    channels, free = cables(1, 4), np.array([2, 3, 4])
+    t = np.linspace(0.0, 1.0, 200)
+    truth = se3.pose(np.column_stack([80.0 * np.sin(3.0 * t), 50.0 * t, 0.0 * t]), Rotation.from_rotvec(np.outer(0.2 * t, [0.0, 0.0, 1.0])))
+    changes = COUNT_MM * np.round(predictions(channels, truth) / COUNT_MM)
+    state, u = least_squares.new_state(HOME, 4), np.full(4, COUNT_MM / np.sqrt(12.0))
+    found = least_squares.follow(rows_of(channels), HOME, state, changes, np.zeros(200, np.int64), u, free)
+    assert_same(found, follow(channels, changes, HOME, free))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_covariances_of_poses(seed: int) -> None:
+    """Of the counts, and of parameters with a full covariance, the zero pose included."""
+    g = np.random.default_rng(seed)
+    channels, at = cables(seed), poses(seed, 8, reach_mm=120.0, turn_rad=0.1)
+    rows = rows_of(channels)
+    counts = np.stack([o._drum(values(o)).counts(y) for o, y in zip(channels, predictions(channels, at).T, strict=True)], axis=1)
+    names = tuple(q.name for o in channels for q in o.parameters[:13])
+    root = g.normal(size=(78, 5)) * np.tile([q.prior_u for q in channels[0].parameters[:13]], 6)[:, None] * 1e-3
+    of_kernels = root * np.tile(FACTORS, 6)[:, None]
+    random, systematic = pose_covariance.pose_covariances(
+        rows, HOME, at, counts, np.ones(6), np.full(6, COUNT_MM**2 / 12.0), of_kernels @ of_kernels.T
+    )
+    G = twists(channels, at)
+    np.testing.assert_allclose(pose_covariance.twists(rows, at), G, rtol=1e-8, atol=1e-12)
+    own, shared = G * COUNT_MM / np.sqrt(12.0), shared_errors(channels, at, G, names, root)
+    for found, expected in ((own, random), (shared, systematic)):
+        u = np.sqrt(np.einsum("nii->ni", expected))
+        covariance = found @ np.swapaxes(found, 1, 2)
+        np.testing.assert_allclose(covariance / u[:, :, None] / u[:, None, :], expected / u[:, :, None] / u[:, None, :], atol=1e-7)

@@ -1,0 +1,153 @@
+"""Every kind of channel: its row and gradient are the derivatives of what it predicts, in whatever frame the rig is described."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rigs import HOME, FloatArray, cable, cables, distance, inclination, poses, rows_of, swivel
+from scipy.spatial.transform import Rotation
+
+from lmeasure import se3
+from lmeasure.kernels import cable as compiled
+from lmeasure.observation import Observation, differences, predictions
+from lmeasure.observation.channel import values
+from lmeasure.observation.parameters import FACTORS
+
+
+def every_kind(seed: int) -> list[Observation]:
+    g = np.random.default_rng(seed)
+    begun = poses(seed + 1, 1)[0]
+    wrapped = [cable(g, i, 6, zeroed_at=begun if i else None) for i in range(3)]
+    straight = cable(g, 3, 6, radius=0.0, zeroed_at=begun)
+    return [*wrapped, straight, *(swivel(c, 17.0) for c in wrapped), inclination(g, "lean"), distance(g, "beam")]
+
+
+def tried(o: Observation, g: np.random.Generator) -> FloatArray:
+    """Parameters somewhat off those it is taken to have, the drum's among them; a straight cable stays straight."""
+    p = values(o)
+    off = p + g.normal(size=len(p)) * np.minimum([q.prior_u for q in o.parameters], 0.05 * np.maximum(np.abs(p), 1.0))
+    return np.where((p == 0.0) & np.array([q.name.endswith("radius_mm") for q in o.parameters]), 0.0, off)
+
+
+@settings(max_examples=12, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_rows_and_gradients_are_central_differences(seed: int, as_stated: bool) -> None:
+    g = np.random.default_rng(seed)
+    at = poses(seed, 3)
+    for o in every_kind(seed):
+        p = values(o) if as_stated else tried(o, g)
+        scale = max(1.0, float(np.abs(o.predict(at, p)).max()))
+        for axis, h in enumerate(np.repeat([1e-5, 1e-2], 3)):
+            step = h * np.eye(6)[axis]
+            expected = (o.predict(se3.displaced(at, step), p) - o.predict(se3.displaced(at, -step), p)) / (2.0 * h)
+            np.testing.assert_allclose(o.row(at, p)[:, axis], expected, rtol=1e-6, atol=3e-11 * scale / h, err_msg=f"{o.name} {axis}")
+        found = o.gradient(at, p)
+        for i, q in enumerate(o.parameters):
+            if q.name.endswith("radius_mm") and p[i] == 0.0:
+                continue  # there is no pulley of negative radius: `test_radius_zero_is_the_limit`
+            h = 1e-4 * max(abs(p[i]), 0.01) if q.unit else 1e-5
+            ahead, behind = (o.predict(at, p + s * h * np.eye(len(p))[i]) for s in (1, -1))
+            np.testing.assert_allclose(found[:, i], (ahead - behind) / (2.0 * h), rtol=1e-5, atol=1e-10 * scale / h, err_msg=q.name)
+
+
+def test_radius_zero_is_the_limit() -> None:
+    at, g = poses(0, 5), np.random.default_rng(1)
+    straight = cable(g, 2, 6, radius=0.0)
+    p, thin = values(straight), values(straight)
+    thin[5] = 1e-5
+    np.testing.assert_allclose(straight.gradient(at, p), straight.gradient(at, thin), atol=1e-6)
+    np.testing.assert_allclose(straight.gradient(at, p)[:, 5], (straight.predict(at, thin) - straight.predict(at, p)) / 1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_cable_is_that_of_the_compiled_formulas(seed: int) -> None:
+    """Lengths, rows and gradients, and counts there and back."""
+    channels, at = cables(seed, 6, radius=0.0 if seed == 0 else None), poses(seed, 20)
+    rows = rows_of(channels)
+    lengths = compiled.span_lengths(rows, at) - compiled.span_lengths(rows, HOME[None])
+    np.testing.assert_allclose(predictions(channels, at), lengths, rtol=0, atol=1e-11)
+    counts = compiled.counts_from_changes(rows, lengths)
+    np.testing.assert_allclose(np.stack([o.readings(k) for o, k in zip(channels, counts.T, strict=True)], 1), lengths, rtol=0, atol=1e-11)
+    expected = compiled.length_gradients(rows, at, counts, np.ones(6))
+    expected -= compiled.length_gradients(rows, HOME[None], np.zeros((1, 6)), np.ones(6))
+    found = np.stack([o.gradient(at, values(o)) for o in channels], 1)
+    np.testing.assert_allclose(found[:, :, :13], expected * FACTORS, rtol=1e-9, atol=1e-10)
+    assert (found[:, :, 13] == -1.0).all()
+    np.testing.assert_allclose(np.stack([o.row(at, values(o)) for o in channels], 1), compiled.span_rows_of(rows, at), rtol=0, atol=1e-11)
+
+
+def test_other_drums_make_other_counts_of_a_length() -> None:
+    """With another drum tried, what is read are that drum's counts as the stated drum makes lengths of them, scale and sign included."""
+    g = np.random.default_rng(5)
+    o, at = cable(g, 1, 6), poses(2, 10)
+    p = values(o)
+    p[[6, 7, 8, 12]] += [0.01, 20.0, -8.0, 0.4]
+    drum = o._drum(p)
+    recorded = -p[6] * drum.counts(o.predict(at, np.where(np.isin(np.arange(14), [6, 7, 8, 12]), values(o), p)))
+    np.testing.assert_allclose(o.predict(at, p), o.readings(recorded, sign=-1), rtol=0, atol=1e-10)
+
+
+@settings(max_examples=10, derandomize=True)
+@given(st.integers(0, 2**32 - 1))
+def test_the_base_frame_does_not_matter(seed: int) -> None:
+    """A rig described in another base frame: readings are the same, of a swivel, whose zero looks up, but for one angle."""
+    g = np.random.default_rng(seed)
+    to = se3.pose(g.uniform(-500.0, 500.0, 3), Rotation.random(rng=g))
+    turn, at = se3.matrices(to), poses(seed, 4)
+    for o in every_kind(seed):
+        kind: Any = o
+        moved = replace(kind, parameters=_described(o, to, turn))
+        begun = getattr(o, "zeroed_at", None)
+        if begun is not None:
+            moved = replace(moved, zeroed_at=se3.compose(to, begun))
+        there = se3.compose(to, at)
+        one, other = predictions([o], at), predictions([moved], there)
+        same = differences([o], one, other)
+        np.testing.assert_allclose(differences([o], same, np.full((4, 1), same[0, 0] if o.period < 10.0 else 0.0)), 0.0, atol=1e-9)
+        # a motion of the base's axes is one of the other's
+        turned = np.concatenate([o.row(at, values(o))[:, :3] @ turn.T, o.row(at, values(o))[:, 3:] @ turn.T], axis=1)
+        np.testing.assert_allclose(moved.row(there, values(moved)), turned, rtol=0, atol=1e-9)
+
+
+def _described(o: Observation, to: FloatArray, turn: FloatArray) -> tuple[Any, ...]:
+    """A channel's parameters in another base frame."""
+    p = values(o)
+    if o.name == "lean":
+        p[3:6] = turn @ p[3:6]
+    else:
+        p[:3] = se3.apply(to, p[:3])
+    if len(p) > 7:
+        a, b = np.radians(p[3:5])
+        u = turn @ [-np.cos(a) * np.sin(b), -np.cos(a) * np.cos(b), np.sin(a)]
+        p[3:5] = np.degrees([np.arcsin(u[2]), np.arctan2(-u[0], -u[1])])
+    return tuple(replace(q, value=float(v)) for q, v in zip(o.parameters, p, strict=True))
+
+
+def test_a_swivel_is_read_as_the_contract_says() -> None:
+    """e0 upward and normal to u, e1 = u x e0; angles are compared the short way around."""
+    g = np.random.default_rng(3)
+    c = cable(g, 2, 6)
+    o, at = swivel(c, 200.0), poses(4, 6)
+    p = values(c)
+    a, b = np.radians(p[3:5])
+    u = np.array([float(v) for v in oracles.guide(a, b)])
+    e0 = np.array([np.sin(a) * np.sin(b), np.sin(a) * np.cos(b), np.cos(a)])
+    way = at[:, :3] + np.array([oracles.matrix_of_quaternion(q) @ p[9:12] for q in at[:, 3:]]) - p[:3]
+    angle = np.arctan2(way @ np.cross(u, e0), way @ e0)
+    assert e0[2] > 0.0
+    np.testing.assert_allclose(o.predict(at, values(o)), angle - np.radians(200.0), atol=1e-12)
+    around = differences([o], angle[:, None] + 6.0 * np.pi, predictions([o], at))[:, 0]
+    np.testing.assert_allclose(np.exp(1j * around), np.exp(1j * np.radians(200.0)), atol=1e-12)
+    assert (np.abs(around) <= np.pi).all()
+
+
+def test_an_inclination_is_the_angle_above_the_horizontal() -> None:
+    o = inclination(np.random.default_rng(0), "lean")
+    level = replace(o, parameters=tuple(replace(q, value=v) for q, v in zip(o.parameters, (2.0, 0, 0, 0, 0, 3.0, 0), strict=True)))
+    for angle in (-1.2, -0.3, 0.0, 0.5, 1.5):
+        at = se3.pose([1.0, 2.0, 3.0], Rotation.from_euler("ZYX", [0.7, -angle, 0.4]))[None]
+        assert level.predict(at, values(level))[0] == pytest.approx(angle, abs=1e-12)

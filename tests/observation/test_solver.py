@@ -1,0 +1,169 @@
+"""The reference solver: poses from any channels, what they err by, and when there is none."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rigs import HOME, FloatArray, cables, distance, inclination, path, poses, swivel
+
+from lmeasure import se3
+from lmeasure.observation import Observation, predictions, pressure_angles, rows, shared_errors, solve_poses, twists
+from lmeasure.observation.channel import values, variances
+from lmeasure.observation.follow import follow
+from lmeasure.status import Status
+
+EXACT_MM = 1e-9
+
+
+def mixed(seed: int) -> list[Observation]:
+    """Four cables, two swivels, two axes of an inclinometer and a distance."""
+    g, some = np.random.default_rng(seed), cables(seed, 6)
+    return [*some[:4], swivel(some[0], 5.0), swivel(some[3], -70.0), inclination(g, "i1"), inclination(g, "i2"), distance(g, "beam")]
+
+
+def error_of(found: FloatArray, truth: FloatArray) -> FloatArray:
+    return np.abs(se3.displacement(found, truth))
+
+
+@settings(max_examples=20, derandomize=True)
+@given(st.integers(0, 2**32 - 1))
+def test_exact_readings_give_the_exact_pose(seed: int) -> None:
+    channels, truth = mixed(seed), poses(seed, 5, reach_mm=120.0, turn_rad=0.1)
+    found = solve_poses(channels, predictions(channels, truth), HOME)
+    told = found.angle < np.radians(80.0)
+    assert (found.status[told] == Status.OK).all()
+    assert error_of(found.poses[told], truth[told]).max(initial=0.0) < EXACT_MM
+    assert (found.chi2[told] < 1e-9).all()
+
+
+def test_it_is_the_least_squares() -> None:
+    """No small motion from what was found fits better, with noise in all readings and some of them missing."""
+    channels, truth = mixed(3), poses(1, 40, reach_mm=120.0, turn_rad=0.1)
+    g = np.random.default_rng(0)
+    readings = predictions(channels, truth) + g.normal(size=(40, 9)) * np.sqrt(variances(channels))
+    readings[:, :2][g.random((40, 2)) < 0.5] = np.nan
+    found = solve_poses(channels, readings, HOME)
+    assert (found.status == Status.OK).all()
+
+    def chi2(at: FloatArray) -> FloatArray:
+        return np.asarray(np.nansum((readings - predictions(channels, at)) ** 2 / variances(channels), axis=1))
+
+    np.testing.assert_allclose(chi2(found.poses), found.chi2, rtol=1e-6)
+    for _ in range(20):
+        step = 1e-3 * g.normal(size=(40, 6)) * np.repeat([1.0 / 180.0, 1.0], 3)
+        assert (chi2(se3.displaced(found.poses, step)) > found.chi2).all()
+
+
+def test_stated_errors_are_those_met() -> None:
+    channels, n = mixed(4), 3000
+    truth = np.repeat(poses(2, 1, reach_mm=100.0, turn_rad=0.1), n, axis=0)
+    g = np.random.default_rng(1)
+    found = solve_poses(channels, predictions(channels, truth) + g.normal(size=(n, 9)) * np.sqrt(variances(channels)), truth)
+    scatter = np.cov(se3.displacement(truth, found.poses).T)
+    u = np.sqrt(np.diag(found.covariance[0]))
+    # a covariance of 3,000 draws is known to sqrt(2/3000) of the standard uncertainties: four times that
+    np.testing.assert_allclose(scatter / np.outer(u, u), found.covariance[0] / np.outer(u, u), atol=4.0 * np.sqrt(2.0 / n))
+    assert found.chi2.mean() == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / n))
+
+
+def test_shared_parameters_move_the_pose_as_stated() -> None:
+    """Against solving again with each parameter moved: one of two channels, and one of the zero pose too."""
+    channels, truth = mixed(5), poses(3, 3, reach_mm=100.0, turn_rad=0.1)
+    readings = predictions(channels, truth)
+    names = ("B0.x_mm", "P1.x_mm", "B3.guide_beta_deg", "i1.zero_deg")
+    found = shared_errors(channels, truth, twists(channels, truth), names, np.eye(4))
+    for k, name in enumerate(names):
+        h = 1e-3
+        ends = [solve_poses([_moved(o, name, s * h) for o in channels], readings, truth).poses for s in (1, -1)]
+        # where the true parameter is larger, a pose found by the smaller one is where it should be the other way
+        np.testing.assert_allclose(found[:, :, k], se3.displacement(*ends) / (2.0 * h), rtol=1e-4, atol=1e-7)
+
+
+def _moved(o: Observation, name: str, by: float) -> Observation:
+    class Moved:
+        def __getattr__(self, key: str) -> object:
+            return getattr(o, key)
+
+        def predict(self, at: FloatArray, p: FloatArray) -> FloatArray:
+            return o.predict(at, values(o) + by * np.array([q.name == name for q in o.parameters]))
+
+    return Moved()  # type: ignore[return-value]
+
+
+def test_pressure_angles_are_those_of_speeds() -> None:
+    """Of six straight or wrapped cables, by the definition; and none is singular in a cell."""
+    channels, at = cables(0, 6), poses(0, 5)
+    G = twists(channels, at)
+    np.testing.assert_allclose(G @ rows(channels, at), np.tile(np.eye(6), (5, 1, 1)), atol=1e-9)
+    found = pressure_angles(channels, at, G)
+    arm = np.stack([se3.matrices(at) @ o.point for o in channels], axis=2)
+    speed = np.linalg.norm(G[:, 3:] + np.cross(G[:, :3], arm, axis=1), axis=1)
+    np.testing.assert_allclose(np.cos(found) * speed, 1.0, rtol=1e-12)
+    assert found.max() < np.radians(80.0)
+
+
+def test_what_is_not_told_is_no_pose() -> None:
+    channels, at = cables(1, 6), poses(1, 4)
+    readings = predictions(channels, at)
+    readings[0, 2] = np.nan
+    readings[1, 3] -= 5000.0
+    readings[2] = np.inf
+    found = solve_poses(channels, readings, HOME)
+    assert found.status.tolist()[0] == Status.GAP
+    assert found.status.tolist()[1] in (Status.NOT_CONVERGED, Status.SINGULAR)
+    assert found.status.tolist()[2] == Status.GAP
+    assert found.status.tolist()[3] == Status.OK
+    assert np.isnan(found.poses[:3]).all()
+    assert np.isnan(found.covariance[:3]).all()
+    twice = [*channels[:5], channels[4]]
+    assert (solve_poses(twice, predictions(twice, at), at).status == Status.SINGULAR).all()
+    assert np.isnan(twists(twice, at)).all()
+
+
+def test_what_is_held_does_not_move() -> None:
+    """A planar stage on three cables: the other components stay as they were at the start."""
+    channels, free = cables(2, 3), np.array([2, 3, 4])
+    truth = path(200)
+    truth[:, 2] = 0.0
+    truth[:, 3:5] = 0.0
+    truth[:, 3:] /= np.linalg.norm(truth[:, 3:], axis=1)[:, None]
+    found = follow(channels, predictions(channels, truth), HOME, free)
+    assert (found.status == Status.OK).all()
+    assert error_of(found.poses, truth).max() < EXACT_MM
+    assert (found.covariance[:, [0, 1, 5]] == 0.0).all()
+
+
+def test_a_run_is_followed_over_gaps_and_leaps() -> None:
+    channels, truth = mixed(6), path(900, reach_mm=120.0, turn_rad=0.1)
+    readings = predictions(channels, truth)
+    readings[100:110, :4] = np.nan
+    readings[300:600] = np.nan
+    readings[700:720, [0, 4]] = np.nan
+    found = follow(channels, readings, HOME)
+    gap = np.isnan(readings).sum(axis=1) > 3
+    np.testing.assert_array_equal(found.status, np.where(gap, Status.GAP, Status.OK))
+    assert error_of(found.poses[~gap], truth[~gap]).max() < EXACT_MM
+    sparse = follow(channels, readings[::25], HOME)
+    np.testing.assert_allclose(sparse.poses, found.poses[::25], rtol=0, atol=1e-9)
+
+
+def test_behind_a_singular_pose_nothing_is_guessed() -> None:
+    """The tool turns far about the vertical: six cables lose it, and say so to the end."""
+    turn = np.linspace(0.0, 2.5, 400)
+    truth = se3.displaced(HOME, np.column_stack([np.zeros((400, 2)), turn, np.zeros((400, 3))]))
+    six = cables(3)
+    found = follow(six, predictions(six, truth), HOME)
+    ok = found.status == Status.OK
+    lost = int(np.argmin(ok))
+    assert 50 < lost < 399
+    assert found.status[lost] in (Status.SINGULAR, Status.OTHER_ASSEMBLY)
+    assert (found.status[lost + 1 :] == Status.OTHER_ASSEMBLY).all()
+    assert error_of(found.poses[ok], truth[ok]).max() < 1e-6
+    # more channels than where it was lost tell the pose again
+    both: list[Observation] = [*six, *(swivel(c, 0.0) for c in six)]
+    readings = predictions(both, truth)
+    readings[: lost + 20, 6:] = np.nan
+    again = follow(both, readings, HOME)
+    assert (again.status[lost + 5 : lost + 20] == Status.OTHER_ASSEMBLY).all()
+    there = again.status == Status.OK
+    assert error_of(again.poses[there], truth[there]).max() < 1e-6
