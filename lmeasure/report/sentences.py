@@ -75,6 +75,11 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
             r"{0}; для меньших запись при такой скорости слишком редка",
         ),
         (
+            r"steps of counters are not seen: no channel has four counts on end",
+            r"скачки счётчиков не видны: ни в одном канале нет четырёх отсчётов подряд",
+        ),
+        (r"(steps of a counter .*); of (.*), without four counts on end, none are", r"{0}; в {1}, без четырёх отсчётов подряд, не видны"),
+        (
             r"no redundancy, (\d+) cables for (\d+) unknowns: what is wrong from the beginning or errs slowly is never seen: .*",
             r"избыточности нет, тросов {0} на {1} неизвестных: неверное с самого начала или медленное не обнаруживается: перепутанные "
             r"каналы, знак, масштаб, запаздывающий канал, повисший трос, отсчёты, теряемые понемногу",
@@ -89,14 +94,18 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
             r"избыточных тросов {0}, тросов {1} на {2} неизвестных: противоречащий остальным обнаруживается и исключается",
         ),
         (
-            r"channel (.*) stepped by about (.*) counts between (.*) and (.*) s: its origin is lost",
-            r"канал {0}: скачок примерно на {n1} отсч. между {n2} и {n3} с, начало отсчёта потеряно",
+            r"channel (.*) stepped by about (.*) counts \(within (.*)\) between (.*) and (.*) s: its origin is lost",
+            r"канал {0}: скачок примерно на {n1} отсч. (не точнее {n2}) между {n3} и {n4} с, начало отсчёта потеряно",
+        ),
+        (
+            r"channel (.*) stood up to (.*) s and counts again: its origin is lost",
+            r"канал {0} стоял до {n1} с и снова считает, начало отсчёта потеряно",
         ),
         (
             r"channel (.*) does not follow the tool between (.*) and (.*) s, which goes on evenly: its origin is lost",
             r"канал {0} не следует за инструментом между {n1} и {n2} с, начало отсчёта потеряно",
         ),
-        (r"(.*: its origin is lost), up to its next step at (.*) s", r"{0}, до следующего скачка в {n1} с"),
+        (r"(.*: its origin is lost), and it errs again at (.*) s", r"{0}, до следующей ошибки в {n1} с"),
         (
             r"(channel .*); but it is back where it was at the rest at (.*) s: it has lost nothing",
             r"{0}; но на остановке в {n1} с он на прежнем месте: ничего не потеряно",
@@ -117,8 +126,13 @@ SENTENCES: dict[str, list[tuple[str, str]]] = {
             r"скачки во всех каналах, как от часов, после {n0} с и ещё {1}",
         ),
         (
-            r"from (.*) to (.*): cable (.*) does not follow the other cables, by up to (.*) mm, and is left out",
-            r"от {0} до {1}: трос {2} не согласуется с остальными, до {n3} мм, и исключён",
+            r"from (.*) to (.*): cable (.*) does not follow the other cables, by up to (.*) mm \(standard uncertainty (.*) mm\), and is "
+            r"left out",
+            r"от {0} до {1}: трос {2} не согласуется с остальными, до {n3} мм (стандартная неопределённость {n4} мм), и исключён",
+        ),
+        (
+            r"from (.*) to (.*): cable (.*) does not follow the other cables, and is left out",
+            r"от {0} до {1}: трос {2} не согласуется с остальными и исключён",
         ),
         (
             r"from (.*) to (.*): the cables contradict each other, and which is wrong cannot be told",

@@ -190,8 +190,10 @@ class Consistency:
         for first, last in self._spans(alarms, error[:, None], u[:, None]):
             after, until = self._between(first, last)
             within = (self._epochs.time_s > after) & (self._epochs.time_s <= until) & np.isfinite(u)
-            largest = float(error[within][np.argmax(np.abs(error[within]))]) if within.any() else np.nan
-            text = f"does not follow the other cables, by up to {largest:+.3g} mm, and is left out"
+            told = np.flatnonzero(within)
+            most = told[np.argmax(np.abs(error[told]))] if len(told) else None
+            size = "" if most is None else f", by up to {error[most]:+.3g} mm (standard uncertainty {u[most]:.2g} mm)"
+            text = f"does not follow the other cables{size}, and is left out"
             out.append(Doubt(cable, after, until, Status.INCONSISTENT, text))
             mask = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
             self._epochs.change_mm[mask, cable] = np.nan
@@ -314,12 +316,11 @@ class EpochFinder:
         self._pieces, self._scores = [_joined(self._pieces)], [np.concatenate(self._scores)]
 
     def _thin(self) -> None:
-        """Of every two neighbours the one that contradicts itself more."""
+        """Of every two neighbours the one that contradicts itself more; one without a neighbour stays."""
         self._join()
         score = self._scores[0]
-        pairs = len(score) // 2
-        first = score[0 : 2 * pairs : 2] >= score[1 : 2 * pairs : 2]
-        kept = np.where(first, np.arange(0, 2 * pairs, 2), np.arange(1, 2 * pairs, 2))
+        even = np.arange(0, len(score) - 1, 2)
+        kept = np.concatenate([even + (score[even + 1] > score[even]), np.arange(len(score))[2 * len(even) :]])
         self._pieces, self._scores = [self._pieces[0].at(kept)], [score[kept]]
 
 

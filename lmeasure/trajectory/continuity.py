@@ -80,7 +80,8 @@ class Away:
 @dataclass(frozen=True)
 class Continuity:
     """What a run's counts tell of its channels: breaks, moments away and channels that stood, in order of time; acceleration_mm_s2 of the
-    motion, least_mm (m,) the smallest step that would have been seen everywhere, clock_s where all channels step as if the clock did."""
+    motion, least_mm (m,) the smallest step that would have been seen everywhere, infinite where none would, clock_s where all channels
+    step as if the clock did."""
 
     breaks: tuple[Break, ...]
     away: tuple[Away, ...]
@@ -103,6 +104,8 @@ class ContinuityFinder:
         self._standing = StandingFinder(rig)
         self._geometry = 0.0  # largest time squared over which a step may hide [s^2]
         self._jitter_mm = np.zeros(len(drums))
+        self._looked = np.zeros(len(drums), np.bool_)
+        """Channels that had as many counts on end as show a step."""
         self._going = np.zeros(len(drums))
         """Intervals in which each cable moved."""
         self._steps: list[Candidates] = []
@@ -164,6 +167,7 @@ class ContinuityFinder:
         breaks.sort(key=lambda b: b.before_s)
         lost, away = self._bridged(breaks)
         least = STEP_MM + SMALLEST_COUNTS * self._count_mm + MARGIN * acceleration * self._geometry + self._jitter_mm
+        least = np.where(self._looked, least, np.inf)
         return Continuity(tuple(lost), tuple(away), stood, self._acceleration, least, tuple(sorted(clock)))
 
     def _usual(self, number: int) -> FloatArray:
@@ -229,6 +233,9 @@ class ContinuityFinder:
         steps = np.diff(time_s)
         for stride in STRIDES:
             self._steps += steps_seen(time_s, mm, x, known, stride, self._count_mm, off)
+        for j in np.flatnonzero(~self._looked):
+            there = np.isfinite(x[j])
+            self._looked[j] = (there[:-3] & there[1:-2] & there[2:-1] & there[3:]).any()
         gone = np.abs(np.diff(x[:, max(known - 1, 0) :]))
         self._going += (gone > self._count_mm[:, None]).sum(axis=1)
         fine = steps <= HOLE * interval

@@ -88,21 +88,22 @@ def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
     count_mm = np.array([(d := rig.point(c.from_point).drum).count_length_mm / d.scale for c in rig.cable])
     open_until: dict[int, float] = {}
     for new in sorted(continuity.breaks, key=lambda b: -b.before_s):
-        every.append(_lost(rig, new, open_until.get(new.cable, np.inf), float(count_mm[new.cable])))
+        stood = any(s.cable == new.cable and s.until_s == new.before_s for s in continuity.stood)
+        every.append(_lost(rig, new, open_until.get(new.cable, np.inf), float(count_mm[new.cable]), stood=stood))
         open_until[new.cable] = new.before_s
     every.sort(key=lambda d: (d.after_s, d.cable))
+    places = _Places(rests, every)
     for doubt in [d for d in every if d.status == Status.ORIGIN_LOST]:
         if any(stood.cable == doubt.cable and stood.after_s == doubt.after_s for stood in continuity.stood):
             notes.append(doubt.text)
             continue
-        others = Doubts(tuple(every))
         # where a channel stands it is back everywhere
-        standing = [s for s in continuity.stood if s.cable == doubt.cable]
-        proof = _proof(rests, doubt, others, count_mm, standing)
+        proof = places.proof(doubt, count_mm, [s for s in continuity.stood if s.cable == doubt.cable])
         if proof is None:
-            notes.append(f"{doubt.text}{'' if np.isinf(doubt.until_s) else f', up to its next step at {doubt.until_s:.6g} s'}")
+            notes.append(f"{doubt.text}{'' if np.isinf(doubt.until_s) else f', and it errs again at {doubt.until_s:.6g} s'}")
         else:
             every.remove(doubt)
+            places.forget(doubt)
             notes.append(f"{doubt.text}; but it is back where it was at the rest at {proof:.6g} s: it has lost nothing")
     if continuity.clock_s:
         told = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
@@ -115,7 +116,18 @@ def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
 
 def unseen(rig: Rig, continuity: Continuity) -> str:
     """What steps of a counter this run would not show, in words."""
-    j = int(np.argmax(continuity.least_mm))
+    blind = np.flatnonzero(np.isinf(continuity.least_mm))
+    if len(blind) == len(rig.cable):
+        return "steps of counters are not seen: no channel has four counts on end"
+    text = _seen(rig, continuity)
+    if not len(blind):
+        return text
+    channels = dict.fromkeys(rig.cable[j].channel for j in blind)
+    return f"{text}; of {', '.join(channels)}, without four counts on end, none are"
+
+
+def _seen(rig: Rig, continuity: Continuity) -> str:
+    j = int(np.argmax(np.where(np.isfinite(continuity.least_mm), continuity.least_mm, 0.0)))
     drum = rig.point(rig.cable[j].from_point).drum
     counts = continuity.least_mm[j] / drum.count_length_mm * drum.scale
     limit = f"the acceleration of the motion itself, {continuity.acceleration_mm_s2:.3g} mm/s2, being the limit"
@@ -147,36 +159,50 @@ def _stood(rig: Rig, stood: Stood) -> Doubt:
     return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, text)
 
 
-def _lost(rig: Rig, at: Break, until_s: float, count_mm: float) -> Doubt:
+def _lost(rig: Rig, at: Break, until_s: float, count_mm: float, *, stood: bool) -> Doubt:
+    """stood: the channel stood before."""
     channel = rig.cable[at.cable].channel
     between = f"between {at.before_s:.6g} and {at.after_s:.6g} s"
-    if np.isnan(at.by_mm):
+    if np.isnan(at.by_mm) and stood:
+        text = f"channel {channel} stood up to {at.before_s:.6g} s and counts again: its origin is lost"
+    elif np.isnan(at.by_mm):
         text = f"channel {channel} does not follow the tool {between}, which goes on evenly: its origin is lost"
     else:
         drum = rig.point(rig.cable[at.cable].from_point).drum
-        text = f"channel {channel} stepped by about {drum.count_sign * at.by_mm / count_mm:+.0f} counts {between}: its origin is lost"
+        by = f"{drum.count_sign * at.by_mm / count_mm:+.0f} counts (within {np.ceil(at.u_mm / count_mm):.0f})"
+        text = f"channel {channel} stepped by about {by} {between}: its origin is lost"
     return Doubt(at.cable, at.before_s, until_s, Status.ORIGIN_LOST, text)
 
 
-def _proof(rests: Rests, doubt: Doubt, doubts: Doubts, count_mm: FloatArray, standing: list[Stood]) -> float | None:
-    """The beginning [s] of the first rest at which a cable in doubt is back where it was at a place known from before, or None."""
-    if not len(rests):
+class _Places:
+    """Where a run rested, and which channels are believed there, as long as doubts go."""
+
+    def __init__(self, rests: Rests, every: list[Doubt]) -> None:
+        self._begin_s, self._length_mm = rests.begin_s, rests.length_mm
+        self._doubts = np.zeros(rests.length_mm.shape, np.int64)
+        for doubt in every:
+            self._doubts[doubt.mask(self._begin_s), doubt.cable] += 1
+
+    def forget(self, doubt: Doubt) -> None:
+        """One that was proved wrong."""
+        self._doubts[doubt.mask(self._begin_s), doubt.cable] -= 1
+
+    def proof(self, doubt: Doubt, count_mm: FloatArray, standing: list[Stood]) -> float | None:
+        """The beginning [s] of the first rest at which a cable in doubt is back where it was at a place known from before, or None."""
+        tried, j = doubt.mask(self._begin_s), doubt.cable
+        for stood in standing:
+            tried &= (self._begin_s < stood.after_s) | (self._begin_s > stood.until_s)
+        trusted = self._doubts == 0
+        for i in np.flatnonzero(tried):
+            # places at which the cable itself is known, where counting began among them
+            before = np.flatnonzero(trusted[:i, j])
+            known = np.vstack([np.ones_like(trusted[:1]), trusted[before]])
+            apart = self._length_mm[i] - np.vstack([np.zeros_like(self._length_mm[:1]), self._length_mm[before]])
+            others = trusted[i] & known
+            others[:, j] = False
+            number, of_others = others.sum(axis=1), np.where(others, np.abs(apart), 0.0)
+            scatter = np.sqrt((of_others**2).sum(axis=1) / np.maximum(number, 1))
+            back = np.maximum(BACK_COUNTS * count_mm[j], np.minimum(BACK_MM, BACK_SCATTERS * scatter))
+            if ((number >= LEAST_CABLES - 1) & (of_others.max(axis=1) <= NEAR_MM) & (np.abs(apart[:, j]) <= back)).any():
+                return float(self._begin_s[i])
         return None
-    m, j = rests.length_mm.shape[1], doubt.cable
-    # where counting began is a place as well
-    places = [(0.0, np.zeros(m), np.ones(m, np.bool_))]
-    for begin, length in zip(rests.begin_s.tolist(), rests.length_mm, strict=True):
-        trusted = np.array([not doubts.about(k, begin) for k in range(m)])
-        if doubt.after_s < begin <= doubt.until_s and not any(s.after_s <= begin <= s.until_s for s in standing):
-            for _, before, known in places:
-                others = trusted & known
-                others[j] = False
-                if not known[j] or others.sum() < LEAST_CABLES - 1:
-                    continue
-                apart = length - before
-                scatter = np.sqrt(np.mean(apart[others] ** 2))
-                back = max(BACK_COUNTS * count_mm[j], min(BACK_MM, BACK_SCATTERS * scatter))
-                if np.abs(apart[others]).max() <= NEAR_MM and abs(apart[j]) <= back:
-                    return float(begin)
-        places.append((begin, length, trusted))
-    return None

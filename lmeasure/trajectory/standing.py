@@ -6,15 +6,18 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.rig import Rig
+from lmeasure.trajectory.steps import two_largest
 
 STANDS_S = 0.2
 STANDS_MM = 50.0
-MOST_MM = 5.0  # from sample to sample
+"""For so long at least, and by so much another cable of the same attachment point moves while one stands on a count: its point moves, and
+not on a sphere."""
+MOST_MM = 5.0
+MOST = 2.0
+"""From sample to sample a cable is drawn by so much at most, or by so many times the second most of all cables; what is more is a step."""
 MOVES_MM = 5.0
 MOVING = 3
 """Cables that move at least so much, when the tool does."""
-"""For so long at least, and by so much another cable of the same attachment point moves while one stands on a count: its point moves, and
-not on a sphere."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,9 @@ class StandingFinder:
     def add(self, time_s: FloatArray, mm: FloatArray) -> None:
         """The next samples: times (n,) and lengths (n, m) by the counts alone."""
         # a cable that steps has not been drawn
-        gone = np.nan_to_num(np.diff(mm, axis=0, prepend=self._last[None])).clip(-MOST_MM, MOST_MM).cumsum(axis=0) + self._way
+        steps = np.nan_to_num(np.diff(mm, axis=0, prepend=self._last[None]))
+        most = np.maximum(MOST_MM, MOST * two_largest(np.abs(steps.T))[1])[:, None]
+        gone = steps.clip(-most, most).cumsum(axis=0) + self._way
         self._way = gone[-1]
         for j in np.flatnonzero(self._together.any(axis=1)):
             # empty cells neither move a channel nor let it stand

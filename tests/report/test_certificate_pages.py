@@ -270,18 +270,23 @@ FAULTS = (
     "steps of a counter by 37 counts (0.45 mm) and more are seen, the acceleration of the motion itself, 1.11e+03 mm/s2, being the limit",
     "steps of a counter by 370 counts (4.5 mm) and more are seen, the acceleration of the motion itself, 1.1e+03 mm/s2, being the limit; "
     "it is sampled too slowly for its speed to show smaller ones",
+    "steps of counters are not seen: no channel has four counts on end",
+    "steps of a counter by 37 counts (0.45 mm) and more are seen, the acceleration of the motion itself, 1.11e+03 mm/s2, being the limit; "
+    "of ch2, ch3, without four counts on end, none are",
     "one cable to spare, 7 cables for 6 unknowns: that lengths contradict each other is seen, but not which of them is wrong",
     "2 cables to spare, 8 cables for 6 unknowns: one that contradicts the others is seen and left out",
-    "channel ch2 stepped by about +1000 counts between 4.48 and 4.484 s: its origin is lost, up to its next step at 13.48 s",
+    "channel ch2 stepped by about +1000 counts (within 25) between 4.48 and 4.484 s: its origin is lost, and it errs again at 13.48 s",
+    "channel ch2 stood up to 4.48 s and counts again: its origin is lost",
     "channel ch2 does not follow the tool between 4.4 and 4.5 s, which goes on evenly: its origin is lost; but it is back where it was at "
     "the rest at 4.728 s: it has lost nothing",
-    "channel ch4 stepped by about +700 counts between 2.396 and 2.4 s: its origin is lost; but the other cables show that it has "
-    "lost nothing",
+    "channel ch4 stepped by about +700 counts (within 12) between 2.396 and 2.4 s: its origin is lost; but the other cables show that it "
+    "has lost nothing",
     "channel ch3 stands from 0 s on while its point is drawn far: it does not count",
     "channel ch3 was elsewhere for a moment behind 2.5 s",
     "channel ch3 was elsewhere for a moment, 3 times, first behind 2.5 s",
     "all channels step as if the clock had, behind 3.996 s",
-    "from 12.5 s to the end: cable c3 does not follow the other cables, by up to +3.01 mm, and is left out",
+    "from 12.5 s to the end: cable c3 does not follow the other cables, by up to +3.01 mm (standard uncertainty 0.012 mm), and is left out",
+    "from 12.5 s to the end: cable c3 does not follow the other cables, and is left out",
     "from the beginning to the end: the cables contradict each other, and no single one explains it",
     "from the beginning to 3.5 s: the cables contradict each other: c1 or c2 is wrong, and which cannot be told",
     "from the beginning to 3.5 s: the cables contradict each other, and which is wrong cannot be told",

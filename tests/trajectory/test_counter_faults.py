@@ -1,5 +1,6 @@
 """Counters that step, stand, hang or are mixed up: found where they can be, and sound motions left in peace."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,12 +11,15 @@ from cells import START, FloatArray, cell, motion, position_error, record, with_
 from scipy.spatial.transform import Rotation
 from test_schemes import EIGHT, SEVEN, rig_of
 
+from lmeasure.lengths import lengths_from_counts
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run, read_run, read_run_head, write_run
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream
+from lmeasure.trajectory.consistency import EpochFinder
 from lmeasure.trajectory.continuity import Continuity, ContinuityFinder
 from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.screw_method import Reconstruction
 
 COUNT_MM = 0.012
 
@@ -113,7 +117,9 @@ def test_a_step_is_found_where_and_as_large_as_it_is(counts: int, rate_hz: float
         assert (trajectory.status[:i] == Status.OK).all()
         ok = trajectory.status[i:] == Status.OK
         assert not ok.any(), "no rest can prove it"
-        assert any(f"stepped by about {'+' if counts > 0 else '-'}" in note for note in trajectory.notes)
+        (told,) = (re.match(r"channel .* stepped by about ([-+]\d+) counts \(within (\d+)\) between", n) for n in trajectory.notes[:1])
+        assert told is not None, trajectory.notes
+        assert abs(int(told[1]) - counts) <= int(told[2]) <= max(25, found.u_mm / COUNT_MM + 1)
 
 
 def test_half_a_step_between_two_samples_is_one() -> None:
@@ -191,6 +197,70 @@ def test_a_channel_that_stands_while_its_point_moves_is_told() -> None:
     drums = [p.model_copy(update={"drum": p.drum.model_copy(update={"braked": True})}) for p in run.rig.observation_point]
     braked = run.rig.model_copy(update={"observation_point": tuple(drums)})
     assert continuity_of(replace(with_recorded(run, recorded), rig=braked)).stood == ()
+
+
+def test_what_is_said_of_a_channel_that_stood_and_counts_again() -> None:
+    """Not that it does not follow between a moment and the same moment, nor that what comes next is a step."""
+    run = round_trip(cell())
+    recorded = run.passes[0].recorded.copy()
+    recorded[100:700, 2] = recorded[100, 2]
+    recorded[700:, 2] += recorded[699, 2] - recorded[700, 2]
+    recorded[90:, 4] += 500.0
+    recorded[1000:, 4] = recorded[1000, 4] + 33.0 * np.arange(len(recorded) - 1000)
+    notes = reconstruct(with_recorded(run, recorded)).notes
+    stood = next(note for note in notes if " ch3 " in note and "its origin" in note)
+    assert re.match(r"channel ch3 stood up to (\S+) s and counts again: its origin is lost", stood), stood
+    stepped = next(note for note in notes if " ch5 stepped" in note)
+    assert re.search(r"its origin is lost, and it errs again at 3\.99\d* s$", stepped), stepped
+
+
+def test_at_ten_samples_a_second_a_channel_stands_as_soon() -> None:
+    """Between two samples a cable is drawn far: what is no more than that of the others is no step."""
+    found = {}
+    for rate_hz in (10.0, 250.0):
+        run = record(cell(), *along(CORNERS, 250.0, rate_hz, 0.1, 0.5))
+        recorded, begin = run.passes[0].recorded.copy(), round(0.4 * rate_hz)
+        last = round(1.3 * rate_hz)
+        recorded[begin:last, 0] = recorded[begin, 0]
+        found[rate_hz] = continuity_of(with_recorded(run, recorded)).stood
+    assert [stood.cable for stood in found[10.0]] == [stood.cable for stood in found[250.0]] == [0]
+
+
+def test_a_partner_that_steps_is_not_drawn() -> None:
+    """One channel alone that is elsewhere does not make others of its point stand, whatever the rate."""
+    for rate_hz in (10.0, 250.0):
+        run = record(cell(), *along(CORNERS[:2], 50.0, rate_hz, 0.1, 2.0))
+        recorded = run.passes[0].recorded.copy()
+        recorded[round(0.5 * rate_hz) :, 0] += 9000.0
+        recorded[round(0.8 * rate_hz) :, 3] += 9000.0
+        assert continuity_of(with_recorded(run, recorded)).stood == ()
+
+
+@pytest.mark.parametrize("samples", [1, 3, 40])
+def test_steps_that_nothing_could_show_are_not_called_seen(samples: int) -> None:
+    run = record(cell(), *motion(samples))
+    recorded = run.passes[0].recorded.copy()
+    if samples > 3:
+        recorded[:, 1] = np.nan
+        recorded[::4, 4] = np.nan
+    (said,) = (note for note in reconstruct(with_recorded(run, recorded)).notes if note.startswith("steps of"))
+    if samples > 3:
+        assert re.match(r"steps of a counter by \d+ counts .* being the limit; of ch2, ch5, without four counts on end, none are$", said)
+    else:
+        assert said == "steps of counters are not seen: no channel has four counts on end"
+
+
+def test_of_an_odd_number_of_epochs_the_last_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = record(rig_of(EIGHT), *motion(9))
+    reconstruction = Reconstruction(run.rig, run.known_start)
+    assert reconstruction.redundancy is not None
+    epochs = reconstruction.redundancy.epochs(lengths_from_counts(run), None)
+    finder = EpochFinder(reconstruction.redundancy)
+    monkeypatch.setattr("lmeasure.trajectory.consistency.MOST_EPOCHS", 4)
+    score = np.zeros(9)
+    score[[3, 4]] = np.nan  # samples whose chi-squared is not known count most
+    finder.add(epochs, motion(9)[1], score)
+    assert finder.epochs().time_s.tolist() == epochs.time_s[[0, 3, 4, 6, 8]].tolist()
 
 
 def test_swapped_channels_of_eight_cables_are_never_ok() -> None:
