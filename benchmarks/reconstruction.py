@@ -182,7 +182,7 @@ def kernels(lines: list[str]) -> None:
 def lanes_rate() -> float:
     """Newton steps per second of a tile of lanes."""
     rig = cell()
-    tile = np.zeros((10, lanes.WIDTH))
+    tile = np.zeros((lanes.TILE_ROWS, lanes.WIDTH))
     tile[:7] = motion(lanes.WIDTH)[1].T
     targets = span_lengths(rig, motion(lanes.WIDTH)[1]).T.ravel()
     flat, rows = tile.ravel(), rig.cable_rows()[[0, 2, 4, 1, 3, 5]]

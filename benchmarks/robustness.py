@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import kernel, screw
-from lmeasure.kernels.cable import CABLE_COLUMNS, span_at, span_lengths
+from lmeasure.kernels.cable import span_at, span_lengths
+from lmeasure.kernels.layout import CABLE_COLUMNS
 from lmeasure.status import Status
 
 FloatArray = NDArray[np.float64]

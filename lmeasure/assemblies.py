@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import screw
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ
 from lmeasure.lcoordinate.tetrahedra import by_tetrahedra
 from lmeasure.status import Status
 
@@ -31,7 +32,7 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[Fl
     for batch in range(MOST):
         starts = _anywhere(rows, lengths, rng)
         if batch == 0:
-            starts = np.concatenate([by_tetrahedra(rows[:, :3], rows[:, 7:10], lengths), starts])
+            starts = np.concatenate([by_tetrahedra(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], lengths), starts])
         status, poses = screw.solve_poses(rows, lengths, starts)
         for pose in poses[status == Status.OK]:
             k = next((i for i, other in enumerate(found) if _same(pose, other)), len(found))
@@ -50,8 +51,8 @@ def _enough(met: list[int]) -> bool:
 
 def _anywhere(rows: FloatArray, lengths: FloatArray, rng: np.random.Generator) -> FloatArray:
     """(BATCH, 7) poses over all orientations and all places within reach of every cable."""
-    reach = (lengths + np.linalg.norm(rows[:, 7:10], axis=1))[:, None]
-    low, high = (rows[:, :3] - reach).max(axis=0), (rows[:, :3] + reach).min(axis=0)
+    reach = (lengths + np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1))[:, None]
+    low, high = (rows[:, BASE_XYZ] - reach).max(axis=0), (rows[:, BASE_XYZ] + reach).min(axis=0)
     return se3.pose(rng.uniform(np.minimum(low, high), np.maximum(low, high), (BATCH, 3)), Rotation.random(BATCH, rng=rng))
 
 
@@ -63,9 +64,9 @@ def _same(a: FloatArray, b: FloatArray) -> bool:
 def by_side(poses: FloatArray, rows: FloatArray, side: FloatArray) -> FloatArray:
     """Those of the (k, 7) poses whose attachment points are all on one side of the middle of the observation points: that to which the
     direction side (3,) shows."""
-    middle = np.unique(rows[:, :3], axis=0).mean(axis=0)
+    middle = np.unique(rows[:, BASE_XYZ], axis=0).mean(axis=0)
     turns = se3.matrices(poses) if len(poses) else np.empty((0, 3, 3))
-    points = poses[:, None, :3] + np.einsum("kij,mj->kmi", turns, rows[:, 7:10])
+    points = poses[:, None, :3] + np.einsum("kij,mj->kmi", turns, rows[:, ATTACHMENT_XYZ])
     return poses[((points - middle) @ side > 0.0).all(axis=1)]
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from lmeasure import unsolved
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import Cable, Rig
 

@@ -161,7 +161,7 @@ class CalibrationRecord(_Record):
     def cable_covariance(self, names: list[list[str]]) -> FloatArray:
         """(13 m, 13 m) covariance of the kernels' parameters, mm and rad, for m cables.
 
-        names[j] are the record's names of cable j's parameters in the kernels' order (`kernels.cable.PARAMETERS`).
+        names[j] are the record's names of cable j's parameters in the kernels' order (`kernels.layout.PARAMETERS`).
         Parameters that were not solved are taken as exact.
         """
         select = self._selection(names)

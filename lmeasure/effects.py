@@ -8,13 +8,14 @@ import numpy as np
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import GeometryError
 from lmeasure.kernels import effects as kernels
+from lmeasure.kernels import layout
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.rig import Cable, Drum, Rig
 
 GRAVITY = 9.80665  # standard gravity [m/s^2]; it differs by 0.3 % between equator and pole
 REFERENCE_C = 20.0  # ISO 1:2022
 
-_EXPANSION, _STIFFNESS, _WEIGHT, _TENSION, _FRAME = 0, 3, 4, 5, 2
+_EXPANSIONS = [layout.CABLE_EXPANSION, layout.DRUM_EXPANSION, layout.FRAME_EXPANSION]
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Effects:
     @property
     def thermal(self) -> bool:
         """Whether temperature has an effect."""
-        return bool(self.rows[:, :3].any())
+        return bool(self.rows[:, _EXPANSIONS].any())
 
     def excess(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray) -> FloatArray:
         """(n, m) what the effects add to modelled less measured changes [mm], at (n, 7) poses, true counts and temperatures (n, m).
@@ -74,7 +75,7 @@ class Effects:
         return out
 
     def _tension(self, j: int, count: float, cable_rows: FloatArray) -> float:
-        return float(self.rows[j, 5] + self.rows[j, 6] * cable_rows[j, 13] * count)
+        return float(self.rows[j, layout.TENSION] + self.rows[j, layout.TENSION_RISE] * cable_rows[j, layout.COUNT_LENGTH] * count)
 
     def _excess(
         self, rows: FloatArray, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray
@@ -117,19 +118,19 @@ class Effects:
     def tension_shift(self, cable_rows: FloatArray, poses: FloatArray) -> FloatArray | None:
         """(n, m) how much longer each free cable is when its tension is one standard uncertainty more than the drum's law says; it is
         another error at each cable and, as friction turns with the direction of travel, at each stop."""
-        per_mm = self.u_tension_change_n * self.rows[:, _STIFFNESS]
+        per_mm = self.u_tension_change_n * self.rows[:, layout.COMPLIANCE]
         if not per_mm.any():
             return None
-        free = span_lengths(cable_rows, np.ascontiguousarray(poses)) + np.hypot(cable_rows[:, 10], cable_rows[:, 11]) + self.rows[:, 8]
-        return np.asarray(free * per_mm)
+        to_pulley = np.hypot(cable_rows[:, layout.TANGENT], cable_rows[:, layout.AXIAL]) + self.rows[:, layout.GUIDE_LENGTH]
+        return np.asarray((span_lengths(cable_rows, np.ascontiguousarray(poses)) + to_pulley) * per_mm)
 
 
 def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None) -> Effects | None:
     """The effects that a rig's keys state for the given cables, default all; None when it states none."""
     chosen = rig.cable if cables is None else cables
     drums = [rig.point(c.from_point).drum for c in chosen]
-    rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), kernels.EFFECT_COLUMNS)
-    if not (rows[:, [0, 1, 2, _STIFFNESS, _WEIGHT]] != 0.0).any():
+    rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), layout.EFFECT_COLUMNS)
+    if not (rows[:, [*_EXPANSIONS, layout.COMPLIANCE, layout.WEIGHT]] != 0.0).any():
         return None
     reference = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
     change = np.array([drum.u_cable_tension_change_n or 0.0 for drum in drums])
@@ -141,7 +142,7 @@ def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None) -> Effects | N
     if rig.frame_expansion_per_k is not None and rig.u_frame_expansion_per_k:
         every, u = np.ones(len(chosen), dtype=bool), rig.u_frame_expansion_per_k
         value = rig.frame_expansion_per_k
-        moved.append((_with(rows, every, _FRAME, value + u), _with(rows, every, _FRAME, value - u)))
+        moved.append((_with(rows, every, layout.FRAME_EXPANSION, value + u), _with(rows, every, layout.FRAME_EXPANSION, value - u)))
     return Effects(rows, tuple(c.name for c in chosen), reference, tuple(moved), rig.u_temperature_k or 0.0, change)
 
 
@@ -163,17 +164,17 @@ def _ranges(drum: Drum) -> Iterator[tuple[int, float, float]]:
     """(column, value less u, value plus u) of what is uncertain."""
     if drum.cable_expansion_per_k is not None and drum.u_cable_expansion_per_k:
         u = drum.u_cable_expansion_per_k
-        yield _EXPANSION, drum.cable_expansion_per_k - u, drum.cable_expansion_per_k + u
+        yield layout.CABLE_EXPANSION, drum.cable_expansion_per_k - u, drum.cable_expansion_per_k + u
     if drum.cable_stiffness_n is not None and drum.u_cable_stiffness_n:
         # linear in 1/EA
         u = drum.u_cable_stiffness_n / drum.cable_stiffness_n**2
-        yield _STIFFNESS, 1.0 / drum.cable_stiffness_n - u, 1.0 / drum.cable_stiffness_n + u
+        yield layout.COMPLIANCE, 1.0 / drum.cable_stiffness_n - u, 1.0 / drum.cable_stiffness_n + u
     if drum.cable_mass_kg_per_m is not None and drum.u_cable_mass_kg_per_m:
         value, u = drum.cable_mass_kg_per_m * GRAVITY / 1000.0, drum.u_cable_mass_kg_per_m * GRAVITY / 1000.0
-        yield _WEIGHT, value - u, value + u
+        yield layout.WEIGHT, value - u, value + u
     if drum.cable_tension_n is not None and drum.u_cable_tension_n:
         u = drum.u_cable_tension_n
-        yield _TENSION, drum.cable_tension_n - u, drum.cable_tension_n + u
+        yield layout.TENSION, drum.cable_tension_n - u, drum.cable_tension_n + u
 
 
 def _with(rows: FloatArray, which: BoolArray, column: int, value: float) -> FloatArray:

@@ -23,7 +23,7 @@ from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.can_table import CAN_TABLES, CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
 from lmeasure.checked import Name, Strict, Whole, complaint, whole
 from lmeasure.errors import RigError
-from lmeasure.kernels.cable import CABLE_COLUMNS
+from lmeasure.kernels import layout
 
 Vector = tuple[float, float, float]
 
@@ -288,23 +288,19 @@ class Rig(Strict):
         return tuple(c for c in self.cable if c.passage == passage)
 
     def cable_rows(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-        """(m, 17) rows of the kernels (see `lmeasure.kernels.cable`) for the given cables, default all: mm and rad, B and u in the base
+        """(m, columns) rows of the kernels (`lmeasure.kernels.layout`) for the given cables, default all: mm and rad, B and u in the base
         frame, P in the tool frame."""
-        rows = np.empty((len(self.cable if cables is None else cables), CABLE_COLUMNS))
+        rows = np.empty((len(self.cable if cables is None else cables), layout.CABLE_COLUMNS))
         for row, c in zip(rows, self.cable if cables is None else cables, strict=True):
             p = self.point(c.from_point)
             a, b = math.radians(p.guide_alpha_deg), math.radians(p.guide_beta_deg)
-            row[0:3] = p.position_mm
-            row[3:6] = (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
-            row[6] = p.pulley_radius_mm
-            row[7:10] = self.tool[c.to_point]
-            row[10:14] = (
-                p.drum.tangent_length_mm,
-                p.drum.axial_offset_mm,
-                p.drum.axial_per_count_mm,
-                p.drum.count_length_mm,
-            )
-            row[14:17] = a, b, p.drum.counts_per_revolution
+            row[layout.BASE_XYZ] = p.position_mm
+            row[layout.GUIDE_XYZ] = (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
+            row[layout.RADIUS] = p.pulley_radius_mm
+            row[layout.ATTACHMENT_XYZ] = self.tool[c.to_point]
+            row[layout.TANGENT], row[layout.AXIAL] = p.drum.tangent_length_mm, p.drum.axial_offset_mm
+            row[layout.TRAVEL], row[layout.COUNT_LENGTH] = p.drum.axial_per_count_mm, p.drum.count_length_mm
+            row[layout.ALPHA], row[layout.BETA], row[layout.TURN_COUNTS] = a, b, p.drum.counts_per_revolution
         return rows
 
     def scales(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:

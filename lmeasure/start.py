@@ -11,6 +11,7 @@ import numpy as np
 from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
+from lmeasure.kernels.layout import ATTACHMENT_XYZ
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig
 
@@ -96,7 +97,7 @@ def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
 
 def _size(rows: FloatArray) -> float:
     """The largest arm of an attachment point [mm]."""
-    return float(np.linalg.norm(rows[:, 7:10], axis=1).max())
+    return float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max())
 
 
 def _about(start: dict[str, Any], rig: Rig, path: Path | str) -> tuple[FloatArray | None, FloatArray | None]:

@@ -31,6 +31,7 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.effects import Zero
+from lmeasure.kernels import layout
 from lmeasure.kernels import travel as kernels
 from lmeasure.observation.parameters import attachment_names
 from lmeasure.rig import Cable, Rig
@@ -235,13 +236,13 @@ class Unsolved:
                 if v.kind is COUNT_LENGTH:
                     found = -k[:, None]
                 elif v.kind is PITCH:
-                    a = row[11] + row[12] * k
-                    found = (a / np.maximum(np.hypot(row[10], a), 1e-300) * k / row[16])[:, None]
+                    a = row[layout.AXIAL] + row[layout.TRAVEL] * k
+                    found = (a / np.maximum(np.hypot(row[layout.TANGENT], a), 1e-300) * k / row[layout.TURN_COUNTS])[:, None]
                 elif v.kind is RUN_OUT:
-                    angle = 2.0 * np.pi * k / row[16]
+                    angle = 2.0 * np.pi * k / row[layout.TURN_COUNTS]
                     found = -np.column_stack([np.cos(angle), np.sin(angle)])
                 elif v.kind is ECCENTRICITY:
-                    psi = paid_out(row, k) / row[6]
+                    psi = paid_out(row, k) / row[layout.RADIUS]
                     lift = 1.0 - cosine[:, j]
                     c, s = np.cos(psi), np.sin(psi)
                     found = np.column_stack([c * lift - s * sine[:, j], -s * lift - c * sine[:, j]])
@@ -279,7 +280,7 @@ def taken_as_exact(
     if warmth is not None:
         paid = np.stack([paid_out(row, counts[:, j]) for j, row in enumerate(rows)], axis=1)
         # a whole rig of another temperature: a matter of scale; a cable that warms after it was zeroed: of all that is free of it
-        free = paid + np.hypot(rows[:, 10], rows[:, 11]) + free_lengths(rows, zero.poses)
+        free = paid + np.hypot(rows[:, layout.TANGENT], rows[:, layout.AXIAL]) + free_lengths(rows, zero.poses)
         scale, drift = (_added(twists, EXPANSION_PER_K * length[:, :, None]) for length in (paid, free))
         out += _of_temperature(warmth, scale, drift)
     return tuple(out)
@@ -307,20 +308,21 @@ def _of_temperature(warmth: Warmth, scale: float, drift: float) -> list[Taken]:
 
 def paid_out(row: FloatArray, k: FloatArray) -> FloatArray:
     """(n,) cable [mm] past the fixed pulley when k (n,) counts are paid out, D(k) of `kernels.cable`, without compiling."""
-    return np.asarray(k * row[13] - (np.hypot(row[10], row[11] + row[12] * k) - np.hypot(row[10], row[11])))
+    tangent, axial, travel = row[layout.TANGENT], row[layout.AXIAL], row[layout.TRAVEL]
+    return np.asarray(k * row[layout.COUNT_LENGTH] - (np.hypot(tangent, axial + travel * k) - np.hypot(tangent, axial)))
 
 
 def free_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:
     """(m,) lengths from B to the attachment point [mm] of each cable at its own pose (m, 7), along straight lines, without compiling."""
-    points = se3.apply(poses, rows[:, 7:10])
-    return np.asarray(np.linalg.norm(points - rows[:, 0:3], axis=1))
+    points = se3.apply(poses, rows[:, layout.ATTACHMENT_XYZ])
+    return np.asarray(np.linalg.norm(points - rows[:, layout.BASE_XYZ], axis=1))
 
 
 def _leaving(rows: FloatArray, poses: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n, m) cosine and sine of the wrapped angles and (n, m, 3) unit vectors of the free spans, as `kernels.cable.wrapped_span`, without
     compiling; base_from_tool turns (n, 3, 3)."""
-    u, radius = rows[:, 3:6], rows[:, 6]
-    d = poses[:, None, :3] + np.einsum("nij,mj->nmi", turn, rows[:, 7:10]) - rows[:, 0:3]
+    u, radius = rows[:, layout.GUIDE_XYZ], rows[:, layout.RADIUS]
+    d = poses[:, None, :3] + np.einsum("nij,mj->nmi", turn, rows[:, layout.ATTACHMENT_XYZ]) - rows[:, layout.BASE_XYZ]
     with np.errstate(invalid="ignore", divide="ignore"):
         q = np.einsum("nmi,mi->nm", d, u)
         across = d - q[:, :, None] * u

@@ -11,7 +11,8 @@ sys.path.insert(0, str(Path(__file__).parent / "trajectory"))
 from cells import FloatArray, cell, motion
 
 from lmeasure.assemblies import assemblies, by_side, distances
-from lmeasure.kernels.cable import CABLE_COLUMNS, span_lengths
+from lmeasure.kernels.cable import span_lengths
+from lmeasure.kernels.layout import CABLE_COLUMNS
 from lmeasure.lcoordinate.tetrahedra import by_tetrahedra
 
 THREE_TWO_ONE = ("P1", "P1", "P1", "P2", "P2", "P3")

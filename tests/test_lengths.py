@@ -15,7 +15,7 @@ from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts
 from lmeasure.errors import FileFormatError, GeometryError
-from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.lengths import (
     Lengths,
     changes_from_counts,

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
+from lmeasure.kernels.layout import BODY_COLUMNS, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, BODY_START, BODY_WAY
 
 SCHEMA = "lmeasure.bodies/1"
 
@@ -55,12 +56,12 @@ def read_bodies(path: Path) -> tuple[Body, ...]:
 
 
 def body_rows(bodies: Sequence[Body]) -> FloatArray:
-    """(b, 9) rows of the kernels: start, unit way, length, radius [mm], 1 when it is the tool's."""
-    out = np.zeros((len(bodies), 9))
+    """(b, BODY_COLUMNS) rows of the kernels: start, unit way, length, radius [mm], 1 when it is the tool's."""
+    out = np.zeros((len(bodies), BODY_COLUMNS))
     for row, body in zip(out, bodies, strict=True):
         way = np.subtract(body.to_mm, body.from_mm)
         length = math.sqrt(float(way @ way))
-        row[0:3] = body.from_mm
-        row[3:6] = way / length if length > 0.0 else (1.0, 0.0, 0.0)
-        row[6:9] = length, body.radius_mm, 1.0 if body.frame == "tool" else 0.0
+        row[BODY_START : BODY_START + 3] = body.from_mm
+        row[BODY_WAY : BODY_WAY + 3] = way / length if length > 0.0 else (1.0, 0.0, 0.0)
+        row[BODY_LENGTH], row[BODY_RADIUS], row[BODY_OF_TOOL] = length, body.radius_mm, 1.0 if body.frame == "tool" else 0.0
     return out

@@ -19,6 +19,7 @@ from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import AccuracyError, FileFormatError
 from lmeasure.kernels import placement as kernels
+from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, GUIDE_XYZ
 from lmeasure.kernels.zone_rows import LANES
 from lmeasure.rig import Rig
 from lmeasure.zeroing import length_variance
@@ -144,7 +145,7 @@ class Search:
         turns = tilts(task.tilt_rad, task.tilt_steps, Rotation.from_quat(task.quaternion_xyzw))
         self.plan = make_plan(rig, None, self.positions, turns, np.array([*self.centre, *task.quaternion_xyzw]))
         self.rows, self.evaluations = rig.cable_rows(), 0
-        toward = self.centre - self.rows[:, 0:3]
+        toward = self.centre - self.rows[:, BASE_XYZ]
         self.toward = toward / np.linalg.norm(toward, axis=1)[:, None]
         self.keep_out = np.array([(box.low_mm, box.high_mm) for box in wanted.keep_out]).reshape(-1, 2, 3)
         self.mounted = np.array([kind == "mount" for kind, _, _ in self.free])
@@ -171,17 +172,17 @@ class Search:
         return np.array(values, dtype=np.float64).ravel()
 
     def cables(self, x: FloatArray) -> FloatArray:
-        """(n, 6, 17) kernel rows of (n, 3 f) candidates; a guide turns with its point: from the task, its pulley is wrapped as before."""
+        """(n, m, columns) kernel rows of (n, 3 f) candidates; a guide turns with its point: its pulley is wrapped as before."""
         out = np.repeat(self.rows[None], len(x), axis=0)
         for f, rows in enumerate(self.moves):
             for j in rows:
-                columns = slice(0, 3) if self.mounted[f] else slice(7, 10)
+                columns = BASE_XYZ if self.mounted[f] else ATTACHMENT_XYZ
                 out[:, j, columns] = x[:, 3 * f : 3 * f + 3]
-        toward = self.centre - out[:, :, 0:3]
+        toward = self.centre - out[:, :, BASE_XYZ]
         toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
-        out[:, :, 3:6] = _carried(self.toward[None], toward, self.rows[None, :, 3:6])
-        out[:, :, 14] = np.arcsin(np.clip(out[:, :, 5], -1, 1))
-        out[:, :, 15] = np.arctan2(-out[:, :, 3], -out[:, :, 4])
+        out[:, :, GUIDE_XYZ] = _carried(self.toward[None], toward, self.rows[None, :, GUIDE_XYZ])
+        u_x, u_y, u_z = np.moveaxis(out[:, :, GUIDE_XYZ], -1, 0)
+        out[:, :, ALPHA], out[:, :, BETA] = np.arcsin(np.clip(u_z, -1, 1)), np.arctan2(-u_x, -u_y)
         return out
 
     def figures(self, x: FloatArray) -> FloatArray:
@@ -342,7 +343,7 @@ def _rig_at(search: Search, x: FloatArray) -> Rig:
     rig = search.rig
     places = {(kind, name): tuple(float(v) for v in x[3 * f : 3 * f + 3]) for f, (kind, name, _) in enumerate(search.free)}
     rows = search.cables(x[None])[0]
-    guides = {c.from_point: (math.degrees(rows[j, 14]), math.degrees(rows[j, 15])) for j, c in enumerate(rig.cable)}
+    guides = {c.from_point: (math.degrees(rows[j, ALPHA]), math.degrees(rows[j, BETA])) for j, c in enumerate(rig.cable)}
     points = []
     for p in rig.observation_point:
         if ("mount", p.name) in places:

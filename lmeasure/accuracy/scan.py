@@ -27,7 +27,8 @@ from lmeasure.errors import AccuracyError
 from lmeasure.extras import how_to_install
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.screw import CABLES, WIDTH
+from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BETA, BODY_OF_TOOL, BODY_START, BODY_WAY, WIDTH
+from lmeasure.kernels.screw import CABLES
 from lmeasure.kernels.zone_lanes import scan_lanes
 from lmeasure.kernels.zone_linked import Linked, strict_gradients, strict_lengths
 from lmeasure.kernels.zone_rows import LANES
@@ -35,6 +36,7 @@ from lmeasure.opened import open_regular
 
 Progress = Callable[[int, int], None]
 
+STARTS, WAYS = slice(BODY_START, BODY_START + 3), slice(BODY_WAY, BODY_WAY + 3)
 POSES_PER_CHUNK = 1_000_000
 ANSWER_S = 10.0
 """Within which a scheduler must answer."""
@@ -127,14 +129,14 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
     figures, left = scan_lanes(
         np.ascontiguousarray(plan.cables[order]),
         np.ascontiguousarray(padded),
-        turned(turns, plan.cables[order, 7:10]),
+        turned(turns, plan.cables[order, ATTACHMENT_XYZ]),
         turned(turns, plan.points),
         _body_starts(plan, turns),
-        np.where(plan.bodies[None, :, 8:9] > 0, turned(turns, plan.bodies[:, 3:6]), plan.bodies[None, :, 3:6]),
+        np.where(plan.bodies[None, :, BODY_OF_TOOL, None] > 0, turned(turns, plan.bodies[:, WAYS]), plan.bodies[None, :, WAYS]),
         plan.bodies,
         rank[plan.pairs],
         np.sqrt(plan.variance[order]),
-        max(1e-3, float(np.linalg.norm(plan.cables[:, 7:10], axis=1).max())),
+        max(1e-3, float(np.linalg.norm(plan.cables[:, ATTACHMENT_XYZ], axis=1).max())),
         _linked(plan, order),
         turns.as_matrix(),
     )
@@ -150,7 +152,7 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
 
 
 def _body_starts(plan: Plan, turns: Rotation) -> FloatArray:
-    return np.where(plan.bodies[None, :, 8:9] > 0, turned(turns, plan.bodies[:, 0:3]), plan.bodies[None, :, 0:3])
+    return np.where(plan.bodies[None, :, BODY_OF_TOOL, None] > 0, turned(turns, plan.bodies[:, STARTS]), plan.bodies[None, :, STARTS])
 
 
 def _linked(plan: Plan, order: IntArray) -> Linked | None:
@@ -162,7 +164,7 @@ def _linked(plan: Plan, order: IntArray) -> Linked | None:
     cables, scales, start = np.ascontiguousarray(plan.cables[order]), np.ascontiguousarray(plan.scales[order]), plan.start[None]
     at_start = strict_gradients(cables, start, np.zeros((1, CABLES)), scales)[0]
     # of one function of one library: NumPy's own sine is another one on another processor
-    angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, 14:16].tolist()]
+    angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, ALPHA : BETA + 1].tolist()]
     guides = np.array([(sa * sb, sa * cb, ca, -ca * cb, ca * sb, 0.0) for sa, ca, sb, cb in angles])
     return np.ascontiguousarray(factor), at_start, strict_lengths(cables, start)[0], scales, guides
 

@@ -14,6 +14,7 @@ from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import counts_from_changes, span_lengths, wrap_geometry
 from lmeasure.kernels.clearance import least_clearances
+from lmeasure.kernels.layout import BASE_XYZ, GUIDE_XYZ, RADIUS
 from lmeasure.rig import Cable, Rig
 
 TO_THE_EDGE = 1.25
@@ -135,15 +136,15 @@ class Usable:
         rows = np.ascontiguousarray(rows)
         centre, tangent, attachment, wrap = wrap_geometry(self._rows, rows)
         span = np.linalg.norm(attachment - tangent, axis=2)
-        length = span + self._rows[:, 6] * wrap
-        away = attachment - self._rows[:, :3]
-        across = np.sqrt(np.maximum(np.sum(away**2, axis=2) - np.einsum("nmi,mi->nm", away, self._rows[:, 3:6]) ** 2, 0.0))
-        clearance = least_clearances(centre, tangent, attachment, self._rows[:, 6].copy(), self._pairs, self._strangers)
+        length = span + self._rows[:, RADIUS] * wrap
+        away = attachment - self._rows[:, BASE_XYZ]
+        across = np.sqrt(np.maximum(np.sum(away**2, axis=2) - np.einsum("nmi,mi->nm", away, self._rows[:, GUIDE_XYZ]) ** 2, 0.0))
+        clearance = least_clearances(centre, tangent, attachment, self._rows[:, RADIUS].copy(), self._pairs, self._strangers)
         # comparisons are written so that a NaN, a cable that cannot run, breaks them
         return np.column_stack(
             [
                 ~((span >= self._limits.min_span_mm) & (length <= self._limits.max_length_mm)).all(axis=1),
-                ~((across >= AXIS_RADII * self._rows[:, 6]) | (self._rows[:, 6] == 0.0)).all(axis=1),
+                ~((across >= AXIS_RADII * self._rows[:, RADIUS]) | (self._rows[:, RADIUS] == 0.0)).all(axis=1),
                 ~(wrap <= math.radians(self._limits.max_wrap_deg)).all(axis=1),
                 ~(clearance >= self._limits.clearance_mm),
                 self._slack(rows).any(axis=1),

@@ -23,10 +23,7 @@ pulley is h(k) = hypot(t_d, a(k)). Paying out k counts of length c gives the fre
 
 which grows strictly with k when g < N c, a condition the rig file is held to.
 
-Rows
-----
-A cable is a row of `CABLE_COLUMNS` floats: B (0:3), u (3:6), R (6), P in the tool frame (7:10), t_d (10), a0 (11), g/N (12), c (13),
-alpha (14), beta (15), N (16). A pose is a row `x, y, z, qx, qy, qz, qw`.
+What stands where in the rows of a cable and of a pose: `kernels.layout`.
 """
 
 import math
@@ -34,27 +31,10 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.kernels import inline, kernel, layout
 from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, norm, rotate, rotate_back, scale, sub
 
-CABLE_COLUMNS = 17
 ON_AXIS_MM = 1e-9  # nearer to the swivel axis than this the side is a matter of rounding
-PARAMETERS = (
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "guide_alpha_rad",
-    "guide_beta_rad",
-    "pulley_radius_mm",
-    "scale",
-    "tangent_length_mm",
-    "axial_offset_mm",
-    "attachment_x_mm",
-    "attachment_y_mm",
-    "attachment_z_mm",
-    "groove_pitch_mm",
-)
-"""What `length_gradient` differentiates by, in its order: observation point, guide, pulley, counter, drum, attachment point."""
 
 
 @kernel
@@ -139,14 +119,14 @@ def vec(row: FloatArray, i: int) -> Vec3:
 
 @inline
 def orientation(pose: FloatArray) -> Quat:
-    return pose[3], pose[4], pose[5], pose[6]
+    return pose[layout.ORIENTATION], pose[layout.ORIENTATION + 1], pose[layout.ORIENTATION + 2], pose[layout.ORIENTATION + 3]
 
 
 @inline
 def span_at(cable: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
     """(length, e, arm): the arm is the attachment point from the tool origin, in base axes."""
-    arm = rotate(orientation(pose), vec(cable, 7))
-    length, e = span(add(vec(pose, 0), arm), vec(cable, 0), vec(cable, 3), cable[6])
+    arm = rotate(orientation(pose), vec(cable, layout.ATTACHMENT))
+    length, e = span(add(vec(pose, layout.PLACE), arm), vec(cable, layout.BASE), vec(cable, layout.GUIDE), cable[layout.RADIUS])
     return length, e, arm
 
 
@@ -196,8 +176,8 @@ def wrap_geometry(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, Fl
     angle = np.zeros((n, m))
     for i in range(n):
         for j in range(m):
-            base, u, radius = vec(cables[j], 0), vec(cables[j], 3), cables[j, 6]
-            point = add(vec(poses[i], 0), rotate(orientation(poses[i]), vec(cables[j], 7)))
+            base, u, radius = vec(cables[j], layout.BASE), vec(cables[j], layout.GUIDE), cables[j, layout.RADIUS]
+            point = add(vec(poses[i], layout.PLACE), rotate(orientation(poses[i]), vec(cables[j], layout.ATTACHMENT)))
             o, t = base, base
             if radius > 0.0:
                 q, p, normal = wrap_plane(sub(point, base), u)
@@ -216,7 +196,9 @@ def changes_from_counts(cables: FloatArray, counts: FloatArray) -> FloatArray:
     out = np.empty(counts.shape)
     for i in range(counts.shape[0]):
         for j in range(counts.shape[1]):
-            out[i, j] = drum_change(counts[i, j], cables[j, 10], cables[j, 11], cables[j, 12], cables[j, 13])
+            out[i, j] = drum_change(
+                counts[i, j], cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], cables[j, layout.COUNT_LENGTH]
+            )
     return out
 
 
@@ -226,29 +208,31 @@ def counts_from_changes(cables: FloatArray, changes: FloatArray) -> FloatArray:
     out = np.empty(changes.shape)
     for i in range(changes.shape[0]):
         for j in range(changes.shape[1]):
-            out[i, j] = drum_count(changes[i, j], cables[j, 10], cables[j, 11], cables[j, 12], cables[j, 13])
+            out[i, j] = drum_count(
+                changes[i, j], cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], cables[j, layout.COUNT_LENGTH]
+            )
     return out
 
 
 @inline
 def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor: float, out: FloatArray) -> None:
-    """Derivatives of F(pose) - D(k) by `PARAMETERS`, into out (13,).
+    """Derivatives of F(pose) - D(k) by `PARAMETERS`, into out (layout.WIDTH,).
 
     k is decoded from a recorded count by 1/scale, hence dk/dscale = -k/scale. The count's zero pose enters by a second call with k = 0.
     """
-    base, u, radius = vec(cable, 0), vec(cable, 3), cable[6]
-    attachment = vec(cable, 7)
+    base, u, radius = vec(cable, layout.BASE), vec(cable, layout.GUIDE), cable[layout.RADIUS]
+    attachment = vec(cable, layout.ATTACHMENT)
     q4 = orientation(pose)
-    d = sub(add(vec(pose, 0), rotate(q4, attachment)), base)
-    alpha, beta = cable[14], cable[15]
+    d = sub(add(vec(pose, layout.PLACE), rotate(q4, attachment)), base)
+    alpha, beta = cable[layout.ALPHA], cable[layout.BETA]
     if radius == 0.0:
         length = norm(d)
         e = scale(1.0 / length, d)
-        out[3], out[4] = 0.0, 0.0
+        out[layout.BY_ALPHA], out[layout.BY_BETA] = 0.0, 0.0
         # the limit R -> 0 of phi - sin phi, with the angle between u and the straight cable
         cosine = min(1.0, max(-1.0, dot(e, u)))
         phi = math.acos(cosine)
-        out[5] = phi - math.sin(phi)
+        out[layout.BY_RADIUS] = phi - math.sin(phi)
     else:
         q, p, n = wrap_plane(d, u)
         phi, _ = wrap(q, p, radius)
@@ -256,30 +240,35 @@ def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor:
         e = add(scale(cosine, u), scale(sine, n))
         # dq = d.du and, as p^2 = |d|^2 - q^2, dp = -(q/p) dq
         by_u = cosine - sine * q / p
-        out[3] = by_u * dot(d, (math.sin(alpha) * math.sin(beta), math.sin(alpha) * math.cos(beta), math.cos(alpha)))
-        out[4] = by_u * dot(d, (-math.cos(alpha) * math.cos(beta), math.cos(alpha) * math.sin(beta), 0.0))
-        out[5] = phi - sine
+        out[layout.BY_ALPHA] = by_u * dot(d, (math.sin(alpha) * math.sin(beta), math.sin(alpha) * math.cos(beta), math.cos(alpha)))
+        out[layout.BY_BETA] = by_u * dot(d, (-math.cos(alpha) * math.cos(beta), math.cos(alpha) * math.sin(beta), 0.0))
+        out[layout.BY_RADIUS] = phi - sine
     for c in range(3):
-        out[c] = -e[c]
-    tangent, axial, travel = cable[10], cable[11], cable[12]
+        out[layout.BY_BASE + c] = -e[c]
+    tangent, axial, travel = cable[layout.TANGENT], cable[layout.AXIAL], cable[layout.TRAVEL]
     a = axial + travel * k
     h, h0 = math.sqrt(tangent * tangent + a * a), math.sqrt(tangent * tangent + axial * axial)
     if h > 0.0 and h0 > 0.0:
-        out[6] = (cable[13] - travel * a / h) * k / scale_factor
-        out[7] = tangent / h - tangent / h0
-        out[8] = a / h - axial / h0
-        out[12] = a / h * k / cable[16]
+        out[layout.BY_SCALE] = (cable[layout.COUNT_LENGTH] - travel * a / h) * k / scale_factor
+        out[layout.BY_TANGENT] = tangent / h - tangent / h0
+        out[layout.BY_AXIAL] = a / h - axial / h0
+        out[layout.BY_PITCH] = a / h * k / cable[layout.TURN_COUNTS]
     else:
-        out[6], out[7], out[8], out[12] = cable[13] * k / scale_factor, 0.0, 0.0, 0.0
+        out[layout.BY_SCALE], out[layout.BY_TANGENT], out[layout.BY_AXIAL], out[layout.BY_PITCH] = (
+            cable[layout.COUNT_LENGTH] * k / scale_factor,
+            0.0,
+            0.0,
+            0.0,
+        )
     inward = rotate_back(q4, e)
     for c in range(3):
-        out[9 + c] = inward[c]
+        out[layout.BY_ATTACHMENT + c] = inward[c]
 
 
 @kernel
 def length_gradients(cables: FloatArray, poses: FloatArray, counts: FloatArray, scales: FloatArray) -> FloatArray:
-    """(n, m, 13) derivatives of F(pose) - D(k) by `PARAMETERS`, for (n, m) true counts and (m,) decoding scales."""
-    out = np.empty((poses.shape[0], cables.shape[0], len(PARAMETERS)))
+    """(n, m, layout.WIDTH) derivatives of F(pose) - D(k) by `PARAMETERS`, for (n, m) true counts and (m,) decoding scales."""
+    out = np.empty((poses.shape[0], cables.shape[0], layout.WIDTH))
     for i in range(poses.shape[0]):
         for j in range(cables.shape[0]):
             length_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])

@@ -20,10 +20,7 @@ sinh(x)/x)^2 with x = w H/2 over the horizontal tension (Irvine, Cable Structure
 ends). The parabola's (w cos)^2 L^3 / (24 tau_m^2) is the first term. What is left out: the strain is taken at the mean tension, and the
 pulley is left at the angle of the straight span, both of second order in the sag's angle (`docs/physical-effects.md` has the figures).
 
-Rows
-----
-`EFFECT_COLUMNS` floats a cable: cable, drum and frame expansion [1/K] (0:3), 1/EA [1/N] (3), weight w [N/mm] (4), tension at k = 0 [N]
-(5) and its rise per length paid out [N/mm] (6), tension of winding [N] or NaN for the drum's own (7), G [mm] (8).
+What stands where in their rows: `kernels.layout`.
 """
 
 import math
@@ -31,11 +28,10 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.kernels import inline, kernel, layout
 from lmeasure.kernels.cable import drum_change, orientation, span, vec, wrap, wrap_plane
 from lmeasure.kernels.vector import Vec3, add, norm, rotate, scale, sub
 
-EFFECT_COLUMNS = 9
 _ARC_STEPS = 30
 
 
@@ -65,8 +61,12 @@ def arc_length(across: float, height: float, weight: float, tension: float) -> f
 def material_length(cable: FloatArray, effect: FloatArray, point: Vec3, k: float, warm: float) -> float:
     """S [mm] for an attachment point in the base frame, k counts paid out and a temperature warm [K] above the reference; NaN where the
     cable cannot run or carries no tension."""
-    e, d, f = 1.0 + effect[0] * warm, 1.0 + effect[1] * warm, 1.0 + effect[2] * warm
-    base, u, radius = scale(f, vec(cable, 0)), vec(cable, 3), d * cable[6]
+    e, d, f = (
+        1.0 + effect[layout.CABLE_EXPANSION] * warm,
+        1.0 + effect[layout.DRUM_EXPANSION] * warm,
+        1.0 + effect[layout.FRAME_EXPANSION] * warm,
+    )
+    base, u, radius = scale(f, vec(cable, layout.BASE)), vec(cable, layout.GUIDE), d * cable[layout.RADIUS]
     away = sub(point, base)
     _, way = span(point, base, u, radius)
     if radius == 0.0:
@@ -76,28 +76,30 @@ def material_length(cable: FloatArray, effect: FloatArray, point: Vec3, k: float
         phi, straight = wrap(q, p, radius)
         wrapped = radius * phi
     rise = straight * way[2]
-    tension = effect[5] + effect[6] * cable[13] * k
-    middle = tension + 0.5 * effect[4] * rise
+    tension = effect[layout.TENSION] + effect[layout.TENSION_RISE] * cable[layout.COUNT_LENGTH] * k
+    middle = tension + 0.5 * effect[layout.WEIGHT] * rise
     arc = straight
-    if effect[4] > 0.0:
-        arc = arc_length(math.sqrt(max(straight * straight - rise * rise, 0.0)), rise, effect[4], middle)
-    if effect[3] > 0.0 and not min(tension, middle) > 0.0:
+    if effect[layout.WEIGHT] > 0.0:
+        arc = arc_length(math.sqrt(max(straight * straight - rise * rise, 0.0)), rise, effect[layout.WEIGHT], middle)
+    if effect[layout.COMPLIANCE] > 0.0 and not min(tension, middle) > 0.0:
         return math.nan
     # the frame carries the drum's mounting with it
-    tangent, axial = f * cable[10], f * cable[11] + cable[12] * k
-    inner = math.sqrt(tangent * tangent + axial * axial) + f * effect[8] + wrapped
-    return (inner / (1.0 + tension * effect[3]) + arc / (1.0 + middle * effect[3])) / e
+    tangent, axial = f * cable[layout.TANGENT], f * cable[layout.AXIAL] + cable[layout.TRAVEL] * k
+    inner = math.sqrt(tangent * tangent + axial * axial) + f * effect[layout.GUIDE_LENGTH] + wrapped
+    return (inner / (1.0 + tension * effect[layout.COMPLIANCE]) + arc / (1.0 + middle * effect[layout.COMPLIANCE])) / e
 
 
 @inline
 def wound_length(cable: FloatArray, effect: FloatArray, k: float, warm_zero: float) -> float:
     """Material [mm] on the first k counts, wound at the zero pose's temperature."""
-    per_count = cable[13] * (1.0 + effect[1] * warm_zero) / (1.0 + effect[0] * warm_zero)
-    if not math.isnan(effect[7]):
-        return k * per_count / (1.0 + effect[7] * effect[3])
-    strain = 1.0 + effect[5] * effect[3]
+    per_count = (
+        cable[layout.COUNT_LENGTH] * (1.0 + effect[layout.DRUM_EXPANSION] * warm_zero) / (1.0 + effect[layout.CABLE_EXPANSION] * warm_zero)
+    )
+    if not math.isnan(effect[layout.WINDING_TENSION]):
+        return k * per_count / (1.0 + effect[layout.WINDING_TENSION] * effect[layout.COMPLIANCE])
+    strain = 1.0 + effect[layout.TENSION] * effect[layout.COMPLIANCE]
     # integral of 1 / (strain + rate k): k log(1 + z)/z / strain
-    z = effect[6] * cable[13] * effect[3] * k / strain
+    z = effect[layout.TENSION_RISE] * cable[layout.COUNT_LENGTH] * effect[layout.COMPLIANCE] * k / strain
     mean = math.log1p(z) / z if abs(z) > 1e-12 else 1.0 - 0.5 * z
     return k * per_count * mean / strain
 
@@ -115,7 +117,7 @@ def excesses(
 ) -> FloatArray:
     """(n, m) what the effects add to modelled less measured change of each cable [mm]: E such that F(P) - F(P0) + E = D(k) - D(k0).
 
-    cables (m, columns), effects (m, EFFECT_COLUMNS); zeros (m, 7) pose, zero_counts (m,) count and warm_zero (m,) [K above the reference]
+    cables (m, columns), effects (m, columns); zeros (m, 7) pose, zero_counts (m,) count and warm_zero (m,) [K above the reference]
     at which each cable's equation starts; poses (n, 7), true counts (n, m), warm (n, m).
     NaN where a cable cannot run or carries no tension.
     """
@@ -123,21 +125,22 @@ def excesses(
     out = np.empty_like(counts)
     for j in range(m):
         cable, effect = cables[j], effects[j]
-        base, u, radius = vec(cable, 0), vec(cable, 3), cable[6]
-        point0 = add(vec(zeros[j], 0), rotate(orientation(zeros[j]), vec(cable, 7)))
+        base, u, radius = vec(cable, layout.BASE), vec(cable, layout.GUIDE), cable[layout.RADIUS]
+        point0 = add(vec(zeros[j], layout.PLACE), rotate(orientation(zeros[j]), vec(cable, layout.ATTACHMENT)))
         F0 = span(point0, base, u, radius)[0]
         k0 = zero_counts[j]
         S0 = material_length(cable, effect, point0, k0, warm_zero[j])
         W0 = wound_length(cable, effect, k0, warm_zero[j])
-        D0 = drum_change(k0, cable[10], cable[11], cable[12], cable[13])
+        D0 = drum_change(k0, cable[layout.TANGENT], cable[layout.AXIAL], cable[layout.TRAVEL], cable[layout.COUNT_LENGTH])
         for i in range(n):
             k = counts[i, j]
-            point = add(vec(poses[i], 0), rotate(orientation(poses[i]), vec(cable, 7)))
+            point = add(vec(poses[i], layout.PLACE), rotate(orientation(poses[i]), vec(cable, layout.ATTACHMENT)))
             F = span(point, base, u, radius)[0]
             S = material_length(cable, effect, point, k, warm[i, j])
             W = wound_length(cable, effect, k, warm_zero[j])
-            D = drum_change(k, cable[10], cable[11], cable[12], cable[13])
+            D = drum_change(k, cable[layout.TANGENT], cable[layout.AXIAL], cable[layout.TRAVEL], cable[layout.COUNT_LENGTH])
             # unstrained material back to the length it has there, so that a millimetre is one of the modelled length
-            here = (1.0 + effect[0] * warm[i, j]) * (1.0 + (effect[5] + effect[6] * cable[13] * k) * effect[3])
+            tension = effect[layout.TENSION] + effect[layout.TENSION_RISE] * cable[layout.COUNT_LENGTH] * k
+            here = (1.0 + effect[layout.CABLE_EXPANSION] * warm[i, j]) * (1.0 + tension * effect[layout.COMPLIANCE])
             out[i, j] = ((S - S0) - (W - W0)) * here - ((F - F0) - (D - D0))
     return out

@@ -15,8 +15,9 @@ import numpy as np
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.cable import span_at, vec, wrapped_span
+from lmeasure.kernels.layout import ATTACHMENT, BASE, CHANGES, GUIDE, ORIENTATION, PLACE, POSE_COLUMNS, RADIUS
 from lmeasure.kernels.screw import CABLES, LOST, OK, TOLERANCE_MM, copy, invert, platform_size, resume
-from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
+from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
 
 COARSE, MIDDLE = 128, 8
 WIDTH = 64  # lanes of a tile
@@ -27,7 +28,8 @@ SAME_MM = 1e-6  # two ways to one pose
 PASSES = 5
 CLEAR_OF_SINGULAR = math.radians(75.0)  # worst pressure angle up to which a tile is taken
 CLEAR_OF_FLAT = 0.05  # triple product of the first block's directions
-RESIDUAL, ANGLE, DETERMINANT = 7, 8, 9  # rows of a tile behind those of the pose
+RESIDUAL, ANGLE, DETERMINANT = POSE_COLUMNS, POSE_COLUMNS + 1, POSE_COLUMNS + 2  # rows of a tile behind those of the pose
+TILE_ROWS = POSE_COLUMNS + 3
 
 Row = tuple[Vec3, Vec3, float]
 Constants = tuple[Vec3, Vec3, Vec3, float]
@@ -35,7 +37,25 @@ Constants = tuple[Vec3, Vec3, Vec3, float]
 
 @inline
 def _constants(cable: FloatArray) -> Constants:
-    return vec(cable, 0), vec(cable, 3), vec(cable, 7), cable[6]
+    return vec(cable, BASE), vec(cable, GUIDE), vec(cable, ATTACHMENT), cable[RADIUS]
+
+
+@inline
+def _place(S: FloatArray, i: int) -> Vec3:
+    return S[PLACE * WIDTH + i], S[(PLACE + 1) * WIDTH + i], S[(PLACE + 2) * WIDTH + i]
+
+
+@inline
+def _orientation(S: FloatArray, i: int) -> Quat:
+    first = ORIENTATION * WIDTH + i
+    return S[first], S[first + WIDTH], S[first + 2 * WIDTH], S[first + 3 * WIDTH]
+
+
+@inline
+def _move(S: FloatArray, i: int, place: Vec3, turned: Quat) -> None:
+    S[PLACE * WIDTH + i], S[(PLACE + 1) * WIDTH + i], S[(PLACE + 2) * WIDTH + i] = place
+    first = ORIENTATION * WIDTH + i
+    S[first], S[first + WIDTH], S[first + 2 * WIDTH], S[first + 3 * WIDTH] = turned
 
 
 @inline
@@ -72,8 +92,7 @@ def _step(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
     """
     k0, k1, k2, k3, k4, k5 = _constants(c[0]), _constants(c[1]), _constants(c[2]), _constants(c[3]), _constants(c[4]), _constants(c[5])
     for i in range(WIDTH):
-        r = (S[i], S[WIDTH + i], S[2 * WIDTH + i])
-        q = (S[3 * WIDTH + i], S[4 * WIDTH + i], S[5 * WIDTH + i], S[6 * WIDTH + i])
+        r, q = _place(S, i), _orientation(S, i)
         A = rotation_matrix(q)
         e0, m0, b0 = _row(r, A, k0, T[i])
         e1, m1, b1 = _row(r, A, k1, T[WIDTH + i])
@@ -100,9 +119,7 @@ def _step(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
             q[3] - h[0] * q[0] - h[1] * q[1] - h[2] * q[2],
         )
         f = 1.0 / math.sqrt(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2] + turned[3] * turned[3])
-        S[i], S[WIDTH + i], S[2 * WIDTH + i] = r[0] + v[0], r[1] + v[1], r[2] + v[2]
-        S[3 * WIDTH + i], S[4 * WIDTH + i] = f * turned[0], f * turned[1]
-        S[5 * WIDTH + i], S[6 * WIDTH + i] = f * turned[2], f * turned[3]
+        _move(S, i, add(r, v), (f * turned[0], f * turned[1], f * turned[2], f * turned[3]))
         S[RESIDUAL * WIDTH + i] = max(max(max(abs(b0), abs(b1)), max(abs(b2), abs(b3))), max(abs(b4), abs(b5)))
 
 
@@ -115,8 +132,7 @@ def _judge(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
     """
     k0, k1, k2, k3, k4, k5 = _constants(c[0]), _constants(c[1]), _constants(c[2]), _constants(c[3]), _constants(c[4]), _constants(c[5])
     for i in range(WIDTH):
-        r = (S[i], S[WIDTH + i], S[2 * WIDTH + i])
-        A = rotation_matrix((S[3 * WIDTH + i], S[4 * WIDTH + i], S[5 * WIDTH + i], S[6 * WIDTH + i]))
+        r, A = _place(S, i), rotation_matrix(_orientation(S, i))
         e0, m0, b0 = _row(r, A, k0, T[i])
         e1, m1, b1 = _row(r, A, k1, T[WIDTH + i])
         e2, m2, b2 = _row(r, A, k2, T[2 * WIDTH + i])
@@ -182,7 +198,7 @@ def _order(cables: FloatArray, pose: FloatArray) -> tuple[FloatArray, IntArray]:
 def _side_of(work: FloatArray, a: int, b: int) -> float:
     """The sign with which the quaternion of sample b is that of sample a's half of the sphere."""
     aligned = 0.0
-    for c in range(3, 7):
+    for c in range(ORIENTATION, POSE_COLUMNS):
         aligned += work[a, c] * work[b, c]
     return 1.0 if aligned >= 0.0 else -1.0
 
@@ -196,30 +212,30 @@ def _load(
     Between the far samples of the first level by the cubic through four of them (Catmull and Rom), which is exact under constant
     acceleration, between near ones and at the ends straight.
     """
-    q, far = np.empty(7), coarse == COARSE
+    q, far = np.empty(POSE_COLUMNS), coarse == COARSE
     for lane in range(WIDTH):
         i = min(first + lane * fine, last)
         a = i - i % coarse
         b = min(a + coarse, last)
         f = (i - a) / (b - a) if b > a else 0.0
         sign = _side_of(work, a, b)
-        for c in range(7):
-            q[c] = (1.0 - f) * work[a, c] + f * (sign if c > 2 else 1.0) * work[b, c]
+        for c in range(POSE_COLUMNS):
+            q[c] = (1.0 - f) * work[a, c] + f * (sign if c >= ORIENTATION else 1.0) * work[b, c]
         if far and a >= coarse and a + 2 * coarse <= last:
             before, behind = a - coarse, a + 2 * coarse
             first_sign, last_sign = _side_of(work, a, before), _side_of(work, a, behind)
-            for c in range(7):
-                p0 = (first_sign if c > 2 else 1.0) * work[before, c]
-                p1, p2 = work[a, c], (sign if c > 2 else 1.0) * work[b, c]
-                p3 = (last_sign if c > 2 else 1.0) * work[behind, c]
+            for c in range(POSE_COLUMNS):
+                p0 = (first_sign if c >= ORIENTATION else 1.0) * work[before, c]
+                p1, p2 = work[a, c], (sign if c >= ORIENTATION else 1.0) * work[b, c]
+                p3 = (last_sign if c >= ORIENTATION else 1.0) * work[behind, c]
                 bend = f * (1.0 - f) * ((1.0 - f) * (p0 - 2.0 * p1 + p2) + f * (p1 - 2.0 * p2 + p3))
                 q[c] -= 0.5 * bend
         square = 0.0
-        for c in range(3, 7):
+        for c in range(ORIENTATION, POSE_COLUMNS):
             square += q[c] * q[c]
         unit = 1.0 / math.sqrt(square)
-        for c in range(7):
-            S[c * WIDTH + lane] = q[c] * (unit if c > 2 else 1.0)
+        for c in range(POSE_COLUMNS):
+            S[c * WIDTH + lane] = q[c] * (unit if c >= ORIENTATION else 1.0)
         for j in range(CABLES):
             T[j * WIDTH + lane] = targets[i, places[j]]
 
@@ -279,9 +295,9 @@ def follow(
     zero = np.empty(CABLES)
     for j in range(CABLES):
         zero[j] = span_at(cables[j], start)[0]
-    S, T = np.empty((DETERMINANT + 1) * WIDTH), np.empty(CABLES * WIDTH)
+    S, T = np.empty(TILE_ROWS * WIDTH), np.empty(CABLES * WIDTH)
     J, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES))
-    work, targets = np.empty((CHUNK, 7)), np.empty((CHUNK, CABLES))
+    work, targets = np.empty((CHUNK, POSE_COLUMNS)), np.empty((CHUNK, CABLES))
     for chunk in range(0, len(index), CHUNK):
         here = index[chunk : chunk + CHUNK]
         last = len(here) - 1
@@ -291,7 +307,7 @@ def follow(
         coarse = np.append(np.arange(0, last, COARSE), last)
         anchors, _, _, anchored, _ = resume(cables, start, state.copy(), changes[here[coarse]], flags[here[coarse]], u)
         together = np.all(anchored == OK)
-        ordered, places = _order(cables, state[:7])
+        ordered, places = _order(cables, state[:CHANGES])
         # columns (moment; direction) there, (direction; moment) here: nine exchanges
         side = -invert(ordered, start, J, inverse, platform_size(cables))
         if together:
@@ -302,7 +318,7 @@ def follow(
                 done = _refine(S, T, ordered)
                 for lane in range(WIDTH):
                     i = min(first + lane * MIDDLE, last)
-                    for c in range(7):
+                    for c in range(POSE_COLUMNS):
                         work[i, c] = S[c * WIDTH + lane] if done else math.nan
         joined = True  # the first coarse sample was reached from the state itself
         for first in range(0, last + 1, WIDTH):
@@ -317,14 +333,14 @@ def follow(
                 if taken:
                     for lane in range(len(tile)):
                         i = tile[lane]
-                        for c in range(7):
+                        for c in range(POSE_COLUMNS):
                             poses[i, c] = S[c * WIDTH + lane]
                         residual[i] = S[RESIDUAL * WIDTH + lane]
                         angles[i] = S[ANGLE * WIDTH + lane]
                         iterations[i] = done
                     copy(poses[tile[-1]], state)
                     for j in range(CABLES):
-                        state[7 + j] = changes[tile[-1], j]
+                        state[CHANGES + j] = changes[tile[-1], j]
             joined = taken
             if not taken:
                 p, r, k, s, a = resume(cables, start, state, changes[tile], flags[tile], u)

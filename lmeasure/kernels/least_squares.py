@@ -13,6 +13,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import kernel
 from lmeasure.kernels.cable import orientation, span_at, vec
+from lmeasure.kernels.layout import ATTACHMENT, CHANGES, POSE_COLUMNS
 from lmeasure.kernels.screw import (
     MAX_ITERATIONS,
     NOT_CONVERGED,
@@ -141,7 +142,7 @@ def _fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
     """Largest speed of an attachment point per unit rate of its own cable."""
     fastest = 1.0
     for j in range(cables.shape[0]):
-        arm = rotate(orientation(pose), vec(cables[j], 7))
+        arm = rotate(orientation(pose), vec(cables[j], ATTACHMENT))
         fastest = max(fastest, norm(add((G[3, j], G[4, j], G[5, j]), cross((G[0, j], G[1, j], G[2, j]), arm))))
     return fastest
 
@@ -150,7 +151,7 @@ def _fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
 def new_state(start: FloatArray, m: int) -> FloatArray:
     """(8 + m,) where a run of m cables has got to at its start: last good pose, change of the cables there, the
     number of cables by which it was lost, else 0."""
-    state = np.zeros(8 + m)
+    state = np.zeros(CHANGES + m + 1)
     copy(start, state)
     return state
 
@@ -177,8 +178,8 @@ def follow(
     n, m, f = changes.shape[0], cables.shape[0], len(free)
     poses, residual, angle, chi = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     iterations, status = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    size = platform_size(cables)
-    zero, targets, weights, pose = np.empty(m), np.empty(m), np.empty(m), np.empty(7)
+    size, lost = platform_size(cables), CHANGES + m
+    zero, targets, weights, pose = np.empty(m), np.empty(m), np.empty(m), np.empty(POSE_COLUMNS)
     G, r = np.empty((6, m)), np.empty(m)
     smallest = u.min()
     for j in range(m):
@@ -192,18 +193,18 @@ def follow(
             weights[j] = smallest / u[j] if good else 0.0
             if good:
                 counted += 1
-                longest = max(longest, abs(changes[i, j] - state[7 + j]))
+                longest = max(longest, abs(changes[i, j] - state[CHANGES + j]))
         outcome = OK if counted >= f else flags[i]
         # more cables than there were when it was lost tell the pose again
-        if outcome == OK and state[7 + m] > 0.0 and counted <= state[7 + m]:
+        if outcome == OK and state[lost] > 0.0 and counted <= state[lost]:
             status[i] = OTHER_ASSEMBLY
             continue
         if outcome == OK:
             parts = max(1, math.ceil(longest / STRIDE_MM))
-            copy(state[:7], pose)
+            copy(state[:CHANGES], pose)
             for part in range(1, parts + 1):
                 for j in range(m):
-                    way = changes[i, j] if part == parts else state[7 + j] + part / parts * (changes[i, j] - state[7 + j])
+                    way = changes[i, j] if part == parts else state[CHANGES + j] + part / parts * (changes[i, j] - state[CHANGES + j])
                     targets[j] = zero[j] + way
                 outcome, steps = _solve(cables, pose, targets, weights, free, size, STEP_MM if part == parts else ON_THE_WAY_MM)
                 iterations[i] += steps
@@ -219,9 +220,9 @@ def follow(
             fastest = _fastest(cables, pose, G)
             if fastest > LOST_SPEED:
                 outcome = SINGULAR
-                state[7 + m] = counted
+                state[lost] = counted
             else:
-                state[7 + m] = 0.0
+                state[lost] = 0.0
                 angle[i] = math.acos(1.0 / fastest)
         status[i] = outcome
         if outcome == OK:
@@ -230,7 +231,7 @@ def follow(
             worst, chi[i] = 0.0, 0.0
             for j in range(m):
                 # a cable without a count is taken up again where it stands by the pose
-                state[7 + j] = changes[i, j] if weights[j] > 0.0 else span_at(cables[j], pose)[0] - zero[j]
+                state[CHANGES + j] = changes[i, j] if weights[j] > 0.0 else span_at(cables[j], pose)[0] - zero[j]
                 if weights[j] > 0.0:
                     worst = max(worst, abs(r[j]))
                     chi[i] += (r[j] / u[j]) ** 2

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.kernels import counter, kernel
+from lmeasure.kernels import counter, kernel, layout
 from lmeasure.kernels.cable import drum_change
 from lmeasure.kernels.screw import CABLES, GAP, JUMP, OK, ORIGIN_LOST, resume
 
@@ -29,15 +29,20 @@ def step(
     """
     changes, flags, now = np.empty((1, CABLES)), np.zeros(1, np.int64), np.full(1, time_s)
     for j in range(CABLES):
-        counts, what = counter.resume(recorded[j : j + 1], now, channels[j, 1], channels[j, 2], counters[j], 0.0)
+        counts, what = counter.resume(
+            recorded[j : j + 1], now, channels[j, layout.CHANNEL_RATE], channels[j, layout.CHANNEL_VALUES], counters[j], 0.0
+        )
         if what[0] != counter.FOLLOWED and flags[0] == OK:
             if what[0] == counter.WENT_ON:
                 flags[0] = ORIGIN_LOST
             else:
                 flags[0] = JUMP if what[0] == counter.JUMPED or what[0] == counter.FOREIGN else GAP
         k = counts[0] if what[0] == counter.FOLLOWED else math.nan
-        changes[0, j] = drum_change(k * channels[j, 0], cables[j, 10], cables[j, 11], cables[j, 12], channels[j, 3])
+        k *= channels[j, layout.CHANNEL_PER_RECORDED]
+        changes[0, j] = drum_change(
+            k, cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], channels[j, layout.CHANNEL_COUNT_LENGTH]
+        )
     poses, _, _, status, angle = resume(cables, start, state, changes, flags, u)
-    for c in range(7):
+    for c in range(layout.POSE_COLUMNS):
         pose[c] = poses[0, c] if status[0] == OK else math.nan
     return status[0], angle[0]

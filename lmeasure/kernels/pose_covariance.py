@@ -7,7 +7,8 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import kernel
 from lmeasure.kernels.cable import length_gradient
-from lmeasure.kernels.screw import CABLES, WIDTH, copy, invert, platform_size
+from lmeasure.kernels.layout import WIDTH
+from lmeasure.kernels.screw import CABLES, copy, invert, platform_size
 
 
 @kernel

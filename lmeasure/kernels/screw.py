@@ -12,7 +12,8 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import PARAMETERS, orientation, span_at, vec
+from lmeasure.kernels.cable import orientation, span_at, vec
+from lmeasure.kernels.layout import ATTACHMENT, CHANGES, ORIENTATION, PLACE, POSE_COLUMNS
 from lmeasure.kernels.se3 import exp_rotation, exp_translation
 from lmeasure.kernels.vector import add, cross, multiply, rotate
 from lmeasure.status import Status
@@ -23,13 +24,12 @@ GAP, JUMP, SLACK = int(Status.GAP), int(Status.JUMP), int(Status.SLACK)
 OTHER_ASSEMBLY, INCONSISTENT, ORIGIN_LOST = int(Status.OTHER_ASSEMBLY), int(Status.INCONSISTENT), int(Status.ORIGIN_LOST)
 
 CABLES = 6
-WIDTH = len(PARAMETERS)
 TOLERANCE_MM = 1e-11  # a hundred units in the last place of a metre: Newton's last step leaves far less
 MAX_ITERATIONS = 30
 STRIDE_MM = 10.0  # longest change of a cable that one Newton start is asked to bridge; more is gone in parts
 ON_THE_WAY_MM = 0.5  # residual with which a part that is not the last is left behind
-STATE = 14  # where a run has got to: last good pose (7), change of the cables there (6), 1 when it was lost near a singular pose
-LOST = 13
+LOST = CHANGES + CABLES  # where a run's state tells by 1 that it was lost near a singular pose
+STATE = LOST + 1
 SINGULAR_PIVOT = 1e-7  # of the rows scaled to unit size: a count moves the pose by kilometres
 MAX_STEP_ROTATION = 0.5  # rad
 NEAR_SINGULAR = math.radians(80.0)  # worst pressure angle from which a change of the determinant's sign is looked for
@@ -107,13 +107,13 @@ def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
         f = MAX_STEP_ROTATION / turn
         omega = (f * omega[0], f * omega[1], f * omega[2])
         v = (f * v[0], f * v[1], f * v[2])
-    position = add(vec(pose, 0), exp_translation(omega, v))
+    position = add(vec(pose, PLACE), exp_translation(omega, v))
     q = multiply(exp_rotation(omega), orientation(pose))
     f = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     for c in range(3):
-        pose[c] = position[c]
+        pose[PLACE + c] = position[c]
     for c in range(4):
-        pose[3 + c] = f * q[c]
+        pose[ORIENTATION + c] = f * q[c]
 
 
 @kernel
@@ -144,7 +144,7 @@ def platform_size(cables: FloatArray) -> float:
     """Length that makes rotations comparable with translations: the largest arm of an attachment point [mm]."""
     size = 1e-3
     for j in range(cables.shape[0]):
-        p = vec(cables[j], 7)
+        p = vec(cables[j], ATTACHMENT)
         size = max(size, math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]))
     return size
 
@@ -180,7 +180,7 @@ def invert(cables: FloatArray, pose: FloatArray, J: FloatArray, inverse: FloatAr
 @inline
 def attachment_speed(cables: FloatArray, pose: FloatArray, inverse: FloatArray, i: int) -> float:
     """|v_i|: speed of cable i's attachment point per unit rate of cable i, the other lengths held; `inverse` is that of `invert`."""
-    arm = rotate(orientation(pose), vec(cables[i], 7))
+    arm = rotate(orientation(pose), vec(cables[i], ATTACHMENT))
     omega = (inverse[0, i], inverse[1, i], inverse[2, i])
     v = add((inverse[3, i], inverse[4, i], inverse[5, i]), cross(omega, arm))
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
@@ -283,15 +283,15 @@ def _next_could_turn(
 ) -> bool:
     """Whether the determinant changes its sign when the motion goes on by LOOK_AHEAD steps like the last one."""
     s, aligned = 0.0, 0.0
-    for c in range(3, 7):
+    for c in range(ORIENTATION, POSE_COLUMNS):
         aligned += pose[c] * before[c]
     sign = 1.0 if aligned >= 0.0 else -1.0
-    for c in range(7):
-        probe[c] = pose[c] + LOOK_AHEAD * (pose[c] - (sign if c > 2 else 1.0) * before[c])
-        if c > 2:
+    for c in range(POSE_COLUMNS):
+        probe[c] = pose[c] + LOOK_AHEAD * (pose[c] - (sign if c >= ORIENTATION else 1.0) * before[c])
+        if c >= ORIENTATION:
             s += probe[c] * probe[c]
     s = math.sqrt(s)
-    for c in range(3, 7):
+    for c in range(ORIENTATION, POSE_COLUMNS):
         probe[c] /= s
     return invert(cables, probe, J, inverse, size) * side <= 0.0
 
@@ -310,7 +310,7 @@ def resume(
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
     """Poses of a run by continuation: each sample starts from the last good one.
 
-    cables (6, 17); start (7,) pose at which the counters were zeroed; changes (n, 6) of the free cables since then [mm]; flags (n,) of
+    cables (6, columns); start (7,) pose at which the counters were zeroed; changes (n, 6) of the free cables since then [mm]; flags (n,) of
     `Status`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is gone in parts along the
     straight line in lengths, so that the way to another assembly is not jumped over. A pose whose determinant has the other sign than
     the start's is in another assembly.
@@ -330,8 +330,8 @@ def resume(
     for j in range(CABLES):
         zero[j] = span_at(cables[j], start)[0]
     side = invert(cables, start, J, inverse, size)
-    good, good_change = state[:7], state[7 : 7 + CABLES]
-    pose, probe, targets = np.empty(7), np.empty(7), np.empty(CABLES)
+    good, good_change = state[:CHANGES], state[CHANGES:LOST]
+    pose, probe, targets = np.empty(POSE_COLUMNS), np.empty(POSE_COLUMNS), np.empty(CABLES)
     for i in range(n):
         if flags[i] != OK:
             status[i] = flags[i]

@@ -6,6 +6,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import kernel
+from lmeasure.kernels.layout import TRAVEL_FAR, TRAVEL_WAY
 
 
 @kernel
@@ -18,7 +19,7 @@ def last_travel(counts: FloatArray, band: FloatArray, state: FloatArray) -> Floa
     n, m = counts.shape
     out = np.empty((n, m))
     for j in range(m):
-        far, way = state[j, 0], state[j, 1]
+        far, way = state[j, TRAVEL_FAR], state[j, TRAVEL_WAY]
         for i in range(n):
             k = counts[i, j]
             if not math.isnan(k):
@@ -30,5 +31,5 @@ def last_travel(counts: FloatArray, band: FloatArray, state: FloatArray) -> Floa
                 elif way * (far - k) > band[j]:
                     way, far = -way, k
             out[i, j] = way
-        state[j, 0], state[j, 1] = far, way
+        state[j, TRAVEL_FAR], state[j, TRAVEL_WAY] = far, way
     return out

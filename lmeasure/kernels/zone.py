@@ -10,11 +10,11 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.kernels import inline, kernel, layout
 from lmeasure.kernels.cable import drum_count, length_gradient, orientation, span_at, vec, wrap, wrap_plane
 from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
-from lmeasure.kernels.screw import CABLES, WIDTH, invert, platform_size
+from lmeasure.kernels.screw import CABLES, invert, platform_size
 from lmeasure.kernels.vector import Vec3, add, cross, dot, rotate, scale, sub
 
 FIGURES = (
@@ -40,15 +40,15 @@ CANNOT_RUN, SINGULAR = 1, 2
 def parameter_changes(
     cables: FloatArray, pose: FloatArray, zero: FloatArray, at_start: FloatArray, scales: FloatArray, here: FloatArray
 ) -> None:
-    """Derivatives of the six changes of length since the zero pose by the rig's parameters, into here (6, WIDTH).
+    """Derivatives of the six changes of length since the zero pose by the rig's parameters, into here (6, layout.WIDTH).
 
     A parameter moves the length at the pose *and* at the pose where the counters were zeroed (lengths zero (6,), derivatives at_start).
     """
     for j in range(CABLES):
         change = span_at(cables[j], pose)[0] - zero[j]
-        k = drum_count(change, cables[j, 10], cables[j, 11], cables[j, 12], cables[j, 13])
+        k = drum_count(change, cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], cables[j, layout.COUNT_LENGTH])
         length_gradient(cables[j], pose, k, scales[j], here[j])
-        for c in range(WIDTH):
+        for c in range(layout.WIDTH):
             here[j, c] -= at_start[j, c]
 
 
@@ -59,8 +59,8 @@ def add_systematic(here: FloatArray, factor: FloatArray, inverse: FloatArray, C:
         shift = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for j in range(CABLES):
             dl = 0.0
-            for c in range(WIDTH):
-                dl += here[j, c] * factor[WIDTH * j + c, column]
+            for c in range(layout.WIDTH):
+                dl += here[j, c] * factor[layout.WIDTH * j + c, column]
             shift = (
                 shift[0] + inverse[0, j] * dl,
                 shift[1] + inverse[1, j] * dl,
@@ -108,12 +108,12 @@ def clearance_at(cables: FloatArray, pose: FloatArray, pairs: IntArray, bodies: 
         least = gap if gap < least else least
     for k in range(bodies.shape[0]):
         # a body of the tool turns and moves with it; one of the base stands still
-        start, way = vec(bodies[k], 0), vec(bodies[k], 3)
-        if bodies[k, 8] > 0.0:
-            start, way = add(vec(pose, 0), rotate(orientation(pose), start)), rotate(orientation(pose), way)
+        start, way = vec(bodies[k], layout.BODY_START), vec(bodies[k], layout.BODY_WAY)
+        if bodies[k, layout.BODY_OF_TOOL] > 0.0:
+            start, way = add(vec(pose, layout.PLACE), rotate(orientation(pose), start)), rotate(orientation(pose), way)
         for j in range(CABLES):
             p, e, t = _free_span(cables[j], pose)
-            gap = span_clearance(sub(p, start), e, t, scale(-1.0, way), bodies[k, 6], bodies[k, 7])
+            gap = span_clearance(sub(p, start), e, t, scale(-1.0, way), bodies[k, layout.BODY_LENGTH], bodies[k, layout.BODY_RADIUS])
             least = gap if gap < least else least
     return least
 
@@ -121,21 +121,21 @@ def clearance_at(cables: FloatArray, pose: FloatArray, pairs: IntArray, bodies: 
 @inline
 def _free_span(cable: FloatArray, pose: FloatArray) -> tuple[Vec3, Vec3, float]:
     """(attachment point, unit direction, straight part) of a cable."""
-    point = add(vec(pose, 0), rotate(orientation(pose), vec(cable, 7)))
+    point = add(vec(pose, layout.PLACE), rotate(orientation(pose), vec(cable, layout.ATTACHMENT)))
     length, e, _ = span_at(cable, pose)
-    if cable[6] == 0.0:
+    if cable[layout.RADIUS] == 0.0:
         return point, e, length
-    q, p, _ = wrap_plane(sub(point, vec(cable, 0)), vec(cable, 3))
-    _, t = wrap(q, p, cable[6])
+    q, p, _ = wrap_plane(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE))
+    _, t = wrap(q, p, cable[layout.RADIUS])
     return point, e, t
 
 
 @inline
 def _wrapped(cable: FloatArray, pose: FloatArray) -> float:
     """Wrapped angle [rad]; for a straight cable the angle between its guide and the cable, the limit of a vanishing pulley."""
-    point = add(vec(pose, 0), rotate(orientation(pose), vec(cable, 7)))
-    q, p, _ = wrap_plane(sub(point, vec(cable, 0)), vec(cable, 3))
-    return wrap(q, p, cable[6])[0]
+    point = add(vec(pose, layout.PLACE), rotate(orientation(pose), vec(cable, layout.ATTACHMENT)))
+    q, p, _ = wrap_plane(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE))
+    return wrap(q, p, cable[layout.RADIUS])[0]
 
 
 @kernel
@@ -153,18 +153,18 @@ def scan(
 ) -> tuple[FloatArray, IntArray]:
     """Worst figures at (n, 3) positions of the tool origin over (k, 4) orientations x, y, z, w, all in the base frame.
 
-    cables (6, 17); variance (6,) of the lengths' own errors [mm^2]; scales (6,) decoding factors; factor (6 WIDTH, r) with
+    cables (6, columns); variance (6,) of the lengths' own errors [mm^2]; scales (6,) decoding factors; factor (6 layout.WIDTH, r) with
     factor @ factor.T the rig parameters' covariance (r = 0: not linked); start (7,) pose at which the counters are zeroed; points (p, 3)
     attachment points in the tool frame whose uncertainty is asked (p = 0: neither theirs nor the rotation's); pairs (c, 2) of cables whose
-    distance is asked; bodies (b, 9): start (0:3), unit way (3:6), length (6), radius (7), 1 when it is the tool's (8).
+    distance is asked; bodies (b, layout.BODY_COLUMNS).
     Returns (F, n) figures in the order of `FIGURES` and (n,) flags CANNOT_RUN and SINGULAR.
     """
     n = positions.shape[0]
     out, flags = np.empty((len(WORST_START), n)), np.zeros(n, np.int64)
     size = platform_size(cables)
     J, inverse, C = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES)), np.empty((6, 6))
-    here, at_start = np.empty((CABLES, WIDTH)), np.empty((CABLES, WIDTH))
-    zero, pose = np.empty(CABLES), np.empty(7)
+    here, at_start = np.empty((CABLES, layout.WIDTH)), np.empty((CABLES, layout.WIDTH))
+    zero, pose = np.empty(CABLES), np.empty(layout.POSE_COLUMNS)
     for j in range(CABLES):
         zero[j] = span_at(cables[j], start)[0]
         length_gradient(cables[j], start, 0.0, scales[j], at_start[j])
@@ -173,9 +173,9 @@ def scan(
             out[f, i] = WORST_START[f]
         for o in range(quaternions.shape[0]):
             for c in range(3):
-                pose[c] = positions[i, c]
+                pose[layout.PLACE + c] = positions[i, c]
             for c in range(4):
-                pose[3 + c] = quaternions[o, c]
+                pose[layout.ORIENTATION + c] = quaternions[o, c]
             runs = True
             for j in range(CABLES):
                 length = span_at(cables[j], pose)[0]
@@ -195,7 +195,7 @@ def scan(
             norm2 = 0.0
             for j in range(CABLES):
                 turn, move = (inverse[0, j], inverse[1, j], inverse[2, j]), (inverse[3, j], inverse[4, j], inverse[5, j])
-                v = add(move, cross(turn, rotate(orientation(pose), vec(cables[j], 7))))
+                v = add(move, cross(turn, rotate(orientation(pose), vec(cables[j], layout.ATTACHMENT))))
                 out[SPEED2, i] = max(out[SPEED2, i], dot(v, v))
                 norm2 += size * size * dot(turn, turn) + dot(move, move)
             out[NORM2, i] = max(out[NORM2, i], norm2)

@@ -24,6 +24,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import inline, strict_kernel
 from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
+from lmeasure.kernels.layout import BASE, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, GUIDE, RADIUS
 from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
 from lmeasure.kernels.zone import (
     CLEARANCE,
@@ -263,8 +264,8 @@ def scan_lanes(
             a = arms[o]
             a0, a1, a2, a3, a4, a5 = vec(a[0], 0), vec(a[1], 0), vec(a[2], 0), vec(a[3], 0), vec(a[4], 0), vec(a[5], 0)
             for j in range(6):
-                offset = sub(vec(a[j], 0), vec(cables[j], 0))
-                _spans(B, S[j * SPAN_ROWS * LANES :], offset, vec(cables[j], 3), cables[j, 6])
+                offset = sub(vec(a[j], 0), vec(cables[j], BASE))
+                _spans(B, S[j * SPAN_ROWS * LANES :], offset, vec(cables[j], GUIDE), cables[j, RADIUS])
             _twists(B, S, a0, a1, a2, a3, a4, a5, size)
             _fastest(B, a0, a1, a2, a3, a4, a5)
             if linked is not None:
@@ -281,10 +282,10 @@ def scan_lanes(
                 _between(B, S[i * SPAN_ROWS * LANES :], S[j * SPAN_ROWS * LANES :], apart)
             for k in range(bodies.shape[0]):
                 back = scale(-1.0, vec(body_ways[o, k], 0))
-                moves = 0.0 if bodies[k, 8] > 0.0 else 1.0
+                moves = 0.0 if bodies[k, BODY_OF_TOOL] > 0.0 else 1.0
                 for j in range(6):
                     d = sub(vec(a[j], 0), vec(body_starts[o, k], 0))
-                    _to_body(B, S[j * SPAN_ROWS * LANES :], d, moves, back, bodies[k, 6], bodies[k, 7])
+                    _to_body(B, S[j * SPAN_ROWS * LANES :], d, moves, back, bodies[k, BODY_LENGTH], bodies[k, BODY_RADIUS])
         for lane in range(LANES):
             for f in range(len(WORST_START)):
                 out[f, first + lane] = B[(WORST + f) * LANES + lane]

@@ -4,15 +4,14 @@ the lengths to the pose. The same formulas as `kernels.cable.length_gradient` an
 import math
 
 from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.kernels import inline, strict_kernel
+from lmeasure.kernels import inline, layout, strict_kernel
 from lmeasure.kernels.cable import drum_count, length_gradients, span_lengths
-from lmeasure.kernels.screw import WIDTH
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
 from lmeasure.kernels.zone_rows import LANES, PLACE, SPAN_ROWS, angle, at, put, vec
 
 Linked = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
-LENGTH = WIDTH  # row of a cable's length behind those of its derivatives
+LENGTH = layout.WIDTH  # row of a cable's length behind those of its derivatives
 
 strict_gradients, strict_lengths = strict_kernel(length_gradients), strict_kernel(span_lengths)
 
@@ -41,7 +40,7 @@ def _gradient(
 ) -> None:
     """Derivatives of a cable's length by what `kernels.cable.length_gradient` knows but the drum, into rows of H in the order of
     `PARAMETERS`, and the length itself into row LENGTH. by_alpha, by_beta: derivatives of the guide; turn (3, 3): base_from_tool."""
-    u, radius = vec(cable, 3), cable[6]
+    u, radius = vec(cable, layout.GUIDE), cable[layout.RADIUS]
     bent = 1.0 if radius > 0.0 else 0.0
     x_axis, y_axis, z_axis = (
         (turn[0, 0], turn[1, 0], turn[2, 0]),
@@ -61,26 +60,27 @@ def _gradient(
         sine, cosine = sine * (k * p), cosine * (k * p)
         by_guide = bent * (cosine - sine * q * (k * square))
         e = at(S, 0, lane)
-        put(H, 0, lane, scale(-1.0, e))
-        H[3 * LANES + lane], H[4 * LANES + lane] = by_guide * dot(d, by_alpha), by_guide * dot(d, by_beta)
-        H[5 * LANES + lane] = phi - sine
-        put(H, 9, lane, (dot(e, x_axis), dot(e, y_axis), dot(e, z_axis)))
+        put(H, layout.BY_BASE, lane, scale(-1.0, e))
+        H[layout.BY_ALPHA * LANES + lane], H[layout.BY_BETA * LANES + lane] = by_guide * dot(d, by_alpha), by_guide * dot(d, by_beta)
+        H[layout.BY_RADIUS * LANES + lane] = phi - sine
+        put(H, layout.BY_ATTACHMENT, lane, (dot(e, x_axis), dot(e, y_axis), dot(e, z_axis)))
         H[LENGTH * LANES + lane] = radius * phi + t
 
 
 @inline
 def _drum_gradient(H: FloatArray, cable: FloatArray, zero: float, factor: float) -> None:
     """The derivatives by the counter's scale and the drum's dimensions, for the length in row LENGTH and that at the zero pose."""
-    tangent, axial, travel, count_length, turn = cable[10], cable[11], cable[12], cable[13], cable[16]
+    tangent, axial, travel = cable[layout.TANGENT], cable[layout.AXIAL], cable[layout.TRAVEL]
+    count_length, turn = cable[layout.COUNT_LENGTH], cable[layout.TURN_COUNTS]
     for lane in range(LANES):
         k = drum_count(H[LENGTH * LANES + lane] - zero, tangent, axial, travel, count_length)
         a = axial + travel * k
         h, h0 = math.sqrt(tangent * tangent + a * a), math.sqrt(tangent * tangent + axial * axial)
         runs = h > 0.0 and h0 > 0.0
-        H[6 * LANES + lane] = (count_length - (travel * a / h if runs else 0.0)) * k / factor
-        H[7 * LANES + lane] = tangent / h - tangent / h0 if runs else 0.0
-        H[8 * LANES + lane] = a / h - axial / h0 if runs else 0.0
-        H[12 * LANES + lane] = a / h * k / turn if runs else 0.0
+        H[layout.BY_SCALE * LANES + lane] = (count_length - (travel * a / h if runs else 0.0)) * k / factor
+        H[layout.BY_TANGENT * LANES + lane] = tangent / h - tangent / h0 if runs else 0.0
+        H[layout.BY_AXIAL * LANES + lane] = a / h - axial / h0 if runs else 0.0
+        H[layout.BY_PITCH * LANES + lane] = a / h * k / turn if runs else 0.0
 
 
 @inline
@@ -108,18 +108,19 @@ def shifts(
     factor, at_start, zero, scales, guides = linked
     columns = factor.shape[1]
     for j in range(6):
-        offset = sub(vec(arms[j], 0), vec(cables[j], 0))
+        offset = sub(vec(arms[j], 0), vec(cables[j], layout.BASE))
         _gradient(H, B, S[j * SPAN_ROWS * LANES :], offset, cables[j], vec(guides[j], 0), vec(guides[j], 3), turn)
-        first = WIDTH * j
-        if used[first + 6] or used[first + 7] or used[first + 8] or used[first + 12]:
+        first = layout.WIDTH * j
+        own = used[first : first + layout.WIDTH]
+        if own[layout.BY_SCALE] or own[layout.BY_TANGENT] or own[layout.BY_AXIAL] or own[layout.BY_PITCH]:
             _drum_gradient(H, cables[j], zero[j], scales[j])
         # a parameter moves the length at the pose and at the zero pose
-        for c in range(WIDTH):
+        for c in range(layout.WIDTH):
             for lane in range(LANES):
                 H[c * LANES + lane] -= at_start[j, c]
         for column in range(columns):
-            f = factor[first : first + 5, column]
+            f = factor[first : first + layout.BY_RADIUS, column]
             _by_point(D[(column * 6 + j) * LANES :], H, f[0], f[1], f[2], f[3], f[4])
-        for c in range(5, WIDTH):
+        for c in range(layout.BY_RADIUS, layout.WIDTH):
             for column in range(columns if used[first + c] else 0):
                 _add_part(D[(column * 6 + j) * LANES :], H[c * LANES :], factor[first + c, column])

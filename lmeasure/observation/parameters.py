@@ -13,6 +13,7 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import CalibrationError, RigError
+from lmeasure.kernels import layout
 from lmeasure.kernels.cable import guide_direction
 from lmeasure.rig import Cable, Drum, ObservationPoint, Rig, rig_from_dict
 
@@ -103,14 +104,14 @@ def _guide(angle: str, column: int, assumed_u: float) -> CableParameter:
 
 
 TABLE = (
-    _place("x", 0),
-    _place("y", 1),
-    _place("z", 2),
-    _guide("alpha", 14, 26.0),  # anywhere within +-45 degrees
-    _guide("beta", 15, 104.0),  # anywhere on the circle: 360/sqrt(12)
+    _place("x", layout.BASE),
+    _place("y", layout.BASE + 1),
+    _place("z", layout.BASE + 2),
+    _guide("alpha", layout.ALPHA, 26.0),  # anywhere within +-45 degrees
+    _guide("beta", layout.BETA, 104.0),  # anywhere on the circle: 360/sqrt(12)
     CableParameter(
-        key="pulley_radius_mm", owner=Owner.POINT, group="radius", words="the pulley radius", default_u=1.0, assumed_u=10.0, column=6,
-        unsigned=True,
+        key="pulley_radius_mm", owner=Owner.POINT, group="radius", words="the pulley radius", default_u=1.0, assumed_u=10.0,
+        column=layout.RADIUS, unsigned=True,
     ),
     CableParameter(
         key="scale", owner=Owner.DRUM, group="scale", words="the count scale", default_u=0.01, assumed_u=0.3, column=None,
@@ -118,20 +119,21 @@ TABLE = (
     ),
     CableParameter(
         key="tangent_length_mm", owner=Owner.DRUM, group="tangent", words="the drum's tangent length", default_u=5.0, assumed_u=60.0,
-        column=10,
+        column=layout.TANGENT,
     ),
     CableParameter(
-        key="axial_offset_mm", owner=Owner.DRUM, group="axial", words="the drum's axial offset", default_u=5.0, assumed_u=20.0, column=11,
+        key="axial_offset_mm", owner=Owner.DRUM, group="axial", words="the drum's axial offset", default_u=5.0, assumed_u=20.0,
+        column=layout.AXIAL,
     ),
-    _attachment("x", 7),
-    _attachment("y", 8),
-    _attachment("z", 9),
+    _attachment("x", layout.ATTACHMENT),
+    _attachment("y", layout.ATTACHMENT + 1),
+    _attachment("z", layout.ATTACHMENT + 2),
     CableParameter(
-        key="groove_pitch_mm", owner=Owner.DRUM, group="pitch", words="the groove pitch", default_u=0.05, assumed_u=1.0, column=12,
-        per_revolution=True,
+        key="groove_pitch_mm", owner=Owner.DRUM, group="pitch", words="the groove pitch", default_u=0.05, assumed_u=1.0,
+        column=layout.TRAVEL, per_revolution=True,
     ),
 )  # fmt: skip
-"""In the order of `kernels.cable.PARAMETERS`."""
+"""In the order of `kernels.layout.PARAMETERS`."""
 
 _OF_POINT = tuple(p for p in TABLE if p.owner is not Owner.ATTACHMENT)
 _OF_TOOL = tuple(p for p in TABLE if p.owner is Owner.ATTACHMENT)
@@ -147,7 +149,6 @@ UNSIGNED = frozenset(p.key for p in TABLE if p.unsigned)
 FACTORS = np.array([p.factor for p in TABLE])
 """(13,) what the kernels have for one unit of each."""
 
-_COUNTS_PER_REVOLUTION = 16  # the column of the kernels' rows
 _IN_ROWS = np.array([p.column is not None for p in TABLE])
 _COLUMNS = np.array([-1 if p.column is None else p.column for p in TABLE])
 _PER_REVOLUTION = np.array([p.per_revolution for p in TABLE])
@@ -155,7 +156,7 @@ _UNSIGNED = np.array([p.unsigned for p in TABLE])
 
 
 def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:
-    """For each cable the calibration record's names of the kernels' parameters (`kernels.cable.PARAMETERS`)."""
+    """For each cable the calibration record's names of the kernels' parameters (`kernels.layout.PARAMETERS`)."""
     return [[p.name(c) for p in TABLE] for c in (rig.cable if cables is None else cables)]
 
 
@@ -296,7 +297,7 @@ def kernel_values(rows: FloatArray) -> FloatArray:
     """(m, 13) parameters of m cables in the kernels' order and units, from their rows; NaN for what these do not have."""
     out = np.full((len(rows), len(TABLE)), np.nan)
     out[:, _IN_ROWS] = rows[:, _COLUMNS[_IN_ROWS]]
-    out[:, _PER_REVOLUTION] *= rows[:, [_COUNTS_PER_REVOLUTION]]
+    out[:, _PER_REVOLUTION] *= rows[:, [layout.TURN_COUNTS]]
     return out
 
 
@@ -313,7 +314,7 @@ class Slots:
     def __init__(self, rows: FloatArray, chosen: BoolArray) -> None:
         self.cable, self.parameter = np.nonzero(chosen & _IN_ROWS)
         self._at = self.cable, _COLUMNS[self.parameter]
-        self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, _COUNTS_PER_REVOLUTION], 1.0)
+        self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, layout.TURN_COUNTS], 1.0)
         self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter])
 
     def filled(self, rows: FloatArray, values: FloatArray) -> FloatArray:
@@ -323,5 +324,5 @@ class Slots:
         new[self._unsigned] = np.abs(new[self._unsigned])
         out[self._at] = new
         for row in out:
-            row[3:6] = guide_direction(row[14], row[15])
+            row[layout.GUIDE_XYZ] = guide_direction(row[layout.ALPHA], row[layout.BETA])
         return out

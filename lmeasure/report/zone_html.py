@@ -13,6 +13,7 @@ from lmeasure.accuracy.extent import Extent, extent
 from lmeasure.accuracy.zone_dataset import reasons
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.kernels.layout import BASE_XYZ
 from lmeasure.report import html
 from lmeasure.rig import Rig
 
@@ -215,7 +216,7 @@ def space_figure(zone: xr.Dataset, rig: Rig) -> go.Figure:
     rows = rig.cable_rows()
     _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
     for j, c in enumerate(rig.cable):
-        line = np.array([rows[j, :3], tangent[0, j], attachment[0, j]])
+        line = np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]])
         figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", line={"width": 4}, name=f"cable {html.text(c.name)}")
     points = np.array([p.position_mm for p in rig.observation_point])
     figure.add_scatter3d(
@@ -289,7 +290,7 @@ def views(zone: xr.Dataset, rig: Rig) -> list[tuple[str, str, list[Any]]]:
     """(horizontal axis, vertical axis, lines) of the rig seen from above and from the side, for drawing on paper."""
     rows = rig.cable_rows()
     _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
-    lines = [np.array([rows[j, :3], tangent[0, j], attachment[0, j]]) for j in range(len(rows))]
+    lines = [np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]) for j in range(len(rows))]
     low, high = (np.array([zone[n].values[i] for n in "xyz"], dtype=np.float64) for i in (0, -1))
     out = []
     for h, v in itertools.combinations(range(3), 2):

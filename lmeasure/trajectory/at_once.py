@@ -10,7 +10,8 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels.lanes import CLEAR_OF_SINGULAR, NEAR_MM
-from lmeasure.kernels.screw import MAX_STEP_ROTATION, TOLERANCE_MM
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, CHANGES, GUIDE_XYZ, RADIUS
+from lmeasure.kernels.screw import LOST, MAX_STEP_ROTATION, TOLERANCE_MM
 from lmeasure.lcoordinate.pluecker import pluecker_rows, pressure_angles
 from lmeasure.status import Status
 
@@ -26,8 +27,8 @@ def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatA
     """(n, m) lengths from B to the attachment point and (n, m, 6) rows (arm x e ; e) about the tool origin, at (n, 7) poses; NaN where no
     cable can run. `kernels.cable` derives the formulas."""
     arm = _arms(cables, poses)
-    d = poses[:, None, :3] + arm - cables[:, 0:3]
-    u, radius = cables[:, 3:6], cables[:, 6]
+    d = poses[:, None, :3] + arm - cables[:, BASE_XYZ]
+    u, radius = cables[:, GUIDE_XYZ], cables[:, RADIUS]
     with np.errstate(invalid="ignore", divide="ignore"):
         q = np.einsum("nmi,mi->nm", d, u)
         across = d - q[:, :, None] * u
@@ -46,7 +47,7 @@ def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatA
 
 def _arms(cables: FloatArray, poses: FloatArray) -> FloatArray:
     """(n, m, 3) from the tool origin to the attachment points [mm], base axes."""
-    return np.asarray(np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, 7:10]))
+    return np.asarray(np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, ATTACHMENT_XYZ]))
 
 
 def twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
@@ -87,14 +88,14 @@ def follow(cables: FloatArray, start: FloatArray, state: FloatArray, changes: Fl
     iterations = np.zeros(n, np.int64)
     poses[index], residual[index], iterations[index] = solved, worst, steps
     angle[index] = angles
-    state[:7], state[7:13] = solved[-1], wanted[-1]
+    state[:CHANGES], state[CHANGES:LOST] = solved[-1], wanted[-1]
     return poses, residual, iterations, flags.copy(), angle
 
 
 def _anchors(cables: FloatArray, zero: FloatArray, state: FloatArray, changes: FloatArray) -> FloatArray | None:
     """(n, 7) poses near those of the samples: of the last anchor, each NEAR_MM of length from the one before; None where samples are
     farther apart, anchors too many, or one is not found."""
-    pose, there = state[:7].copy(), state[7:13].copy()
+    pose, there = state[:CHANGES].copy(), state[CHANGES:LOST].copy()
     out = np.empty((len(changes), 7))
     begin, anchors = 0, 0
     while True:

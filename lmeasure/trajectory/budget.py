@@ -17,7 +17,8 @@ from lmeasure.cable_parameters import cable_covariance, covariance_root, solved_
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.kernels import least_squares, pose_covariance, screw
-from lmeasure.kernels.cable import PARAMETERS, length_gradients, span_lengths, span_rows_of
+from lmeasure.kernels.cable import length_gradients, span_lengths, span_rows_of
+from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.lengths import Lengths, count_variance
 from lmeasure.observation.parameters import TABLE, Owner
 from lmeasure.rig import Rig

@@ -7,6 +7,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.effects import Effects, Zero, effects_of, zero_at
+from lmeasure.kernels.layout import COMPLIANCE
 from lmeasure.lengths import MAX_ROUNDS, Lengths, zero_temperature
 from lmeasure.rig import Rig
 from lmeasure.trajectory.scheme import Scheme
@@ -52,7 +53,7 @@ class Correction:
         """How many variables are uncertain."""
         effects = self._effects
         thermal = 2 if effects.u_temperature_k > 0.0 and effects.thermal else 0
-        return len(effects.moved) + thermal + int((effects.u_tension_change_n * effects.rows[:, 3] > 0.0).sum())
+        return len(effects.moved) + thermal + int((effects.u_tension_change_n * effects.rows[:, COMPLIANCE] > 0.0).sum())
 
     def shifts(self, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray | None) -> FloatArray:
         """(n, m, q) changes of the modelled lengths by one standard uncertainty of each property, of the temperature at the start and

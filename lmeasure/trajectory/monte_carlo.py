@@ -8,7 +8,8 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import TrajectoryError
-from lmeasure.kernels.cable import PARAMETERS, changes_from_counts
+from lmeasure.kernels.cable import changes_from_counts
+from lmeasure.kernels.layout import BY_RADIUS, BY_SCALE, WIDTH
 from lmeasure.lengths import Lengths
 from lmeasure.observation.parameters import kernel_values, with_kernel_values
 from lmeasure.trajectory.record import Trajectory
@@ -59,9 +60,9 @@ def by_monte_carlo(
         return reconstruction.solve(rows, start, changes, lengths.flags)
 
     def systematic_trial() -> FloatArray:
-        shift = (factor @ generator.standard_normal(factor.shape[1])).reshape(len(rows), len(PARAMETERS))
+        shift = (factor @ generator.standard_normal(factor.shape[1])).reshape(len(rows), WIDTH)
         moved, scales = moved_rows(rows, shift), budget.scales
-        k = counts * scales / (scales + shift[:, PARAMETERS.index("scale")])
+        k = counts * scales / (scales + shift[:, BY_SCALE])
         changes = changes_from_counts(moved, k) + offset + shifts @ drawn(budget.by_length, generator)
         return reconstruction.solve(moved, budget.drawn_start(generator, moved), changes, lengths.flags)
 
@@ -84,8 +85,8 @@ def by_monte_carlo(
 
 def moved_rows(rows: FloatArray, shift: FloatArray) -> FloatArray:
     """(m, columns) rows of cables whose parameters are moved by shift (m, 13), in the order of `PARAMETERS`; scale has no place there."""
-    values, radius = kernel_values(rows) + shift, PARAMETERS.index("pulley_radius_mm")
-    values[:, radius] = np.maximum(values[:, radius], 0.0)
+    values = kernel_values(rows) + shift
+    values[:, BY_RADIUS] = np.maximum(values[:, BY_RADIUS], 0.0)
     return with_kernel_values(rows, values)
 
 

@@ -8,6 +8,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import span_rows
+from lmeasure.kernels.layout import ATTACHMENT_XYZ
 from lmeasure.rig import Rig
 
 FREEDOMS = ("rx", "ry", "rz", "x", "y", "z")
@@ -75,7 +76,7 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
     if len(used) == 1:
         if m < CABLES_FOR_A_POINT:
             raise RigError(f"rig {rig.name!r}: has {m} cables to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")
-        rows[:, 7:10] = 0.0
+        rows[:, ATTACHMENT_XYZ] = 0.0
         return Scheme(rows, FREEDOMS[3:], point=used[0], place=rig.tool[used[0]])
     if m < len(FREEDOMS):
         raise RigError(
@@ -89,7 +90,7 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
 def _unmeasured(rows: FloatArray, start: FloatArray) -> str:
     """The twists that no cable sees, as turns about an axis or shifts along it, tool origin taken as the place of the axis."""
     J = span_rows(rows, start)
-    size = max(float(np.linalg.norm(rows[:, 7:10], axis=1).max()), 1.0)
+    size = max(float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max()), 1.0)
     _, _, V = np.linalg.svd(J * np.repeat([1.0 / size, 1.0], 3))
     texts = []
     for twist in V[len(rows) :]:

@@ -11,6 +11,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
+from lmeasure.kernels.layout import CHANGES
 from lmeasure.lengths import Lengths, span_lengths
 from lmeasure.rig import Rig
 from lmeasure.status import Status
@@ -216,7 +217,7 @@ class Reconstruction:
         m = len(u)
         before = np.maximum.accumulate(np.where(status == Status.OK, np.arange(len(status)), -1))
         for last in np.unique(before[singular]):
-            pose, there = (begun[:7], begun[7 : 7 + m]) if last < 0 else (poses[last], changes[last])
+            pose, there = (begun[:CHANGES], begun[CHANGES : CHANGES + m]) if last < 0 else (poses[last], changes[last])
             mine = np.flatnonzero(singular & (before == last))
             texts = explain(split_at(self.scheme.rows, pose, free, u), changes[mine] - there)
             for i, text in zip(mine, texts, strict=True):

@@ -12,6 +12,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.kernels.layout import TURN_COUNTS
 from lmeasure.rig import Rig
 from lmeasure.zeroing import phase_columns
 
@@ -86,7 +87,7 @@ def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
     """
     known = {} if record is None else record.u_length_mm
     u = np.array([known.get(c.name, 0.0) for c in rig.cable])
-    own, turn = np.flatnonzero(u), rig.cable_rows()[:, 16]
+    own, turn = np.flatnonzero(u), rig.cable_rows()[:, TURN_COUNTS]
 
     def lengths(at: Situation) -> FloatArray:
         out = np.zeros((*at.counts.shape, 3 * len(own)))

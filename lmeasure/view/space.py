@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lmeasure.accuracy.surface import zone_surface
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, RADIUS
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig
 from lmeasure.view.recording import (
@@ -43,7 +44,7 @@ def log_rig(rec: rr.RecordingStream, rig: Rig, root: str, colour: Colour, *, lab
     """Observation points, and the last stretch of each guide: the cable comes to B along it."""
     names = [p.name for p in rig.observation_point]
     at = metres(np.array([p.position_mm for p in rig.observation_point]))
-    along = {c.from_point: row[3:6] for c, row in zip(rig.cable, rig.cable_rows(), strict=True)}
+    along = {c.from_point: row[GUIDE_XYZ] for c, row in zip(rig.cable, rig.cable_rows(), strict=True)}
     used = [i for i, name in enumerate(names) if name in along]
     way = 0.15 * np.array([along[names[i]] for i in used])
     rec.log(f"{root}/observation_points", rr.Points3D(at, radii=0.012, colors=colour, labels=names, show_labels=labelled), static=True)
@@ -80,18 +81,18 @@ def draw_frames(
     poses = poses[shown == 1]
     rows = rig.cable_rows()
     if place_only:
-        rows[:, 7:10] = 0.0
+        rows[:, ATTACHMENT_XYZ] = 0.0
         poses = np.column_stack([poses[:, :3], np.tile((0.0, 0.0, 0.0, 1.0), (len(poses), 1))])
     if looks:
         _log_looks(rec, rig, place_only=place_only)
     centre, tangent, attachment, angle = wrap_geometry(rows, poses)
-    along = rows[:, 6:7] * rows[:, 3:6]
-    wrapped = _arcs(centre, rows[:, 0:3], along, angle, ARC_POINTS)
+    along = rows[:, RADIUS, None] * rows[:, GUIDE_XYZ]
+    wrapped = _arcs(centre, rows[:, BASE_XYZ], along, angle, ARC_POINTS)
     cables = metres(np.concatenate([wrapped, attachment[:, :, None, :]], axis=2))
     for j, c in enumerate(rig.cable):
         strips = rr.LineStrips3D.columns(strips=cables[:, j]).partition(shown)
         rec.send_columns(entity_path("world", "cables", c.name), indexes, strips)
-    circles = metres(_arcs(centre, rows[:, 0:3], along, np.full(angle.shape, 2 * np.pi), CIRCLE_POINTS))
+    circles = metres(_arcs(centre, rows[:, BASE_XYZ], along, np.full(angle.shape, 2 * np.pi), CIRCLE_POINTS))
     m = len(rig.cable)
     rec.send_columns("/world/pulleys", indexes, rr.LineStrips3D.columns(strips=circles.reshape(-1, CIRCLE_POINTS, 3)).partition(m * shown))
     points = rr.Points3D.columns(positions=metres(tangent.reshape(-1, 3)))

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable
+from lmeasure.kernels.layout import CABLE_COLUMNS
 
 FloatArray = NDArray[np.float64]
 
@@ -16,7 +17,7 @@ HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 def row_of(c: oracles.Cable) -> FloatArray:
     """The kernels' row of an oracle's cable, in doubles."""
-    row = np.empty(cable.CABLE_COLUMNS)
+    row = np.empty(CABLE_COLUMNS)
     row[0:3] = [float(v) for v in c.base]
     a, b = float(c.alpha), float(c.beta)
     row[3:6] = [-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a)]

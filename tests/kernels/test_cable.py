@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rows import row_of
 
 from lmeasure.kernels import cable
+from lmeasure.kernels.layout import CABLE_COLUMNS, PARAMETERS
 
 FloatArray = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def test_wrap_angle_is_built_by_hand(turn: float) -> None:
     end = base + radius * n + radius * (math.sin(turn) * u - math.cos(turn) * n) + straight * (math.cos(turn) * u + math.sin(turn) * n)
     # beyond half a turn the point can come to lie on the other side of the axis: there it is another, shorter wrap
     across = float((end - base) @ n)
-    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row = np.zeros((1, CABLE_COLUMNS))
     row[0, :3], row[0, 3:6], row[0, 6], row[0, 16] = base, u, radius, 6000
     pose = np.r_[end, 0, 0, 0, 1][None]
     if across > 0:
@@ -84,7 +85,7 @@ def test_wrap_angle_is_built_by_hand(turn: float) -> None:
 
 def test_long_wraps_on_the_near_side() -> None:
     """Behind the pulley and close to it the cable goes round by more than half a turn."""
-    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row = np.zeros((1, CABLE_COLUMNS))
     row[0, 3:6], row[0, 6], row[0, 16] = (1, 0, 0), 30.0, 6000
     for q, p in ((-200.0, 10.0), (-60.0, 1.0), (-45.0, 25.0), (-40.0, 0.01)):
         pose = np.array([[q, p, 0, 0, 0, 0, 1.0]])
@@ -107,7 +108,7 @@ def test_tangent_points_lie_on_the_pulley_and_see_the_point() -> None:
 
 
 def test_no_cable_from_inside_the_pulley_or_on_its_axis() -> None:
-    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row = np.zeros((1, CABLE_COLUMNS))
     row[0, 3:6], row[0, 6], row[0, 16] = (0, 0, 1), 20.0, 6000
     inside, on_axis = np.array([0, 20.0, 5.0, 0, 0, 0, 1]), np.array([0, 0, 500.0, 0, 0, 0, 1])
     assert np.isnan(cable.span_lengths(row, np.array([inside, on_axis]))).all()
@@ -140,7 +141,7 @@ def test_every_parameter_against_difference_quotients(seed: int) -> None:
     for c, pose, k in random_cables(100 + seed, 1, radius=0.0 if seed == 0 else None):
         recorded = mp.mpf(k) * mp.mpf(c.scale)
         got = cable.length_gradients(row_of(c)[None], pose[None], np.array([[k]]), np.array([c.scale]))[0, 0]
-        for name, value in zip(cable.PARAMETERS, got, strict=True):
+        for name, value in zip(PARAMETERS, got, strict=True):
             if c.radius == 0.0 and name == "pulley_radius_mm":
                 # one-sided: there is no pulley of negative radius
                 h = 1e-12
@@ -162,7 +163,7 @@ def test_drum_is_a_hypotenuse() -> None:
 def test_published_drum_geometry() -> None:
     """|E_1 B_H| of the recomputed example of thesis 5.5: wound until the cable comes straight from the drum, its 20 mm of travel used up,
     the stretch to the pulley is the leg 149.756507 where it was 151.086106."""
-    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row = np.zeros((1, CABLE_COLUMNS))
     row[0, 10:14] = 149.756507, 20.0, -0.01, 0.0125
     change = cable.changes_from_counts(row, np.array([[2000.0]]))[0, 0]
     assert change - 2000 * 0.0125 == pytest.approx(151.086106 - 149.756507, abs=1e-6)
@@ -175,7 +176,7 @@ def test_the_guide_is_that_of_its_angles() -> None:
 
 def test_straight_cables_are_drawn_from_their_point() -> None:
     """Without a pulley centre and tangent point are the observation point itself, and nothing is wrapped, whatever the cable beside it."""
-    row = np.zeros((2, cable.CABLE_COLUMNS))
+    row = np.zeros((2, CABLE_COLUMNS))
     row[:, :3], row[:, 3:6], row[:, 7:10] = (10.0, -20.0, 30.0), (0.0, 1.0, 0.0), (5.0, 6.0, 7.0)
     row[1, 6] = 25.0
     turned = np.array([400.0, 500.0, -600.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
@@ -198,7 +199,7 @@ def test_straight_cables_are_drawn_from_their_point() -> None:
     length=st.floats(0.011, 0.02),
 )
 def test_counts_and_changes_are_inverse(k: float, tangent: float, axial: float, pitch: float, length: float) -> None:
-    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row = np.zeros((1, CABLE_COLUMNS))
     row[0, 10:14] = tangent, axial, pitch / 6000, length
     change = cable.changes_from_counts(row, np.array([[k]]))
     back = cable.counts_from_changes(row, change)[0, 0]
@@ -207,7 +208,7 @@ def test_counts_and_changes_are_inverse(k: float, tangent: float, axial: float, 
 
 
 def test_change_grows_with_the_count() -> None:
-    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row = np.zeros((1, CABLE_COLUMNS))
     row[0, 10:14] = 0.0, 25.0, 71.9 / 6000, 0.012  # no tangent part and a groove nearly as long as a turn: the steepest case
     counts = np.linspace(-20_000, 20_000, 4001)[:, None]
     assert (np.diff(cable.changes_from_counts(row, counts)[:, 0]) > 0).all()
@@ -215,7 +216,7 @@ def test_change_grows_with_the_count() -> None:
 
 
 def test_pitch_zero_is_a_plain_drum() -> None:
-    row = np.zeros((1, cable.CABLE_COLUMNS))
+    row = np.zeros((1, CABLE_COLUMNS))
     row[0, 10:14] = 180.0, 25.0, 0.0, 0.012
     assert cable.changes_from_counts(row, np.array([[12345.0]]))[0, 0] == 12345 * 0.012
 

@@ -143,7 +143,7 @@ def test_a_run_given_in_pieces_is_the_same_run(rows: FloatArray) -> None:
 
 @pytest.mark.parametrize(("degrees", "safe"), [(74.9, True), (75.1, False), (np.nan, False)])
 def test_a_tile_is_taken_up_to_75_degrees_in_every_lane(degrees: float, safe: bool) -> None:
-    tile = np.zeros((lanes.DETERMINANT + 1, lanes.WIDTH))
+    tile = np.zeros((lanes.TILE_ROWS, lanes.WIDTH))
     tile[lanes.DETERMINANT] = 1.0
     tile[lanes.ANGLE, 17] = np.radians(degrees)
     assert lanes._safe(tile.ravel(), 1.0) == safe

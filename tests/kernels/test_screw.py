@@ -11,6 +11,7 @@ from rows import HOME, cell, cell_rows, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import cable, screw
+from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.status import Status
 
@@ -391,7 +392,7 @@ def test_covariances_against_difference_quotients(seed: int) -> None:
     counts = cable.counts_from_changes(rows, lengths[1:] - lengths[:1])[0]
     scales = np.array([1.0, 0.5, 1, 2, 1, 1])
     variance = g.uniform(1e-6, 1e-4, 6)
-    width = len(cable.PARAMETERS)
+    width = len(PARAMETERS)
     factor = g.normal(size=(6 * width, 6 * width)) * 1e-2
     covariance = factor @ factor.T
     random, systematic = pose_covariances(rows, start, pose[None], counts[None], scales, variance, covariance)
@@ -405,7 +406,7 @@ def test_covariances_against_difference_quotients(seed: int) -> None:
 
     by_parameter = np.empty((6, 6 * width))
     for j in range(6):
-        for i, name in enumerate(cable.PARAMETERS):
+        for i, name in enumerate(PARAMETERS):
             step = 1e-6 if name == "scale" or name.startswith("guide") else 1e-3
             ends = []
             for sign in (1, -1):
@@ -427,7 +428,7 @@ def test_random_covariance_is_what_noise_does() -> None:
     noise = g.uniform(-0.006, 0.006, (4000, 6))
     errors = np.array([pose_error(refound(rows, HOME, counts, truth, e), truth) for e in noise])
     random, _ = pose_covariances(
-        rows, HOME, truth[None], counts[None], np.ones(6), np.full(6, 0.012**2 / 12), np.zeros((6 * len(cable.PARAMETERS),) * 2)
+        rows, HOME, truth[None], counts[None], np.ones(6), np.full(6, 0.012**2 / 12), np.zeros((6 * len(PARAMETERS),) * 2)
     )
     size = np.sqrt(np.diag(random[0]))
     assert np.cov(errors.T) / np.outer(size, size) == pytest.approx(random[0] / np.outer(size, size), abs=0.08)
@@ -436,14 +437,14 @@ def test_random_covariance_is_what_noise_does() -> None:
 def test_start_pose_is_known_whatever_the_rig() -> None:
     """At the pose where the counters were zeroed an error of the rig moves nothing: systematic covariance 0."""
     rows = cell_rows()
-    width = 6 * len(cable.PARAMETERS)
+    width = 6 * len(PARAMETERS)
     random, systematic = pose_covariances(rows, HOME, HOME[None], np.zeros((1, 6)), np.ones(6), U**2, np.eye(width))
     assert np.abs(systematic).max() < 1e-20
     assert np.isfinite(random).all()
 
 
 def test_no_pose_has_no_covariance() -> None:
-    width = 6 * len(cable.PARAMETERS)
+    width = 6 * len(PARAMETERS)
     random, systematic = pose_covariances(cell_rows(), HOME, np.full((1, 7), np.nan), np.zeros((1, 6)), np.ones(6), U**2, np.eye(width))
     assert np.isnan(random).all()
     assert np.isnan(systematic).all()

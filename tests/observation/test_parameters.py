@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lmeasure.errors import CalibrationError, RigError
-from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.observation.parameters import (
     FACTORS,
     GROUPS,

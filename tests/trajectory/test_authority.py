@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.kernels import screw
-from lmeasure.kernels.cable import CABLE_COLUMNS
+from lmeasure.kernels.layout import CABLE_COLUMNS
 from lmeasure.status import Status
 
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "generic-optimiser" / "poses.npz"

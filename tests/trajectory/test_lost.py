@@ -4,7 +4,8 @@ import numpy as np
 from cells import START, FloatArray, cell, position_error, record
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels.cable import CABLE_COLUMNS, span_lengths
+from lmeasure.kernels.cable import span_lengths
+from lmeasure.kernels.layout import CABLE_COLUMNS
 from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 from lmeasure.trajectory.lost import explain, split_at

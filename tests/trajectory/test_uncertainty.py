@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
-from lmeasure.kernels.cable import PARAMETERS
+from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.lengths import lengths_from_counts
 from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import Rig, rig_from_dict
