@@ -1,7 +1,7 @@
 """All poses that have given lengths of six cables: the assemblies of the mechanism (thesis 4.1).
 
-Where tetrahedra lead from the observation points to all attachment points, as with three cables to one, two to another and one to a third,
-their apexes give every assembly of straight cables; the screw method makes them those of wrapped ones. For any rig many starts over
+Where tetrahedra lead from the points of one body to those of the other, as with three cables to one point, two to another and one to a
+third, their apexes give every assembly of straight cables; the screw method makes them those of wrapped ones. For any rig many starts over
 all places and orientations within reach are solved besides, until every assembly has been met several times over.
 """
 
@@ -12,7 +12,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import screw
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ
-from lmeasure.lcoordinate.tetrahedra import by_tetrahedra
+from lmeasure.lcoordinate.tetrahedra import closed_form
 from lmeasure.status import Status
 
 BATCH = 3000  # starts at a time
@@ -32,7 +32,8 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[Fl
     for batch in range(MOST):
         starts = _anywhere(rows, lengths, rng)
         if batch == 0:
-            starts = np.concatenate([by_tetrahedra(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], lengths), starts])
+            straight, _ = closed_form(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], lengths)
+            starts = np.concatenate([straight[np.isfinite(straight).all(axis=1)], starts])
         status, poses = screw.solve_poses(rows, lengths, starts)
         for pose in poses[status == Status.OK]:
             k = next((i for i, other in enumerate(found) if _same(pose, other)), len(found))

@@ -13,7 +13,7 @@ from cells import FloatArray, cell, motion
 from lmeasure.assemblies import assemblies, by_side, distances
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.kernels.layout import CABLE_COLUMNS
-from lmeasure.lcoordinate.tetrahedra import by_tetrahedra
+from lmeasure.lcoordinate.tetrahedra import closed_form
 
 THREE_TWO_ONE = ("P1", "P1", "P1", "P2", "P2", "P3")
 
@@ -64,9 +64,9 @@ def test_tetrahedra_find_all_that_many_starts_find_of_straight_cables() -> None:
     rows = rows_of(THREE_TWO_ONE)
     rows[:, 6] = 0.0
     lengths = span_lengths(rows, motion(700)[1][600:601])[0]
-    direct = by_tetrahedra(rows[:, :3], rows[:, 7:10], lengths)
-    assert len(direct) == 8
-    exact = direct[np.abs(span_lengths(rows, direct) - lengths).max(axis=1) < 1e-6]
+    direct, closes = closed_form(rows[:, :3], rows[:, 7:10], lengths)
+    exact = direct[closes]
+    assert np.abs(span_lengths(rows, exact) - lengths).max() < 1e-9
     found, sure = assemblies(rows, lengths)
     assert sure
     assert len(found) == len(exact)

@@ -1,4 +1,4 @@
-"""Bodies on straight links: rows and pressure angles against differences, the twist that is lost, assemblies of given lengths."""
+"""Bodies on straight links: rows and pressure angles against differences, the twist that is lost."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.lcoordinate.pluecker import pluecker_rows, pressure_angles
 from lmeasure.lcoordinate.singular import Split
-from lmeasure.lcoordinate.tetrahedra import by_tetrahedra
 
 laws = settings(max_examples=30, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
@@ -82,22 +81,3 @@ def test_links_through_one_line_lose_the_turn_about_it(seed: int) -> None:
     size = split.metric * split.twist @ rest
     np.testing.assert_allclose(rest, size * split.twist, atol=1e-8)
     assert split.metric * split.twist @ found == pytest.approx(0.0, abs=1e-9)
-
-
-@laws
-@given(seeds)
-def test_tetrahedra_find_the_pose_that_lengths_come_from(seed: int) -> None:
-    """Three links to one point, two to another, one to a third: eight ways, of which some miss where a tetrahedron does not exist."""
-    base, body, pose = hexapod(seed)
-    body = body[[0, 0, 0, 2, 2, 4]]
-    lengths, _, _ = links(base, body, pose)
-    found = by_tetrahedra(base, body, lengths)
-    assert found.shape == (8, 7)
-    met = [way for way in found if np.abs(links(base, body, way)[0] - lengths).max() < 1e-6]
-    assert min(np.abs(se3.displacement(way, pose) * np.repeat([200.0, 1.0], 3)).max() for way in met) < 1e-6
-
-
-def test_links_to_less_than_three_points_have_no_tetrahedra() -> None:
-    base, body, pose = hexapod(0)
-    body = body[[0, 0, 0, 2, 2, 2]]
-    assert by_tetrahedra(base, body, links(base, body, pose)[0]).shape == (0, 7)

@@ -1,0 +1,114 @@
+"""All assemblies of six straight links of given lengths, each proved, and whether that is all of them (thesis 4.1).
+
+Structures that tetrahedra solve have eight complex assemblies in closed form; of all others they are followed from a start system of the
+same structure (`starts`). What is found is proved one by one (`certified`). A structure has no more isolated assemblies than a platform
+of it without special dimensions; where so many different ones are proved, real and complex ones together, nothing else can be there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure import se3
+from lmeasure.arrays import BoolArray, ComplexArray, FloatArray
+from lmeasure.kernels.homotopy import REACHED, follow
+from lmeasure.lcoordinate import certified, starts, study
+from lmeasure.lcoordinate.structures import Incidence, incidence
+from lmeasure.lcoordinate.tetrahedra import complex_points
+
+ALL, NOT_PROVED = "all accounted for", "not proved"
+TRIES = 3  # ways to the same links, should paths be lost or meet on one
+CLOSES = 1e-9  # of the rig's size: a pose with lengths so near is an assembly, as far as numbers tell
+
+
+@dataclass(frozen=True)
+class Assemblies:
+    """Real assemblies, base_from_platform."""
+
+    poses: FloatArray
+    """(k, 7)"""
+    certified: BoolArray
+    """(k,) whether it is proved that exactly one assembly is there."""
+    complex_found: int
+    """How many different assemblies are proved, real and complex."""
+    complex_expected: int
+    """How many a platform of this structure without special dimensions has."""
+
+    @property
+    def status(self) -> str:
+        """ALL where there can be no other assembly, else NOT_PROVED."""
+        return ALL if self.complex_found == self.complex_expected > 0 else NOT_PROVED
+
+
+def assemblies(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> Assemblies:
+    """Of six links of lengths (6,) [mm] from points base (6, 3) in the base frame to points platform (6, 3) in the platform's."""
+    found = incidence(base, platform)
+    expected = starts.complex_assemblies(found.structure)
+    at, of, unit = base.mean(axis=0), platform.mean(axis=0), _unit(base, platform, lengths)
+    a, b, lengths = (base - at) / unit, (platform - of) / unit, lengths / unit
+    rows = study.links(a, b, lengths**2)
+    points, sure = np.empty((0, 8), dtype=np.complex128), np.empty(0, dtype=np.bool_)
+    real, count = sure, 0
+    for attempt in range(TRIES):
+        if expected == 0 or count == expected:
+            break
+        more = _near(found, rows, a, b, lengths, attempt)
+        told = certified.proved(rows, np.concatenate([points, more]))
+        new = certified.apart(told)
+        points, sure, real = told.points[new], told.certain[new], told.real[new]
+        count = len(points)
+        rest = told.points[~told.certain]
+    poses = study.poses(points[real].real)
+    proofs = np.ones(len(poses), dtype=np.bool_)
+    if count < expected:
+        folds = _folds(a, b, lengths, study.poses(rest.real), poses)
+        poses, proofs = np.concatenate([poses, folds]), np.concatenate([proofs, np.zeros(len(folds), dtype=np.bool_)])
+    poses[:, :3] = poses[:, :3] * unit + at
+    poses[:, :3] -= se3.matrices(poses) @ of if len(poses) else 0.0
+    return Assemblies(poses, proofs, count, expected)
+
+
+def _unit(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> float:
+    """About the rig's size, a power of two: dividing by it rounds nothing."""
+    size = max(np.ptp(base, axis=0).max(), np.ptp(platform, axis=0).max(), lengths.max() / 2.0)
+    return float(2.0 ** np.round(np.log2(size)))
+
+
+def _near(found: Incidence, rows: ComplexArray, a: FloatArray, b: FloatArray, lengths: FloatArray, attempt: int) -> ComplexArray:
+    """(n, 8) points near assemblies; another attempt takes another way to them."""
+    if found.structure.closed_form and attempt == 0:
+        return complex_points(found, a, b, lengths)
+    own = starts.one_of_two(found.structure)
+    links, points = starts.start_of(own)
+    mine = rows[list(found.order)]
+    if own != found.structure:  # platform and base swapped: the inverse poses
+        swapped = incidence(b, a)
+        mine = rows[list(swapped.order)][:, [3, 4, 5, 0, 1, 2, 6]]
+    if attempt:
+        between = starts.random_links(own, np.random.default_rng(attempt))
+        points, told = follow(links, between, points)
+        links, points = between, points[told == REACHED]
+    ends, _ = follow(links, mine, points)
+    return ends if own == found.structure else study.inverse(ends)
+
+
+def _folds(a: FloatArray, b: FloatArray, lengths: FloatArray, near: FloatArray, known: FloatArray) -> FloatArray:
+    """(k, 7) poses whose lengths are as given but of which nothing is proved: two assemblies that meet, or nearly."""
+    out = list(known)
+    for pose in near:
+        for _ in range(50):
+            away = se3.apply(pose, b) - a
+            now = np.linalg.norm(away, axis=1)
+            if not np.isfinite(now).all() or now.min() < 1e-12:
+                break
+            e = away / now[:, None]
+            rows = np.concatenate([np.cross(away + a - pose[:3], e), e], axis=1)
+            step = np.linalg.lstsq(rows, lengths - now, rcond=1e-9)[0]
+            if np.abs(step).max() > 1.0:
+                break
+            pose = se3.displaced(pose, step)
+        else:
+            now = np.linalg.norm(se3.apply(pose, b) - a, axis=1)
+            if np.abs(now - lengths).max() < CLOSES and not any(np.abs(se3.displacement(pose, other)).max() < 1e-5 for other in out):
+                out.append(pose)
+    return np.array(out[len(known) :]).reshape(-1, 7)

@@ -1,0 +1,140 @@
+"""All assemblies of straight links: the thesis' example, the closed form over many poses, Dietmaier's forty, and all structures."""
+
+import numpy as np
+import pytest
+from linkages import DIETMAIER, lengths_at, nearest, rig
+
+from lmeasure import se3
+from lmeasure.lcoordinate import certified, starts, straight, study
+from lmeasure.lcoordinate.structures import Structure, incidence, parse, structures
+from lmeasure.lcoordinate.tetrahedra import closed_form
+
+SOLVABLE = [s for s in structures() if s.degenerate is None]
+# complex assemblies, each counted by monodromy and from the general platform (`benchmarks/assembly_counts.py`); all others 8 or 16
+COUNTS = {"L-2211-2211:ab-ac-b-d": 24, "L-2211-21111:ab-ac-d-e": 32, "L-2211-21111:ab-cd-a-e": 24, "L-2211-111111:ab-cd-e-f": 32}
+COUNTS |= {
+    "L-21111-21111:ab-a-c-d-e": 40,
+    "L-21111-21111:bc-a-a-d-e": 24,
+    "L-21111-111111:ab-c-d-e-f": 40,
+    "L-111111-111111:a-b-c-d-e-f": 40,
+}
+
+
+def test_the_example_of_4_1() -> None:
+    """As corrected: the base's y are shifted and P3, P4 exchanged in print. l7, l8 and the published assembly to all digits."""
+    base = np.array([(3, 3, 0), (4, 2, 0), (1, 1, 0), (1, 5, 0), (1, 5, 0), (4, 2, 0)], dtype=float)
+    platform = np.array([(0, 0, 0), (0, 0, 0), (0, 0, 0), (0, 4, 0), (-2, 2, 0), (1, 2, 0)], dtype=float)
+    lengths = np.array([10.0, 10.5, 11.0, 8.9, 7.98, 9.9])
+    assert incidence(base, platform).structure.class_name == "L-3111-2211"  # figure 4.1d, not 4.1a
+    found = straight.assemblies(base, platform, lengths)
+    assert found.certified.all()
+    assert (len(found.poses), found.status) == (8, straight.ALL)
+    above = found.poses[found.poses[:, 2] > 0.0]
+    np.testing.assert_allclose(above[:, :3], np.tile([2.5625, 6.6875, 9.284985], (4, 1)), atol=1e-6)
+    points = se3.apply(above[:, None], np.array([(0, 0, 0), (1, 2, 0), (-2, 2, 0), (0, 4, 0)], dtype=float))
+    additional = np.linalg.norm(points[:, :2] - [1, 5, 0], axis=2)
+    assert np.abs(additional - [9.565563, 9.653616]).max(axis=1).min() < 1e-6
+    published = np.array([(2.660485, 4.463435, 9.494587), (0.346899, 5.563243, 7.933260), (1.216079, 2.972575, 8.663305)])
+    best = np.abs(points[:, 1:] - published).max(axis=(1, 2)).argmin()
+    np.testing.assert_allclose(points[best, 1:], published, atol=2e-6)
+    # Rz Ry Rx with O' = P1: |a| > 90, which the thesis' arcsin formulas miss
+    angles = se3.rotation(above[best]).as_euler("ZYX", degrees=True)
+    np.testing.assert_allclose(angles, [-25.4250, -31.3619, -169.5130], atol=1e-3)
+
+
+@pytest.mark.parametrize("structure", [s for s in SOLVABLE if s.closed_form][::3], ids=lambda s: s.notation)
+def test_tetrahedra_over_many_poses(structure: Structure) -> None:
+    """Every assembly closes to 1e-9 mm, and the true pose is among them."""
+    base, platform, poses = rig(structure, 5, 2000)
+    lengths = lengths_at(base, platform, poses)
+    found, closes = closed_form(base, platform, lengths)
+    assert np.abs(lengths_at(base, platform, found) - lengths[:, None])[closes].max() < 1e-9
+    assert max(nearest(found[i][closes[i]], poses[i]) for i in range(0, 2000, 10)) < 1e-4
+    assert np.abs(se3.displacement(found, poses[:, None])).max(axis=2).min(axis=1).max() < 1e-4
+
+
+def test_tetrahedra_keep_the_shape_of_a_batch_and_refuse_other_structures() -> None:
+    base, platform, poses = rig(parse("L-321-222")[0], 2, 6)
+    lengths = lengths_at(base, platform, poses)
+    found, closes = closed_form(base, platform, lengths.reshape(2, 3, 6))
+    assert (found.shape, closes.shape) == ((2, 3, 8, 7), (2, 3, 8))
+    np.testing.assert_array_equal(closed_form(base, platform, lengths[4])[0], found[1, 1])
+    base, platform, poses = rig(parse("L-222-222")[0], 2)
+    assert closed_form(base, platform, lengths_at(base, platform, poses))[0].shape == (1, 0, 7)
+
+
+def test_dietmaiers_forty() -> None:
+    base, platform, lengths = DIETMAIER
+    found = straight.assemblies(base, platform, lengths)
+    assert found.certified.all()
+    assert (len(found.poses), found.complex_found, found.status) == (40, 40, straight.ALL)
+    np.testing.assert_allclose(lengths_at(base, platform, found.poses), np.tile(lengths, (40, 1)), atol=1e-13)
+
+
+@pytest.mark.parametrize("structure", SOLVABLE, ids=lambda s: s.notation)
+def test_every_structure_has_all_its_assemblies(structure: Structure) -> None:
+    base, platform, (pose,) = rig(structure, 12)
+    lengths = lengths_at(base, platform, pose)
+    found = straight.assemblies(base, platform, lengths)
+    assert found.status == straight.ALL
+    assert found.certified.all()
+    assert nearest(found.poses, pose) < 1e-6
+    np.testing.assert_allclose(lengths_at(base, platform, found.poses), np.tile(lengths, (len(found.poses), 1)), atol=1e-9)
+    if structure.closed_form:
+        assert closed_form(base, platform, lengths)[1].sum() == len(found.poses)
+
+
+def test_complex_assemblies_of_every_structure() -> None:
+    for s in SOLVABLE:
+        n = starts.complex_assemblies(s)
+        assert n == starts.complex_assemblies(s.swapped)
+        assert n == COUNTS.get(s.notation, COUNTS.get(s.swapped.notation, n))
+        assert n in (8, 16, 24, 32, 40)
+        assert n == 8 or not s.closed_form
+    assert starts.complex_assemblies(next(s for s in structures() if s.degenerate)) == 0
+
+
+@pytest.mark.parametrize("name", ["L-222-222", "L-2211-2211:ab-ac-b-d"])
+def test_start_systems_by_monodromy_again(name: str) -> None:
+    """Other dimensions, other loops: the same number, and as many from the general platform, some of whose forty paths are lost."""
+    from lmeasure.kernels.homotopy import REACHED, follow
+
+    (structure,) = parse(name)
+    rng = np.random.default_rng(8)
+    links, points = starts.grown(structure, rng)
+    assert len(points) == starts.complex_assemblies(structure)
+    residuals = np.einsum("ni,kij,nj->nk", points, study.quadrics(links), points)
+    assert np.abs(residuals).max() < 1e-10
+    general, forty = starts.start_of(SOLVABLE[-1])
+    ends, told = follow(general, links, forty)
+    proper = ends[(told == REACHED) & (np.abs((ends[:, :4] ** 2).sum(axis=1)) > 1e-8)]
+    assert len(starts.distinct(np.concatenate([starts.unit(points), proper]))) == len(points)
+
+
+def test_lengths_that_cannot_be_have_none() -> None:
+    base, platform, (pose,) = rig(parse("L-222-111111")[0], 4)
+    found = straight.assemblies(base, platform, np.r_[lengths_at(base, platform, pose)[:5], 1e-3])
+    assert (len(found.poses), found.status) == (0, straight.ALL)
+
+
+def test_where_assemblies_meet_nothing_is_proved_and_the_pose_is_listed() -> None:
+    """The three columns of 4.5: singular, two assemblies in one."""
+    base = np.array([(0, -1, -1.6), (1, 0, -1.6), (0, 1, -1.6), (0, -2.6, 0), (2.6, 0, 0), (0, 2.6, 0)])
+    platform = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0)] * 2, dtype=float)
+    found = straight.assemblies(base, platform, np.full(6, 1.6))
+    assert found.status == straight.NOT_PROVED
+    assert nearest(found.poses[~found.certified], np.array([0.0, 0, 0, 0, 0, 0, 1])) < 1e-3
+
+
+def test_a_box_without_an_assembly_is_not_certified() -> None:
+    base, platform, lengths = DIETMAIER
+    rows = study.links(base, platform, lengths**2)
+    true = study.points(straight.assemblies(base, platform, lengths).poses).astype(np.complex128)
+    assert certified.proved(rows, true).real.all()
+    # what Newton's method is not let to mend
+    Q, held = study.quadrics(rows), np.abs(true).argmax(axis=1)
+    off = true / np.take_along_axis(true, held[:, None], axis=1) + 1e-3 * np.where(np.arange(8) == held[:, None], 0.0, 1.0)
+    assert not certified._box(Q, np.zeros((7, 8, 8)), off, held)[1].any()
+    # the same assembly twice is one
+    twice = certified.proved(rows, np.concatenate([true[:1], 2.0j * true[:1], true[1:2]]))
+    assert certified.apart(twice).tolist() == [True, False, True]
