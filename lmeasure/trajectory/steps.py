@@ -121,9 +121,10 @@ def counted_sizes(values: FloatArray) -> IntArray:
 
 def two_largest(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n,) each: the largest and the second largest of (m, n) values; NaN is passed over."""
-    largest, second = values[0].copy(), np.full(values.shape[1], -np.inf)
-    for row in values[1:]:
-        second = np.fmax(second, np.fmin(largest, row))
+    largest, second = np.full(values.shape[1], -np.inf), np.full(values.shape[1], -np.inf)
+    for row in values:
+        # NaN is no smaller one
+        second = np.fmax(second, np.minimum(largest, row))
         largest = np.fmax(largest, row)
     return largest, second
 

@@ -122,6 +122,18 @@ def test_a_step_is_found_where_and_as_large_as_it_is(counts: int, rate_hz: float
         assert abs(int(told[1]) - counts) <= int(told[2]) <= max(25, found.u_mm / COUNT_MM + 1)
 
 
+def test_a_channel_without_counts_hides_no_step_of_another() -> None:
+    """Nor is the step taken for the motion's acceleration."""
+    run = round_trip(rig_of(EIGHT))
+    recorded = run.passes[0].recorded.copy()
+    recorded[:, 5] = np.nan
+    sound = continuity_of(with_recorded(run, recorded))
+    recorded[600:, 1] += 1000.0
+    stepped = continuity_of(with_recorded(run, recorded))
+    assert [(b.cable, b.before_s) for b in stepped.breaks] == [(1, run.passes[0].time_s[599])]
+    assert stepped.acceleration_mm_s2 == sound.acceleration_mm_s2
+
+
 def test_half_a_step_between_two_samples_is_one() -> None:
     run = round_trip(cell())
     recorded = run.passes[0].recorded.copy()
