@@ -32,6 +32,7 @@ _PLAIN = {
     "string_too_short": "must not be empty",
     "string_pattern_mismatch": "may hold no spaces, commas, points, semicolons or control characters",
     "finite_number": "must be a finite number",
+    "path_type": "must be a path",
 }
 """Pydantic's complaints in the words of the file."""
 

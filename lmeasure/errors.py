@@ -24,6 +24,24 @@ class OverwriteError(LMeasureError):
     """What a command would write over is not its own: an input, a recording, another command's output, a person's file. Exit code 2."""
 
 
+class SettingsError(LMeasureError):
+    """An option that makes no sense: missing, unknown, of another kind, out of its range, or beside another. Exit code 2.
+
+    option is its name in the settings, empty where no single one is wrong; text is what is wrong with it, without the name.
+    """
+
+    def __init__(self, option: str, text: str) -> None:
+        super().__init__(f"{option}: {text}" if option else text)
+        self.option, self.text = option, text
+
+
+class CancelledError(LMeasureError):
+    """Whoever watches the work has ended it: raised by a progress callback. No half-written file is left."""
+
+    def __init__(self, text: str = "interrupted; nothing was left half-written") -> None:
+        super().__init__(text)
+
+
 class FileFormatError(LMeasureError, ValueError):
     """A file cannot be read as what it should be: not there, not TOML, a missing column, a cell that is not a number."""
 

@@ -26,8 +26,9 @@ PART = re.compile(r"\..+\.(\d+)\.(part|old)(\..*)?")
 
 
 @contextmanager
-def writing(command: str, outputs: Iterable[Path], inputs: Iterable[Path] = ()) -> Iterator[None]:
-    """Around a command's work: outputs are the files that it may write, inputs those that it reads.
+def writing(command: str, outputs: Iterable[Path], inputs: Iterable[Path] = ()) -> Iterator[list[Path]]:
+    """Around a command's work: outputs are the files that it may write, inputs those that it reads; the value lists, at the end, what the
+    block has written.
 
     OverwriteError, before anything is done, where an output is there and is an input, or was not written by this command, or was changed
     since. What the block has written is entered, also when it ends early: each file by itself is whole.
@@ -36,10 +37,11 @@ def writing(command: str, outputs: Iterable[Path], inputs: Iterable[Path] = ()) 
     for path in candidates:
         _claim(command, path, inputs)
     before = {path: _stamp(path) for path in candidates}
+    done: list[Path] = []
     try:
-        yield
+        yield done
     finally:
-        done = [path for path in candidates if _stamp(path) not in (None, before[path])]
+        done += [path for path in candidates if _stamp(path) not in (None, before[path])]
         with contextlib.suppress(OSError, LMeasureError):  # then the files are somebody's, and the next command says so
             for folder in dict.fromkeys(path.parent for path in done):
                 _enter(command, folder, [path for path in done if path.parent == folder])

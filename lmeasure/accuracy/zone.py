@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,26 @@ def covariance_factor(rig: Rig, calibration: CalibrationRecord | None) -> FloatA
     return covariance_root(covariance, np.sqrt(np.diag(covariance)))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Scan:
+    """What is mapped of a zone, and how it is computed.
+
+    bodies: what the cables must not touch; start (7,): the pose at which the counters are zeroed; spacing_mm: the volume's step along an
+    axis with a single node; refine: the volume within the box is wanted to this relative change (0.002, say), by cutting the cells along
+    the zone's edge (`accuracy.refinement.refined_volume`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
+    """
+
+    limits: Limits = field(default_factory=Limits)
+    full: bool = False
+    bodies: tuple[Body, ...] = ()
+    start: FloatArray | None = None
+    spacing_mm: tuple[float, float, float] | None = None
+    workers: int | None = None
+    scheduler: str | None = None
+    checkpoint: Path | None = None
+    refine: float | None = None
+
+
 def scan_zone(
     rig: Rig,
     calibration: CalibrationRecord | None,
@@ -86,13 +107,33 @@ def scan_zone(
     checkpoint: Path | None = None,
     refine: float | None = None,
 ) -> xr.Dataset:
+    """`map_zone` with its settings one by one; limit_deg and length_limits stand for `limits` where that is not given."""
+    scan = Scan(
+        limits=limits or Limits(limit_deg, length_limits),
+        full=full,
+        bodies=tuple(bodies),
+        start=start,
+        spacing_mm=spacing_mm,
+        workers=workers,
+        scheduler=scheduler,
+        checkpoint=checkpoint,
+        refine=refine,
+    )
+    return map_zone(rig, calibration, (x, y, z), rotations, scan, progress)
+
+
+def map_zone(
+    rig: Rig,
+    calibration: CalibrationRecord | None,
+    nodes: tuple[FloatArray, FloatArray, FloatArray],
+    rotations: Rotation,
+    scan: Scan | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
     """Worst pressure angle and uncertainty over the orientations, at each node of a box, and what lies within the limits.
 
-    x, y, z: nodes of the tool origin [mm, base frame]; rotations: base_from_tool orientations, all tried at each node. In the zone is a
-    node where every orientation keeps the limits: limit_deg and length_limits, or all that `Limits` knows when `limits` is given.
-    bodies are what the cables must not touch. start (7,) is the pose at which the counters are zeroed; spacing_mm the volume's step along
-    an axis with a single node; refine asks for the volume within the box to this relative change (0.002, say), by cutting the cells along
-    the zone's edge (`accuracy.refinement.refined_volume`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
+    nodes: of the tool origin [mm, base frame] along x, y, z; rotations: base_from_tool orientations, all tried at each node. In the zone
+    is a node where every orientation keeps the limits.
 
     u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from
     independent counts of +-1/2 (variance c^2/12), as much again for where within a count each counter was zeroed unless that is exact
@@ -108,20 +149,22 @@ def scan_zone(
     cannot tell a pose, AccuracyError for a box or a limit that makes no sense, GeometryError when a calibration is linked and a
     cable cannot run at the start pose.
     """
-    limits = limits or Limits(limit_deg, length_limits)
-    axes = [np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (x, y, z)]
+    scan = scan or Scan()
+    limits, refine = scan.limits, scan.refine
+    axes = [np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in nodes]
     _check(axes)
     if refine is not None and not 0.0 < refine < 1.0:
         raise AccuracyError(f"refine = {refine:g}: the relative change at which to stop must lie between 0 and 1")
-    spacing = _spacing(axes, spacing_mm)
-    full = full or limits.needs_all
+    spacing = _spacing(axes, scan.spacing_mm)
+    full = scan.full or limits.needs_all
+    start = scan.start
     if start is None:
         start = np.concatenate([[0.5 * (a[0] + a[-1]) for a in axes], rotations.mean().as_quat()])
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    near = bool(bodies) or limits.clearance_mm is not None
-    plan = make_plan(rig, calibration, positions, rotations, start, full=full, near=near, bodies=bodies)
-    way: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
-    figures, flags = run(plan, progress, checkpoint=checkpoint, **way)
+    near = bool(scan.bodies) or limits.clearance_mm is not None
+    plan = make_plan(rig, calibration, positions, rotations, start, full=full, near=near, bodies=scan.bodies)
+    way: dict[str, Any] = {"workers": scan.workers, "scheduler": scan.scheduler}
+    figures, flags = run(plan, progress, checkpoint=scan.checkpoint, **way)
     data = xr.Dataset(
         {
             name: (DIMS, values.reshape([len(a) for a in axes]), about(*ABOUT[name]))
@@ -163,7 +206,7 @@ def make_plan(
     near: bool = False,
     bodies: Sequence[Body] = (),
 ) -> Plan:
-    """The scan of (n, 3) positions [mm] at all rotations; see `scan_zone` for the rest and what is raised."""
+    """The scan of (n, 3) positions [mm] at all rotations; see `map_zone` for the rest and what is raised."""
     rig.require_pose()
     if rotations.single or len(rotations) == 0:
         raise AccuracyError("the orientations must be a list of at least one rotation")

@@ -40,6 +40,7 @@ def record_session(
     paced: bool = True,
     show: Callable[[Progress], None] | None = None,
     each: Callable[[Samples], None] | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Recording:
     """Open what the rig's `[can]` table and the bus's name ask for and record a pass; see `recorder.record`.
 
@@ -69,6 +70,7 @@ def record_session(
             beside=beside,
             show=show,
             each=each,
+            stop=stop,
         )
     finally:
         link.source.close()

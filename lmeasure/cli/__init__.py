@@ -1,4 +1,4 @@
-"""The command line: one file per command; each parses, calls one function, writes.
+"""The command line: it parses and prints; what a command does is its workflow.
 
 Nothing heavy is imported before a command runs, so that `lmeasure --help` answers at once. Exit codes: 0 done; 1 the data cannot give the
 answer, said in one line; 2 wrong usage.
@@ -8,42 +8,44 @@ import errno
 import os
 import sys
 import traceback
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from lmeasure.cli import (
-    calibrate,
-    certify,
-    check,
-    compare,
-    demo,
-    drum,
-    import_,
-    key,
-    motion,
-    outputs,
-    place,
-    plan_poses,
-    program,
-    reconstruct,
-    record,
-    simulate,
-    verify,
-    view,
-    zone,
-)
-from lmeasure.errors import LMeasureError, OverwriteError, shortened
+from lmeasure.errors import CancelledError, LMeasureError, OverwriteError, SettingsError, shortened
+from lmeasure.workflows import COMMANDS
 
 NO_ANSWER, WRONG_USE = 1, 2
 FULL = (errno.ENOSPC, errno.EPIPE, errno.EIO, errno.EDQUOT)
 INTERRUPTED = 130
 """Exit code of typer where Ctrl-C ended a command."""
 
+
+class Commands(TyperGroup):
+    """The commands of the workflows, each made when it is asked for."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """All names, in their order."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command, None for an unknown one."""
+        if cmd_name not in COMMANDS:
+            return None
+        from lmeasure.cli.commands import command
+
+        return command(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Names and first sentences, without a look at what they stand for."""
+        TyperGroup(commands={name: TyperCommand(name, help=text) for name, text in COMMANDS.items()}).format_commands(ctx, formatter)
+
+
 app = typer.Typer(
     name="lmeasure",
+    cls=Commands,
     help="Cables, drums and encoders as a 6-DOF metrology instrument: from raw counts to the certificate of a robot.",
     no_args_is_help=True,
     add_completion=False,
@@ -68,30 +70,6 @@ def _options(
     pass
 
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "calibrate": calibrate.calibrate,
-    "reconstruct": reconstruct.reconstruct,
-    "motion": motion.motion,
-    "zone": zone.zone,
-    "place": place.place,
-    "plan-poses": plan_poses.plan_poses,
-    "certify": certify.certify,
-    "verify": verify.verify,
-    "compare": compare.compare,
-    "key": key.key,
-    "simulate": simulate.simulate,
-    "record": record.record,
-    "check": check.check,
-    "import": import_.import_,
-    "view": view.view,
-    "drum": drum.drum,
-    "program": program.program,
-    "demo": demo.demo,
-}
-for _name, _function in COMMANDS.items():
-    app.command(_name)(_function if _name in outputs.OWN_RULE else outputs.guarded(_name, _function))
-
-
 def main() -> None:
     """Entry point of the `lmeasure` command."""
     # before numpy is loaded: the matrices here are small, and threads of BLAS only wait for each other
@@ -100,9 +78,11 @@ def main() -> None:
         app()
     except SystemExit as end:
         if end.code == INTERRUPTED:  # typer has caught the interrupt, and says nothing
-            print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr)
+            print(f"lmeasure: {CancelledError()}", file=sys.stderr)
         _end(end.code)
-    except OverwriteError as error:
+    except CancelledError as error:
+        _end(INTERRUPTED, str(error))
+    except (OverwriteError, SettingsError) as error:
         _end(WRONG_USE, str(error))
     except LMeasureError as error:
         _end(NO_ANSWER, str(error))

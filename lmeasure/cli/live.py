@@ -19,13 +19,13 @@ REFRESH_S = 0.1
 
 
 @contextmanager
-def live_table(pose: "PoseWatch | str") -> Iterator[Callable[[Progress], None]]:
-    """A table on stderr that the returned function renews, at most ten times a second; the last state stays. pose: where the poses are, or
-    why there are none."""
+def live_table() -> Iterator[Callable[[Progress, "PoseWatch | str"], None]]:
+    """A table on stderr that the returned function renews, at most ten times a second; the last state stays. It is given where the poses
+    are, or why there are none."""
     with Live(console=Console(stderr=True), auto_refresh=False) as live:
         shown = 0.0
 
-        def show(progress: Progress) -> None:
+        def show(progress: Progress, pose: "PoseWatch | str") -> None:
             nonlocal shown
             refresh = time.monotonic() - shown >= REFRESH_S
             if refresh:

@@ -60,7 +60,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     ("options", "code", "told"),
     [
         (("--language", "de"), 2, "not one of en, ru"),
-        (("--rule", "strict"), 2, "neither simple nor guarded"),
+        (("--rule", "strict"), 2, "'strict' is not one of simple, guarded"),
         (("--xsd", "x.xsd"), 2, "goes with --dcc"),
         (("--constraint", "planar"), 2, "goes with --run"),
         (("--repeatability-mm", "0.1"), 2, "goes with --run"),

@@ -5,13 +5,12 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import can
-import click
 import numpy as np
 import pandas as pd
 import pytest
-import typer
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
@@ -19,8 +18,10 @@ from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.feed import frames_from_counts
 from lmeasure.acquisition.frames import messages_from_frames
 from lmeasure.cli import app
+from lmeasure.cli.commands import command
 from lmeasure.rig import write_rig
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
+from lmeasure.workflows import COMMANDS
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 BOX = ("--x", "-200:200:200", "--y", "-200:200:200", "--z", "-200:200:200", "--tilt-rad", "0.1")
@@ -32,18 +33,16 @@ def lmeasure(*arguments: str | Path, **environment: str) -> subprocess.Completed
     return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1", **environment})
 
 
-def commands() -> dict[str, click.Command]:
-    group = typer.main.get_command(app)
-    assert isinstance(group, typer.core.TyperGroup)
-    return dict(group.commands)  # type: ignore[arg-type]
+def commands() -> dict[str, Any]:
+    return {name: command(name) for name in COMMANDS}
 
 
 def test_every_command_and_option_is_explained() -> None:
     found = commands()
     assert {"calibrate", "demo", "reconstruct", "simulate", "view", "zone"} <= set(found)
-    for name, command in found.items():
-        assert command.help, name
-        for parameter in command.params:
+    for name, made in found.items():
+        assert made.help, name
+        for parameter in made.params:
             assert getattr(parameter, "help", None), f"{name} {parameter.name}"
 
 

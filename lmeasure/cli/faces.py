@@ -1,0 +1,123 @@
+"""What a person sees while a command works: a bar that vanishes, stages that stay, a table of a recording, questions."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition.check import Check
+    from lmeasure.workflows import Workflow
+    from lmeasure.workflows.flow import Progress, Result
+    from lmeasure.workflows.settings import Asked
+
+
+def with_bar(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """Under a progress bar."""
+    with bar(workflow.name) as progress:
+        return workflow.run(settings, progress)
+
+
+def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
+    """Under the table of a recording, where it is asked for."""
+    if not settings.live:
+        return workflow.run(settings)
+    from lmeasure.cli.live import live_table
+
+    with live_table() as show:
+        return workflow.run(settings, show=show)
+
+
+def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
+    """With a person who does what is asked, and the table of what came of it."""
+
+    def ask(text: str) -> None:
+        typer.prompt(f"{text}, then press Enter", default="", show_default=False, prompt_suffix=" ")
+
+    result: Result[Check] = workflow.run(settings, lambda fraction, text: typer.echo(text), ask=ask)
+    _print(result.made)
+    return result
+
+
+def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """With a line for each stage."""
+    with stages() as progress:
+        return workflow.run(settings, progress)
+
+
+Face = Callable[["Workflow", Any], "Result[Any]"]
+FACES: dict[str, Face] = {
+    "check": questions,
+    "demo": with_stages,
+    "record": recording,
+    "view": lambda workflow, settings: workflow.run(settings),
+}
+"""Of commands that show something else than a bar."""
+
+
+@contextmanager
+def bar(label: str) -> "Iterator[Progress]":
+    """A progress bar on stderr, named by the label until the work names itself.
+
+    It vanishes when the work is done, and is not there at all where nobody watches: an error stays one line.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        task = shown.add_task(label, total=None)
+        yield lambda fraction, text: shown.update(task, completed=fraction, total=1.0, description=text)
+
+
+@contextmanager
+def stages() -> "Iterator[Progress]":
+    """A line for each stage on stderr, on a terminal with a bar and its time."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        begun: set[str] = {"load"}
+
+        def say(fraction: float, stage: str) -> None:
+            if stage not in begun:
+                begun.add(stage)
+                typer.echo(stage, err=True)
+
+        yield say
+        return
+    with Progress(TextColumn("{task.description:34}"), BarColumn(), TimeElapsedColumn(), console=console) as shown:
+        tasks: dict[str, TaskID] = {"load": shown.add_task("load", total=None)}
+        current = tasks["load"]
+
+        def step(fraction: float, stage: str) -> None:
+            nonlocal current
+            if stage not in tasks:
+                shown.update(current, completed=1, total=1)
+                tasks[stage] = current = shown.add_task(stage, total=None)
+            shown.update(current, completed=fraction or None, total=1.0 if fraction else None)
+
+        yield step
+        shown.update(current, completed=1, total=1)
+
+
+def _print(result: "Check") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("cable", "channel", "moved", "direction", "stroke mm", "slack mm", "counts/turn", "verdict", box=None)
+    for c in result.cables:
+        numbers = [
+            "-" if c.direction is None else f"{c.direction:+d}",
+            *("-" if value is None else form.format(value) for value, form in ((c.stroke_mm, "{:.1f}"), (c.slack_mm, "{:+.3f}"))),
+            "-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} of {c.expected_per_turn:g}",
+        ]
+        table.add_row(c.cable, c.channel, c.moved or "-", *numbers, "; ".join(c.faults) or "ok")
+    console = Console()
+    console.print(table)
+    console.print(f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts")
+    for fault in result.faults:
+        console.print(f"fault: {fault}", style="red")

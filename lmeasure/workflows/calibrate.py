@@ -1,0 +1,113 @@
+"""From reference poses and counts to calibrated observation points."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from lmeasure.errors import CalibrationError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import RERUN, Asked, Names, Paths, Recording, option
+
+if TYPE_CHECKING:
+    from lmeasure.calibration import Calibration
+    from lmeasure.calibration_record import CalibrationRecord
+
+
+class Settings(Asked):
+    """What `lmeasure calibrate` is asked; options of the fit are those of `lmeasure.CalibrationSettings`."""
+
+    folder: Annotated[
+        Path, option("Calibration folder: rig.toml (nominal), reference_poses.csv, counts.csv.", metavar="FOLDER", positional=True)
+    ]
+    out: Annotated[Path, option("Folder for rig.toml, calibration.json and report.html.")]
+    solve: Annotated[Names, option("What to solve for: position, guide, radius, scale, tangent, axial, pitch, attachment.")] = (
+        "position",
+        "guide",
+    )
+    neighbourhood_mm: Annotated[float, option("Half width of the search around the nominal and coarse positions.", ge=1e-3, le=1e5)] = 100.0
+    neighbourhood_deg: Annotated[float, option("Half width of the search around the nominal guide angles.", ge=1e-3, le=180)] = 15.0
+    prior: Annotated[bool, option("Use the nominal rig's priors in every direction, not only where data are silent.")] = False
+    robust: Annotated[bool, option("Robust loss (Tukey's biweight) against reference poses that the others contradict.")] = False
+    hold_out: Annotated[Names, option("Reference poses to keep out of the fit; they judge it.", metavar="POSE,POSE,...")] = ()
+    seed: Annotated[int, option("Seed of the LP-search.", ge=0)] = 0
+    self_calibration: Annotated[
+        bool, option("Estimate the poses too and trust none: seven cables or more to a body, four to one point.", flag="--self")
+    ] = False
+    frame: Annotated[Literal["rig", "poses"], option("What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig"
+    u_position_mm: Annotated[
+        float | None, option("Standard uncertainty of each coordinate of the reference poses, instead of their file's.", ge=0)
+    ] = None
+    u_rotation_deg: Annotated[
+        float | None, option("Standard uncertainty of their orientations about each axis, instead of their file's.", ge=0)
+    ] = None
+    compare: Annotated[
+        Path | None, option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD")
+    ] = None
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        """rig.toml, calibration.json, report.html, poses.csv from a calibration folder."""
+        made = inside(self.out, "rig.toml", "calibration.json", "report.html", "poses.csv")
+        return Paths((*made, *present(self.rerun)), inside(self.folder, "rig.toml", "reference_poses.csv", "counts.csv"))
+
+
+@workflow("calibrate")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]":
+    """Calibrate, and write rig, record and page. CalibrationError where the rig must not be used, which is then not written."""
+    from lmeasure import calibration as stage
+    from lmeasure.calibration import compare as comparing
+    from lmeasure.calibration_record import write_calibration_record
+    from lmeasure.poses import write_poses
+    from lmeasure.report.calibration import write_calibration_page
+    from lmeasure.rig import write_rig
+
+    out = settings.out
+    campaign = stage.read_campaign(settings.folder)
+    u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    campaign = replace(campaign, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
+    # read before anything is written: OLD may be the very folder of --out
+    earlier = None if settings.compare is None else comparing.read_earlier(settings.compare)
+    fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
+    chosen = stage.Settings(**{name: getattr(settings, name) for name in fit})
+    result = stage.calibrate(campaign, chosen, steps(progress, "calibrating"))
+    comparison = None if earlier is None else comparing.compare(earlier, result, settings.seed)
+    write_calibration_page(out / "report.html", result, comparison)
+    write_calibration_record(out / "calibration.json", result.record)
+    if result.refused is not None:
+        # an earlier one would seem to belong to this record
+        (out / "rig.toml").unlink(missing_ok=True)
+        raise CalibrationError(f"{settings.folder}: {result.refused}; no rig.toml is written, read {out / 'report.html'}")
+    write_rig(out / "rig.toml", result.rig)
+    if result.record.poses:
+        write_poses(out / "poses.csv", result.campaign.poses)
+    if settings.rerun is not None:
+        from lmeasure.view.stages import write_recording
+
+        write_recording(settings.rerun, result.rig, nominal=campaign.rig, reference=result.campaign.poses, record=result.record)
+    compared = () if comparison is None else tuple(comparing.summary(comparison).splitlines())
+    poses = f", {out / 'poses.csv'}" if result.record.poses else ""
+    written = f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}{poses}"
+    return Result(
+        result,
+        (*_lines(result.record), *compared, written),
+        {p.name: p.value for p in result.record.parameters} | {"residual_rms_mm": result.record.noise["residual_rms_mm"]},
+        tuple(f"{w.code}: {w.text}" for w in result.record.warnings),
+    )
+
+
+def _lines(record: "CalibrationRecord") -> list[str]:
+    """What a person is told of a record."""
+    lines = [f"{p.name:28s} {p.value:14.4f}  u {p.u:.3g}" for p in record.parameters]
+    lines.append(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
+    lines.append(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
+    for e in record.predicted["lengths"]:
+        lines.append(f"predicted over the workspace: cable {e['cable']} u {e['rms_mm']:.4f} mm rms, {e['worst_mm']:.4f} at worst")
+    if "against_nominal" in record.validation:
+        told = record.validation["against_nominal"]
+        lines.append(f"lengths at poses left out: {told['rms_mm']:.4f} mm rms; by the nominal rig {told['nominal_mm']:.4f}")
+    if "held_out" in record.validation:
+        told = record.validation["held_out"]
+        text = f"{told['rms_mm']:.4f} mm rms, {told['expected_mm']:.4f} expected, {100 * told['within_95']:.0f}% within 95 %"
+        lines.append(f"lengths at the poses held out: {text}")
+    return [*lines, *(f"warning {w.code}: {w.text}" for w in record.warnings)]

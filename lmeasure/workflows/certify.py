@@ -1,0 +1,69 @@
+"""From a measurement to a certificate a third party can recompute."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import Asked, Paths, Point, option
+
+CHOICES = "What is certified"
+
+
+class Settings(Asked):
+    """What `lmeasure certify` is asked; what is certified is chosen as in `lmeasure.CertificationSettings`."""
+
+    trajectory: Annotated[Path, option("Trajectory as `reconstruct` writes it.", metavar="TRAJECTORY", positional=True)]
+    program: Annotated[Path, option("Commanded poses and paths with their windows.", metavar="program.toml")]
+    out: Annotated[Path, option("Folder to write: a new one, or that of an earlier certificate.", metavar="DIR")]
+    run: Annotated[Path | None, option("Run folder of the trajectory: its counts are certified and copied too.")] = None
+    rig: Annotated[Path | None, option("Rig the trajectory was reconstructed with, if not the run's own.")] = None
+    constraint: Annotated[str | None, option("The constraint it was reconstructed with.")] = None
+    repeatability_mm: Annotated[float, option("Of the robot between passes, as at `reconstruct`.", ge=0.0)] = 0.0
+    details: Annotated[Path | None, option("Laboratory, customer, item, dates, traceability ...", metavar="details.toml")] = None
+    language: Annotated[Literal["en", "ru"], option("en or ru.")] = "en"
+    key: Annotated[Path | None, option("Sign with this private key (`lmeasure key`).", metavar="FILE")] = None
+    dcc: Annotated[bool, option("Also write certificate.xml, a DCC 3.3.0.")] = False
+    xsd: Annotated[Path | None, option("Hold the DCC against this schema.", metavar="FILE.xsd")] = None
+    zipped: Annotated[bool, option("Also pack the folder into DIR.zip, its digest beside it.", flag="--zip")] = False
+    align: Annotated[bool, option("Fit the program's frame to the attained poses.", panel=CHOICES)] = False
+    tool_offset_mm: Annotated[Point, option("Point of the tool to certify.", metavar="X,Y,Z", panel=CHOICES)] = (0.0, 0.0, 0.0)
+    angles: Annotated[str | None, option("Convention of component-wise angles; default the program's.", panel=CHOICES)] = None
+    capability: Annotated[float, option("Largest U95 as a part of a figure.", ge=0.0, le=1.0, panel=CHOICES)] = 0.25
+    limit_deg: Annotated[float, option("Pressure angle beyond which no verdict is given.", ge=0.0, le=90.0, panel=CHOICES)] = 60.0
+    limit_u95_mm: Annotated[float | None, option("The same for the 95 % radius of a pose.", ge=0.0, panel=CHOICES)] = None
+    rule: Annotated[Literal["simple", "guarded"], option("simple or guarded: decision on tolerances.", panel=CHOICES)] = "simple"
+    still_mm: Annotated[float, option("Largest motion within a window of a pose.", ge=0.0, panel=CHOICES)] = 0.2
+    trials: Annotated[int, option("Trials of Monte Carlo.", ge=100, panel=CHOICES)] = 4000
+    seed: Annotated[int, option("Its seed.", ge=0, panel=CHOICES)] = 0
+
+    def paths(self) -> Paths:
+        """A zip beside the folder, which is replaced by its own rule: that of its manifest."""
+        folder = self.out.resolve()
+        packed = inside(folder.parent, f"{folder.name}.zip", f"{folder.name}.zip.sha256") if self.zipped else ()
+        return Paths(packed, (self.trajectory, self.program, *present(self.details, self.key, self.xsd)), (self.out.parent,))
+
+
+@workflow("certify")
+def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
+    """Evaluate the measurement and write the sealed folder; what was made is the certificate."""
+    from lmeasure import certification as stage
+    from lmeasure.certification.measure import Inputs
+    from lmeasure.conventions import CONVENTIONS
+    from lmeasure.report.certificate import Choices, lines, write_certificate
+
+    if settings.xsd is not None and not settings.dcc:
+        raise SettingsError("xsd", "goes with --dcc")
+    of_run = {"rig": settings.rig is not None, "constraint": settings.constraint is not None}
+    of_run["repeatability_mm"] = settings.repeatability_mm != 0.0
+    if settings.run is None and any(of_run.values()):
+        raise SettingsError(next(name for name, given in of_run.items() if given), "goes with --run")
+    if settings.angles is not None and settings.angles not in CONVENTIONS:
+        raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
+    same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "rule", "still_mm", "trials", "seed")
+    chosen = stage.Settings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
+    measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm")
+    inputs = Inputs(**{name: getattr(settings, name) for name in measured})
+    choices = Choices(settings.language, settings.key, settings.dcc, settings.xsd, settings.zipped)
+    content = write_certificate(settings.out, inputs, chosen, choices, steps(progress, "certify"))
+    return Result(content, tuple(lines(content)), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))

@@ -1,0 +1,57 @@
+"""The whole chain on a simulated cell."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.settings import Asked, option
+
+if TYPE_CHECKING:
+    from lmeasure.chains import Demo
+    from lmeasure.chains.robot_demo import RobotDemo
+
+
+class Settings(Asked):
+    """What `lmeasure demo` is asked. Its folder is known by its own mark."""
+
+    out: Annotated[Path | None, option("Folder for all files; an earlier demo's is written over. [lmeasure-demo]", metavar="DIR")] = None
+    seed: Annotated[int, option("Which cell, reference poses and motion, or robot, are drawn.", ge=0)] = 0
+    robot: Annotated[bool, option("Let a simulated robot run the test cube of ISO 9283 and certify it. [lmeasure-robot-demo]")] = False
+
+
+@workflow("demo")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | RobotDemo]":
+    """The demo of the cell, or that of the robot."""
+
+    def step(stage: str, done: int, of: int) -> None:
+        progress(done / of if of else 0.0, stage)
+
+    progress(0.0, "load")
+    if settings.robot:
+        from lmeasure.chains.robot_demo import robot_demo
+
+        tested = robot_demo(settings.out or Path("lmeasure-robot-demo"), step, settings.seed)
+        head = ("characteristic", "value", "U95", "truth", "unit", "")
+        rows = [
+            (f"{h.name} {h.where}", *(f"{v:.4g}" for v in (h.value, h.u95, h.true_value)), h.unit, "inside" if h.inside else "OUTSIDE")
+            for h in tested.shown()
+        ]
+        return Result(tested, _told([head, *rows], tested.remarks, tested.look), warnings=tested.remarks, files=tested.look)
+    from lmeasure.chains import demo
+
+    shown = demo(settings.out or Path("lmeasure-demo"), step, settings.seed)
+    lines = [("", "error against the truth", "stated without knowing it"), *((x.what, x.error, x.stated) for x in shown.lines)]
+    return Result(shown, _told(lines, shown.remarks, shown.look), warnings=shown.remarks, files=shown.look)
+
+
+def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...]) -> tuple[str, ...]:
+    """The table, what to know besides, and where to look."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    table = []
+    for first, *others in rows:
+        cells = [f"{cell:>{width}}" for cell, width in zip(others[:-1], widths[1:-1], strict=True)]
+        table.append("   ".join([f"{first:{widths[0]}}", *cells, others[-1]]).rstrip())
+    files = [f"All files are in {look[0].parent}. Look at", *(f"  {path}" for path in look)]
+    opened = f"Open the recording with: lmeasure view {look[0]}   (or: python3 run.py view {look[0]})"
+    return ("", *table, "", *(f"note: {remark}" for remark in remarks), *files, opened)

@@ -1,0 +1,103 @@
+"""What every workflow has in common: progress and its end, what it gives, and the rule for what it may write."""
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Concatenate, Generic, ParamSpec, TypeVar, cast
+
+from lmeasure.errors import CancelledError
+from lmeasure.written import left_over, writing
+
+if TYPE_CHECKING:
+    from lmeasure.workflows.settings import Asked
+
+Made = TypeVar("Made")
+Given = TypeVar("Given", bound="Asked")
+More = ParamSpec("More")
+
+
+Progress = Callable[[float, str], None]
+"""Is told how much is done, 0 to 1, and of what. Whoever wants the work to end raises CancelledError from it."""
+
+
+def silent(fraction: float, text: str) -> None:
+    """Nobody watches."""
+
+
+def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
+    """The callback `(done, of)` that stages take."""
+
+    def step(done: int, of: int) -> None:
+        progress(done / of if of else 0.0, text)
+
+    return step
+
+
+class Cancellable:
+    """Progress that ends the work at its next step once another thread, a page or a handler of a signal, has called `cancel`."""
+
+    def __init__(self, progress: Progress = silent) -> None:
+        self.progress, self._asked = progress, threading.Event()
+
+    def cancel(self) -> None:
+        """End the work at its next step."""
+        self._asked.set()
+
+    def __call__(self, fraction: float, text: str) -> None:
+        if self._asked.is_set():
+            raise CancelledError
+        self.progress(fraction, text)
+
+
+@dataclass(frozen=True)
+class Result(Generic[Made]):
+    """What a workflow gives: what was made, what a person is told of it, line by line, with figures by name and warnings for those who do
+    not read lines, and the files written; left_over are unfinished files of earlier work that was broken off. failure: why what was made is
+    not what was asked for, though it is kept; exit_code: as a command's."""
+
+    made: Made
+    summary: tuple[str, ...]
+    figures: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    files: tuple[Path, ...] = ()
+    left_over: tuple[Path, ...] = ()
+    failure: str = ""
+    exit_code: int = 0
+
+
+def workflow(
+    command: str,
+) -> Callable[[Callable[Concatenate[Given, More], Result[Made]]], Callable[Concatenate[Given, More], Result[Made]]]:
+    """Hold the work of a command to the rule of `lmeasure.written`, and list what it has written."""
+
+    def held(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable[Concatenate[Given, More], Result[Made]]:
+        @wraps(work)
+        def run(settings: Given, *args: More.args, **more: More.kwargs) -> Result[Made]:
+            outputs, inputs, folders = settings.paths()
+            with writing(command, outputs, inputs) as written:
+                result = work(settings, *args, **more)
+            left = left_over([*(path.parent for path in outputs), *folders])
+            return replace(result, files=(*written, *result.files), left_over=tuple(left))
+
+        return cast(Callable[Concatenate[Given, More], Result[Made]], run)
+
+    return held
+
+
+def present(*found: Path | None) -> tuple[Path, ...]:
+    """Those that are given."""
+    return tuple(path for path in found if path is not None)
+
+
+def inside(folder: Path, *names: str) -> tuple[Path, ...]:
+    """Files of a folder."""
+    return tuple(folder / name for name in names)
+
+
+def in_run_folder(folder: Path, *more: str) -> tuple[Path, ...]:
+    """What a run folder holds, as far as it is there: which passes a command will write it does not know yet."""
+    there = [path for pattern in ("pass*.csv", "pass*.parquet", "pass*.log") for path in sorted(folder.glob(pattern))]
+    first = inside(folder, "pass1.csv", "pass1.parquet", "pass1.events.csv")
+    return (*inside(folder, "run.toml", "rig.toml", "calibration.json", *more), *first, *there)

@@ -1,0 +1,46 @@
+"""Where to put the points."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+
+if TYPE_CHECKING:
+    from lmeasure.accuracy.placement import Placed
+
+
+class Settings(Asked):
+    """What `lmeasure place` is asked."""
+
+    rig: Annotated[Path, option("The rig as it is, or a first sketch of it.", metavar="RIG.toml", positional=True)]
+    task: Annotated[Path, option("Task, mounting boxes, keep-outs, tolerance.", metavar="PLACEMENT.toml")]
+    out: Annotated[Path, option("Folder for rig.toml and placement.json.", metavar="DIR")]
+    seed: Annotated[int, option("Seed of the search.", ge=0)] = 0
+    generations: Annotated[int, option("Most generations of the global search.", ge=1)] = 2000
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        """A placement from a rig and a task."""
+        return Paths((*inside(self.out, "placement.json", "rig.toml"), *present(self.rerun)), (self.rig, self.task))
+
+
+@workflow("place")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Placed]":
+    """Search, and write the rig and the record of it."""
+    from lmeasure import files
+    from lmeasure.accuracy.placement import place, placement_record, read_placement
+    from lmeasure.rig import read_rig, write_rig
+
+    wanted = read_placement(settings.task)
+    sketch = read_rig(settings.rig)
+    placed = place(sketch, wanted, settings.seed, steps(progress, "place"), generations=settings.generations)
+    record = placement_record(placed, settings.seed)
+    files.write_text(settings.out / "placement.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
+    write_rig(settings.out / "rig.toml", placed.rig)
+    if settings.rerun is not None:
+        from lmeasure.view.stages import write_recording
+
+        write_recording(settings.rerun, placed.rig, nominal=sketch)
+    return Result(placed, tuple(placed.summary().splitlines()))

@@ -1,0 +1,137 @@
+"""The tests of ISO 9283 in a robot's work space, as a program."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
+from lmeasure.workflows.settings import Asked, Names, Numbers, Pair, Paths, Quaternion, option
+
+if TYPE_CHECKING:
+    from lmeasure.certification.cube import Cube
+    from lmeasure.program import Program
+
+EDGES = "start:stop of the box that the robot's program uses most, mm"
+
+
+class Settings(Asked):
+    """What `lmeasure program` is asked."""
+
+    out: Annotated[Path, option("Folder for program.toml, commands.csv and robodk.csv.", metavar="DIR")]
+    zone: Annotated[Path | None, option("Take the largest cube in this accuracy zone instead of a box.", metavar="FILE.nc")] = None
+    x: Annotated[Pair | None, option(EDGES, unit="mm")] = None
+    y: Annotated[Pair | None, option(EDGES, unit="mm")] = None
+    z: Annotated[Pair | None, option(EDGES, unit="mm")] = None
+    plane: Annotated[str, option("Diagonal plane of the cube that holds P1 to P5 and the paths.")] = "C1-C2-C7-C8"
+    quaternion: Annotated[Quaternion, option("Orientation of the tool, base_from_tool.", metavar="x,y,z,w")] = (0.0, 0.0, 0.0, 1.0)
+    tests: Annotated[
+        Names,
+        option("Which: pose, approach, stabilisation, drift, path, reorientation, posing, compliance, weaving; or all."),
+    ] = ("pose", "approach", "stabilisation", "path", "reorientation")
+    speed: Annotated[float, option("Rated speed between poses, mm/s.", unit="mm/s")] = 1000.0
+    path_speed: Annotated[float, option("Rated speed on paths, mm/s.", unit="mm/s")] = 500.0
+    speeds: Annotated[Numbers, option("Of the rated speeds, percent; the first is that of all other tests.", unit="%")] = (
+        100.0,
+        50.0,
+        10.0,
+    )
+    loads: Annotated[Numbers, option("Loads of pose and path tests, kg; the first is that of all other tests.", unit="kg")] = (0.0,)
+    cycles: Annotated[str | None, option("Other numbers of cycles than the standard's (pose=30, path=10, ...).", metavar="TEST=N,...")] = (
+        None
+    )
+    dwell: Annotated[float, option("Rest at a pose that is measured, s.", unit="s")] = 1.5
+    angles: Annotated[str | None, option("Convention in which angles are certified one by one; the rig's by default.")] = None
+    limit_band: Annotated[
+        float, option("Within which of a pose the robot has arrived, for stabilisation and posing time, mm.", unit="mm")
+    ] = 0.1
+    ran: Annotated[
+        Path | None,
+        option("Only fill in when the robot ran the program.toml and commands.csv that --out holds.", metavar="TRAJECTORY"),
+    ] = None
+    loaded: Annotated[
+        Path | None,
+        option("With --ran: start_s, end_s of each force of the compliance test, in order.", metavar="FILE.csv"),
+    ] = None
+    drift_hours: Annotated[float, option("How long the drift test lasts.", unit="h")] = 8.0
+
+    def paths(self) -> Paths:
+        """A program, perhaps from a zone; the one filled in is what a person may have changed since: tolerances, names."""
+        if self.ran is not None:
+            return Paths(folders=(self.out,))
+        return Paths(inside(self.out, "program.toml", "commands.csv", "robodk.csv"), present(self.zone))
+
+
+@workflow("program")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
+    """Write the program and its commands; or fill in when it ran."""
+    from lmeasure.certification.campaign import TESTS, Tests, campaign, duration_s
+    from lmeasure.certification.command_files import write_campaign
+
+    if settings.ran is not None:
+        return _filled_in(settings, settings.ran)
+    if settings.loaded is not None:
+        raise SettingsError("loaded", "goes with --ran")
+    cube = _cube(settings)
+    chosen = Tests(
+        tests=TESTS if settings.tests == ("all",) else settings.tests,
+        quaternion=settings.quaternion,
+        speed_mm_s=settings.speed,
+        path_speed_mm_s=settings.path_speed,
+        speeds_percent=settings.speeds,
+        loads_kg=settings.loads,
+        dwell_s=settings.dwell,
+        cycles=_cycles(settings.cycles),
+        drift_s=3600.0 * settings.drift_hours,
+        limit_band_mm=settings.limit_band,
+        angles=settings.angles,
+    )
+    plan = campaign(cube, chosen)
+    write_campaign(settings.out, plan)
+    minutes = duration_s(plan) / 60.0
+    return Result(
+        plan.program,
+        (
+            f"cube of {cube.edge_mm:g} mm about ({', '.join(f'{v:g}' for v in cube.centre)}) mm, plane {cube.plane}",
+            f"{len(plan.program.pose)} poses, {len(plan.program.path)} paths, {len(plan.commands)} commands: {minutes:.0f} min",
+            f"program.toml, commands.csv and robodk.csv are in {settings.out}",
+        ),
+        {"edge_mm": float(cube.edge_mm), "minutes": minutes},
+    )
+
+
+def _cube(settings: Settings) -> "Cube":
+    from lmeasure.certification.cube import cube_in_zone, largest_cube
+
+    edges = [edge for edge in (settings.x, settings.y, settings.z) if edge is not None]
+    if settings.zone is not None and not edges:
+        return cube_in_zone(settings.zone, settings.plane)
+    if settings.zone is not None or len(edges) != 3:
+        raise SettingsError("x, y, z", "give the box by --x, --y and --z, or --zone")
+    return largest_cube([e[0] for e in edges], [e[1] for e in edges], settings.plane)
+
+
+def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
+    from lmeasure.certification.ran import windows_from_rests
+    from lmeasure.program import read_program, write_program
+    from lmeasure.trajectory import read_trajectory
+
+    if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
+        raise SettingsError("ran", "fills in the program that --out holds; it makes no other")
+    written = settings.out / "program.toml"
+    told = settings.out / "commands.csv"
+    program = windows_from_rests(read_program(written), told, read_trajectory(ran), loaded=settings.loaded)
+    write_program(written, program)
+    windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path]
+    windows += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
+    count = sum(map(len, windows))
+    return Result(program, (f"{count} windows filled in: {written}",), files=(written,))
+
+
+def _cycles(text: str | None) -> dict[str, int]:
+    out = {}
+    for part in text.split(",") if text else []:
+        name, _, number = part.partition("=")
+        if not number.strip().isdigit():
+            raise SettingsError("cycles", f"{part!r}: must be TEST=N, such as pose=30")
+        out[name.strip()] = int(number)
+    return out

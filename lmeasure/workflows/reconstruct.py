@@ -1,0 +1,79 @@
+"""From a run folder to a trajectory."""
+
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
+from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+
+if TYPE_CHECKING:
+    from lmeasure.run import RunHead
+    from lmeasure.trajectory import Summary, Trajectory
+    from lmeasure.trajectory.stream import Each
+
+
+class Settings(Asked):
+    """What `lmeasure reconstruct` is asked."""
+
+    run: Annotated[Path, option("Run folder: run.toml, rig.toml and the counts of each pass.", metavar="RUN", positional=True)]
+    out: Annotated[Path, option("Trajectory to write: .parquet, .csv, .tum for the poses alone, .mcap for ROS 2.")]
+    rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own.")] = None
+    start: Annotated[
+        str | None,
+        option("Start pose, or a file with it as table start, instead of the run's.", metavar="X,Y,Z,QX,QY,QZ,QW|FILE"),
+    ] = None
+    constraint: Annotated[str | None, option("What holds the tool where cables are too few: planar or vertical-axis.")] = None
+    repeatability_mm: Annotated[float, option("Standard deviation per axis of the robot between repeated passes.", ge=0.0)] = 0.0
+    uncertainty: Annotated[
+        Literal["linear", "monte-carlo"],
+        option("linear, or monte-carlo: the run again and again with its inputs drawn (JCGM 101)."),
+    ] = "linear"
+    trials: Annotated[int, option("Trials of monte-carlo.", ge=2)] = 400
+    seed: Annotated[int, option("Seed of monte-carlo.")] = 0
+    angles: Annotated[bool, option("Add the angles of the rig's convention.")] = False
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        """A trajectory from a run folder."""
+        return Paths(
+            (self.out, *present(self.rerun)),
+            (*in_run_folder(self.run), *present(self.rig, None if self.start is None else Path(self.start))),
+        )
+
+
+@workflow("reconstruct")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory | Summary]":
+    """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
+    from lmeasure.run import read_run, read_run_head
+    from lmeasure.start import stated_start
+    from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory
+
+    stated = None if settings.start is None else stated_start(settings.start)
+    head = read_run_head(settings.run, settings.rig, stated)
+    named = head.rig.angles if settings.angles else None
+    linear = settings.uncertainty == "linear"
+    if can_stream(head) and linear:
+        with _each_piece(settings.rerun, head) as each:
+            summary = reconstruct_stream(head, settings.out, settings.constraint, named, steps(progress, "reconstruct"), each)
+        return Result(summary, tuple(summary.text().splitlines()))
+    progress(0.0, "reconstruct")
+    recorded = read_run(settings.run, settings.rig, stated)
+    drawn = (0, 0, None) if linear else (settings.trials, settings.seed, steps(progress, "monte-carlo"))
+    trajectory = reconstruct(recorded, settings.constraint, settings.repeatability_mm, *drawn)
+    progress(1.0, "reconstruct")
+    write_trajectory(settings.out, trajectory, named)
+    if settings.rerun is not None:
+        from lmeasure.view.stages import write_recording
+
+        write_recording(settings.rerun, recorded.rig, run=recorded, trajectory=trajectory)
+    return Result(trajectory, tuple(trajectory.summary().splitlines()))
+
+
+def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["Each | None"]:
+    """What takes the pieces of a run into the recording that is asked for, if one is."""
+    if rerun is None:
+        return nullcontext()
+    from lmeasure.view.stages import streamed_recording
+
+    return streamed_recording(rerun, head)

@@ -1,0 +1,116 @@
+"""From a CAN bus to a run folder."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import CancelledError, GeometryError, RigError, TrajectoryError
+from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
+from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition.recorder import Progress as State
+    from lmeasure.acquisition.recorder import Recording as Recorded
+    from lmeasure.acquisition.samples import Samples
+    from lmeasure.trajectory.live import PoseWatch
+
+    Show = Callable[[State, PoseWatch | str], None]
+    """Takes the state of a recording, and where its poses are, or why there are none."""
+
+
+class Settings(Asked):
+    """What `lmeasure record` is asked."""
+
+    rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
+    bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
+    out: Annotated[Path, option("Run folder to write.", metavar="RUN")]
+    seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
+    start: Annotated[str | None, option("Pose at which the counters were zeroed, mm and quaternion.", metavar="X,Y,Z,QX,QY,QZ,QW")] = None
+    passage: Annotated[int, option("Which repetition of the motion; later ones join the same run folder.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
+    live: Annotated[bool, option("Show counts, speeds, the pose, faults and latency while recording; --rerun grows then too.")] = False
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        """The recording to look at; that of the bus is never written over, not even by this command."""
+        return Paths(present(self.rerun), (self.rig,))
+
+
+@workflow("record")
+def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[Recorded]":
+    """Record a pass. show is told of it all the while, where `live` is asked for. A recording that ends early is kept, and a failure."""
+    from lmeasure.acquisition.session import record_session
+
+    pose = _pose(settings) if settings.live else ""
+    asked_to_end = False
+    with _growing(settings) as growing:
+        takers = [taker for taker in (None if isinstance(pose, str) else pose, growing) if taker is not None]
+
+        def each(samples: "Samples") -> None:
+            for taker in takers:
+                taker(samples)
+
+        def told(state: "State") -> None:
+            nonlocal asked_to_end
+            if settings.live and show is not None:
+                show(state, pose)
+            try:
+                progress(min(1.0, state.seconds / settings.seconds) if settings.seconds else 0.0, f"{state.samples} samples")
+            except CancelledError:  # as Ctrl-C: what was recorded is kept, and whole
+                asked_to_end = True
+
+        recording = record_session(
+            settings.rig,
+            settings.bus,
+            settings.out,
+            seconds=settings.seconds,
+            start=settings.start,
+            passage=settings.passage,
+            options=settings.bus_option,
+            paced=not settings.fast,
+            show=None if show is None and progress is silent else told,
+            each=each,
+            stop=lambda: asked_to_end,
+        )
+    ended = recording.ended
+    if ended == "complete" and settings.rerun is not None:
+        from lmeasure.rig import read_rig
+        from lmeasure.view.stages import write_counts_recording
+
+        passes = [recording.folder / f"pass{i}.csv" for i in range(1, settings.passage + 1)]
+        write_counts_recording(settings.rerun, read_rig(settings.rig), passes)
+    missing = "note: no --start pose: where the tool started is unknown; "
+    missing += f"state [start] in {settings.out / 'run.toml'} before poses are wanted"
+    notes = (missing,) if settings.start is None and settings.passage == 1 else ()
+    early = "" if ended == "complete" else f"{settings.out}: ended early, what came before is kept: {ended}"
+    return Result(recording, (*recording.summary().splitlines(), *notes), warnings=notes, failure=early)
+
+
+def _pose(settings: Settings) -> "PoseWatch | str":
+    """What follows the poses, compiled before the bus is opened, or why there are none."""
+    from lmeasure.acquisition.session import pose_from_text
+    from lmeasure.rig import read_rig
+    from lmeasure.trajectory.live import LivePose, PoseWatch
+
+    if settings.start is None:
+        return "no pose: where the tool starts is unknown without --start"
+    measured = read_rig(settings.rig)
+    try:
+        live = LivePose(measured, pose_from_text(settings.start))
+    except (RigError, GeometryError, TrajectoryError) as error:
+        return f"no pose: {error}"
+    if live.channels != tuple(measured.drums_of(settings.passage)):
+        return "no pose: the channels are not those of the cables"
+    return PoseWatch(live)
+
+
+def _growing(settings: Settings) -> "AbstractContextManager[Callable[[Samples], None] | None]":
+    """What takes the samples into the recording to look at, while it is live."""
+    if settings.rerun is None or not settings.live:
+        return nullcontext(None)
+    from lmeasure.rig import read_rig
+    from lmeasure.view.live import growing_counts
+
+    return growing_counts(settings.rerun, tuple(read_rig(settings.rig).drums_of(settings.passage)), settings.passage)

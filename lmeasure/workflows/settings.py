@@ -1,0 +1,178 @@
+"""What a command is asked: frozen models that say unit, range and help of every option once, for command lines, forms and scripts."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
+from pydantic_core import core_schema
+
+from lmeasure.checked import complaint
+from lmeasure.errors import SettingsError
+
+BOX = "X0:X1,Y0:Y1,Z0:Z1"
+_COUNTS = {2: "two", 3: "three", 4: "four"}
+_UNITS = {"mm": "mm", "mm_s": "mm/s", "deg": "deg", "rad": "rad", "s": "s", "n": "N", "percent": "%"}
+
+
+class Paths(NamedTuple):
+    """Files that a command may write, files that it reads, and folders where it writes by a rule of its own."""
+
+    outputs: tuple[Path, ...] = ()
+    inputs: tuple[Path, ...] = ()
+    folders: tuple[Path, ...] = ()
+
+
+class Asked(BaseModel):
+    """What a command is asked. SettingsError, in one line, for an option that is missing, unknown, or out of its range."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def paths(self) -> Paths:
+        """What the command may write and what it reads (`lmeasure.written`); nothing where it knows its own files by themselves."""
+        return Paths()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_one_line(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        try:
+            return handler(data)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            name = str(first["loc"][0]) if first["loc"] else ""
+            if first["type"] == "literal_error":
+                text = f"{first['input']!r} is not one of {', '.join(_choices(cls.model_fields[name]))}"
+            elif first["type"] == "value_error":
+                text = str(first["ctx"]["error"])
+            else:
+                text = complaint(error, data, cls, {}).removeprefix(f"{name}: ")
+            raise SettingsError(name, text) from None
+
+
+def _choices(field: FieldInfo) -> list[str]:
+    return [str(choice) for part in (field.annotation, *get_args(field.annotation)) for choice in get_args(part) if isinstance(choice, str)]
+
+
+def option(
+    text: str,
+    *,
+    flag: str | None = None,
+    metavar: str | None = None,
+    panel: str | None = None,
+    unit: str | None = None,
+    ge: float | None = None,
+    le: float | None = None,
+    within: tuple[float, float] | None = None,
+    positional: bool = False,
+) -> Any:
+    """What is said of an option beside its type and default: help; flag, else `--` and its name; metavar; the panel or group of a form
+    that it stands in; unit, else that of its name; range, both ends included. within: a range that the stage itself checks."""
+    extra: dict[str, Any] = {"flag": flag, "metavar": metavar, "panel": panel, "unit": unit, "positional": positional or None}
+    if within is not None:
+        extra |= {"minimum": within[0], "maximum": within[1]} if math.isfinite(within[1]) else {"minimum": within[0]}
+    return Field(description=text, ge=ge, le=le, json_schema_extra={key: value for key, value in extra.items() if value is not None})
+
+
+def unit_of(name: str, field: FieldInfo) -> str:
+    """Unit of an option: the stated one, else that in which its name ends; empty where it has none."""
+    stated = said_of(field).get("unit")
+    return str(stated) if stated else next((unit for end, unit in _UNITS.items() if name.endswith(f"_{end}")), "")
+
+
+def said_of(field: FieldInfo) -> dict[str, Any]:
+    """What `option` was told beside help and range."""
+    return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+
+
+@dataclass(frozen=True)
+class Separated:
+    """Marks values that a command line and a form write as one text, with `mark` between them; Python gives them as a tuple."""
+
+    mark: str
+    kind: Callable[[str], Any] = float
+    count: int | None = None
+    finite: bool = False
+    """Whether what is not finite is refused here, not by the stage."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_before_validator_function(self.parsed, handler(source))
+
+    def parsed(self, value: Any) -> Any:
+        """The tuple of a text; ValueError says what it is not."""
+        if not isinstance(value, str):
+            return value
+        try:
+            out = tuple(self.kind(part) for part in value.split(self.mark))
+        except ValueError:
+            out = ()
+        endless = self.finite and not all(map(math.isfinite, out))
+        if not out or endless or (self.count is not None and len(out) != self.count):
+            what = "whole numbers" if self.kind is int else "numbers"
+            raise ValueError(f"{value!r} is not {_COUNTS.get(self.count or 0, 'some')} {what} with {self.mark!r} between them")
+        return out
+
+    def written(self, values: Any) -> str:
+        """The text of a tuple."""
+        return self.mark.join(v if isinstance(v, str) else f"{v:g}" for v in values)
+
+
+@dataclass(frozen=True)
+class Words(Separated):
+    """Marks words that are written as one text with commas; blanks around them, and empty ones, are nothing."""
+
+    def parsed(self, value: Any) -> Any:
+        """The tuple of a text."""
+        return tuple(word.strip() for word in value.split(self.mark) if word.strip()) if isinstance(value, str) else value
+
+
+@dataclass(frozen=True)
+class Spans(Separated):
+    """Marks a box that is written as three low:high with commas."""
+
+    def parsed(self, value: Any) -> Any:
+        """Three pairs of a text."""
+        if not isinstance(value, str):
+            return value
+        spans = value.split(self.mark)
+        if len(spans) != 3:
+            raise ValueError(f"{value!r} is not {BOX}")
+        return tuple(Separated(":", count=2).parsed(span) for span in spans)
+
+
+def _recording(path: Path) -> Path:
+    if path.suffix.lower() != ".rrd":
+        raise ValueError(f"{str(path)!r} does not end in .rrd")
+    return path
+
+
+def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if not abs(sum(v * v for v in value) - 1.0) < 1e-3:
+        raise ValueError(f"{','.join(f'{v:g}' for v in value)!r} is not a unit quaternion x,y,z,w")
+    return value
+
+
+Range = Annotated[tuple[float, float, float], Separated(":", count=3)]
+"""start:stop:step, both ends included."""
+Pair = Annotated[tuple[float, float], Separated(":", count=2)]
+Box = Annotated[tuple[tuple[float, float], tuple[float, float], tuple[float, float]], Spans(",")]
+"""Low and high along X, Y and Z."""
+Point = Annotated[tuple[float, float, float], Separated(",", count=3, finite=True)]
+Numbers = Annotated[tuple[float, ...], Separated(",")]
+WholeNumbers = Annotated[tuple[int, ...], Separated(",", int)]
+Quaternion = Annotated[tuple[float, float, float, float], Separated(",", count=4)]
+UnitQuaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit), Separated(",", count=4)]
+Names = Annotated[tuple[str, ...], Words(",", str)]
+Recording = Annotated[Path, AfterValidator(_recording)]
+RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")

@@ -1,0 +1,50 @@
+"""From a scenario to a run folder with the truth beside it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
+from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+
+if TYPE_CHECKING:
+    from lmeasure.simulation import Simulated
+
+
+class Settings(Asked):
+    """What `lmeasure simulate` is asked."""
+
+    scenario: Annotated[Path, option("scenario.toml: rig, motion, noise, reference poses.", metavar="SCENARIO", positional=True)]
+    out: Annotated[Path, option("Folder to write: a run folder, truth.parquet, calibration/.", metavar="RUN")]
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        """A run folder, the truth, and a calibration folder with its truth."""
+        campaign = self.out / "calibration"
+        counted = inside(campaign, "rig.toml", "reference_poses.csv", "counts.csv")
+        true = inside(campaign / "true", "rig.toml", "reference_poses.csv")
+        return Paths((*in_run_folder(self.out, "truth.parquet"), *counted, *true, *present(self.rerun)), (self.scenario,))
+
+
+@workflow("simulate")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
+    """Simulate and write the folder."""
+    from lmeasure.simulation import read_scenario, simulate, write_simulated
+
+    progress(0.0, "simulate")
+    scenario, rig = read_scenario(settings.scenario)
+    simulated = simulate(scenario, rig)
+    progress(1.0, "simulate")
+    write_simulated(settings.out, simulated)
+    if settings.rerun is not None:
+        from lmeasure.view.stages import write_recording
+
+        moved, campaign = simulated.run, simulated.campaign
+        write_recording(
+            settings.rerun,
+            rig,
+            run=None if moved is None else moved.run,
+            truth=None if moved is None else moved.poses,
+            nominal=None if campaign is None else campaign.nominal,
+            reference=None if campaign is None else campaign.measured,
+        )
+    return Result(simulated, tuple(simulated.summary().splitlines()))

@@ -1,0 +1,36 @@
+"""A certificate recomputed from its own folder."""
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.workflows.flow import Progress, Result, silent, steps, workflow
+from lmeasure.workflows.settings import Asked, option
+
+if TYPE_CHECKING:
+    from lmeasure.certification.verify import Verification
+
+
+class Settings(Asked):
+    """What `lmeasure verify` is asked."""
+
+    bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True)]
+    public_key: Annotated[Path | None, option("The signature must be by the owner of this key.", metavar="FILE")] = None
+
+
+@workflow("verify")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Verification]":
+    """Look at every byte and compute every figure again; the exit code says what came of it."""
+    from lmeasure.certification.bundle import opened_zip
+    from lmeasure.certification.signature import read_public_key
+    from lmeasure.certification.verify import told, verify
+    from lmeasure.report.certificate import PRINTERS
+
+    key = None if settings.public_key is None else read_public_key(settings.public_key)
+    step = steps(progress, "verify")
+    if settings.bundle.is_dir():
+        found = verify(settings.bundle, key, PRINTERS, step)
+    else:
+        with tempfile.TemporaryDirectory() as scratch, opened_zip(settings.bundle, Path(scratch)) as folder:
+            found = verify(folder, key, PRINTERS, step)
+    return Result(found, tuple(told(found, asked=key is not None)), exit_code=found.exit_code)

@@ -1,0 +1,145 @@
+"""Where in the cell the instrument can be believed."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import AccuracyError, SettingsError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import RERUN, Asked, Pair, Paths, Range, Recording, UnitQuaternion, option
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from scipy.spatial.transform import Rotation
+
+    from lmeasure.arrays import FloatArray
+
+RANGE = "START:STOP:STEP"
+LIMITS = "Limits"
+COMPUTING = "Computing"
+MORE_THAN_0 = (0.0, math.inf)
+
+
+class Settings(Asked):
+    """What `lmeasure zone` is asked; see `lmeasure.accuracy.limits.Limits` for the limits and `accuracy.zone.Scan` for the computing."""
+
+    rig: Annotated[Path, option("The rig; a linked calibration enters the uncertainty.", metavar="RIG.toml", positional=True)]
+    x: Annotated[Range, option("Nodes of the tool origin along X [mm], both ends included.", metavar=RANGE, unit="mm")]
+    y: Annotated[Range, option("The same along Y.", metavar=RANGE, unit="mm")]
+    z: Annotated[Range, option("The same along Z.", metavar=RANGE, unit="mm")]
+    out: Annotated[Path, option("netCDF file to write.")]
+    tilt_rad: Annotated[float, option("Largest component of the rotation vector [rad].", within=(0.0, math.pi))] = 0.0
+    tilt_steps: Annotated[int, option("Equal steps from -tilt to +tilt; 1 means no tilt.", ge=1)] = 3
+    quaternion: Annotated[UnitQuaternion | None, option("Orientation that is tilted.", metavar="X,Y,Z,W")] = None
+    o: Annotated[Range | None, option("Angle O of the thesis [deg], with --a and --t, instead of tilts.", metavar=RANGE, unit="deg")] = None
+    a: Annotated[Range | None, option("Angle A [deg].", metavar=RANGE, unit="deg")] = None
+    t: Annotated[Range | None, option("Angle T [deg].", metavar=RANGE, unit="deg")] = None
+    limit_deg: Annotated[float, option("Largest pressure angle.", panel=LIMITS, within=(0.0, 90.0))] = 60.0
+    length_mm: Annotated[Pair | None, option("Cable lengths.", metavar="MIN:MAX", panel=LIMITS)] = None
+    u95_mm: Annotated[float | None, option("95 % radius of the position.", panel=LIMITS, within=MORE_THAN_0)] = None
+    u95_rotation_deg: Annotated[float | None, option("95 % radius of the orientation.", panel=LIMITS, within=MORE_THAN_0)] = None
+    u95_attachment_mm: Annotated[float | None, option("95 % radius of the worst attachment point.", panel=LIMITS, within=MORE_THAN_0)] = (
+        None
+    )
+    wrap_deg: Annotated[float | None, option("Angle wrapped around a pulley.", panel=LIMITS, within=MORE_THAN_0)] = None
+    clearance_mm: Annotated[
+        float | None, option("Least distance of cables from each other and bodies.", panel=LIMITS, within=MORE_THAN_0)
+    ] = None
+    bodies: Annotated[Path | None, option("Bodies the cables must not touch.", metavar="FILE.toml", panel=LIMITS)] = None
+    one_assembly: Annotated[bool, option("Keep the determinant's sign.", panel=LIMITS)] = False
+    singularity: Annotated[float | None, option("Least distance to a singular pose.", panel=LIMITS, within=MORE_THAN_0)] = None
+    full: Annotated[bool, option("Map orientation and attachment points too.", panel=COMPUTING)] = False
+    refine: Annotated[
+        float | None,
+        option("Refine the edge until the volume changes by less.", metavar="RELATIVE", panel=COMPUTING, within=(0.0, 1.0)),
+    ] = None
+    workers: Annotated[int | None, option("Threads; default all cores.", panel=COMPUTING, ge=1)] = None
+    scheduler: Annotated[str | None, option("dask scheduler to use.", metavar="tcp://HOST:PORT", panel=COMPUTING)] = None
+    checkpoint: Annotated[Path | None, option("Keep chunks here; go on after a kill.", metavar="DIR", panel=COMPUTING)] = None
+    path: Annotated[Path | None, option("Hold a robot program against the zone; writes OUT.path.csv too.", metavar="PROGRAM.toml")] = None
+    report: Annotated[Path | None, option("Write zone.html and zone.pdf into this folder.", metavar="DIR")] = None
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        """A zone, and what is made of it, from a rig, bodies and a program."""
+        beside = () if self.path is None else (self.out.with_suffix(".path.csv"),)
+        report = () if self.report is None else inside(self.report, "zone.html", "zone.pdf")
+        return Paths((self.out, *present(self.rerun), *beside, *report), (self.rig, *present(self.bodies, self.path)))
+
+
+@workflow("zone")
+def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]":
+    """Scan the box and write the zone, with its page, its recording and a program held against it where they are asked for."""
+    from lmeasure import files
+    from lmeasure.accuracy.bodies import read_bodies
+    from lmeasure.accuracy.guard import columns, guard
+    from lmeasure.accuracy.limits import Limits
+    from lmeasure.accuracy.zone import Scan, map_zone
+    from lmeasure.accuracy.zone_dataset import summary, write_zone
+    from lmeasure.program import read_program
+    from lmeasure.run import read_linked_rig
+
+    nodes = _axis("x", settings.x), _axis("y", settings.y), _axis("z", settings.z)
+    rotations = _rotations(settings)
+    kept = ("u95_mm", "u95_rotation_deg", "u95_attachment_mm", "wrap_deg", "clearance_mm", "one_assembly", "singularity")
+    limits = Limits(settings.limit_deg, settings.length_mm, **{name: getattr(settings, name) for name in kept})
+    rig, calibration = read_linked_rig(settings.rig)
+    program = None if settings.path is None else read_program(settings.path)
+    scan = Scan(
+        limits=limits,
+        full=settings.full or settings.report is not None,
+        bodies=() if settings.bodies is None else tuple(read_bodies(settings.bodies)),
+        spacing_mm=(settings.x[2], settings.y[2], settings.z[2]),
+        workers=settings.workers,
+        scheduler=settings.scheduler,
+        checkpoint=settings.checkpoint,
+        refine=settings.refine,
+    )
+    data = map_zone(rig, calibration, nodes, rotations, scan, steps(progress, "zone"))
+    write_zone(settings.out, data)
+    if settings.report is not None:
+        from lmeasure.report.zone import write_zone_report
+
+        write_zone_report(settings.report, data, rig)
+    if settings.rerun is not None:
+        from lmeasure.view.stages import write_recording
+
+        write_recording(settings.rerun, rig, zone=data)
+    lines = summary(data).splitlines()
+    if program is not None:
+        parts = guard(rig, calibration, data, program, rotations.mean())
+        files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))
+        lines += [part.line() for part in parts]
+    return Result(data, tuple(lines), {"zone_volume_mm3": float(data.attrs["zone_volume_mm3"])})
+
+
+def _rotations(settings: Settings) -> "Rotation":
+    """The orientations that are tried at each node: over the angles O, A, T, or tilts."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from lmeasure.accuracy.zone import MAX_ORIENTATIONS, tilts
+    from lmeasure.conventions import rotation_from_angles
+
+    angles = {"o": settings.o, "a": settings.a, "t": settings.t}
+    missing = next((name for name, span in angles.items() if span is None), None)
+    if settings.o is None and settings.a is None and settings.t is None:
+        middle = None if settings.quaternion is None else Rotation.from_quat(settings.quaternion)
+        return tilts(settings.tilt_rad, settings.tilt_steps, middle)
+    if missing is not None:
+        raise SettingsError(missing, "give --o, --a and --t together")
+    if settings.tilt_rad or settings.quaternion:
+        raise SettingsError("tilt_rad", "give either --o, --a and --t or --tilt-rad and --quaternion")
+    values = [_axis(name, span) for name, span in angles.items() if span is not None]
+    if math.prod(map(len, values)) > MAX_ORIENTATIONS:
+        raise SettingsError("o", f"more than {MAX_ORIENTATIONS} orientations")
+    return rotation_from_angles("puma-oat", np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3))
+
+
+def _axis(name: str, span: tuple[float, float, float]) -> "FloatArray":
+    from lmeasure.accuracy.zone import axis
+
+    try:
+        return axis(*span)
+    except AccuracyError as error:
+        raise SettingsError(name, str(error)) from None

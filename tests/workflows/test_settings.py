@@ -1,0 +1,131 @@
+"""What a command is asked: every option is explained once, ranges are refused in one line, and defaults are those of the stages."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lmeasure import calibration, certification
+from lmeasure.accuracy.limits import Limits
+from lmeasure.accuracy.placement import GENERATIONS
+from lmeasure.calibration import exchange, planning, reach
+from lmeasure.certification.campaign import Tests as CubeTests
+from lmeasure.certification.certificate import LANGUAGES
+from lmeasure.errors import SettingsError
+from lmeasure.report.certificate import Choices
+from lmeasure.trajectory.motion import HALF_WIDTH_S
+from lmeasure.workflows import COMMANDS, load
+from lmeasure.workflows.settings import Separated, Spans, Words, said_of, unit_of
+
+HERE = Path("here")
+GIVEN: dict[str, dict[str, Any]] = {
+    "calibrate": {"folder": HERE, "out": HERE},
+    "zone": {"rig": HERE, "x": "0:1:1", "y": (0.0, 1.0, 1.0), "z": "0:1:1", "out": HERE},
+    "plan-poses": {"rig": HERE, "poses": 4, "out": HERE},
+    "certify": {"trajectory": HERE, "program": HERE, "out": HERE},
+    "program": {"out": HERE},
+    "import": {"logs": (HERE,), "rig": HERE, "out": HERE},
+    "record": {"rig": HERE, "bus": "virtual:a", "out": HERE},
+    "motion": {"trajectory": HERE, "out": HERE},
+    "place": {"rig": HERE, "task": HERE, "out": HERE},
+}
+
+
+def asked(command: str, **more: Any) -> Any:
+    return load(command).settings(**GIVEN[command] | more)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_form_can_be_made_of_every_command(command: str) -> None:
+    """Its schema tells help, unit and range of each option; nothing in it is of this program's own types."""
+    model = load(command).settings
+    schema = model.model_json_schema()
+    assert set(schema["properties"]) == set(model.model_fields)
+    for name, told in schema["properties"].items():
+        assert told["description"], name
+        field = model.model_fields[name]
+        # a number of something says of what
+        if field.annotation in (float, float | None) and name not in {"capability", "refine", "singularity"}:
+            assert unit_of(name, field), f"{command} {name}"
+
+
+def test_units_and_ranges_are_told_also_where_the_stage_checks_them() -> None:
+    told = load("zone").settings.model_json_schema()["properties"]
+    assert told["limit_deg"]["maximum"] == 90.0
+    assert told["x"]["unit"] == "mm"
+    assert unit_of("limit_deg", load("zone").settings.model_fields["limit_deg"]) == "deg"
+    assert said_of(load("zone").settings.model_fields["limit_deg"])["panel"] == "Limits"
+
+
+@pytest.mark.parametrize(
+    ("command", "wrong", "line"),
+    [
+        ("calibrate", {"neighbourhood_mm": 0.0}, "neighbourhood_mm: must be greater than or equal to 0.001 (got 0.0)"),
+        ("calibrate", {"frame": "robot"}, "frame: 'robot' is not one of rig, poses"),
+        ("calibrate", {"rerun": Path("a.txt")}, "rerun: 'a.txt' does not end in .rrd"),
+        ("calibrate", {"sead": 1}, "sead: unknown key 'sead'; did you mean 'seed'?"),
+        ("plan-poses", {"poses": 0}, "poses: must be greater than or equal to 1 (got 0)"),
+        ("plan-poses", {"box": "0:1,0:1"}, "box: '0:1,0:1' is not X0:X1,Y0:Y1,Z0:Z1"),
+        ("plan-poses", {"passes": "1,x"}, "passes: '1,x' is not some whole numbers with ',' between them"),
+        ("zone", {"x": "0:1"}, "x: '0:1' is not three numbers with ':' between them"),
+        ("zone", {"quaternion": (1.0, 1.0, 0.0, 0.0)}, "quaternion: '1,1,0,0' is not a unit quaternion x,y,z,w"),
+        ("certify", {"capability": 2.0}, "capability: must be less than or equal to 1 (got 2.0)"),
+        ("certify", {"tool_offset_mm": "0,0,nan"}, "tool_offset_mm: '0,0,nan' is not three numbers with ',' between them"),
+        ("certify", {"language": "de"}, "language: 'de' is not one of en, ru"),
+        ("import", {"logs": ()}, "logs: must not be empty"),
+        ("record", {"passage": 0}, "passage: must be greater than or equal to 1 (got 0)"),
+        ("motion", {"out": 3}, "out: must be a path (got 3)"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(command: str, wrong: dict[str, Any], line: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        asked(command, **wrong)
+    assert str(caught.value) == line
+    with pytest.raises(SettingsError, match=r"^out: is missing$"):
+        load(command).settings(**{key: value for key, value in GIVEN[command].items() if key != "out"})
+
+
+@pytest.mark.parametrize(
+    ("mark", "text", "values"),
+    [
+        (Separated(":", count=3), "-750:750:50", (-750.0, 750.0, 50.0)),
+        (Separated(",", int), "1,2", (1, 2)),
+        (Words(",", str), "position,guide", ("position", "guide")),
+    ],
+)
+def test_what_is_written_as_one_text_is_read_as_it_was(mark: Separated, text: str, values: tuple[Any, ...]) -> None:
+    assert mark.parsed(text) == values
+    assert mark.written(values) == text
+    assert mark.parsed(values) is values
+
+
+def test_a_box_and_words_with_blanks() -> None:
+    assert Spans(",").parsed("0:1,-2:3,4:5") == ((0.0, 1.0), (-2.0, 3.0), (4.0, 5.0))
+    assert Words(",", str).parsed(" position, ,guide ,") == ("position", "guide")
+
+
+def test_defaults_are_those_of_the_stages() -> None:
+    fit, chosen = calibration.Settings(), asked("calibrate")
+    assert all(getattr(chosen, name) == value for name, value in vars(fit).items())
+    certified, chosen = vars(certification.Settings()) | {"trials": 4000}, asked("certify")
+    assert chosen.limit_deg == certified.pop("limit_angle_deg")
+    del certified["planes"]
+    assert all(getattr(chosen, name) == value for name, value in certified.items())
+    assert Choices(chosen.language, chosen.key, chosen.dcc, chosen.xsd, chosen.zipped) == Choices()
+    assert LANGUAGES == ("en", "ru")
+    limits, chosen = vars(Limits()), asked("zone")
+    assert chosen.limit_deg == limits.pop("angle_deg")
+    assert all(getattr(chosen, name) == value for name, value in limits.items())
+    chosen = asked("plan-poses")
+    plan = vars(planning.Settings(4, None))  # type: ignore[arg-type]
+    assert all(getattr(chosen, name) == plan[name] for name in ("criterion", "solve", "passes", "further", "seed"))
+    assert set(exchange.CRITERIA) == {"G", "I", "D"}
+    limits = vars(reach.Limits()) | {"max_length_mm": 1e6}  # a form knows no infinity
+    assert all(getattr(chosen, name) == value for name, value in limits.items())
+    cube, chosen = CubeTests(), asked("program")
+    assert (chosen.quaternion, chosen.speed, chosen.path_speed) == (cube.quaternion, cube.speed_mm_s, cube.path_speed_mm_s)
+    assert (chosen.speeds, chosen.loads, chosen.dwell) == (cube.speeds_percent, cube.loads_kg, cube.dwell_s)
+    assert (3600.0 * chosen.drift_hours, chosen.limit_band) == (cube.drift_s, cube.limit_band_mm)
+    assert set(chosen.tests) < set(cube.tests)  # those of an hour
+    assert asked("motion").half_width_s == HALF_WIDTH_S
+    assert asked("place").generations == GENERATIONS
