@@ -41,7 +41,7 @@ LIBRARIES = (
 EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
 
 _ZONES = "pivoted or parameter or every_node or definitions or cannot_run or zero_pose"
-_COUNTERS = ["tests/trajectory/test_counter_faults.py"]
+_COUNTERS = ["tests/trajectory/test_counter_faults.py", "tests/test_docs.py::test_constants_are_those_of_the_program"]
 CORE = {
     "kernels/cable.py": ["tests/kernels/test_cable.py"],
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
@@ -62,10 +62,10 @@ CORE = {
     "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
     "trajectory/steps.py": ["tests/trajectory/test_steps.py", *_COUNTERS],
     "trajectory/continuity.py": _COUNTERS,
-    "trajectory/standing.py": _COUNTERS,
-    "trajectory/doubts.py": _COUNTERS,
-    "trajectory/redundancy.py": ["tests/trajectory/test_redundancy.py", "tests/trajectory/test_counter_faults.py"],
-    "trajectory/consistency.py": ["tests/trajectory/test_redundancy.py", "tests/trajectory/test_counter_faults.py"],
+    "trajectory/standing.py": ["tests/trajectory/test_standing.py", *_COUNTERS],
+    "trajectory/doubts.py": ["tests/trajectory/test_doubts.py", *_COUNTERS],
+    "trajectory/redundancy.py": ["tests/trajectory/test_redundancy.py", *_COUNTERS],
+    "trajectory/consistency.py": ["tests/trajectory/test_schemes.py", *_COUNTERS],
     "interpolation.py": ["tests/test_interpolation.py", "tests/trajectory/test_passes.py", "-k", "interpolation or between"],
     "certification/iso9283_pose.py": ["tests/certification/test_iso9283.py"],
     "certification/iso9283_path.py": ["tests/certification/test_iso9283.py"],

@@ -17,7 +17,7 @@ from scipy.stats import qmc
 
 from lmeasure.calibration.coarse import coarse_solutions
 from lmeasure.conventions import rotation_from_angles
-from lmeasure.trajectory.at_once import span_rows
+from lmeasure.observation.wrap import span_rows
 
 FloatArray = NDArray[np.float64]
 

@@ -6,6 +6,7 @@ from lmeasure import unsolved
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels.layout import PARAMETERS
+from lmeasure.observation.cable_effects import DIMENSIONS
 from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import Cable, Rig
 
@@ -52,7 +53,7 @@ def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[C
     names = parameter_names(rig, chosen)
     known = () if record is None else record.dimensions
     solved = () if record is None else record.names
-    stated = {n: v.u for v in unsolved.stated(rig, chosen, solved, unsolved.PARAMETERS) for n in v.names}
+    stated = {n: v.u for v in unsolved.stated(rig, chosen, solved, DIMENSIONS) for n in v.names}
     own = _selected(rig, chosen, tuple(stated)) * np.array(list(stated.values()))
     if record is None or not known:
         return own

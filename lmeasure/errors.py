@@ -74,6 +74,10 @@ class AccuracyError(LMeasureError, ValueError):
     """An accuracy zone or a placement that cannot be worked out from what was asked."""
 
 
+class StructureError(LMeasureError, ValueError):
+    """Points and links that are no mechanism, or limits of lengths that cannot be kept."""
+
+
 class CertificationError(LMeasureError, ValueError):
     """A program and a trajectory from which a characteristic cannot be told."""
 

@@ -1,27 +1,5 @@
 """What no calibration has solved: how uncertain a rig states its drums, pulleys and attachment points to be, and what that does to lengths.
-
-With F and D of `kernels.cable`, N counts per turn, k the true count, every error as what it adds to f = F(P) - D(k):
-
-    count length    c + dc:               -k dc
-    groove pitch    g + dg:               a(k)/h(k) k/N dg
-    attachment      P + dP in the tool:   (R^T e) . dP
-    run-out         the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more:  minus that
-    eccentricity    below
-    play            the true count is k + s w, s = 1 paying out, s = -1 winding in:  -s c w
-
-each less the same at the pose and count where the counter was zeroed. Of the play, s is that of the last travel: where a run has got
-to it is known, where the counter was zeroed it is not, and as either sign is as likely the two errors are uncorrelated, each of the
-variance of w. Play between drum and encoder and friction along the cable obey the same law: a reading stands still until the band of
-width 2 w is crossed. (While it is crossed s lies between its two values, and the last one is taken.)
-
-Swivel pulley off its axle
---------------------------
-Cable does not slip on the pulley, so D(k) turns it by psi = D(k)/R, from u towards n (module docstring of `kernels.cable`). Its groove is a
-circle about O + x, with x = x1 (cos psi u + sin psi n) + x2 (cos psi n - sin psi u) fixed to the pulley. A tight cable pulls the pulley by
-its tension times e - u, so that by virtual work the length changes by dF = x . (u - e) to first order, second orders being x^2/R:
-
-    dF = x1 (cos psi (1 - cos phi) - sin psi sin phi) - x2 (sin psi (1 - cos phi) + cos psi sin phi)
-"""
+The laws of these errors are in `observation.cable_effects`."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -33,41 +11,25 @@ from lmeasure.arrays import FloatArray
 from lmeasure.effects import Zero
 from lmeasure.kernels import layout
 from lmeasure.kernels import travel as kernels
+from lmeasure.observation.cable_effects import (
+    ATTACHMENT,
+    BACKLASH,
+    COUNT_LENGTH,
+    ECCENTRICITY,
+    EFFECTS,
+    FRICTION,
+    PITCH,
+    Acted,
+    CableEffect,
+)
 from lmeasure.observation.parameters import attachment_names
+from lmeasure.observation.wrap import Span, arms, drum_of, spans
 from lmeasure.rig import Cable, Rig
 
 EXPANSION_PER_K = 11.5e-6  # of steel
 WARMER_K = 5.0
 ALIKE_K = 0.5  # temperatures that are not told apart
 BAND = 2.5  # recorded counts
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of error. key: the rig's key that states it; text: what it is called; usual: a usual size, in words, and typical: in the
-    key's unit, of the value `of` where it is a share of that; parameter: what a calibration calls the same, if it can solve it."""
-
-    key: str
-    text: str
-    usual: str
-    typical: float
-    of: str | None = None
-    parameter: str | None = None
-
-
-COUNT_LENGTH = Kind("u_count_length_mm", "count length", "0.05 %", 5e-4, "count_length_mm", "scale")
-PITCH = Kind("u_groove_pitch_mm", "groove pitch", "0.01 mm", 0.01, None, "groove_pitch_mm")
-RUN_OUT = Kind("u_run_out_mm", "run-out of drums", "0.02 mm", 0.02)
-ECCENTRICITY = Kind("u_pulley_eccentricity_mm", "eccentric pulleys", "0.05 mm", 0.05)
-ATTACHMENT = Kind("u_attachment_mm", "attachment points", "0.1 mm", 0.1, None, "attachment")
-BACKLASH = Kind("u_backlash_counts", "backlash", "a band of 2 counts", 1.0)
-FRICTION = Kind("u_friction_counts", "friction", "a band of 8 counts", 4.0)
-
-PARAMETERS = (COUNT_LENGTH, PITCH, ATTACHMENT)
-"""What is a dimension of the rig, the same in every run and calibration."""
-OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION)
-"""What depends on how drum and pulley stand and which way they turned."""
-KINDS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION)
 TEMPERATURE = "temperature"
 CALIBRATIONS = "the calibration's"
 
@@ -115,7 +77,7 @@ class Variable:
     """One independent error: its kind, the observation point or attachment point it belongs to, and its standard uncertainty in the unit
     of the kind's key."""
 
-    kind: Kind
+    kind: CableEffect
     owner: str
     u: float
 
@@ -129,7 +91,7 @@ class Variable:
 
 
 def stated(
-    rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[Kind, ...] = KINDS
+    rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = EFFECTS
 ) -> list[Variable]:
     """What the rig states to be uncertain; solved: names of a calibration's parameters, which are not counted again."""
     known = set(solved)
@@ -141,7 +103,7 @@ def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[st
     """What is taken as exact because the rig does not state it and no calibration has solved it, with usual sizes."""
     known = set(solved)
     out = []
-    for kind, owner in _places(rig, cables, KINDS):
+    for kind, owner in _places(rig, cables, EFFECTS):
         if _stated(rig, kind, owner) is None and not _solved(kind, owner, known):
             size = kind.typical if kind.of is None else kind.typical * float(getattr(rig.point(owner).drum, kind.of))
             if kind is not ECCENTRICITY or rig.point(owner).pulley_radius_mm > 0.0:
@@ -149,13 +111,13 @@ def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[st
     return out
 
 
-def _places(rig: Rig, cables: tuple[Cable, ...] | None, kinds: tuple[Kind, ...]) -> Iterator[tuple[Kind, str]]:
+def _places(rig: Rig, cables: tuple[Cable, ...] | None, kinds: tuple[CableEffect, ...]) -> Iterator[tuple[CableEffect, str]]:
     chosen = rig.cable if cables is None else cables
     for kind in kinds:
         yield from ((kind, name) for name in dict.fromkeys(c.to_point if kind is ATTACHMENT else c.from_point for c in chosen))
 
 
-def _stated(rig: Rig, kind: Kind, owner: str) -> float | None:
+def _stated(rig: Rig, kind: CableEffect, owner: str) -> float | None:
     if kind is ATTACHMENT:
         return rig.u_attachment_mm
     point = rig.point(owner)
@@ -163,7 +125,7 @@ def _stated(rig: Rig, kind: Kind, owner: str) -> float | None:
     return value
 
 
-def _solved(kind: Kind, owner: str, known: set[str]) -> bool:
+def _solved(kind: CableEffect, owner: str, known: set[str]) -> bool:
     if kind is ATTACHMENT:
         return attachment_names(owner)[0] in known
     return any(f"{owner}.{name}" in known for name in (kind.parameter, kind.key.removeprefix("u_")))
@@ -223,33 +185,18 @@ class Unsolved:
         out = np.zeros((*counts.shape, len(self.names)))
         if not self.variables:
             return out
-        turn = np.zeros((len(poses), 3, 3))
         known = np.isfinite(poses).all(axis=1)
-        turn[~known] = np.nan
-        turn[known] = se3.matrices(poses[known])
-        cosine, sine, e = _leaving(rows, poses, turn)
+        arm, turns = arms(rows, poses[known]), se3.matrices(poses[known])
+        every = spans(rows, poses[known], arm)
         column = 0
         for v in self.variables:
-            own = [j for j, c in enumerate(self._cables) if v.owner == (c.to_point if v.kind is ATTACHMENT else c.from_point)]
-            for j in own:
-                row, k = rows[j], counts[:, j]
-                if v.kind is COUNT_LENGTH:
-                    found = -k[:, None]
-                elif v.kind is PITCH:
-                    a = row[layout.AXIAL] + row[layout.TRAVEL] * k
-                    found = (a / np.maximum(np.hypot(row[layout.TANGENT], a), 1e-300) * k / row[layout.TURN_COUNTS])[:, None]
-                elif v.kind is RUN_OUT:
-                    angle = 2.0 * np.pi * k / row[layout.TURN_COUNTS]
-                    found = -np.column_stack([np.cos(angle), np.sin(angle)])
-                elif v.kind is ECCENTRICITY:
-                    psi = paid_out(row, k) / row[layout.RADIUS]
-                    lift = 1.0 - cosine[:, j]
-                    c, s = np.cos(psi), np.sin(psi)
-                    found = np.column_stack([c * lift - s * sine[:, j], -s * lift - c * sine[:, j]])
-                else:
-                    found = np.einsum("nij,ni->nj", turn, e[:, j])
-                out[:, j, column : column + found.shape[1]] = v.u * found
-            column += len(v.names)
+            assert v.kind.adds is not None
+            width = len(v.names)
+            for j, c in enumerate(self._cables):
+                if v.owner == (c.to_point if v.kind is ATTACHMENT else c.from_point):
+                    at = Acted(rows[j], turns, counts[known, j], Span(*(values[:, j] for values in every)))
+                    out[known, j, column : column + width] = v.u * v.kind.adds(at)
+            column += width
         # what a length does not depend on is no error of it, but a sample without a pose or a count has none
         out[~known] = np.nan
         out[~np.isfinite(counts)] = np.nan
@@ -271,14 +218,14 @@ def taken_as_exact(
     (n, 6, m) per length; and what the temperature would. Poses and cables without a count have no part in it."""
     chosen = list(variables)
     out = []
-    for kind in KINDS:
+    for kind in EFFECTS:
         own = [v for v in chosen if v.kind is kind]
         if own:
             effect = Unsolved(rig, own, cables)
             columns = np.concatenate([effect.shifts(rows, zero, poses, counts), effect.play(np.ones(counts.shape))], axis=2)
             out.append(Taken(kind.text, kind.usual, _added(twists, columns)))
     if warmth is not None:
-        paid = np.stack([paid_out(row, counts[:, j]) for j, row in enumerate(rows)], axis=1)
+        paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
         # a whole rig of another temperature: a matter of scale; a cable that warms after it was zeroed: of all that is free of it
         free = paid + np.hypot(rows[:, layout.TANGENT], rows[:, layout.AXIAL]) + free_lengths(rows, zero.poses)
         scale, drift = (_added(twists, EXPANSION_PER_K * length[:, :, None]) for length in (paid, free))
@@ -306,37 +253,10 @@ def _of_temperature(warmth: Warmth, scale: float, drift: float) -> list[Taken]:
     return [Taken(TEMPERATURE, f"up to {off:.1f} K off {warmth.of} {warmth.reference_c:.1f} deg C", mm, stated=True)]
 
 
-def paid_out(row: FloatArray, k: FloatArray) -> FloatArray:
-    """(n,) cable [mm] past the fixed pulley when k (n,) counts are paid out, D(k) of `kernels.cable`, without compiling."""
-    tangent, axial, travel = row[layout.TANGENT], row[layout.AXIAL], row[layout.TRAVEL]
-    return np.asarray(k * row[layout.COUNT_LENGTH] - (np.hypot(tangent, axial + travel * k) - np.hypot(tangent, axial)))
-
-
 def free_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:
     """(m,) lengths from B to the attachment point [mm] of each cable at its own pose (m, 7), along straight lines, without compiling."""
     points = se3.apply(poses, rows[:, layout.ATTACHMENT_XYZ])
     return np.asarray(np.linalg.norm(points - rows[:, layout.BASE_XYZ], axis=1))
-
-
-def _leaving(rows: FloatArray, poses: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n, m) cosine and sine of the wrapped angles and (n, m, 3) unit vectors of the free spans, as `kernels.cable.wrapped_span`, without
-    compiling; base_from_tool turns (n, 3, 3)."""
-    u, radius = rows[:, layout.GUIDE_XYZ], rows[:, layout.RADIUS]
-    d = poses[:, None, :3] + np.einsum("nij,mj->nmi", turn, rows[:, layout.ATTACHMENT_XYZ]) - rows[:, layout.BASE_XYZ]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        q = np.einsum("nmi,mi->nm", d, u)
-        across = d - q[:, :, None] * u
-        p = np.linalg.norm(across, axis=2)
-        x = p - radius
-        t = np.sqrt(q * q + x * x - radius * radius)
-        k = 1.0 / (q * q + x * x)
-        cosine, sine = k * (q * t - x * radius), k * (q * radius + x * t)
-        e = np.where(
-            (radius == 0.0)[:, None],
-            d / np.linalg.norm(d, axis=2)[:, :, None],
-            cosine[:, :, None] * u + (sine / p)[:, :, None] * across,
-        )
-    return cosine, sine, e
 
 
 def last_travel(counts: FloatArray, quantum: FloatArray, state: FloatArray | None = None) -> FloatArray:

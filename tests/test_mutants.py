@@ -66,4 +66,5 @@ def test_what_is_excused_is_there(mutants: ModuleType) -> None:
 def test_files_and_their_tests_are_there(mutants: ModuleType) -> None:
     for file, tests in mutants.CORE.items():
         assert (ROOT / "lmeasure" / file).is_file()
-        assert all((ROOT / name).is_file() for name in tests if name.startswith("tests/"))
+        for name, _, function in (test.partition("::") for test in tests if test.startswith("tests/")):
+            assert f"def {function}" in (ROOT / name).read_text(encoding="utf-8")

@@ -16,6 +16,7 @@ from lmeasure.accuracy.zone import scan_zone, tilts
 from lmeasure.calibration import Campaign, calibrate
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.lengths import counts_from_poses
+from lmeasure.observation.cable_effects import ATTACHMENT, ECCENTRICITY, EFFECTS, CableEffect
 from lmeasure.poses import Poses
 from lmeasure.report.calibration import write_calibration_page
 from lmeasure.report.sentences import sentence
@@ -28,7 +29,7 @@ from lmeasure.unsolved import Taken
 
 FloatArray = NDArray[np.float64]
 
-WHAT = [kind.text for kind in unsolved.KINDS] + ["temperature"]
+WHAT = [kind.text for kind in EFFECTS] + ["temperature"]
 
 
 def way(seed: int = 2, count: int = 60) -> FloatArray:
@@ -48,22 +49,22 @@ def largest_systematic(found: Trajectory) -> float:
     return float(np.sqrt(np.einsum("nii->n", found.systematic[:, 3:, 3:]).max()))
 
 
-def with_usual(rig: Rig, kind: unsolved.Kind) -> Rig:
+def with_usual(rig: Rig, kind: CableEffect) -> Rig:
     """The rig that states the usual size of one kind."""
     u = kind.typical * (real_rig.COUNT_MM if kind.of else 1.0)
-    if kind is unsolved.ATTACHMENT:
+    if kind is ATTACHMENT:
         return rig.model_copy(update={kind.key: u})
     points = [
         p.model_copy(update={kind.key: u})
-        if kind is unsolved.ECCENTRICITY
+        if kind is ECCENTRICITY
         else p.model_copy(update={"drum": p.drum.model_copy(update={kind.key: u})})
         for p in rig.observation_point
     ]
     return rig.model_copy(update={"observation_point": tuple(points)})
 
 
-@pytest.mark.parametrize("kind", unsolved.KINDS, ids=lambda k: k.text)
-def test_what_a_usual_size_would_add_is_what_stating_it_adds(kind: unsolved.Kind) -> None:
+@pytest.mark.parametrize("kind", EFFECTS, ids=lambda k: k.text)
+def test_what_a_usual_size_would_add_is_what_stating_it_adds(kind: CableEffect) -> None:
     run = plain_run()
     before = taken(run)
     assert list(before) == WHAT

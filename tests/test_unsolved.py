@@ -18,6 +18,7 @@ from lmeasure.counts import Counts
 from lmeasure.effects import zero_at
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import changes_from_counts, length_gradients, span_lengths, span_rows
+from lmeasure.observation.cable_effects import DIMENSIONS
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
 from lmeasure.trajectory import reconstruct
@@ -221,7 +222,7 @@ def test_what_is_stated_of_dimensions_is_a_covariance_of_the_cables_parameters()
     through = np.einsum("nmp,mps->nms", gradients, unsolved_columns(rig, None).reshape(6, 13, -1))
     shifts = unsolved.Unsolved(rig, unsolved.stated(rig))
     direct = shifts.shifts(rows, zero_at(START, 6, 0.0), poses, counts)
-    names = [n for v in unsolved.stated(rig, None, (), unsolved.PARAMETERS) for n in v.names]
+    names = [n for v in unsolved.stated(rig, None, (), DIMENSIONS) for n in v.names]
     # a drum's scale moves its pay-out point too, by a hundredth of the cable
     apart = np.abs(through[:, :, [names.index(name) for name in shifts.names]] - direct)
     assert (apart.max(axis=(0, 1)) < 0.01 * np.abs(direct).max(axis=(0, 1))).all()

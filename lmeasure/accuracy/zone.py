@@ -27,6 +27,7 @@ from lmeasure.errors import AccuracyError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
 from lmeasure.lengths import span_lengths
+from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.rig import Rig
 from lmeasure.zeroing import length_variance, zeroed_exactly
 
@@ -243,7 +244,7 @@ def make_plan(
 def drum_variance(rig: Rig, positions: FloatArray, rotations: Rotation, start: FloatArray) -> FloatArray:
     """(m,) variance [mm^2] of the lengths by drums and pulleys that run out and play, where the rig states them: the mean over poses of the
     scan, as turns of drum and pulley from the start to a place in the cell are many and any."""
-    effects = unsolved.Unsolved(rig, unsolved.stated(rig, kinds=unsolved.OTHERS))
+    effects = unsolved.Unsolved(rig, unsolved.stated(rig, kinds=OTHERS))
     if not effects:
         return np.zeros(len(rig.cable))
     begun = span_lengths(rig, start[None, :])

@@ -17,9 +17,9 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Dimension
+from lmeasure.observation.cable_effects import DIMENSIONS
 from lmeasure.observation.parameters import value_of, with_values
 from lmeasure.rig import Rig
-from lmeasure.unsolved import PARAMETERS
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def dimensions_of(model: Model, found: Fit) -> Dimensions:
 
     Where the residuals are larger than anything explains they are not believed to tell it: nothing is corrected.
     """
-    listed = [(name, v.u, v.kind in PARAMETERS) for v in model.unsolved.variables for name in v.names]
+    listed = [(name, v.u, v.kind in DIMENSIONS) for v in model.unsolved.variables for name in v.names]
     mine = [i for i, (_, _, dimension) in enumerate(listed) if dimension]
     u = np.array([listed[i][1] for i in mine])
     names = tuple(listed[i][0] for i in mine)

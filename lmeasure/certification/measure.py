@@ -18,6 +18,7 @@ from lmeasure.certification.errors_of_poses import ErrorsOfRun
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError
+from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import Program, read_program
 from lmeasure.rig import Rig
@@ -204,7 +205,7 @@ def _systematic(run: Run) -> str | None:
     if run.calibration is None or any(run.u_start) or run.rig.passes > 1 or run.temperature_c is not None:
         return None
     # drums and pulleys stand otherwise in every run
-    if unsolved.stated(run.rig, kinds=unsolved.OTHERS):
+    if unsolved.stated(run.rig, kinds=OTHERS):
         return None
     return digest([run.rig.model_dump(mode="json"), run.calibration.model_dump(mode="json")])
 

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lmeasure.arrays import FloatArray
+from lmeasure.kernels.layout import BY_ALPHA, BY_ATTACHMENT, BY_AXIAL, BY_BASE, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, BY_TANGENT, WIDTH
 from lmeasure.observation.channel import arms, by_point, row_of, values
-from lmeasure.observation.parameters import FACTORS, SCALE, Parameter
+from lmeasure.observation.parameters import FACTORS, Parameter
 from lmeasure.observation.wrap import Drum, Span, by_guide, guide, span
 
-TANGENT, AXIAL, PITCH, ZERO = 7, 8, 12, 13
-ATTACHMENT = slice(9, 12)
-OF_DRUM = [SCALE, TANGENT, AXIAL, PITCH]
+ZERO = WIDTH
+PLACE, ANGLES, ATTACHMENT = slice(0, BY_BASE + 3), slice(BY_ALPHA, BY_BETA + 1), slice(BY_ATTACHMENT, BY_ATTACHMENT + 3)
+OF_DRUM = [BY_SCALE, BY_TANGENT, BY_AXIAL, BY_PITCH]
 UNITS = np.append(FACTORS, 1.0)
 """(14,) mm or rad of one unit of each parameter."""
 
@@ -44,14 +45,14 @@ class CableLength:
     def readings(self, recorded: ArrayLike, sign: int = 1) -> FloatArray:
         """(n,) readings [mm] from recorded counts, unwrapped (n,)."""
         stated = values(self)
-        return self._drum(stated).paid_out(np.asarray(recorded, dtype=np.float64) * sign / stated[SCALE])
+        return self._drum(stated).paid_out(np.asarray(recorded, dtype=np.float64) * sign / stated[BY_SCALE])
 
     def predict(self, poses: FloatArray, p: FloatArray) -> FloatArray:
         """(n,) readings [mm]."""
         change, stated = self._change(poses, p), values(self)
         if np.array_equal(p[OF_DRUM], stated[OF_DRUM]):
             return change
-        return self._drum(stated).paid_out(self._drum(p).counts(change) * p[SCALE] / stated[SCALE])
+        return self._drum(stated).paid_out(self._drum(p).counts(change) * p[BY_SCALE] / stated[BY_SCALE])
 
     def row(self, poses: FloatArray, p: FloatArray) -> FloatArray:
         """(n, 6) by the motion."""
@@ -70,14 +71,14 @@ class CableLength:
         a0, a = drum.axial_mm, drum.axial_mm + drum.travel_mm * k
         h0, h = (np.maximum(np.hypot(drum.tangent_mm, v), 1e-300) for v in (a0, a))
         # at the same length: what D(k) loses is made up by more counts
-        out[:, TANGENT], out[:, AXIAL] = drum.tangent_mm / h - drum.tangent_mm / h0, a / h - a0 / h0
-        out[:, PITCH] = a / h * k / self.counts_per_revolution
-        out[:, SCALE] = drum.slope(k) * k / p[SCALE]
+        out[:, BY_TANGENT], out[:, BY_AXIAL] = drum.tangent_mm / h - drum.tangent_mm / h0, a / h - a0 / h0
+        out[:, BY_PITCH] = a / h * k / self.counts_per_revolution
+        out[:, BY_SCALE] = drum.slope(k) * k / p[BY_SCALE]
         return out * self._gain(poses, p) * UNITS
 
     def _span(self, poses: FloatArray, p: FloatArray) -> tuple[FloatArray, Span]:
         arm = arms(poses, p[ATTACHMENT])
-        return arm, span(poses[:, :3] + arm - p[:3], guide(*np.radians(p[3:5]))[0], p[5])
+        return arm, span(poses[:, :3] + arm - p[PLACE], guide(*np.radians(p[ANGLES]))[0], p[BY_RADIUS])
 
     def _change(self, poses: FloatArray, p: FloatArray) -> FloatArray:
         """(n,) D of the counts at the poses."""
@@ -88,19 +89,19 @@ class CableLength:
         """(n, 12) derivatives of the length alone by the first twelve parameters, mm and rad."""
         arm, found = self._span(poses, p)
         out = np.zeros((len(poses), ATTACHMENT.stop))
-        out[:, :3] = -found.direction
-        out[:, 3:5] = by_guide(guide(*np.radians(p[3:5])), poses[:, :3] + arm - p[:3], found.direction)
-        out[:, 5] = found.angle - found.sine
+        out[:, PLACE] = -found.direction
+        out[:, ANGLES] = by_guide(guide(*np.radians(p[ANGLES])), poses[:, :3] + arm - p[PLACE], found.direction)
+        out[:, BY_RADIUS] = found.angle - found.sine
         out[:, ATTACHMENT] = by_point(poses, found.direction)
         return out
 
     def _drum(self, p: FloatArray) -> Drum:
-        return Drum(p[TANGENT], p[AXIAL], p[PITCH] / self.counts_per_revolution, self.count_length_mm)
+        return Drum(p[BY_TANGENT], p[BY_AXIAL], p[BY_PITCH] / self.counts_per_revolution, self.count_length_mm)
 
     def _gain(self, poses: FloatArray, p: FloatArray) -> FloatArray:
         """(n, 1) what the reading changes by per mm that the cable does."""
         stated = values(self)
         if np.array_equal(p[OF_DRUM], stated[OF_DRUM]):
             return np.ones((1, 1))
-        k, factor = self._drum(p).counts(self._change(poses, p)), p[SCALE] / stated[SCALE]
+        k, factor = self._drum(p).counts(self._change(poses, p)), p[BY_SCALE] / stated[BY_SCALE]
         return (self._drum(stated).slope(k * factor) * factor / self._drum(p).slope(k))[:, None]

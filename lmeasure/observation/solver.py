@@ -46,7 +46,7 @@ def solve_poses(channels: Channels, readings: FloatArray, starts: FloatArray, fr
     used = np.isfinite(readings)
     status = np.where(used.sum(axis=1) < len(free), Status.GAP, Status.NOT_CONVERGED).astype(np.int64)
     before = np.full(len(poses), np.inf)
-    index = np.flatnonzero(status == Status.NOT_CONVERGED)
+    index = np.flatnonzero((status == Status.NOT_CONVERGED) & np.isfinite(poses).all(axis=1))
     for _ in range(MOST_STEPS):
         step, determined = towards(channels, readings[index], poses[index], free)
         status[index[~determined]] = Status.SINGULAR

@@ -6,8 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels.cable import ON_AXIS_MM
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, COUNT_LENGTH, GUIDE_XYZ, RADIUS, TANGENT, TRAVEL
+from lmeasure.lcoordinate.pluecker import pluecker_rows
 
 NEWTON_STEPS = 50
 
@@ -42,6 +45,23 @@ def span(way: FloatArray, u: FloatArray, radius: ArrayLike) -> Span:
         e = cosine[..., None] * u + (sine / p)[..., None] * away
         e = np.where((R == 0.0)[..., None], way / straight[..., None], e)
     return Span(length, e, angle, cosine, sine)
+
+
+def spans(cables: FloatArray, poses: FloatArray, arm: FloatArray) -> Span:
+    """Of m cables, the kernels' rows (m, columns), at (n, 7) poses with their `arms`: arrays (n, m)."""
+    return span(poses[:, None, :3] + arm - cables[:, BASE_XYZ], cables[:, GUIDE_XYZ], cables[:, RADIUS])
+
+
+def arms(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, m, 3) from the tool origin to the attachment points of the kernels' rows (m, columns) [mm], base axes."""
+    return np.asarray(np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, ATTACHMENT_XYZ]))
+
+
+def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, m) lengths from B to the attachment point and (n, m, 6) rows (arm x e ; e) about the tool origin, at (n, 7) poses."""
+    arm = arms(cables, poses)
+    found = spans(cables, poses, arm)
+    return found.length, pluecker_rows(arm, found.direction)
 
 
 def guide(alpha: float, beta: float) -> FloatArray:
@@ -86,3 +106,8 @@ class Drum(NamedTuple):
             if not (np.abs(step) > 1e-13 * np.maximum(1.0, np.abs(k))).any():
                 break
         return np.asarray(k)
+
+
+def drum_of(row: FloatArray) -> Drum:
+    """That of a cable, the kernels' row (columns,)."""
+    return Drum(row[TANGENT], row[AXIAL], row[TRAVEL], row[COUNT_LENGTH])

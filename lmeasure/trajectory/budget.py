@@ -20,13 +20,15 @@ from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import length_gradients, span_lengths, span_rows_of
 from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.lengths import Lengths, count_variance
+from lmeasure.observation.cable_effects import ATTACHMENT, OTHERS
 from lmeasure.observation.parameters import TABLE, Owner
+from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
-from lmeasure.trajectory import at_once
+from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.corrections import Correction
 from lmeasure.trajectory.scheme import Scheme
 from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, zero_phase
-from lmeasure.unsolved import ATTACHMENT, CALIBRATIONS, OTHERS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
+from lmeasure.unsolved import CALIBRATIONS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
 
 CALIBRATION = "calibration"
@@ -106,7 +108,7 @@ class Budget:
         # what a constraint holds is exact, and a point's place has a part in all
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
-        self._start_lengths = (at_once.span_rows(rig.cable_rows(), start[None])[1][0] * self._u_start)[:, self._u_start > 0.0]
+        self._start_lengths = (span_rows(rig.cable_rows(), start[None])[1][0] * self._u_start)[:, self._u_start > 0.0]
         # a start that came from lengths errs with the rig: then nothing cancels where counting began
         self._u_length = u_start[2] if len(u_start) > 2 else None
         if self._u_length:
@@ -306,7 +308,7 @@ class Budget:
     def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
         """(n, 6, m) what the poses move by per mm of each length."""
         if self.scheme.six:
-            return np.asarray((pose_covariance if compiled else at_once).twists(self.scheme.rows, poses))
+            return np.asarray((pose_covariance if compiled else screw_numpy).twists(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.length_variance.min() / self.length_variance))
         if unused is not None:
             weights[unused] = 0.0

@@ -5,7 +5,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels.layout import ATTACHMENT_XYZ
 from lmeasure.lcoordinate.singular import Split
-from lmeasure.trajectory.at_once import span_rows
+from lmeasure.observation.wrap import span_rows
 
 NEARLY = 88.0  # worst pressure angle [deg] from which a pose that is known says what is seen badly
 

@@ -13,9 +13,10 @@ from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
 from lmeasure.kernels.layout import CHANGES
 from lmeasure.lengths import Lengths, span_lengths
+from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
 from lmeasure.status import Status
-from lmeasure.trajectory import at_once
+from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.lost import NEARLY, explain, split_at
@@ -55,7 +56,7 @@ class Reconstruction:
         temperature_c: float | None = None,
     ) -> None:
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
-        spans, directions, *_ = at_once.span_rows(rig.cable_rows(), start[None])
+        spans, directions, *_ = span_rows(rig.cable_rows(), start[None])
         if not np.isfinite(spans).all():
             try:
                 span_lengths(rig, start[None, :])
@@ -89,7 +90,7 @@ class Reconstruction:
         part = split.twist * split.metric  # of an error of the start that is this twist [mm]
         reach = START_COVERAGE * np.sqrt(part @ systematic @ part)
         probes = np.stack([self.start, *(se3.displaced(self.start, way * split.twist) for way in (reach, -reach))])
-        sides = np.sign(np.linalg.det(at_once.span_rows(rows, probes)[1]))
+        sides = np.sign(np.linalg.det(span_rows(rows, probes)[1]))
         if not (sides == sides[0]).all():
             raise TrajectoryError(
                 f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(self._start_angle):.1f} deg at the "
@@ -169,7 +170,7 @@ class Reconstruction:
         """The next samples, and whether by the compiled kernels: not as long as they are few and plain."""
         found = None
         if self.scheme.six and not self._many and len(changes) < COMPILING_PAYS:
-            found = at_once.follow(self.scheme.rows, self.start, self._state, changes, flags)
+            found = screw_numpy.follow(self.scheme.rows, self.start, self._state, changes, flags)
         self._many = self._many or found is None or len(changes) > 1
         if found is not None:
             return found, False

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.kernels.layout import CABLE_COLUMNS, COUNT_LENGTH, TURN_COUNTS
 from lmeasure.observation import CableLength, Distance, Inclination, SwivelAngle
-from lmeasure.observation.parameters import TABLE, Parameter
+from lmeasure.observation.parameters import FACTORS, TABLE, Parameter, with_kernel_values
 
 FloatArray = NDArray[np.float64]
 
@@ -83,11 +84,6 @@ def path(n: int, reach_mm: float = 150.0, turn_rad: float = 0.15) -> FloatArray:
 
 def rows_of(channels: list[CableLength]) -> FloatArray:
     """(m, columns) the same cables as the kernels' rows."""
-    out = np.empty((len(channels), 17))
-    for row, o in zip(out, channels, strict=True):
-        v = np.array([q.value for q in o.parameters])
-        a, b = np.radians(v[3:5])
-        row[:3], row[3:6] = v[:3], (-np.cos(a) * np.sin(b), -np.cos(a) * np.cos(b), np.sin(a))
-        row[6], row[7:10], row[10:12] = v[5], v[9:12], v[7:9]
-        row[12:17] = v[12] / o.counts_per_revolution, o.count_length_mm, a, b, o.counts_per_revolution
-    return out
+    rows = np.zeros((len(channels), CABLE_COLUMNS))
+    rows[:, COUNT_LENGTH], rows[:, TURN_COUNTS] = np.array([(o.count_length_mm, o.counts_per_revolution) for o in channels]).T
+    return with_kernel_values(rows, np.array([[q.value for q in o.parameters[:-1]] for o in channels]) * FACTORS)

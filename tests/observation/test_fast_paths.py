@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.kernels import counter, lanes, least_squares, live, pose_covariance, screw
+from lmeasure.kernels.layout import TRAVEL
 from lmeasure.observation import CableLength, Solved, predictions, shared_errors, twists
 from lmeasure.observation.channel import values
 from lmeasure.observation.follow import follow
 from lmeasure.observation.parameters import FACTORS
 from lmeasure.status import Status
-from lmeasure.trajectory import at_once
+from lmeasure.trajectory import screw_numpy
 
 SAME_MM, SAME_RAD = 1e-9, 1e-12
 ALL = np.arange(6)
@@ -55,7 +56,7 @@ def test_six_cables(seed: int, radius: float | None, gaps: float) -> None:
     assume(not (reference.angle > np.radians(70.0)).any())
     assert_same(screw.track(rows, HOME, changes, flags, u), reference)
     assert_same(lanes.follow(rows, HOME, screw.new_state(HOME), changes, flags, u), reference)
-    few = at_once.follow(rows, HOME, screw.new_state(HOME), changes, flags)
+    few = screw_numpy.follow(rows, HOME, screw.new_state(HOME), changes, flags)
     assert few is not None
     assert_same(few, reference)
     np.testing.assert_allclose(_live(rows, changes[:20], u), reference.poses[:20], rtol=0, atol=SAME_MM)
@@ -65,7 +66,7 @@ def _live(rows: FloatArray, changes: FloatArray, u: FloatArray) -> FloatArray:
     """(n, 7) poses of the counts of these changes, one after the other."""
     state, counters, out = screw.new_state(HOME), np.zeros((6, counter.STATE)), np.full((len(changes), 7), np.nan)
     plain = rows.copy()
-    plain[:, 12] = 0.0  # a drum whose counts are so many mm
+    plain[:, TRAVEL] = 0.0  # a drum whose counts are so many mm
     channels = np.tile([1.0, 1e9, 0.0, COUNT_MM], (6, 1))
     for i, change in enumerate(changes):
         live.step(plain, HOME, state, counters, channels, i * 1e-3, change / COUNT_MM, u, out[i])
@@ -114,7 +115,8 @@ def test_covariances_of_poses(seed: int) -> None:
         rows, HOME, at, counts, np.ones(6), np.full(6, COUNT_MM**2 / 12.0), of_kernels @ of_kernels.T
     )
     G = twists(channels, at)
-    np.testing.assert_allclose(pose_covariance.twists(rows, at), G, rtol=1e-8, atol=1e-12)
+    for way in (pose_covariance, screw_numpy):
+        np.testing.assert_allclose(way.twists(rows, at), G, rtol=1e-8, atol=1e-12)
     own, shared = G * COUNT_MM / np.sqrt(12.0), shared_errors(channels, at, G, names, root)
     for found, expected in ((own, random), (shared, systematic)):
         u = np.sqrt(np.einsum("nii->ni", expected))

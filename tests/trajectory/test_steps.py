@@ -118,7 +118,7 @@ def test_sizes_are_counted_between_the_bounds() -> None:
 
 
 def test_the_largest_two_and_the_largest_of_the_others() -> None:
-    values = np.random.default_rng(5).normal(size=(4, 50))
+    values = np.random.default_rng(5).normal(size=(6, 50))
     values[2, 3] = values[0, 4] = np.nan
     largest, second = two_largest(values)
     for k in range(50):
@@ -127,7 +127,7 @@ def test_the_largest_two_and_the_largest_of_the_others() -> None:
     sizes = np.abs(values.T)
     others = others_largest(sizes)
     for k in range(50):
-        for j in range(4):
+        for j in range(6):
             assert others[k, j] == np.nan_to_num(np.delete(sizes[k], j)).max()
     np.testing.assert_array_equal(others_largest(sizes[:, :1]), 0.0)
 

@@ -10,9 +10,10 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels.lanes import CLEAR_OF_SINGULAR, NEAR_MM
-from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, CHANGES, GUIDE_XYZ, RADIUS
+from lmeasure.kernels.layout import CHANGES
 from lmeasure.kernels.screw import LOST, MAX_STEP_ROTATION, TOLERANCE_MM
-from lmeasure.lcoordinate.pluecker import pluecker_rows, pressure_angles
+from lmeasure.lcoordinate.pluecker import pressure_angles
+from lmeasure.observation.wrap import arms, span_rows
 from lmeasure.status import Status
 
 CABLES = 6
@@ -21,33 +22,6 @@ STEPS = 6
 FLOOR_MM = 1e-9  # a residual of rounding, when it no longer falls
 
 Followed = tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]
-
-
-def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, m) lengths from B to the attachment point and (n, m, 6) rows (arm x e ; e) about the tool origin, at (n, 7) poses; NaN where no
-    cable can run. `kernels.cable` derives the formulas."""
-    arm = _arms(cables, poses)
-    d = poses[:, None, :3] + arm - cables[:, BASE_XYZ]
-    u, radius = cables[:, GUIDE_XYZ], cables[:, RADIUS]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        q = np.einsum("nmi,mi->nm", d, u)
-        across = d - q[:, :, None] * u
-        p = np.linalg.norm(across, axis=2)
-        x = p - radius
-        t = np.sqrt(q * q + x * x - radius * radius)
-        k = 1.0 / (q * q + x * x)
-        cosine, sine = k * (q * t - x * radius), k * (q * radius + x * t)
-        wrapped = radius * (np.arctan2(sine, cosine) % (2.0 * np.pi)) + t
-        e = cosine[:, :, None] * u + (sine / p)[:, :, None] * across
-        straight = np.linalg.norm(d, axis=2)
-        e = np.where(radius[:, None] == 0.0, d / straight[:, :, None], e)
-    lengths = np.where(radius == 0.0, straight, wrapped)
-    return lengths, pluecker_rows(arm, e)
-
-
-def _arms(cables: FloatArray, poses: FloatArray) -> FloatArray:
-    """(n, m, 3) from the tool origin to the attachment points [mm], base axes."""
-    return np.asarray(np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, ATTACHMENT_XYZ]))
 
 
 def twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
@@ -80,7 +54,7 @@ def follow(cables: FloatArray, start: FloatArray, state: FloatArray, changes: Fl
         determinants = np.linalg.det(rows)
         if not (determinants * side > 0.0).all():
             return None
-        angles = pressure_angles(rows, _arms(cables, solved)).max(axis=1)
+        angles = pressure_angles(rows, arms(cables, solved)).max(axis=1)
         if not (angles <= CLEAR_OF_SINGULAR).all():
             return None
     n = len(changes)

@@ -6,18 +6,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 from cells import START, FloatArray, cell, motion, record
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lmeasure.kernels import cable, pose_covariance, screw
+from lmeasure.kernels import screw
 from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig
 from lmeasure.run import write_run
 from lmeasure.status import Status
-from lmeasure.trajectory import at_once
+from lmeasure.trajectory import screw_numpy
 
 U = np.full(6, 0.0035)
 
@@ -27,42 +24,21 @@ def changes(rig: Rig, poses: FloatArray, noise_mm: float = 0.0) -> FloatArray:
     return np.asarray(lengths + np.random.default_rng(0).normal(0.0, 1.0, lengths.shape) * noise_mm)
 
 
-def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[at_once.Followed | None, FloatArray]:
+def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[screw_numpy.Followed | None, FloatArray]:
     flags = np.zeros(len(change), np.int64) if flags is None else flags
     state = screw.new_state(START)
-    return at_once.follow(rig.cable_rows(), START, state, change, flags), state
+    return screw_numpy.follow(rig.cable_rows(), START, state, change, flags), state
 
 
-@pytest.mark.parametrize("noise_mm", [0.0, 0.02, 0.5])
-def test_a_log_is_the_same_at_once(noise_mm: float) -> None:
+def test_where_a_run_has_got_to_is_the_kernels() -> None:
     rig = cell()
-    change = changes(rig, motion(3000)[1], noise_mm)
-    flags = np.zeros(len(change), np.int64)
-    flags[700:705] = Status.GAP
-    change[700:705] = np.nan
-    found, state = follow(rig, change, flags)
+    change = changes(rig, motion(1000)[1], 0.5)
+    found, state = follow(rig, change)
     there = screw.new_state(START)
-    expected = screw.resume(rig.cable_rows(), START, there, change, flags, U)
+    expected = screw.resume(rig.cable_rows(), START, there, change, np.zeros(len(change), np.int64), U)
     assert found is not None
-    for a, b in ((0, 1e-9), (1, 1e-10), (4, 1e-10)):
-        np.testing.assert_allclose(found[a], expected[a], rtol=0, atol=b)
-    np.testing.assert_array_equal(found[3], expected[3])
+    np.testing.assert_allclose(found[1], expected[1], rtol=0, atol=1e-10)
     np.testing.assert_allclose(state, there, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(
-        at_once.twists(rig.cable_rows(), found[0]), pose_covariance.twists(rig.cable_rows(), found[0]), rtol=1e-9, atol=1e-12
-    )
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.lists(st.floats(-250, 250), min_size=3, max_size=3), st.lists(st.floats(-0.6, 0.6), min_size=3, max_size=3), st.booleans())
-def test_lengths_and_rows_are_the_kernels(place: list[float], turn: list[float], straight: bool) -> None:
-    rows = cell().cable_rows()
-    if straight:
-        rows[::2, 6] = 0.0
-    pose = np.concatenate([place, Rotation.from_rotvec(turn).as_quat()])[None]
-    lengths, found = at_once.span_rows(rows, pose)
-    np.testing.assert_allclose(lengths, cable.span_lengths(rows, pose), rtol=1e-14)
-    np.testing.assert_allclose(found[0], cable.span_rows(rows, pose[0]), rtol=0, atol=1e-12)
 
 
 def test_what_is_not_plain_is_left_to_the_kernels() -> None:
@@ -77,7 +53,7 @@ def test_what_is_not_plain_is_left_to_the_kernels() -> None:
     np.testing.assert_array_equal(state, screw.new_state(START))
     lost = screw.new_state(START)
     lost[screw.LOST] = 1.0
-    assert at_once.follow(rig.cable_rows(), START, lost, change, np.zeros(300, np.int64)) is None
+    assert screw_numpy.follow(rig.cable_rows(), START, lost, change, np.zeros(300, np.int64)) is None
     contradicting = change.copy()
     contradicting[200, 0] = np.nan
     assert follow(rig, contradicting)[0] is None

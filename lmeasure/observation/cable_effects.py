@@ -1,0 +1,103 @@
+"""What else acts on the length of a cable than its parameters: how uncertain drums, pulleys and attachment points are, and what that does.
+
+With F and D of `kernels.cable`, N counts per turn, k the true count, every error as what it adds to f = F(P) - D(k):
+
+    count length    c + dc:               -k dc
+    groove pitch    g + dg:               a(k)/h(k) k/N dg
+    attachment      P + dP in the tool:   (R^T e) . dP
+    run-out         the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more:  minus that
+    eccentricity    below
+    play            the true count is k + s w, s = 1 paying out, s = -1 winding in:  -s c w
+
+each less the same at the pose and count where the counter was zeroed. Of the play, s is that of the last travel: where a run has got
+to it is known, where the counter was zeroed it is not, and as either sign is as likely the two errors are uncorrelated, each of the
+variance of w. Play between drum and encoder and friction along the cable obey the same law: a reading stands still until the band of
+width 2 w is crossed. (While it is crossed s lies between its two values, and the last one is taken.) Temperature, tension and weight
+need more than one number and have a module of their own (`lmeasure.effects`).
+
+Swivel pulley off its axle
+--------------------------
+Cable does not slip on the pulley, so D(k) turns it by psi = D(k)/R, from u towards n (module docstring of `kernels.cable`). Its groove is a
+circle about O + x, with x = x1 (cos psi u + sin psi n) + x2 (cos psi n - sin psi u) fixed to the pulley. A tight cable pulls the pulley by
+its tension times e - u, so that by virtual work the length changes by dF = x . (u - e) to first order, second orders being x^2/R:
+
+    dF = x1 (cos psi (1 - cos phi) - sin psi sin phi) - x2 (sin psi (1 - cos phi) + cos psi sin phi)
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray
+from lmeasure.kernels import layout
+from lmeasure.observation.wrap import Drum, Span, drum_of
+
+
+class Acted(NamedTuple):
+    """A cable at n samples: its row of the kernels, base_from_tool turns (n, 3, 3), true counts (n,), and how it runs."""
+
+    row: FloatArray
+    turns: FloatArray
+    counts: FloatArray
+    span: Span
+
+    @property
+    def drum(self) -> Drum:
+        """What pays it out."""
+        return drum_of(self.row)
+
+
+@dataclass(frozen=True)
+class CableEffect:
+    """A kind of error. key: the rig's key that states it; text: what it is called; usual: a usual size, in words, and typical: in the
+    key's unit, of the value `of` where it is a share of that; parameter: what a calibration calls the same, if it can solve it; adds: what
+    one unit of each of its components adds to F(P) - D(k), (n, components) [mm], None of play, which depends on the way that was gone."""
+
+    key: str
+    text: str
+    usual: str
+    typical: float
+    of: str | None = None
+    parameter: str | None = None
+    adds: Callable[[Acted], FloatArray] | None = None
+
+
+def _of_count_length(at: Acted) -> FloatArray:
+    return -at.counts[:, None]
+
+
+def _of_pitch(at: Acted) -> FloatArray:
+    a = at.drum.axial_mm + at.drum.travel_mm * at.counts
+    return (a / np.maximum(np.hypot(at.drum.tangent_mm, a), 1e-300) * at.counts / at.row[layout.TURN_COUNTS])[:, None]
+
+
+def _of_run_out(at: Acted) -> FloatArray:
+    angle = 2.0 * np.pi * at.counts / at.row[layout.TURN_COUNTS]
+    return -np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _of_eccentricity(at: Acted) -> FloatArray:
+    psi = at.drum.paid_out(at.counts) / at.row[layout.RADIUS]
+    lift, sine, c, s = 1.0 - at.span.cosine, at.span.sine, np.cos(psi), np.sin(psi)
+    return np.column_stack([c * lift - s * sine, -s * lift - c * sine])
+
+
+def _of_attachment(at: Acted) -> FloatArray:
+    return np.asarray(np.einsum("nij,ni->nj", at.turns, at.span.direction))
+
+
+COUNT_LENGTH = CableEffect("u_count_length_mm", "count length", "0.05 %", 5e-4, "count_length_mm", "scale", _of_count_length)
+PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "0.01 mm", 0.01, None, "groove_pitch_mm", _of_pitch)
+RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "0.02 mm", 0.02, adds=_of_run_out)
+ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "0.05 mm", 0.05, adds=_of_eccentricity)
+ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "0.1 mm", 0.1, None, "attachment", _of_attachment)
+BACKLASH = CableEffect("u_backlash_counts", "backlash", "a band of 2 counts", 1.0)
+FRICTION = CableEffect("u_friction_counts", "friction", "a band of 8 counts", 4.0)
+
+DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
+"""What is a dimension of the rig, the same in every run and calibration."""
+OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION)
+"""What depends on how drum and pulley stand and which way they turned."""
+EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION)

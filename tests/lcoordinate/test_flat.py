@@ -1,0 +1,176 @@
+"""Where tetrahedra are flat: the thesis' tables, boxes against draws, rates of edges against differences, and proofs that hold."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lmeasure.errors import StructureError
+from lmeasure.lcoordinate import flat, intervals
+
+laws = settings(max_examples=8, deadline=None, derandomize=True)
+seeds = st.integers(0, 2**32 - 1)
+
+# thesis 4.2, with sides and limits as printed
+LIMITS = {"l1": (3.0, 3.5), "l2": (3.0, 3.5), "l3": (4.5, 5.0), "l4": (3.5, 4.0), "l5": (3.5, 4.0), "l6": (3.5, 4.0)}
+LIMITS |= {n: (v, v) for n, v in {"b12": 1.5, "b23": 2.4, "b13": 2.4, "p12": 1.5, "p23": 1.25, "p13": 1.25}.items()}
+T1 = flat.Tetrahedron("b12", "l1", "l2", "b13", "b23", "l3")
+T2 = flat.Tetrahedron("l4", "l2", "p12", "b23", "l5", "l3")
+T3 = flat.Tetrahedron("p23", "p12", "p13", "l5", "l6", "l3")
+
+
+def volume(edges: dict[str, float]) -> float:
+    """Square of 6 V by the Cayley-Menger determinant of X, Y, P, Q; negative where there is no such tetrahedron."""
+    d = {k: v**2 for k, v in edges.items()}
+    rows = [
+        [0, 1, 1, 1, 1],
+        [1, 0, d["xy"], d["px"], d["qx"]],
+        [1, d["xy"], 0, d["py"], d["qy"]],
+        [1, d["px"], d["py"], 0, d["pq"]],
+        [1, d["qx"], d["qy"], d["pq"], 0],
+    ]
+    return float(np.linalg.det(np.array(rows, dtype=float))) / 8.0
+
+
+@laws
+@given(seeds)
+def test_a_flat_tetrahedron_has_no_volume(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    X, Y, P, Q = rng.normal(size=(4, 3))
+    d = {
+        k: float(np.linalg.norm(a - b)) for k, a, b in (("xy", X, Y), ("px", X, P), ("py", Y, P), ("qx", X, Q), ("qy", Y, Q), ("pq", P, Q))
+    }
+    near, far = (float(v) for v in flat.flat(*(np.array(d[e]) for e in flat.EDGES)))
+    assert near <= d["pq"] <= far
+    assert volume(d) == pytest.approx(float(np.linalg.det(np.array([Y - X, P - X, Q - X]))) ** 2, rel=1e-7, abs=1e-9)
+    for value in (near, far):
+        assert volume(d | {"pq": value}) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("tetrahedron", "values"),
+    [
+        (T1, (0.6249, 1.2907, 5.1845, 5.6985)),
+        (T2, (2.0036, 3.0335, 3.4617, 4.8132)),
+        (T3, (2.2605, 2.8181, 4.6519, 5.1582)),
+    ],
+)
+def test_thesis_4_2_as_recomputed(tetrahedron: flat.Tetrahedron, values: tuple[float, ...]) -> None:
+    """The flat values printed there (4.9, 4.54, 4.923) are not those of its sides and limits."""
+    found = flat.bands(tetrahedron, LIMITS, "l3")
+    got = (found.near.low[0], found.near.high[1], found.far.low[0], found.far.high[1])
+    np.testing.assert_allclose(got, values, atol=6e-5)
+    assert max(found.near.sharp, found.far.sharp) <= 5e-5
+    assert found.safe == (found.near.high[1], found.far.low[0])
+
+
+def test_thesis_4_2_printed_limits_are_not_free_and_what_is() -> None:
+    band = flat.safe_band([T1, T2, T3], LIMITS, "l3")
+    assert band == pytest.approx((3.0335, 3.4617), abs=1e-4)
+    # it has nothing in common with the printed limits of l3, 4.5 to 5
+    assert not flat.clear(T2, LIMITS)
+    assert not flat.clear(T3, LIMITS)
+    free = flat.adjusted([T1, T2, T3], LIMITS, ["l3"])
+    assert band is not None
+    assert band[0] < free["l3"][0] < free["l3"][1] < band[1]
+    assert all(flat.clear(t, free) for t in (T1, T2, T3))
+    with pytest.raises(StructureError, match="may be flat"):
+        flat.adjusted([T1, T2, T3], LIMITS | {"l2": (1.0, 3.5)}, ["l1"])
+
+
+def test_thesis_4_18_the_inner_length_of_a_flat_middle_tetrahedron() -> None:
+    """l4 at which P1 B2 B3 P2 is flat with the others given: 3.653907 and 1.963252, gamma of (4.17) with l2 for l4."""
+    own = {"l2": (3.2, 3.2), "l3": (4.2, 4.2), "l5": (3.7, 3.7), "b23": (2.4, 2.4), "p12": (1.5, 1.5)}
+    found = flat.bands(T2, own, "l4")
+    assert (found.near.low[0], found.far.high[1]) == pytest.approx((1.963252, 3.653907), abs=1e-6)
+
+
+def test_thesis_4_3_tables() -> None:
+    """Table 4.1: columns 1 and 2, near and far; 4.2, row 1; the levers' range of a distance."""
+    r, side = np.array([(38, 38), (38, 45), (45, 45), (45, 38)], dtype=float), np.full(4, 20.0)
+    near, far = flat.flat(side, r[:, 0], r[:, 1], side, side)
+    np.testing.assert_allclose(near, [19.340097, 25.050101, 26.554314, 25.050101], atol=3e-5)
+    np.testing.assert_allclose(far, [53.981114, 56.934106, 61.195330, 56.934106], atol=3e-5)
+    # (4.22), with AP = 70, BB = 20
+    levers = np.sqrt([70.0**2 + b**2 - 70.0 * (a**2 + b**2 - 20.0**2) / a for a in (38.0, 45.0) for b in (38.0, 45.0)])
+    low, high = levers.min(), levers.max()
+    assert (low, high) == pytest.approx((35.316034, 41.962389), abs=1e-6)
+    r = np.array([(low, low), (high, low), (high, high), (low, high)])
+    near, far = flat.flat(np.full(4, 20.0), r[:, 0], r[:, 1], np.full(4, 35.0), np.full(4, 25.0))
+    np.testing.assert_allclose(near, [17.689124, 10.922330, 22.121028, 29.828294], atol=3e-5)
+    np.testing.assert_allclose(far, [60.262255, 59.735561, 66.950312, 65.869318], atol=3e-5)
+    A1 = np.array([low, high])[[0, 0]]
+    near, _ = flat.flat(np.full(2, 20.0), A1, A1, np.array([25.0, 25.0]), np.array([low, high]))
+    np.testing.assert_allclose(near, [18.224843, 33.066021], atol=3e-5)
+
+
+def test_thesis_4_3_extremes_are_not_all_at_corners() -> None:
+    """The least flat distance A1A2 is 3.316, not the 5.990 of the table's corners; opposite sides begin at 54.4018."""
+    low, high = 35.316034, 41.962389
+    t = flat.Tetrahedron("b", "a1b2", "a1b3", "a2b2", "a2b3", "a12")
+    own = {"b": (20.0, 20.0), "a1b2": (low, high), "a1b3": (low, high), "a2b2": (25.0, 32.0), "a2b3": (low, high)}
+    found = flat.bands(t, own, "a12")
+    got = (found.near.low[0], found.near.high[1], found.far.low[0], found.far.high[1])
+    np.testing.assert_allclose(got, [3.3160, 45.1037, 54.4018, 73.9624], atol=6e-4)
+
+
+@laws
+@given(seeds, st.sampled_from(["xy", "px", "py", "qx", "qy", "pq"]))
+def test_bands_hold_every_flat_value_of_draws(seed: int, edge: str) -> None:
+    rng = np.random.default_rng(seed)
+    X, Y, P, Q = rng.normal(size=(4, 3))
+    d = {
+        k: float(np.linalg.norm(a - b)) for k, a, b in (("xy", X, Y), ("px", X, P), ("py", Y, P), ("qx", X, Q), ("qy", Y, Q), ("pq", P, Q))
+    }
+    limits = {k: (v * (1.0 - w), v * (1.0 + w)) for (k, v), w in zip(d.items(), rng.uniform(0.0, 0.08, 6), strict=True)}
+    t = flat.Tetrahedron("xy", "px", "py", "qx", "qy", "pq")
+    found, named = flat.bands(t, limits, edge), t.seen_from(edge)
+    draws = [rng.uniform(*limits[getattr(named, e)], 4000) for e in flat.EDGES]
+    near, far = flat.flat(*draws)
+    fine = np.isfinite(near)
+    assert fine.any()
+    for band, values in ((found.near, near[fine]), (found.far, far[fine])):
+        assert band.low[0] <= values.min()
+        assert values.max() <= band.high[1]
+        # and no wider than they are: corners come close, as draws do
+        room = values.max() - values.min()
+        assert band.low[1] <= values.min() + 1e-9
+        assert band.high[0] >= values.max() - 1e-9
+        assert band.high[1] - values.max() <= 0.6 * room + 1e-3
+    # a tetrahedron between is never flat
+    if found.safe is not None:
+        middle = 0.5 * sum(found.safe)
+        for k in range(5):
+            edges = {e: float(v[k]) for e, v in zip(flat.EDGES, draws, strict=True)}
+            assert volume(edges | {"pq": middle}) > 0.0
+
+
+def test_limits_that_are_none_are_refused() -> None:
+    with pytest.raises(StructureError, match="has no edge"):
+        flat.bands(T1, LIMITS, "l6")
+    with pytest.raises(StructureError, match="least before greatest"):
+        flat.bands(T1, LIMITS | {"l1": (3.5, 3.0)}, "l3")
+    with pytest.raises(StructureError, match="cannot be assembled"):
+        flat.bands(T1, LIMITS | {"l1": (9.0, 9.5)}, "l3")
+
+
+@laws
+@given(seeds)
+def test_intervals_hold_what_their_operations_give(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = np.sort(rng.normal(size=(2, 50, 2)), axis=-1)
+    positive = b - b[:, :1] + 0.1
+    x, y, z = (rng.uniform(i[:, 0], i[:, 1]) for i in (a, b, positive))
+    for found, value in [
+        (intervals.add(a, b), x + y),
+        (intervals.sub(a, b), x - y),
+        (intervals.mul(a, b), x * y),
+        (intervals.div(a, positive), x / z),
+        (intervals.square(a), x * x),
+        (intervals.root(positive), np.sqrt(z)),
+    ]:
+        assert (found[:, 0] <= value).all()
+        assert (value <= found[:, 1]).all()
+    told = intervals.sign(a)
+    assert (np.sign(x)[told != 0] == told[told != 0]).all()
+    assert set(np.unique(told)) <= {-1.0, 0.0, 1.0}

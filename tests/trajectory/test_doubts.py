@@ -1,0 +1,182 @@
+"""What becomes of breaks, moments and stands: from when until when a channel is in doubt, what proves it right, and what is said."""
+
+import numpy as np
+import pytest
+from cells import FloatArray, cell
+
+from lmeasure.rig import Rig
+from lmeasure.status import Status
+from lmeasure.trajectory.continuity import Away, Continuity
+from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts, judged, unseen
+from lmeasure.trajectory.standing import Stood
+from lmeasure.trajectory.steps import Break
+from lmeasure.trajectory.visits import Rests
+
+COUNT_MM = 0.012
+NO_RESTS = Rests(np.empty(0), np.empty(0), np.empty((0, 6)))
+
+
+def found(
+    *breaks: Break, away: tuple[Away, ...] = (), stood: tuple[Stood, ...] = (), clock_s: tuple[float, ...] = (), least_mm: float = 0.3
+) -> Continuity:
+    return Continuity(breaks, away, stood, 1234.0, np.full(6, least_mm), clock_s)
+
+
+def at(cable: int, before_s: float, by_mm: float = 2.4, u_mm: float = 0.3) -> Break:
+    return Break(cable, before_s, before_s + 0.1, by_mm, u_mm)
+
+
+def resting(*apart: tuple[float, FloatArray]) -> Rests:
+    """Rests that begin at times, with lengths (6,)."""
+    begin = np.array([b for b, _ in apart])
+    return Rests(begin, begin + 1.0, np.array([length for _, length in apart]))
+
+
+PLACE = np.array([100.0, -50.0, 30.0, 80.0, -70.0, 20.0])
+ELSEWHERE = -PLACE
+
+
+def off(cable: int, by_mm: float) -> FloatArray:
+    return by_mm * np.eye(6)[cable]
+
+
+def spans(doubts: Doubts) -> list[tuple[int, float, float]]:
+    return [(d.cable, d.after_s, d.until_s) for d in doubts.every]
+
+
+def test_each_break_doubts_its_channel_up_to_the_next() -> None:
+    doubts = judged(cell(), found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan)), NO_RESTS)
+    assert spans(doubts) == [(2, 5.0, 9.0), (4, 7.0, np.inf), (2, 9.0, np.inf)]
+    assert {d.status for d in doubts.every} == {Status.ORIGIN_LOST}
+    sign = cell().observation_point[2].drum.count_sign
+    first = f"channel ch3 stepped by about {sign * 200:+d} counts (within 25) between 5 and 5.1 s: its origin is lost"
+    assert doubts.notes == (
+        f"{first}, and it errs again at 9 s",
+        "channel ch5 does not follow the tool between 7 and 7.1 s, which goes on evenly: its origin is lost",
+        f"channel ch3 stepped by about {sign * -100:+d} counts (within 25) between 9 and 9.1 s: its origin is lost",
+    )
+
+
+def test_a_doubt_is_about_the_samples_behind_its_beginning_up_to_its_end() -> None:
+    doubt = Doubt(1, 2.0, 3.0, Status.JUMP, "")
+    assert doubt.mask(np.array([1.9, 2.0, 2.1, 3.0, 3.1])).tolist() == [False, False, True, True, False]
+    doubts = Doubts((doubt,))
+    assert [doubts.about(1, t) for t in (2.0, 2.1, 3.0, 3.1)] == [False, True, True, False]
+    assert not doubts.about(2, 2.5)
+    assert EVERY not in range(6)
+
+
+def test_moments_away_and_stands() -> None:
+    away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
+    doubts = judged(cell(), found(away=away, stood=(Stood(3, 6.0, np.inf),)), NO_RESTS)
+    assert spans(doubts) == [
+        (0, 1.0, np.nextafter(1.2, 0.0)), (5, 3.0, np.nextafter(3.2, 0.0)), (0, 4.0, np.nextafter(4.2, 0.0)), (3, 6.0, np.inf)
+    ]  # fmt: skip
+    assert [d.status for d in doubts.every] == [Status.JUMP] * 3 + [Status.ORIGIN_LOST]
+    assert doubts.notes == (
+        "channel ch1 was elsewhere for a moment, 2 times, first behind 1 s",
+        "channel ch6 was elsewhere for a moment behind 3 s",
+        "channel ch4 stands from 6 s on while its point is drawn far: it does not count",
+    )
+
+
+def test_what_is_said_behind_a_stand() -> None:
+    stood = (Stood(3, 6.0, 8.0),)
+    goes_on = judged(cell(), found(Break(3, 8.0, np.nextafter(8.0, 9.0), np.nan, np.nan), stood=stood), NO_RESTS)
+    assert goes_on.notes[-1] == "channel ch4 stood up to 8 s and counts again: its origin is lost"
+    assert spans(goes_on) == [(3, 6.0, 8.0), (3, 8.0, np.inf)]
+    # that of another channel, and what began elsewhere, is something else
+    for other in (Break(2, 8.0, 8.1, np.nan, np.nan), Break(3, 7.0, 7.1, np.nan, np.nan)):
+        assert any("does not follow the tool" in note for note in judged(cell(), found(other, stood=stood), NO_RESTS).notes)
+
+
+@pytest.mark.parametrize(
+    ("length", "proved"),
+    [
+        (PLACE, True),
+        (PLACE + off(2, 0.035), True),
+        (PLACE + off(2, 0.037), False),
+        # three scatters of the others are more than three counts, up to a tenth of a millimetre
+        (PLACE + off(2, 0.08) + 0.03 * np.array([1, -1, 0, 1, -1, 1]), True),
+        (PLACE + off(2, 0.095) + 0.03 * np.array([1, -1, 0, 1, -1, 1]), False),
+        (PLACE + off(2, 0.11) + 0.3 * np.array([1, -1, 0, 1, -1, 1]), False),
+        (PLACE + off(2, 0.09) + 0.3 * np.array([1, -1, 0, 1, -1, 1]), True),
+        (PLACE + off(4, 0.49), True),
+        (PLACE + off(4, 0.51), False),
+        (ELSEWHERE, False),
+        # where counting began is a place as well
+        (np.zeros(6), True),
+        (off(2, 0.037), False),
+    ],
+)
+def test_a_rest_where_all_is_back_proves_it(length: FloatArray, proved: bool) -> None:
+    rests = resting((1.0, PLACE), (6.0, length))
+    doubts = judged(cell(), found(at(2, 3.0)), rests)
+    assert bool(doubts.every) is not proved
+    assert ("; but it is back where it was at the rest at 6 s: it has lost nothing" in doubts.notes[0]) is proved
+
+
+def test_what_proves_nothing() -> None:
+    back = (6.0, PLACE)
+    # a rest before it, one behind its next step, and one while it stands
+    assert judged(cell(), found(at(2, 6.0)), resting((1.0, PLACE), back)).every
+    assert len(judged(cell(), found(at(2, 3.0), at(2, 5.0)), resting((1.0, PLACE), back)).every) == 1
+    assert judged(cell(), found(at(2, 5.0)), resting((1.0, PLACE), back)).every == ()
+    stood = (Stood(2, 5.5, 6.5),)
+    kept = judged(cell(), found(at(2, 3.0), stood=stood), resting((1.0, PLACE), back))
+    assert spans(kept) == [(2, 3.0, np.inf), (2, 5.5, 6.5)]
+    assert len(judged(cell(), found(at(2, 3.0), stood=(Stood(2, 5.5, 5.9),)), resting((1.0, PLACE), back)).every) == 1
+    # a place that is known of this channel from while it was in doubt itself
+    assert judged(cell(), found(at(2, 3.0)), resting((4.0, PLACE), back)).every
+    # as many others as a pose asks for, of which three are enough and two are not
+    others = [at(j, 5.0, 0.5) for j in (0, 1)]
+    assert len(judged(cell(), found(at(2, 3.0), *others), resting((1.0, PLACE), (6.0, PLACE + off(0, 9.0) + off(1, 9.0)))).every) == 2
+    others = [at(j, 5.0, 0.5) for j in (0, 1, 3)]
+    moved = PLACE + off(0, 9.0) + off(1, 9.0) + off(3, 9.0)
+    assert len(judged(cell(), found(at(2, 3.0), *others), resting((1.0, PLACE), (6.0, moved))).every) == 4
+
+
+def test_what_is_proved_right_proves_others() -> None:
+    """Two of them, of whom only the first is back at a place that both know; with its help the second is back where it was meanwhile."""
+    first = resting((1.0, PLACE), (4.0, PLACE), (5.0, ELSEWHERE), (8.0, ELSEWHERE))
+    doubts = judged(cell(), found(at(0, 3.0), at(1, 3.5, -1.0), at(3, 3.6), at(2, 7.0)), first)
+    assert doubts.every == ()
+
+
+def test_of_many_notes_the_first_are_told() -> None:
+    doubts = judged(cell(), found(*(at(j % 6, 1.0 + j) for j in range(15))), NO_RESTS)
+    assert len(doubts.every) == 15
+    assert len(doubts.notes) == 13
+    assert doubts.notes[-1] == "and 3 more of the kind"
+    assert len(judged(cell(), found(*(at(j % 6, 1.0 + j) for j in range(12))), NO_RESTS).notes) == 12
+
+
+@pytest.mark.parametrize(
+    ("clock_s", "told"),
+    [
+        ((4.0, 5.0), "behind 4, 5 s"),
+        ((1.0, 2.0, 3.0), "behind 1, 2, 3 s"),
+        ((1.0, 2.0, 3.0, 4.0, 5.0), "behind 1, 2, 3 s and at 2 more instants"),
+    ],
+)
+def test_steps_of_the_clock_are_said(clock_s: tuple[float, ...], told: str) -> None:
+    assert judged(cell(), found(clock_s=clock_s), NO_RESTS).notes == (f"all channels step as if the clock had, {told}",)
+
+
+def scaled(scale: float) -> Rig:
+    points = cell().observation_point
+    return cell().model_copy(
+        update={"observation_point": tuple(p.model_copy(update={"drum": p.drum.model_copy(update={"scale": scale})}) for p in points)}
+    )
+
+
+def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> None:
+    least = np.array([0.3, 0.6, 0.3, np.inf, 0.3, 0.3])
+    said = unseen(scaled(2.0), Continuity((), (), (), 1234.0, least))
+    assert said == (
+        "steps of a counter by 100 counts (0.6 mm) and more are seen, the acceleration of the motion itself, 1.23e+03 mm/s2, being the "
+        "limit; of ch4, without four counts on end, none are"
+    )
+    assert "too slowly" not in unseen(cell(), found(least_mm=1.0))
+    assert unseen(cell(), found(least_mm=1.01)).endswith("; it is sampled too slowly for its speed to show smaller ones")
+    assert "+100 counts" in judged(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes[0]
