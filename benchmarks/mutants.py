@@ -61,7 +61,7 @@ CORE = {
     "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
     "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
     "trajectory/steps.py": ["tests/trajectory/test_steps.py", *_COUNTERS],
-    "trajectory/continuity.py": _COUNTERS,
+    "trajectory/continuity.py": ["tests/trajectory/test_continuity.py", *_COUNTERS],
     "trajectory/standing.py": ["tests/trajectory/test_standing.py", *_COUNTERS],
     "trajectory/doubts.py": ["tests/trajectory/test_doubts.py", *_COUNTERS],
     "trajectory/redundancy.py": ["tests/trajectory/test_redundancy.py", *_COUNTERS],

@@ -272,6 +272,10 @@ def test_of_an_odd_number_of_epochs_the_last_stays(monkeypatch: pytest.MonkeyPat
     score = np.zeros(9)
     score[[3, 4]] = np.nan  # samples whose chi-squared is not known count most
     finder.add(epochs, motion(9)[1], score)
+    monkeypatch.setattr("lmeasure.trajectory.consistency.MOST_EPOCHS", 5)
+    few = EpochFinder(reconstruction.redundancy)
+    few.add(epochs, motion(9)[1], score)
+    assert few.epochs() is epochs
     assert finder.epochs().time_s.tolist() == epochs.time_s[[0, 3, 4, 6, 8]].tolist()
 
 

@@ -84,6 +84,7 @@ def test_what_is_said_behind_a_stand() -> None:
     stood = (Stood(3, 6.0, 8.0),)
     goes_on = judged(cell(), found(Break(3, 8.0, np.nextafter(8.0, 9.0), np.nan, np.nan), stood=stood), NO_RESTS)
     assert goes_on.notes[-1] == "channel ch4 stood up to 8 s and counts again: its origin is lost"
+    assert goes_on.notes[0] == "channel ch4 stands from 6 s on while its point is drawn far: it does not count"
     assert spans(goes_on) == [(3, 6.0, 8.0), (3, 8.0, np.inf)]
     # that of another channel, and what began elsewhere, is something else
     for other in (Break(2, 8.0, 8.1, np.nan, np.nan), Break(3, 7.0, 7.1, np.nan, np.nan)):
