@@ -6,26 +6,34 @@ compiled: it is the reference, plain to read, that every compiled way is tested 
 """
 
 from lmeasure.observation.cable import CableLength
-from lmeasure.observation.channel import Observation, differences, predictions, rows
+from lmeasure.observation.channel import Channels, Observation, arms, by_point, differences, predictions, row_of, rows, values, variances
 from lmeasure.observation.distance import Distance
 from lmeasure.observation.follow import follow
 from lmeasure.observation.inclination import Inclination
+from lmeasure.observation.parameters import Parameter
 from lmeasure.observation.solver import Solved, pressure_angles, shared_errors, solve_poses, twists
 from lmeasure.observation.swivel import SwivelAngle
 
 __all__ = [
     "CableLength",
+    "Channels",
     "Distance",
     "Inclination",
     "Observation",
+    "Parameter",
     "Solved",
     "SwivelAngle",
+    "arms",
+    "by_point",
     "differences",
     "follow",
     "predictions",
     "pressure_angles",
+    "row_of",
     "rows",
     "shared_errors",
     "solve_poses",
     "twists",
+    "values",
+    "variances",
 ]

@@ -93,7 +93,7 @@ def _inverse(channels: Channels, poses: FloatArray, used: BoolArray, free: IntAr
     scaled = np.where(used[:, :, None], rows(channels, poses), 0.0) * weight[:, :, None] * scale
     fine = np.isfinite(scaled).all(axis=(1, 2))
     U, s, V = np.linalg.svd(np.where(fine[:, None, None], scaled, 0.0)[:, :, free], full_matrices=False)
-    determined = ~fine | (s[:, -1] > SINGULAR * s[:, 0])
+    determined = ~fine | (s[:, -1] > SINGULAR * s[:, 0]) & (len(channels) >= len(free))
     s = np.where((fine & determined)[:, None], s, np.inf)
     out = np.zeros((len(used), 6, len(channels)))
     out[:, free] = np.swapaxes(V, 1, 2) @ (np.swapaxes(U, 1, 2) / s[:, :, None]) * weight[:, None, :]
