@@ -42,6 +42,15 @@ EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
 
 _ZONES = "pivoted or parameter or every_node or definitions or cannot_run or zero_pose"
 _COUNTERS = ["tests/trajectory/test_counter_faults.py", "tests/test_docs.py::test_constants_are_those_of_the_program"]
+_SEALED = [
+    "tests/certification/test_method.py",
+    "tests/certification/test_evaluation.py",
+    "tests/certification/test_instants.py",
+    "-k",
+    "method_3 or test_evaluation or test_instants",
+]
+_TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
+_EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
 CORE = {
     "kernels/cable.py": ["tests/kernels/test_cable.py"],
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
@@ -73,6 +82,10 @@ CORE = {
     "certification/uncertainty.py": ["tests/certification/test_u95.py"],
     "certification/verify.py": ["tests/certification/test_verify.py"],
     "certification/again.py": ["tests/certification/test_verify.py"],
+    **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},
+    **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
+    "findings.py": ["tests/test_findings.py"],
+    "trajectory/pose_errors.py": ["tests/trajectory/test_pose_errors.py", "tests/certification/test_u95.py"],
     "acquisition/samples.py": ["tests/acquisition/test_samples.py"],
     "accuracy/zone.py": ["tests/accuracy/test_zone.py", "-k", "not 60_degrees and not limit_of and not volume and not limits_asked"],
 }

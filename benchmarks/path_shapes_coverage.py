@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.certification.path_figures import DOUBT_OF_MEAN
+from lmeasure.certification.iso9283.path import DOUBT_OF_MEAN
 from lmeasure.certification.waves import cosines, reduced
 
 FloatArray = NDArray[np.float64]

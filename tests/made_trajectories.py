@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.certification import Characteristic, Evaluation, PoseErrors
-from lmeasure.certification.errors_of_poses import roots
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.pose_errors import roots
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

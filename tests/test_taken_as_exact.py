@@ -15,11 +15,11 @@ from lmeasure.accuracy.extent import extent
 from lmeasure.accuracy.zone import scan_zone, tilts
 from lmeasure.calibration import Campaign, calibrate
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.findings import recognised
 from lmeasure.lengths import counts_from_poses
 from lmeasure.observation.cable_effects import ATTACHMENT, ECCENTRICITY, EFFECTS, CableEffect
 from lmeasure.poses import Poses
 from lmeasure.report.calibration import write_calibration_page
-from lmeasure.report.sentences import sentence
 from lmeasure.report.zone_html import findings
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run, read_run_head, write_run
@@ -193,6 +193,7 @@ def test_a_zone_says_it_on_its_page() -> None:
 
 def test_certificates_in_russian_say_it_in_russian() -> None:
     for t in reconstruct(plain_run()).taken_as_exact:
-        said = sentence("ru", t.line())
-        assert said is not None
-        assert not re.search("[a-z]{3}", said), said
+        found = recognised(t.line())
+        assert found is not None
+        assert str(found) == t.line()
+        assert not re.search("[a-z]{3}", found.text("ru")), found

@@ -8,6 +8,7 @@ from typing import Any
 from lmeasure.certification.bundle import CERTIFICATE, Difference
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import identification
+from lmeasure.certification.characteristic import key_of
 from lmeasure.certification.environment import LIBRARIES
 from lmeasure.certification.method import METHOD, method_of
 from lmeasure.certification.printed import with_u95
@@ -26,8 +27,7 @@ _ENVIRONMENT = ("lmeasure", SOURCES, "python", *LIBRARIES, "system", "processor"
 
 def label(figure: Mapping[str, Any]) -> str:
     """A characteristic by name, for a person: AP_p of P1."""
-    where = " ".join(str(figure[key]) for key in ("pose", "path", "part") if figure.get(key) is not None)
-    return f"{figure['name']} of {where}" if where else str(figure["name"])
+    return str(key_of(figure))
 
 
 def compare(stated: dict[str, Any], again: dict[str, Any], *, exact: bool) -> tuple[list[Difference], float]:

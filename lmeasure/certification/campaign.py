@@ -317,7 +317,9 @@ def _tuples(value: object) -> object:
     return tuple(_tuples(v) for v in value) if isinstance(value, list | tuple) else value
 
 
-def _along(path: CommandedPath, tests: Tests, cycles: int, across: FloatArray | None = None, load_kg: float | None = None) -> list[Command]:
+def _along(
+    path: CommandedPath, tests: Tests, cycles: int, *, across: FloatArray | None = None, load_kg: float | None = None
+) -> list[Command]:
     """To the start of the path and a rest, then along it, over and over."""
     assert path.speed_mm_s is not None
     corners, quaternion = path.corners(), np.array(path.quaternion_xyzw)
@@ -325,7 +327,7 @@ def _along(path: CommandedPath, tests: Tests, cycles: int, across: FloatArray | 
     if path.kind == "circular":
         corners = path.points(2.0 * math.pi * float(path.radius_mm or 0.0) / CIRCLE_STEPS)
     if across is not None and path.weave_stroke_mm is not None and path.weave_distance_mm is not None:
-        corners, speed = _zigzag(corners, across, path.weave_stroke_mm, path.weave_distance_mm, speed)
+        corners, speed = _zigzag(corners, across, stroke=path.weave_stroke_mm, way=path.weave_distance_mm, speed=speed)
     rows = np.column_stack([corners, np.tile(quaternion, (len(corners), 1))])
     if path.end_quaternion_xyzw is not None:
         rows[-1, 3:] = path.end_quaternion_xyzw
@@ -340,7 +342,7 @@ def _along(path: CommandedPath, tests: Tests, cycles: int, across: FloatArray | 
     ]
 
 
-def _zigzag(ends: FloatArray, across: FloatArray, stroke: float, way: float, speed: float) -> tuple[FloatArray, float]:
+def _zigzag(ends: FloatArray, across: FloatArray, *, stroke: float, way: float, speed: float) -> tuple[FloatArray, float]:
     """(k, 3) corners of a weave about the line between the ends, and the speed on it that makes the given one along the line."""
     length = float(np.linalg.norm(ends[1] - ends[0]))
     at = np.concatenate([[0.0], np.arange(0.25 * way, length, 0.5 * way), [length]])

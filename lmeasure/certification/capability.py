@@ -1,13 +1,15 @@
 """What may be said of a figure: whether the instrument was good enough to say it, and whether it meets a tolerance."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from scipy.special import ndtr
 
-from lmeasure.certification.characteristic import Characteristic, Conformity, Rule, Verdict
+from lmeasure.certification.characteristic import Characteristic, CharacteristicKey, Conformity, Rule, Verdict
+from lmeasure.certification.settings import Settings
 from lmeasure.certification.uncertainty import NORMAL_95
+from lmeasure.findings import finding
 from lmeasure.program import Tolerance
 
 
@@ -59,13 +61,28 @@ def undecided(found: Sequence[Characteristic], tolerances: Sequence[Tolerance]) 
     return next((t for t in tolerances if id(t) not in used), None)
 
 
-def with_verdict(c: Characteristic, tolerances: Sequence[Tolerance], fraction: float, rule: Rule, signed: bool) -> Characteristic:
+def with_verdicts(
+    found: Sequence[Characteristic],
+    *,
+    vectors: Mapping[CharacteristicKey, CharacteristicKey],
+    signed: Sequence[str],
+    tolerances: Sequence[Tolerance],
+    settings: Settings,
+) -> tuple[Characteristic, ...]:
+    """All characteristics with their verdicts; vectors: of which vector each component takes its own; signed: names of others that may be
+    zero without being bad."""
+    own = [with_verdict(c, tolerances, settings, signed=c.key in vectors or c.name in signed) for c in found]
+    known = {c.key: c for c in own}
+    return tuple(with_vector_verdict(c, known[vectors[c.key]], settings.capability) if vectors.get(c.key) in known else c for c in own)
+
+
+def with_verdict(c: Characteristic, tolerances: Sequence[Tolerance], settings: Settings, *, signed: bool) -> Characteristic:
     """The characteristic with its own verdict of capability and conformity; none when it is excluded."""
     tolerance = tolerance_of(c, tolerances)
-    limit = limit_of(c.value, tolerance if signed else None, fraction)
+    limit = limit_of(c.value, tolerance if signed else None, settings.capability)
     if c.excluded is not None:
         return replace(c, capable=False, limit_u95=None, conformity=None)
-    found = None if tolerance is None else conformity(c.value, c.u95, tolerance, rule)
+    found = None if tolerance is None else conformity(c.value, c.u95, tolerance, settings.rule)
     return replace(c, capable=bool(c.u95 <= limit), limit_u95=limit, conformity=found)
 
 
@@ -75,4 +92,4 @@ def with_vector_verdict(c: Characteristic, vector: Characteristic, fraction: flo
     c = replace(c, capable_alone=c.excluded is None and bool(c.u95 <= limit_of(c.value, None, fraction)))
     if c.conformity is not None or c.excluded is not None:
         return c
-    return replace(c, capable=vector.capable, limit_u95=vector.limit_u95, note=f"verdict of {vector.name}")
+    return replace(c, capable=vector.capable, limit_u95=vector.limit_u95, note=finding("verdict.of_vector", vector=vector.name))

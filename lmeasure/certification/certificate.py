@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.certification.attained import AttainedPose
+from lmeasure.catalogue import LANGUAGES as LANGUAGES
 from lmeasure.certification.canonical import digest
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Inputs, Measured, settings_stated
 from lmeasure.certification.method import METHOD
+from lmeasure.findings import Finding, recognised
 from lmeasure.program import Program
 from lmeasure.status import Status
+from lmeasure.trajectory.attained import AttainedPose
 
 ID_DIGITS = 16
-LANGUAGES = ("en", "ru")
 
 
 def now() -> str:
@@ -41,7 +42,7 @@ def certificate(
     evaluation, trajectory = measured.evaluation, measured.trajectory
     figures = {
         "characteristics": [plain(c.as_dict()) for c in evaluation.characteristics],
-        "excluded": [plain(vars(e)) for e in evaluation.excluded],
+        "excluded": [vars(e) | {"reason": str(e.reason)} for e in evaluation.excluded],
         "base_from_program": plain(evaluation.base_from_program),
     }
     details = measured.details.stated()
@@ -64,10 +65,11 @@ def certificate(
             "end_s": float(trajectory.time_s[-1]) if len(trajectory.time_s) else 0.0,
         },
         "angles": evaluation.angles,
-        "uncertainty_covers": evaluation.covers,
+        "uncertainty_covers": str(evaluation.covers),
         "program": commanded(measured.program),
         "attained": [attained(pose) for pose in evaluation.poses],
         "notes": list(dict.fromkeys([*measured.notes, *evaluation.notes])),
+        "findings": plain(_findings(measured)),
         **figures,
         "figures_sha256": digest(figures),
     }
@@ -78,6 +80,15 @@ def identification(content: dict[str, Any]) -> str:
     """The id of a certificate from all else in it."""
     value = digest({key: v for key, v in content.items() if key != "id"})[:ID_DIGITS].upper()
     return f"LM-{value[:8]}-{value[8:]}"
+
+
+def _findings(measured: Measured) -> list[dict[str, Any]]:
+    """The texts of the certificate as codes with values, each once."""
+    evaluation = measured.evaluation
+    told = [evaluation.covers, *(e.reason for e in evaluation.excluded), *measured.notes, *evaluation.findings]
+    told += [c.note for c in evaluation.characteristics if c.note is not None]
+    found = (text if isinstance(text, Finding) else recognised(text) for text in dict.fromkeys(told))
+    return [f.stated() for f in found if f is not None]
 
 
 def _instrument(measured: Measured) -> dict[str, Any] | None:

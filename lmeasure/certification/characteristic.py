@@ -9,11 +9,36 @@ one table per characteristic, as `Characteristic.as_dict` gives it: keys that do
 and no `pose`), `value` and `u95` are always there. Deviations of speed (AV, RV) are in percent.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
+
+from lmeasure.findings import Finding
 
 Verdict = Literal["conforms", "does not conform", "not decided"]
 Rule = Literal["simple", "guarded"]
+
+
+class CharacteristicKey(NamedTuple):
+    """Which characteristic of a certificate: its name, the pose or the path it is of, and the part of that."""
+
+    name: str
+    pose: str | None = None
+    path: str | None = None
+    part: str | None = None
+
+    @property
+    def where(self) -> str:
+        """Pose or path, and the part of it, for a person."""
+        return " ".join(p for p in (self.pose, self.path, self.part) if p)
+
+    def __str__(self) -> str:
+        return f"{self.name} of {self.where}" if self.where else self.name
+
+
+def key_of(figure: Mapping[str, Any]) -> CharacteristicKey:
+    """The key of a table of certificate.json."""
+    return CharacteristicKey(str(figure["name"]), *(None if figure.get(k) is None else str(figure[k]) for k in ("pose", "path", "part")))
 
 
 @dataclass(frozen=True)
@@ -69,13 +94,18 @@ class Characteristic:
     conformity: Conformity | None = None
     angles: str | None = None
     extension: bool = False
-    excluded: str | None = None
-    note: str | None = None
+    excluded: Finding | None = None
+    note: Finding | None = None
+
+    @property
+    def key(self) -> CharacteristicKey:
+        """Which characteristic it is."""
+        return CharacteristicKey(self.name, self.pose, self.path, self.part)
 
     @property
     def where(self) -> str:
         """Pose or path, and the part of it, for a person."""
-        return " ".join(p for p in (self.pose or self.path, self.part) if p)
+        return self.key.where
 
     def as_dict(self) -> dict[str, Any]:
         """The table of certificate.json; see the module's text."""
@@ -84,4 +114,4 @@ class Characteristic:
         out = {name: getattr(self, name) for name in names}
         if self.conformity is not None:
             out["conformity"] = {k: v for k, v in vars(self.conformity).items() if v is not None}
-        return {k: v for k, v in out.items() if v is not None}
+        return {k: str(v) if isinstance(v, Finding) else v for k, v in out.items() if v is not None}

@@ -2,14 +2,16 @@
 
 import itertools
 from collections import Counter
+from typing import NamedTuple
 
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.certification.attained import Frame
 from lmeasure.errors import CertificationError
+from lmeasure.findings import Finding, finding
 from lmeasure.program import CommandedPath, CommandedPose, Program
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.attained import Frame
 
 LAG_S = 0.05
 """A robot that in this time moves by less than what a still one may is resting."""
@@ -47,8 +49,8 @@ def rests(trajectory: Trajectory, positions: FloatArray, still_mm: float) -> lis
     return out
 
 
-def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[str, ...]]:
-    """The program with windows found in the trajectory, where it states no time of anything, and notes on how.
+def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[Finding, ...]]:
+    """The program with windows found in the trajectory, where it states no time of anything, and what is to be said of them.
 
     A dwell is the second half of a rest near a commanded pose, up to `LAG_S` before the robot leaves it; a run of a path is what lies
     between a rest near its start and the next near its end. CertificationError when a pose or path is not found, or poses are
@@ -61,14 +63,15 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
     positions = frame.of(trajectory.poses)[:, :3]
     found = rests(trajectory, positions, still_mm)
     places = np.array([np.nanmean(positions[r], axis=0) for r in found]).reshape(-1, 3)
-    poses = tuple(_with_dwells(p, program, trajectory, positions, found, places) for p in program.pose)
+    seen = _Rests(trajectory, positions, found, places)
+    poses = tuple(_with_dwells(p, program, seen) for p in program.pose)
     cycles = Counter(len(p.windows_s) for p in poses)
     if len(cycles) > 1:
         most = cycles.most_common(1)[0][0]
         odd = next(p for p in poses if len(p.windows_s) != most)
         raise CertificationError(f"pose {odd.name}: is rested at {len(odd.windows_s)} times in the trajectory, other poses {most} times")
-    paths = tuple(_with_runs(p, program, trajectory, positions, found, places) for p in program.path)
-    note = f"no windows stated: {len(found)} rests of at least {LEAST_S:g} s within {still_mm:g} mm found, the second half of each taken"
+    paths = tuple(_with_runs(p, seen) for p in program.path)
+    note = finding("windows.found", rests=len(found), least_s=LEAST_S, still_mm=still_mm)
     data = program.model_dump(by_alias=True, exclude_none=True)
     data["pose"] = [p.model_dump(by_alias=True, exclude_none=True) for p in poses]
     data["path"] = [p.model_dump(by_alias=True, exclude_none=True) for p in paths]
@@ -98,22 +101,29 @@ def settled(time_s: FloatArray, positions: FloatArray, rest: slice) -> tuple[flo
     return float(times[half]), float(max(end - LAG_S, times[half]))
 
 
-def _with_dwells(
-    pose: CommandedPose, program: Program, trajectory: Trajectory, positions: FloatArray, found: list[slice], places: FloatArray
-) -> CommandedPose:
-    near = np.flatnonzero(np.linalg.norm(places - np.array(pose.position_mm), axis=1) <= _reach(program))
+class _Rests(NamedTuple):
+    """Where a trajectory rests: positions (n, 3) of what is certified, the samples of each rest, and where it is, places (k, 3) [mm]."""
+
+    trajectory: Trajectory
+    positions: FloatArray
+    found: list[slice]
+    places: FloatArray
+
+
+def _with_dwells(pose: CommandedPose, program: Program, rests: _Rests) -> CommandedPose:
+    found = rests.found
+    near = np.flatnonzero(np.linalg.norm(rests.places - np.array(pose.position_mm), axis=1) <= _reach(program))
     if len(near) == 0:
         raise CertificationError(
             f"pose {pose.name}: the trajectory has no rest within {_reach(program):.4g} mm of it ({len(found)} rests in all)"
         )
-    windows = [settled(trajectory.time_s, positions, found[i]) for i in near]
+    windows = [settled(rests.trajectory.time_s, rests.positions, found[i]) for i in near]
     _expect(pose.name, "pose", len(windows), pose.cycles)
     return pose.model_copy(update={"windows_s": tuple(windows)})
 
 
-def _with_runs(
-    path: CommandedPath, program: Program, trajectory: Trajectory, positions: FloatArray, found: list[slice], places: FloatArray
-) -> CommandedPath:
+def _with_runs(path: CommandedPath, rests: _Rests) -> CommandedPath:
+    trajectory, positions, found, places = rests
     points = path.points(10.0)
     windows = []
     for i in range(len(found) - 1):

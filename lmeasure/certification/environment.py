@@ -18,7 +18,7 @@ def sources_sha256() -> str:
     """SHA-256 over the names and digests of this package's own sources."""
     root = Path(lmeasure.__file__).parent
     digest = hashlib.sha256()
-    for path in sorted([*root.rglob("*.py"), *root.rglob("*.typ")], key=lambda p: p.relative_to(root).as_posix()):
+    for path in sorted([*root.rglob("*.py"), *root.rglob("*.typ"), *root.rglob("*.po")], key=lambda p: p.relative_to(root).as_posix()):
         digest.update(f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()
 

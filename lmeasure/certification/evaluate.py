@@ -5,22 +5,28 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
-from lmeasure.certification.attained import AttainedPose, Frame
-from lmeasure.certification.capability import with_vector_verdict, with_verdict
+from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.certification.attainment import attained
+from lmeasure.certification.capability import with_verdicts
 from lmeasure.certification.characteristic import Characteristic
 from lmeasure.certification.dwells import with_windows
-from lmeasure.certification.errors_of_poses import ErrorModel, ErrorsOfFile, ErrorsOfRun
-from lmeasure.certification.figures import SIGNED, Figure
-from lmeasure.certification.gathered import Gathered
+from lmeasure.certification.exclusions import Exclusions, exclusions
+from lmeasure.certification.figure import SIGNED, Figure
+from lmeasure.certification.fitted_frame import follows
+from lmeasure.certification.instants import on_times, with_instants
+from lmeasure.certification.iso9283 import tests_of
+from lmeasure.certification.iso_test import IsoTest
 from lmeasure.certification.paths import LEAST_PLANES, Crossings
+from lmeasure.certification.readings import Motion
 from lmeasure.certification.settings import Settings as Settings
-from lmeasure.certification.timing import on_times, with_time
 from lmeasure.certification.uncertainty import Spread, propagate
 from lmeasure.errors import CertificationError
+from lmeasure.findings import Finding
 from lmeasure.program import Program
 from lmeasure.run import Run
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.attained import AttainedPose, Frame
+from lmeasure.trajectory.pose_errors import ErrorModel, ErrorsOfFile, ErrorsOfRun, PoseErrors
 from lmeasure.trajectory.stamps import Stamps, stamps_of
 
 SCHEMA = "lmeasure.certificate/1"
@@ -32,7 +38,7 @@ class Excluded:
 
     kind: str
     name: str
-    reason: str
+    reason: Finding
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,6 @@ class AttainedPath:
     deviation_mm: FloatArray
     speed_mm_s: FloatArray
     commanded_speed_mm_s: float | None
-    excluded: str | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ class Evaluation:
 
     excluded: parts outside the zone. poses: commanded and attained poses in the base frame (after an alignment, in the
     program's); paths: likewise. base_from_program (7,): the fitted frame, None when not asked for. angles: convention of component-wise
-    angles. covers: what the uncertainties hold, in words. notes: for the reader.
+    angles. covers: what the uncertainties hold, in words. findings: what the reader must know.
     """
 
     characteristics: tuple[Characteristic, ...]
@@ -65,9 +70,14 @@ class Evaluation:
     paths: tuple[AttainedPath, ...]
     base_from_program: FloatArray | None
     angles: str
-    covers: str
+    covers: Finding | str
     settings: Settings
-    notes: tuple[str, ...] = field(default=())
+    findings: tuple[Finding | str, ...] = field(default=())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The findings in English."""
+        return tuple(map(str, self.findings))
 
 
 def evaluate(
@@ -99,49 +109,86 @@ def evaluate(
     stamps = stamps or stamps_of(trajectory)
     trajectory = replace(trajectory, time_s=stamps.time_s)
     program = on_times(program, stamps)
-    program, notes = with_windows(trajectory, program, Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64)), settings.still_mm)
-    work = Gathered(trajectory, program, settings, run.rig.angles if run is not None else None, stamps)
-    spreads: list[list[Spread]] = []
-    values: list[float] = []
-    laws = [work.errors_of(model) for model in models]
-    for i, (errors, _) in enumerate(laws):
-        parts, figures = work.parts(errors)
+    program, found_windows = with_windows(
+        trajectory, program, Frame(np.asarray(settings.tool_offset_mm, dtype=np.float64)), settings.still_mm
+    )
+    given = attained(trajectory, program, settings, stamps, rig_angles=None if run is None else run.rig.angles)
+    tests = tests_of(given)
+    samples = np.unique(np.concatenate([test.samples() for test in tests]))
+    laws = [_Law.of(model, replace(trajectory, time_s=stamps.stamp_s), samples, given.frame) for model in models]
+    figures = [figure for test in tests for figure in test.figures()]
+    values, spreads = _drawn(tests, figures, laws, settings, progress=progress)
+    excluded = exclusions(tests, trajectory, settings, laws)
+    found = [
+        _characteristic(figure, value, [s[i] for s in spreads], excluded=excluded, stamps=stamps)
+        for i, (figure, value) in enumerate(zip(figures, values, strict=True))
+    ]
+    motion = Motion(trajectory, given.frame, lambda at: [law(at) for law in laws], stamps=stamps, settings=settings)
+    known = {c.key: c.value for c in found}
+    read = [(test, test.read(motion, known)) for test in tests]
+    found += [replace(c, excluded=excluded.reason(test.needs)) for test, told in read for c in told.characteristics]
+    vectors = {f.key: f.key._replace(name=f.vector) for f in figures if f.vector is not None}
+    return Evaluation(
+        characteristics=with_verdicts(found, vectors=vectors, signed=SIGNED, tolerances=program.tolerance, settings=settings),
+        excluded=tuple(Excluded(subject.kind, subject.name, why) for subject, why in excluded.reasons.items()),
+        poses=tuple(given.poses.values()),
+        paths=tuple(_attained_path(name, crossed) for name, crossed in given.paths.items()),
+        base_from_program=given.frame.base_from_program,
+        angles=given.angles,
+        covers=laws[0].covers,
+        settings=settings,
+        findings=(
+            *((stamps.note,) if stamps.note else ()),
+            *found_windows,
+            *(finding for test in tests for finding in test.findings),
+            *excluded.findings,
+            *(finding for _, told in read for finding in told.findings),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Law:
+    """Errors of what is certified at all samples (n,) that tests ask for, by one law, and what they hold."""
+
+    samples: IntArray
+    errors: PoseErrors
+    covers: Finding | str
+
+    @classmethod
+    def of(cls, model: ErrorModel, trajectory: Trajectory, samples: IntArray, frame: Frame) -> "_Law":
+        """At the point and in the frame that are certified."""
+        errors, covers = model.at(trajectory, samples)
+        return cls(samples, frame.of_errors(trajectory.poses[samples], errors), covers)
+
+    def __call__(self, samples: IntArray) -> PoseErrors:
+        """Of all errors those at some samples."""
+        return self.errors[np.searchsorted(self.samples, samples)]
+
+
+def _drawn(
+    tests: Sequence[IsoTest],
+    figures: Sequence[Figure],
+    laws: Sequence[_Law],
+    settings: Settings,
+    *,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[list[float], list[list[Spread]]]:
+    """The values of figures, and what is known of their errors by each law."""
+    values, spreads = [], []
+    for i, law in enumerate(laws):
+        parts = {key: part for test in tests for key, part in test.parts(law).items()}
         states = {key: part.state(np.zeros((len(part.errors), 6)), reduced=False) for key, part in parts.items()}
         values = [float(f.of(states)) for f in figures]
 
         def step(done: int, of: int, i: int = i) -> None:
             if progress is not None:
-                progress(i * of + done, len(models) * of)
+                progress(i * of + done, len(laws) * of)
 
-        spreads.append(propagate(parts, [f.of for f in figures], settings.trials, settings.seed, work.fitted(parts), step))
-        work.exclude(parts)
-    found = [
-        _characteristic(f, value, [s[i] for s in spreads], work.reason(*f.needs))
-        for i, (f, value) in enumerate(zip(figures, values, strict=True))
-    ]
-    by_name = {(c.name, c.pose): c.value for c in found if c.part is None}
-    signed = [f.signed for f in figures]
-    extra = work.from_motion(by_name, [errors for errors, _ in laws])
-    found += extra
-    found = with_time(found, work.paths, program, stamps)
-    signed += [c.name in SIGNED for c in extra]
-    own = [with_verdict(c, program.tolerance, settings.capability, settings.rule, s) for c, s in zip(found, signed, strict=True)]
-    vectors = {(c.name, c.pose, c.path): c for c in own}
-    for i, f in enumerate(figures):
-        if f.vector is not None and (vector := vectors.get((f.vector, f.pose, f.path))) is not None:
-            own[i] = with_vector_verdict(own[i], vector, settings.capability)
-    excluded = tuple(Excluded(kind, name, why) for (kind, name), why in work.excluded.items())
-    return Evaluation(
-        tuple(own),
-        excluded,
-        tuple(replace(p, excluded=work.excluded.get(("pose", p.name))) for p in work.poses),
-        tuple(_attained_path(n, c, work.excluded.get(("path", n))) for n, c in work.paths.items()),
-        work.frame.base_from_program,
-        work.angles,
-        laws[0][1],
-        settings,
-        (*((stamps.note,) if stamps.note else ()), *notes, *work.notes),
-    )
+        fitted = follows(parts) if settings.align else None
+        of = [f.of for f in figures]
+        spreads.append(propagate(parts, of, trials=settings.trials, seed=settings.seed, fitted=fitted, progress=step))
+    return values, spreads
 
 
 def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None:
@@ -164,32 +211,36 @@ def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None
         raise CertificationError(f"planes = {settings.planes} normal to a path are too few: at least {LEAST_PLANES}")
 
 
-def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], excluded: str | None) -> Characteristic:
+def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], *, excluded: Exclusions, stamps: Stamps) -> Characteristic:
     """The figure with the larger of the uncertainties that the laws of errors give."""
     worst = max(spreads, key=lambda s: s.u95)
     u = float(np.hypot(worst.u_random, worst.u_systematic))
-    return Characteristic(
-        name=figure.name,
+    found = Characteristic(
+        **figure.key._asdict(),
         clause=figure.clause,
         value=value,
         unit=figure.unit,
         u95=worst.u95,
         capable=False,
         cycles=figure.cycles,
-        pose=figure.pose,
-        path=figure.path,
-        part=figure.part,
         u_random=worst.u_random,
         u_systematic=worst.u_systematic,
         coverage_factor=worst.u95 / u if u > 0 else None,
         angles=figure.angles,
         extension=figure.extension,
-        excluded=excluded,
+        excluded=excluded.reason(figure.needs),
     )
+    return found if figure.instants is None or stamps.kind == "sound" else with_instants(found, figure.instants(value))
 
 
-def _attained_path(name: str, crossed: Crossings, excluded: str | None) -> AttainedPath:
+def _attained_path(name: str, crossed: Crossings) -> AttainedPath:
     attained = crossed.attained[:, :, :3].transpose(1, 0, 2)
-    deviation = np.linalg.norm(attained - crossed.commanded, axis=2)
-    speed = crossed.line.path.speed_mm_s
-    return AttainedPath(name, crossed.way_mm, crossed.commanded, attained, deviation, crossed.speed_mm_s, speed, excluded)
+    return AttainedPath(
+        name=name,
+        arc_mm=crossed.way_mm,
+        commanded=crossed.commanded,
+        attained=attained,
+        deviation_mm=np.linalg.norm(attained - crossed.commanded, axis=2),
+        speed_mm_s=crossed.speed_mm_s,
+        commanded_speed_mm_s=crossed.line.path.speed_mm_s,
+    )

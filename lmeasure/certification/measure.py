@@ -14,7 +14,6 @@ from lmeasure.certification.bundle import INPUTS, safe_name
 from lmeasure.certification.canonical import digest
 from lmeasure.certification.capability import undecided
 from lmeasure.certification.details import Details, read_details
-from lmeasure.certification.errors_of_poses import ErrorsOfRun
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError
@@ -25,6 +24,7 @@ from lmeasure.rig import Rig
 from lmeasure.run import Run, read_run, read_run_head
 from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
 from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.pose_errors import ErrorsOfRun
 
 Progress = Callable[[int, int], None]
 

@@ -2,17 +2,18 @@
 
 import itertools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.certification.attained import Frame, moved, scatter, window
-from lmeasure.certification.between import passage
+from lmeasure.certification.passages import passage
 from lmeasure.errors import CertificationError
 from lmeasure.kernels.polyline import follow
 from lmeasure.program import CommandedPath
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.attained import Frame, moved, scatter, window
 
 SHARP_DEG = 20.0
 """A path of points turns a corner where its direction changes by more."""
@@ -93,7 +94,7 @@ class Crossings:
     they were crossed time_s (m, n) and how fast pace_mm_s (m, n), and the nearest samples (m, n).
 
     A crossing is read from the four samples about it, of which it has the weights (m, n, 4); step (m, n, 6) from the one
-    before it to the one behind, rotation [rad] and position [mm]; between (m, 6, 6): covariance of the nearest samples' poses over cycles.
+    before it to the one behind, rotation [rad] and position [mm]; scatter (m, 6, 6): covariance of the nearest samples' poses over cycles.
     cycles: the runs themselves; angle_deg: worst pressure angle on them.
     """
 
@@ -107,7 +108,7 @@ class Crossings:
     samples: IntArray
     weights: FloatArray
     step: FloatArray
-    between: FloatArray
+    scatter: FloatArray
     cycles: tuple[Cycle, ...]
     angle_deg: float
 
@@ -150,12 +151,20 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     commanded, tangent = line.at(ways)
     bounds = np.array([-np.inf, *(line.arc[i] for i in line.turns()), np.inf])
     behind = np.searchsorted(bounds, ways)
-    about = commanded, tangent, bounds[[behind - 1, behind]]
-    crossed = [_cross(cycle, ways, *about, f"path {path.name}, cycle {j}") for j, cycle in enumerate(cycles, 1)]
-    attained, times, pace, samples, weights, steps = (np.stack(columns, axis=1) for columns in zip(*crossed, strict=True))
-    near = frame.of(trajectory.poses[samples.ravel()]).reshape(m, -1, 7)
-    between = np.array([scatter(poses) for poses in near])
-    return Crossings(line, ways, commanded, tangent, attained, times, pace, samples, weights, steps, between, tuple(cycles), worst)
+    about = {"commanded": commanded, "tangent": tangent, "bounds": bounds[[behind - 1, behind]]}
+    crossed = [_cross(cycle, ways, f"path {path.name}, cycle {j}", **about) for j, cycle in enumerate(cycles, 1)]
+    every = _Crossed(*(np.stack(columns, axis=1) for columns in zip(*crossed, strict=True)))
+    near = frame.of(trajectory.poses[every.samples.ravel()]).reshape(m, -1, 7)
+    return Crossings(
+        **every._asdict(),
+        line=line,
+        way_mm=ways,
+        commanded=commanded,
+        tangent=tangent,
+        scatter=np.array([scatter(poses) for poses in near]),
+        cycles=tuple(cycles),
+        angle_deg=worst,
+    )
 
 
 def _runs_along(cycle: Cycle, length: float, what: str) -> None:
@@ -169,12 +178,21 @@ def _runs_along(cycle: Cycle, length: float, what: str) -> None:
         )
 
 
-def _cross(
-    cycle: Cycle, ways: FloatArray, commanded: FloatArray, tangent: FloatArray, bounds: FloatArray, what: str
-) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
-    """Poses (m, 7), times (m,), speeds (m,) and nearest samples (m,) where the planes through commanded (m, 3) normal to tangent (m, 3) are
-    crossed; weights (m, 4) of the samples about each, and the step (m, 6) from the one before it to the one behind. bounds (2, m): ways of
-    the corners before and behind each plane."""
+class _Crossed(NamedTuple):
+    """One cycle of `Crossings`: poses (m, 7), times (m,), speeds (m,), nearest samples (m,), weights (m, 4) of those about each,
+    and the step (m, 6) from the one before it to the one behind."""
+
+    attained: FloatArray
+    time_s: FloatArray
+    pace_mm_s: FloatArray
+    samples: IntArray
+    weights: FloatArray
+    step: FloatArray
+
+
+def _cross(cycle: Cycle, ways: FloatArray, what: str, *, commanded: FloatArray, tangent: FloatArray, bounds: FloatArray) -> _Crossed:
+    """Where a cycle crosses the planes through commanded (m, 3) normal to tangent (m, 3); bounds (2, m): ways of the corners before and
+    behind each plane."""
     way, forward = cycle.way_mm, np.maximum.accumulate(cycle.way_mm)
     after = np.searchsorted(forward, ways, side="left")
     if after[0] == 0:
@@ -194,4 +212,4 @@ def _cross(
     about = np.clip(ways + ABOUT_MM * np.array([[-1.0], [1.0]]), forward[0], forward[-1])
     pace = np.diff(about, axis=0)[0] / np.diff(np.interp(about, forward, cycle.time_s), axis=0)[0]
     nearest = np.where(times - cycle.time_s[before] < cycle.time_s[after] - times, before, after)
-    return pose, times, pace, cycle.samples[nearest], weights, moved(other, one)
+    return _Crossed(pose, times, pace, cycle.samples[nearest], weights, moved(other, one))

@@ -6,9 +6,9 @@ import numpy as np
 import scipy.stats
 
 from lmeasure.arrays import FloatArray
-from lmeasure.certification.attained import AttainedPose
 from lmeasure.certification.evaluate import Evaluation
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.attained import AttainedPose
 
 PLANES = ((0, 1), (0, 2), (1, 2))
 COVERAGE = 0.95

@@ -14,7 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.certification.errors_of_poses import PoseErrors
+from lmeasure.certification.figure import Function, Subject
+from lmeasure.trajectory.pose_errors import PoseErrors
 
 COVERAGE = 0.95
 NORMAL_95 = 1.959963984540054
@@ -30,6 +31,11 @@ class Part(Protocol):
     """Attained poses that figures are made of, and the law of their errors (n poses)."""
 
     @property
+    def positions(self) -> FloatArray:
+        """(n, 3) where they are [mm]."""
+        ...
+
+    @property
     def errors(self) -> PoseErrors:
         """Law of the n errors."""
         ...
@@ -37,9 +43,6 @@ class Part(Protocol):
     def state(self, errors: FloatArray, reduced: bool) -> Any:
         """What figures are functions of, moved by errors (..., n, 6); reduced: of x*, else of the measured poses."""
         ...
-
-
-States = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -101,13 +104,14 @@ class _Law:
         return random, systematic
 
 
-Moving = Callable[[dict[str, FloatArray]], dict[str, FloatArray]]
+Moving = Callable[[dict[Subject, FloatArray]], dict[Subject, FloatArray]]
 """What a fitted frame does to the errors of all parts."""
 
 
 def propagate(
-    parts: Mapping[str, Part],
-    figures: Sequence[Callable[[States], FloatArray]],
+    parts: Mapping[Subject, Part],
+    figures: Sequence[Function],
+    *,
     trials: int,
     seed: int,
     fitted: Moving | None = None,
@@ -121,7 +125,7 @@ def propagate(
     laws = {name: _Law(p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:], strict=True)}
     still = {name: np.zeros((len(p.errors), 6)) for name, p in parts.items()}
 
-    def values(errors: dict[str, FloatArray], reduced: bool) -> list[FloatArray]:
+    def values(errors: dict[Subject, FloatArray], reduced: bool) -> list[FloatArray]:
         moved = fitted(errors) if fitted is not None else errors
         states = {name: part.state(moved[name], reduced) for name, part in parts.items()}
         return [np.atleast_1d(f(states)) for f in figures]

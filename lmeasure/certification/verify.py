@@ -119,7 +119,7 @@ def verify(
     for name, printer in (printers or {}).items():
         if any(d.what == name for d in seal.differences):
             continue
-        found, why_not = _page(folder, name, printer, stated, measured, own, other=other)
+        found, why_not = _page(folder, name, printer, stated=stated, measured=measured, own=own, other=other)
         out += found
         skipped += why_not
     return Verification(stated["id"], tuple(out), figures, seal.signer, told, largest, tuple(skipped), lines)
@@ -142,7 +142,7 @@ def _strangers(seal: Seal, inputs: set[str], printers: Mapping[str, Printer] | N
 
 
 def _page(
-    folder: Path, name: str, printer: Printer, stated: dict[str, Any], measured: Measured, own: Mapping[str, str], *, other: bool
+    folder: Path, name: str, printer: Printer, *, stated: dict[str, Any], measured: Measured, own: Mapping[str, str], other: bool
 ) -> tuple[list[Difference], list[str]]:
     """Where a file that people read says otherwise than the certificate, and why it could not be compared."""
     if not (folder / name).exists():

@@ -8,13 +8,15 @@ from plotly.colors import qualitative
 from plotly.subplots import make_subplots
 
 from lmeasure.arrays import FloatArray
-from lmeasure.certification.attained import AttainedPose
+from lmeasure.catalogue import DECIMAL_MARK
+from lmeasure.catalogue import decimal as number
 from lmeasure.certification.evaluate import AttainedPath, Evaluation
 from lmeasure.certification.measure import Measured
 from lmeasure.certification.pictures import magnification, targets, way
 from lmeasure.report import certificate_text as say
 from lmeasure.report import html
-from lmeasure.report.words import DECIMAL_MARK, THOUSANDS, number, unit, word
+from lmeasure.report.words import THOUSANDS, unit, word
+from lmeasure.trajectory.attained import AttainedPose
 
 SCALE = "Viridis"
 COMMANDED, ATTAINED, MEAN, ELLIPSE = "#7a8194", "#30343f", "#b3261e", "#1a7f4b"

@@ -8,11 +8,12 @@ from typing import Any
 import typst
 
 from lmeasure.arrays import FloatArray
+from lmeasure.catalogue import decimal as number
 from lmeasure.certification.evaluate import Evaluation
 from lmeasure.certification.pictures import Target, targets
 from lmeasure.errors import CertificationError
 from lmeasure.report import certificate_text as say
-from lmeasure.report.words import number, word
+from lmeasure.report.words import word
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
 MOST_TARGETS = 9

@@ -4,9 +4,10 @@ import datetime
 import unicodedata
 from typing import Any
 
+from lmeasure.catalogue import decimal as number
 from lmeasure.certification.printed import with_u95 as with_u95
-from lmeasure.report.sentences import sentence
-from lmeasure.report.words import characteristic_name, number, numbers, unit, word
+from lmeasure.findings import from_stated, recognised
+from lmeasure.report.words import characteristic_name, numbers, unit, word
 
 Rows = list[tuple[str, ...]]
 
@@ -226,14 +227,14 @@ def excluded(certificate: dict[str, Any]) -> Rows:
     out: Rows = []
     for part in certificate["excluded"]:
         kind = word(language, f"kind.{part['kind']}") if part["kind"] in ("pose", "path") else visible(part["kind"])
-        out.append((f"{kind} {visible(part['name'])}", phrase(language, part["reason"])))
+        out.append((f"{kind} {visible(part['name'])}", phrase(certificate, part["reason"])))
     return out
 
 
 def uncertainty(certificate: dict[str, Any]) -> list[str]:
     """What U95 and the verdicts mean."""
     language, settings = certificate["language"], certificate["settings"]
-    covers = phrase(language, certificate["uncertainty_covers"])
+    covers = phrase(certificate, certificate["uncertainty_covers"])
     out = [
         word(language, "uncertainty.u95", covers=covers),
         word(language, "uncertainty.capable", percent=number(language, f"{100 * settings['capability']:g}")),
@@ -278,18 +279,21 @@ def notes(certificate: dict[str, Any]) -> list[str]:
         out.append(word(language, "angles", angles=visible(certificate["angles"])))
     if any(c.get("extension") for c in figures):
         out.append(word(language, "extension.text"))
-    out += [phrase(language, note) for note in certificate["notes"]]
+    out += [phrase(certificate, note) for note in certificate["notes"]]
     # of whom a component takes its verdict is said once for all
     own = [c for c in figures if c.get("note") and not c["note"].startswith("verdict of ")]
     for c in own:
         part = f" {visible(c['part'])}" if c.get("part") else ""
-        out.append(f"{visible(c['name'])}{part}, {_place(language, c)}: {phrase(language, c['note'])}")
+        out.append(f"{visible(c['name'])}{part}, {_place(language, c)}: {phrase(certificate, c['note'])}")
     return list(dict.fromkeys(out))
 
 
-def phrase(language: str, text: str) -> str:
-    """A sentence of the computation, in the language where the table has it, else as it is."""
-    return visible(sentence(language, text) or text)
+def phrase(certificate: dict[str, Any], text: str) -> str:
+    """A text of the computation in the certificate's language: by the code that the certificate has for it; of one without codes by the
+    texts that are known, else as it is."""
+    entry = next((e for e in certificate.get("findings", []) if e["text"] == text), None)
+    found = recognised(text) if entry is None else from_stated(entry)
+    return visible(text if found is None else found.text(certificate["language"]))
 
 
 def statements(certificate: dict[str, Any]) -> list[str]:

@@ -111,7 +111,7 @@ def _cube(settings: Settings) -> "Cube":
 
 
 def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
-    from lmeasure.certification.ran import windows_from_rests
+    from lmeasure.certification.command_windows import windows_from_rests
     from lmeasure.program import read_program, write_program
     from lmeasure.trajectory import read_trajectory
 

@@ -9,7 +9,9 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 
 from lmeasure.certification import Evaluation, Settings, evaluate
-from lmeasure.certification.gathered import Gathered
+from lmeasure.certification.attainment import attained
+from lmeasure.certification.figure import Subject
+from lmeasure.certification.iso9283.path import tests as path_tests
 from lmeasure.certification.paths import Line
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, Program
@@ -173,9 +175,9 @@ def test_level_speeds_of_several_lines_are_likely_level() -> None:
     place = np.column_stack([np.interp(way, [0.0, 200.0, 400.0, 600.0, 810.0], points[:, i]) for i in range(3)])
     rng = np.random.default_rng(6)
     trajectory, windows = runs(way, [place + 0.005 * rng.normal(size=place.shape) for _ in range(5)])
-    gathered = Gathered(trajectory, program_of(SQUARE | {"speed_mm_s": 250.0}, windows), Settings(), None, sound(trajectory.time_s))
-    errors, _ = gathered.errors_of(StatedErrors(np.diag([0.0, 0.0, 0.0, 25e-6, 25e-6, 25e-6])))
-    part = gathered.parts(errors)[0]["path square"]
+    program, law = program_of(SQUARE | {"speed_mm_s": 250.0}, windows), StatedErrors(np.diag([0.0, 0.0, 0.0, 25e-6, 25e-6, 25e-6]))
+    (test,) = path_tests(attained(trajectory, program, Settings(), sound(trajectory.time_s), rig_angles=None))
+    part = test.parts(lambda samples: law.at(trajectory, samples)[0])[Subject("path", "square")]
     measured, likely = (part.state(np.zeros((len(part.errors), 6)), reduced).speed_mm_s for reduced in (False, True))
     assert np.ptp(likely) < 1e-3 * np.ptp(measured)
     assert likely.mean() == pytest.approx(measured.mean(), rel=1e-9)

@@ -8,6 +8,7 @@ from made_trajectories import UNIT, StatedErrors, by_name, dwells, made_campaign
 from numpy.typing import NDArray
 
 from lmeasure.certification import Characteristic, PoseErrors, Settings, evaluate
+from lmeasure.certification.figure import Subject
 from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED, propagate, reduction, reduction_of_mean
 from lmeasure.program import Program
 
@@ -245,11 +246,15 @@ def test_the_least_scatter_that_could_have_been_observed() -> None:
     np.testing.assert_array_equal(reduction(np.array([1.0, 2.0]), 0.0), 1.0)
 
 
+AT = Subject("pose", "P1")
+
+
 class Places:
     """Four positions along x, for the law of their errors alone."""
 
     def __init__(self, errors: PoseErrors) -> None:
         self.errors = errors
+        self.positions = np.outer([1.0, 2.0, 4.0, 8.0], np.eye(3)[0])
 
     def state(self, errors: FloatArray, reduced: bool) -> FloatArray:
         return np.asarray([1.0, 2.0, 4.0, 8.0] + errors[..., 3])
@@ -261,12 +266,12 @@ def test_what_errors_at_one_place_have_in_common() -> None:
     own, local, shared = (np.tile(u * along, (4, 1, 1)) for u in (0.1, 0.3, 0.5))
     place = np.array([0, 0, 1, 1])
     figures = [
-        lambda states: states["p"].mean(axis=-1),
-        lambda states: states["p"][..., 1] - states["p"][..., 0],
-        lambda states: states["p"][..., 2] - states["p"][..., 1],
+        lambda states: states[AT].mean(axis=-1),
+        lambda states: states[AT][..., 1] - states[AT][..., 0],
+        lambda states: states[AT][..., 2] - states[AT][..., 1],
     ]
     errors = PoseErrors(own, local, place, shared)
-    mean, within, across = propagate({"p": Places(errors)}, figures, 4000, seed=1)
+    mean, within, across = propagate({AT: Places(errors)}, figures, trials=4000, seed=1)
     assert mean.u_random == pytest.approx(0.1 / 2, rel=0.1)
     assert mean.u_systematic == pytest.approx(np.hypot(0.3 / np.sqrt(2), 0.5), rel=0.1)
     assert mean.u95 == pytest.approx(1.96 * np.sqrt(0.1**2 / 4 + 0.3**2 / 2 + 0.5**2), rel=0.06)
@@ -274,15 +279,15 @@ def test_what_errors_at_one_place_have_in_common() -> None:
     assert within.u_systematic == pytest.approx(0.0, abs=1e-9)
     assert within.u95 == pytest.approx(1.96 * 0.1 * np.sqrt(2), rel=0.06)
     assert across.u_systematic == pytest.approx(0.3 * np.sqrt(2), rel=0.1)
-    counted = propagate({"p": Places(replace(errors, counted=(True,), uniform=(True,)))}, figures, 4000, seed=1)[0]
+    counted = propagate({AT: Places(replace(errors, counted=(True,), uniform=(True,)))}, figures, trials=4000, seed=1)[0]
     assert counted.u_random == pytest.approx(np.hypot(0.1 / 2, 0.5), rel=0.1)
     assert counted.u_systematic == pytest.approx(0.3 / np.sqrt(2), rel=0.1)
     # uniform: hardly beyond 0.95 of its half width, sqrt(3) standard deviations
-    alone = propagate({"p": Places(PoseErrors.of(0.0 * own, shared, uniform=(True,)))}, figures[:1], 4000, seed=2)[0]
+    alone = propagate({AT: Places(PoseErrors.of(0.0 * own, shared, uniform=(True,)))}, figures[:1], trials=4000, seed=2)[0]
     assert alone.u95 == pytest.approx(0.95 * np.sqrt(3) * 0.5, rel=0.01)
     assert abs(alone.bias) < 0.03
     # the same whoever counts along, and however many are drawn at once
     seen: list[tuple[int, int]] = []
-    again = propagate({"p": Places(errors)}, figures, 4000, 1, progress=lambda done, of: seen.append((done, of)))
+    again = propagate({AT: Places(errors)}, figures, trials=4000, seed=1, progress=lambda done, of: seen.append((done, of)))
     assert again == [mean, within, across]
     assert seen[-1] == (4000, 4000)

@@ -27,8 +27,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from lmeasure.arrays import ComplexArray, FloatArray, IntArray
-from lmeasure.certification.errors_of_poses import PoseErrors, roots
-from lmeasure.certification.rounding import kept, per_count, scatter_counts
+from lmeasure.trajectory.pose_errors import PoseErrors, roots
+from lmeasure.trajectory.rounding import kept, per_count, scatter_counts
 
 LEVER = np.repeat([100.0, 1.0], 3)
 """mm per radian and per mm: how far what turns moves a body's points, so that one frequency is looked for in all."""

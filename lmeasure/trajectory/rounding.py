@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.certification.errors_of_poses import PoseErrors
+from lmeasure.trajectory.pose_errors import PoseErrors
 
 _TERMS = np.arange(1, 200)
 

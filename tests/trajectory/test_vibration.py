@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.special import j0
 
 from lmeasure.certification import PoseErrors, Settings, evaluate
-from lmeasure.certification.errors_of_poses import roots
-from lmeasure.certification.vibration import Vibration, averaged, vibration, with_rest
 from lmeasure.program import Program
+from lmeasure.trajectory.pose_errors import roots
+from lmeasure.trajectory.vibration import Vibration, averaged, vibration, with_rest
 
 FloatArray = NDArray[np.float64]
 

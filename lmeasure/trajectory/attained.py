@@ -1,30 +1,26 @@
 """From a trajectory to attained poses: the mean over each dwell, and what says that a dwell is none."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmeasure import conventions, se3
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.certification.errors_of_poses import PoseErrors, at_tool_point
-from lmeasure.certification.vibration import Vibration, vibration
 from lmeasure.errors import CertificationError
-from lmeasure.program import Program, Windows
+from lmeasure.program import Windows
 from lmeasure.status import WORDS, Status
-from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.pose_errors import PoseErrors, at_tool_point
+from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.vibration import Vibration, vibration
 
 UNIT_TOLERANCE = 1e-6
 SAME = 1e-9  # mm: rounded alike
-ELSEWHERE = 3.0  # times as far from the commanded pose as from another one of the program
-LARGEST_MISS = 0.05  # of a program's size: farther off is not a robot that misses poses
 TIME_TOLERANCE_S = 1e-9  # times such as 0.1 + 0.2 that are meant to be a window's end
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What of the tool is certified, and in which frame: tool_mm (3,) in the tool frame; base_from_program (7,), None when they are the
+    """What of the tool is looked at, and in which frame: tool_mm (3,) in the tool frame; base_from_program (7,), None when they are the
     same."""
 
     tool_mm: FloatArray
@@ -52,7 +48,7 @@ class Frame:
 class AttainedPose:
     """The cycles of a commanded pose (7,): attained poses (n, 7), mm and unit quaternions, middles of their windows time_s (n,) and samples
     (n,). vibration: how the samples in the windows swing; readings (n,): how many different ones each holds; angle_deg: worst pressure
-    angle in the windows; excluded: why no verdict is given.
+    angle in the windows.
     """
 
     name: str
@@ -63,9 +59,8 @@ class AttainedPose:
     vibration: Vibration
     readings: IntArray
     angle_deg: float
-    excluded: str | None = None
 
-    def between(self, groups: IntArray) -> FloatArray:
+    def scatter_within(self, groups: IntArray) -> FloatArray:
         """(6, 6) covariance of the attained poses about the mean of their group, groups (n,) by number; zero where all stand alone."""
         total, freedom = np.zeros((6, 6)), 0
         for group in np.unique(groups):
@@ -127,7 +122,7 @@ def moved(poses: FloatArray, reference: FloatArray) -> FloatArray:
     return se3.displacement(poses, reference)
 
 
-def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, still_mm: float, what: str) -> tuple[slice, FloatArray]:
+def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, *, still_mm: float, what: str) -> tuple[slice, FloatArray]:
     """The samples of a window in which the robot rests, and their poses (k, 7); CertificationError names the sample that moves."""
     part = window(trajectory, start_s, end_s, what)
     poses = frame.of(trajectory.poses[part])
@@ -141,11 +136,11 @@ def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, st
     return part, poses
 
 
-def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Trajectory, frame: Frame, still_mm: float) -> AttainedPose:
+def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Trajectory, *, frame: Frame, still_mm: float) -> AttainedPose:
     """The attained poses of one commanded pose (7,), one per window."""
     rows, middles, sampled, readings, worst = [], [], [], [], np.nan
     for cycle, (start, end) in enumerate(windows, 1):
-        part, poses = dwell(trajectory, frame, start, end, still_mm, f"pose {name}, cycle {cycle}")
+        part, poses = dwell(trajectory, frame, start, end, still_mm=still_mm, what=f"pose {name}, cycle {cycle}")
         rows.append(mean_pose(poses))
         middles.append((part.start + part.stop - 1) // 2)
         changed = (np.abs(np.diff(trajectory.poses[part], axis=0)) > SAME).any(axis=1)
@@ -154,53 +149,19 @@ def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Traje
         worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
     times = np.array([0.5 * (start + end) for start, end in windows])
     middle = np.array(middles, dtype=np.int64)
-    return AttainedPose(name, commanded, np.array(rows), times, middle, vibration(sampled), np.array(readings), worst)
-
-
-def attained_poses(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[AttainedPose, ...]:
-    """Attained poses of the program's poses that have windows."""
-    return tuple(
-        attain(p.name, np.array([*p.position_mm, *p.quaternion_xyzw]), p.windows_s, trajectory, frame, still_mm)
-        for p in program.pose
-        if p.windows_s
+    return AttainedPose(
+        name=name,
+        commanded=commanded,
+        poses=np.array(rows),
+        time_s=times,
+        samples=middle,
+        vibration=vibration(sampled),
+        readings=np.array(readings),
+        angle_deg=worst,
     )
-
-
-def check_order(poses: Sequence[AttainedPose], program: Program, still_mm: float) -> None:
-    """CertificationError when a dwell is at another pose of the program than its window says; of poses that lie about as near to each other
-    as the robot comes to them nobody can tell."""
-    if not poses:
-        return
-    commanded = np.array([p.position_mm for p in program.pose])
-    distances = [np.linalg.norm(pose.poses[:, None, :3] - commanded[None], axis=2) for pose in poses]
-    misses = float(np.median(np.concatenate([d.min(axis=1) for d in distances])))
-    misses = min(misses, LARGEST_MISS * float(np.ptp(commanded, axis=0).max()))
-    for pose, apart in zip(poses, distances, strict=True):
-        own = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
-        apart[:, np.linalg.norm(commanded - pose.commanded[:3], axis=1) <= ELSEWHERE * misses] = np.inf
-        for j in np.flatnonzero(own > ELSEWHERE * np.maximum(apart.min(axis=1), still_mm)):
-            other = program.pose[int(np.argmin(apart[j]))].name
-            raise CertificationError(
-                f"pose {pose.name}, cycle {j + 1}: at {pose.time_s[j]:.6g} s the tool is {own[j]:.4g} mm from {pose.name} and "
-                f"{apart[j].min():.4g} mm from {other}: the program runs in another order than its windows say"
-            )
 
 
 def worst_angle(trajectory: Trajectory, windows: Windows, what: str) -> float:
     """Worst pressure angle [deg] met in windows, NaN where it is not known."""
     parts = [trajectory.worst_pressure_angle_deg[window(trajectory, start, end, what)] for start, end in windows]
     return float(np.fmax.reduce(np.concatenate(parts), initial=np.nan))
-
-
-def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:
-    """(7,) base_from_program that brings the commanded positions to the means of the attained ones (least squares, every pose alike).
-
-    CertificationError for fewer than three poses, or on one line.
-    """
-    commanded = np.array([p.commanded[:3] for p in poses])
-    attained = np.array([p.poses[:, :3].mean(axis=0) for p in poses])
-    if len(poses) < 3 or np.linalg.svd(commanded - commanded.mean(axis=0), compute_uv=False)[1] < 1.0:
-        raise CertificationError(f"alignment: {len(poses)} poses with windows, or poses on one line, fix no frame; at least three apart")
-    middle, place = commanded.mean(axis=0), attained.mean(axis=0)
-    turn, _ = Rotation.align_vectors(attained - place, commanded - middle)
-    return se3.pose(place - turn.apply(middle), turn)

@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from lmeasure.certification import Settings, iso9283_path, iso9283_time
-from lmeasure.certification.attained import Frame
-from lmeasure.certification.errors_of_poses import PoseErrors
-from lmeasure.certification.motion import Finer, Motion, Reading, Stretch, Told
-from lmeasure.certification.rounding import phases, roundings
+from lmeasure.certification.readings import Finer, Motion, Reading, Stretch, Told
+from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.attained import Frame
+from lmeasure.trajectory.pose_errors import PoseErrors
+from lmeasure.trajectory.rounding import phases, roundings
+from lmeasure.trajectory.stamps import sound
 
 FloatArray = NDArray[np.float64]
 
@@ -83,13 +85,19 @@ def test_between_samples_lies_the_spline_and_halving_tells_how_far_it_is_off() -
     assert np.abs(np.diff(stretch.finer(0.05).read(way(t)))).max() < 0.05 / 4
 
 
+def motion_of(trajectory: Trajectory, law: StatedErrors, *, trials: int) -> Motion:
+    """A motion in the base frame with errors by one law."""
+    stamps, settings = sound(trajectory.time_s), Settings(trials=trials, seed=1)
+    return Motion(trajectory, Frame(np.zeros(3)), lambda i: [law.at(trajectory, i)[0]], stamps=stamps, settings=settings)
+
+
 def test_u95_holds_what_a_spline_is_off() -> None:
     # a swing so fast that its samples hardly tell it: eight to a period
     t = np.arange(0.0, 1.0, 4e-3)
     swing = np.exp(-t / 0.15) * np.cos(2 * np.pi * 31.25 * t + 0.4)
     trajectory = trajectory_of(t, np.column_stack([swing, 0 * t, 0 * t]))
     law = StatedErrors(rounded=True)
-    motion = Motion(trajectory, Frame(np.zeros(3)), lambda i: [law.at(trajectory, i)[0]], Settings(trials=10, seed=1))
+    motion = motion_of(trajectory, law, trials=10)
 
     def at(time_s: FloatArray, vectors: FloatArray) -> FloatArray:
         return np.asarray(iso9283_time.stabilisation_time(time_s, np.abs(vectors[..., 0]), 0.05)[..., None])
@@ -127,7 +135,7 @@ def test_a_way_back_within_a_limit_errs_by_the_error_over_the_slope(shared: floa
     random, common = np.diag([0, 0, 0, 1.0, 1.0, 1.0]) * 0.003**2, np.zeros((6, 1))
     common[4] = shared
     law = StatedErrors(random, common, rounded=True)
-    motion = Motion(trajectory, Frame(np.zeros(3)), lambda i: [law.at(trajectory, i)[0]], Settings(trials=2000, seed=1))
+    motion = motion_of(trajectory, law, trials=2000)
 
     def back(_: FloatArray, vectors: FloatArray) -> FloatArray:
         return iso9283_path.stabilisation_length(vectors[..., 0], np.abs(vectors[..., 1]), 0.5)[..., None]

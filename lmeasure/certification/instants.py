@@ -1,20 +1,19 @@
 """What the uncertainty of the samples' instants adds to figures of speeds and times; places and shapes do not feel it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from lmeasure.certification.characteristic import Characteristic
-from lmeasure.certification.errors_of_poses import PoseErrors
+from lmeasure.certification.figure import OfInstants
 from lmeasure.certification.paths import Crossings
 from lmeasure.certification.uncertainty import NORMAL_95
 from lmeasure.program import Program, Windows
+from lmeasure.trajectory.pose_errors import PoseErrors
 from lmeasure.trajectory.stamps import Stamps
 
 APART = 10.0
 """Standard uncertainties of an instant that lie between planes at least, for speeds between them to tell anything."""
-TIMES = ("t_s", "t_min")
 
 
 def on_times(program: Program, stamps: Stamps) -> Program:
@@ -47,7 +46,7 @@ def most_planes(stamps: Stamps, duration_s: float) -> int:
     return int(duration_s / (APART * stamps.u_time_s)) if stamps.u_time_s > 0.0 else np.iinfo(np.int64).max
 
 
-def with_instants(places: PoseErrors, crossed: Crossings, stamps: Stamps) -> PoseErrors:
+def of_crossing(places: PoseErrors, crossed: Crossings, stamps: Stamps) -> PoseErrors:
     """The errors (m n poses) of the places where planes are crossed, and those of when: an instant that is off by dt is a place that is off
     along the path by as much as the robot goes in dt. Anew at every crossing by u_time_s; in common, in proportion to the time since the
     middle of its cycle, by u_rate."""
@@ -62,30 +61,15 @@ def with_instants(places: PoseErrors, crossed: Crossings, stamps: Stamps) -> Pos
     return replace(places, own=np.concatenate([places.own, single], axis=2), shared=np.concatenate([places.shared, common], axis=2))
 
 
-def with_time(found: Sequence[Characteristic], crossed: dict[str, Crossings], program: Program, stamps: Stamps) -> list[Characteristic]:
-    """Figures that are times, or made of single times, with the uncertainty of the instants that their errors of places do not hold."""
-    if stamps.kind == "sound":
-        return list(found)
-    out = []
-    for c in found:
-        if c.name in TIMES:
-            # both ends of each cycle, and the rate that all have in common
-            u = np.hypot(np.sqrt(2.0 / c.cycles) * stamps.u_time_s, abs(c.value) * stamps.u_rate)
-            c = _more(c, u, 0.0)
-        elif c.name == "WF" and c.path is not None:
-            lasted = np.array([end - start for start, end in next(p for p in program.path if p.name == c.path).windows_s])
-            of_ends = np.sqrt(2.0 * np.mean(lasted**-2.0) / c.cycles) * stamps.u_time_s
-            c = _more(c, (100.0 + c.value) * np.hypot(of_ends, stamps.u_rate), 0.0)
-        elif c.name == "AV" and c.path is not None:
-            # the mean of way over time is more than way over the mean of times
-            apart = np.diff(crossed[c.path].time_s, axis=0)
-            c = _more(c, 0.0, (100.0 + c.value) * float(np.mean(2.0 * stamps.u_time_s**2 / apart**2)))
-        out.append(c)
-    return out
-
-
-def _more(c: Characteristic, u: float, bias: float) -> Characteristic:
-    """A figure with another independent standard uncertainty and a bias of a sign that is known, in its own unit."""
-    u95, systematic = float(np.hypot(c.u95, NORMAL_95 * u) + bias), float(np.hypot(c.u_systematic or 0.0, u))
+def with_instants(c: Characteristic, added: OfInstants) -> Characteristic:
+    """A figure with what the instants of its samples add to it."""
+    u95, systematic = float(np.hypot(c.u95, NORMAL_95 * added.u) + added.bias), float(np.hypot(c.u_systematic or 0.0, added.u))
     both = float(np.hypot(c.u_random or 0.0, systematic))
     return replace(c, u95=u95, u_systematic=systematic, coverage_factor=u95 / both if both > 0.0 else None)
+
+
+def of_duration(c: Characteristic, stamps: Stamps) -> Characteristic:
+    """A duration, the mean of its cycles, with both ends of each cycle and the rate that all have in common."""
+    if stamps.kind == "sound":
+        return c
+    return with_instants(c, OfInstants(float(np.hypot(np.sqrt(2.0 / c.cycles) * stamps.u_time_s, abs(c.value) * stamps.u_rate))))

@@ -1,8 +1,8 @@
-"""Figures of clause 8: what is certified of paths, but for their corners."""
+"""Path accuracy and repeatability (clauses 8.2 to 8.4): the crossings of a path, and the errors that they have."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,14 +10,17 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
-from lmeasure.certification.errors_of_poses import PoseErrors
-from lmeasure.certification.figures import ANGLES, Figure, angle_rates, angles_deg, components
+from lmeasure.certification.angles import angle_rates, angles_deg
+from lmeasure.certification.attainment import Attainment
+from lmeasure.certification.figure import ANGLES, Figure, Maker, Subject
+from lmeasure.certification.instants import of_crossing
 from lmeasure.certification.iso9283_pose import wrapped
+from lmeasure.certification.iso_test import IsoTest, SampleErrors
 from lmeasure.certification.paths import Crossings
-from lmeasure.certification.timing import with_instants
-from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED
+from lmeasure.certification.uncertainty import NORMAL_95_ONE_SIDED, Part
 from lmeasure.certification.waves import cosines, reduced
-from lmeasure.program import CommandedPath
+from lmeasure.trajectory.pose_errors import PoseErrors
+from lmeasure.trajectory.rounding import of_crossings
 from lmeasure.trajectory.stamps import Stamps
 
 CENTRAL = 0.5
@@ -25,6 +28,72 @@ CENTRAL = 0.5
 
 DOUBT_OF_MEAN, DOUBT_OF_SCATTER = 1.0, NORMAL_95_ONE_SIDED
 """See `waves.reduced`. Repeatabilities are the largest of many figures of few cycles each, which errors enlarge more than all else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathTest(IsoTest):
+    """AT, and RT from two cycles on, of one path; convention of component-wise angles, None where there are none; clause: of its
+    accuracy, 8.4 where the tool turns on the way. plain: not of a weave, which leaves its path on purpose."""
+
+    crossings: Crossings
+    convention: str | None
+    stamps: Stamps
+    clause: str
+    plain: bool
+
+    def samples(self) -> IntArray:
+        """See `IsoTest`."""
+        return self.crossings.samples.ravel()
+
+    def excludable(self, errors: SampleErrors) -> PoseErrors:
+        """See `IsoTest`: of the places, whatever the instants are."""
+        c = self.crossings
+        single = errors(c.samples.ravel())
+        return of_crossings(single, c.weights, c.step, c.scatter) if single.rounded else single
+
+    def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
+        """See `IsoTest`."""
+        return {self.subject: PathPart(self.crossings, self.excludable(errors), self.convention, self.stamps)}
+
+    def figures(self) -> list[Figure]:
+        """See `IsoTest`."""
+        if not self.plain:
+            return []
+        key, c = self.subject, self.crossings
+        n, turns = c.time_s.shape[1], c.line.path.quaternion_xyzw is not None and not np.isnan(c.attained[0, 0, 3])
+        make = Maker(cycles=n, needs=(key,), path=key.name, angles=self.convention)
+        out = [make.one("AT_p", self.clause, "mm", lambda s: iso.path_accuracy(s[key].position))]
+        if self.convention is not None:
+            out += make.components("AT", self.clause, lambda s: iso.path_orientation_accuracy(s[key].angles_deg), ANGLES)
+        if turns:
+            out.append(make.rotation("AT_rot", self.clause, lambda s: iso.path_accuracy(s[key].turn_deg)))
+        if n < 2:
+            return out
+        out.append(make.one("RT_p", "8.3", "mm", lambda s: iso.path_repeatability(s[key].position)))
+        if self.convention is not None:
+            out += make.components("RT", "8.3", lambda s: iso.path_orientation_repeatability(s[key].angles_deg), ANGLES)
+        if turns:
+            out.append(make.rotation("RT_rot", "8.3", lambda s: iso.path_repeatability(s[key].turn_deg)))
+        return out
+
+
+def tests(attained: Attainment) -> Iterator[PathTest]:
+    """Of every path that has windows."""
+    for path in attained.program.path:
+        if path.name in attained.paths:
+            crossed = attained.paths[path.name]
+            convention, findings = attained.convention_on_path(crossed)
+            yield PathTest(
+                subject=Subject("path", path.name),
+                windows=path.windows_s,
+                angle_deg=crossed.angle_deg,
+                findings=findings,
+                crossings=crossed,
+                convention=convention,
+                stamps=attained.stamps,
+                clause="8.4" if path.end_quaternion_xyzw is not None else "8.2",
+                plain=path.weave_stroke_mm is None,
+            )
 
 
 @dataclass(frozen=True)
@@ -50,10 +119,15 @@ class PathPart:
     _states: dict[bool, Planes] = field(init=False, default_factory=dict)
     _rates: list[FloatArray] = field(init=False, default_factory=list)
 
+    @property
+    def positions(self) -> FloatArray:
+        """See `uncertainty.Part`."""
+        return self.crossings.attained[:, :, :3].reshape(-1, 3)
+
     @cached_property
     def errors(self) -> PoseErrors:
         """See `uncertainty.Part`."""
-        return with_instants(self.places, self.crossings, self.stamps)
+        return of_crossing(self.places, self.crossings, self.stamps)
 
     def __post_init__(self) -> None:
         c = self.crossings
@@ -145,35 +219,3 @@ class PathPart:
             None if state.turn_deg is None else state.turn_deg + np.degrees(turned),
             state.speed_mm_s * (1.0 + stretch),
         )
-
-
-def path_figures(key: str, part: PathPart, path: CommandedPath) -> list[Figure]:
-    """AT, RT (8.2, 8.3; 8.4 where the tool turns on the way), AV, RV, FV (8.6) where a speed is commanded."""
-    n = part.crossings.time_s.shape[1]
-    clause = "8.4" if path.end_quaternion_xyzw is not None else "8.2"
-    common: dict[str, Any] = {"cycles": n, "needs": (key,), "path": path.name}
-    state = part.state(np.zeros((part.crossings.time_s.size, 6)), reduced=False)
-    angular: dict[str, Any] = {"unit": "deg", "angles": part.convention, **common}
-    rot: dict[str, Any] = {"unit": "deg", "extension": True, **common}
-    out = []
-    if path.weave_stroke_mm is None:
-        out.append(Figure("AT_p", clause, "mm", of=lambda s: iso.path_accuracy(s[key].position), **common))
-        if state.angles_deg is not None:
-            names = [f"AT_{a}" for a in ANGLES]
-            out += components(names, lambda s: iso.path_orientation_accuracy(s[key].angles_deg), clause=clause, **angular)
-        if state.turn_deg is not None:
-            out.append(Figure("AT_rot", clause, of=lambda s: iso.path_accuracy(s[key].turn_deg), **rot))
-    if n > 1 and path.weave_stroke_mm is None:
-        out.append(Figure("RT_p", "8.3", "mm", of=lambda s: iso.path_repeatability(s[key].position), **common))
-        if state.angles_deg is not None:
-            names = [f"RT_{a}" for a in ANGLES]
-            out += components(names, lambda s: iso.path_orientation_repeatability(s[key].angles_deg), clause="8.3", **angular)
-        if state.turn_deg is not None:
-            out.append(Figure("RT_rot", "8.3", of=lambda s: iso.path_repeatability(s[key].turn_deg), **rot))
-    speed = path.speed_mm_s
-    if speed is not None:
-        out.append(Figure("AV", "8.6.2", "%", of=lambda s: iso.velocity_accuracy(s[key].speed_mm_s, speed), **common))
-        if n > 1:
-            out.append(Figure("RV", "8.6.3", "%", of=lambda s: iso.velocity_repeatability(s[key].speed_mm_s, speed), **common))
-    out.append(Figure("FV", "8.6.4", "mm/s", of=lambda s: iso.velocity_fluctuation(s[key].speed_mm_s), **common))
-    return out

@@ -18,7 +18,7 @@ SETTLED = 0.5
 
 
 def windows_from_rests(
-    program: Program, commands: Path, trajectory: Trajectory, still_mm: float = 0.2, loaded: Path | None = None
+    program: Program, commands: Path, trajectory: Trajectory, *, still_mm: float = 0.2, loaded: Path | None = None
 ) -> Program:
     """The program with the windows of a trajectory that ran the commands of a commands.csv, all of them and in their order.
 

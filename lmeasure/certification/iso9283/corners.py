@@ -1,29 +1,31 @@
-"""Corners of a path (clause 8.5): how near a robot comes to them, and how far beyond the next line it goes.
+"""Cornering round-off and overshoot (clause 8.5): how near a robot comes to them, and how far beyond the
+next line it goes.
 
 The overshoot is the largest of all samples behind a corner. Of a robot that stays on the line that is the largest of as many errors, though
 in truth nothing overshoots: what the law of its error is drawn at must be the deviations of all samples that may be the largest in
 truth, and not those about the sample that happened to be.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from scipy.fft import dct, idct
 from scipy.stats import norm
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
-from lmeasure.certification.between import FINER, finer, share
-from lmeasure.certification.errors_of_poses import PoseErrors
-from lmeasure.certification.figures import Figure
-from lmeasure.certification.path_figures import DOUBT_OF_MEAN
+from lmeasure.certification.attainment import Attainment
+from lmeasure.certification.figure import Figure, Maker, Subject
+from lmeasure.certification.iso9283.path import DOUBT_OF_MEAN
+from lmeasure.certification.iso_test import IsoTest, SampleErrors
+from lmeasure.certification.passages import FINER, finer, share
 from lmeasure.certification.paths import Crossings, Cycle
-from lmeasure.certification.rounding import kept_over
+from lmeasure.certification.uncertainty import Part
 from lmeasure.certification.waves import reduced as less
 from lmeasure.errors import CertificationError
-from lmeasure.program import CommandedPath
+from lmeasure.trajectory.pose_errors import PoseErrors
+from lmeasure.trajectory.rounding import kept_over
 
 ABOUT = 7  # samples on either side of the farthest, between which it is looked for
 NEAR = 50  # samples on either side of the nearest that a corner is seen by
@@ -66,7 +68,18 @@ def corners_of(crossings: Crossings) -> list[Corner]:
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
-    return [Corner(i, points[i], units[i - 1], units[i], float(arc[i]), float(lengths[i - 1]), float(lengths[i])) for i in turns]
+    return [
+        Corner(
+            number=i,
+            place=points[i],
+            incoming=units[i - 1],
+            outgoing=units[i],
+            way_mm=float(arc[i]),
+            before_mm=float(lengths[i - 1]),
+            after_mm=float(lengths[i]),
+        )
+        for i in turns
+    ]
 
 
 @dataclass(frozen=True)
@@ -104,7 +117,54 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     beyond = (after[:whole] @ corner.side).reshape(-1, size).mean(axis=1)
     step = float(np.median(np.linalg.norm(np.diff(after, axis=0), axis=1))) if len(after) > 1 else 0.0
     between = (nearest + float(part[nearest])) % FINER / FINER
-    return Passing(feet[nearest], between, slice(int(near[0]) + i, int(near[-1]) + 1), beyond, size, step)
+    behind = slice(int(near[0]) + i, int(near[-1]) + 1)
+    return Passing(nearest=feet[nearest], part=between, behind=behind, beyond=beyond, neighbours=size, step_mm=step)
+
+
+def passings(crossings: Crossings) -> Iterator[tuple[Corner, tuple[Passing, ...]]]:
+    """The corners of a path, and how each cycle passes them."""
+    name = crossings.line.path.name
+    for corner in corners_of(crossings):
+        yield corner, tuple(at_corner(cycle, corner, f"path {name}, cycle {j}") for j, cycle in enumerate(crossings.cycles, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CornerTest(IsoTest):
+    """CR and CO of a corner of a path, which its cycles passed (n,) at samples (n,)."""
+
+    corner: Corner
+    passed: tuple[Passing, ...]
+    at: IntArray
+
+    @property
+    def key(self) -> Subject:
+        """Of its states."""
+        return Subject("corner", self.subject.name, self.corner.number)
+
+    def samples(self) -> IntArray:
+        """See `IsoTest`."""
+        return self.at
+
+    def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
+        """See `IsoTest`."""
+        return {self.key: CornerPart(self.corner, self.passed, errors(self.at))}
+
+    def figures(self) -> list[Figure]:
+        """See `IsoTest`."""
+        key = self.key
+        make = Maker(cycles=len(self.passed), needs=(self.subject,), path=key.name, part=f"corner {self.corner.number}")
+        return [
+            make.one("CR", "8.5", "mm", lambda s: iso.cornering_round_off(s[key][0])),
+            make.one("CO", "8.5", "mm", lambda s: iso.cornering_overshoot(s[key][1], np.ones(1))),
+        ]
+
+
+def tests(attained: Attainment) -> Iterator[CornerTest]:
+    """Of every corner of every path that has windows."""
+    for name, crossed in attained.paths.items():
+        for corner, passed in passings(crossed):
+            at = np.array([c.samples[p.behind.start] for c, p in zip(crossed.cycles, passed, strict=True)], dtype=np.int64)
+            yield CornerTest(subject=Subject("path", name), corner=corner, passed=passed, at=at)
 
 
 @dataclass(frozen=True)
@@ -148,6 +208,11 @@ class CornerPart:
             self._others.append(filled)
 
     @property
+    def positions(self) -> FloatArray:
+        """See `uncertainty.Part`: about the corner."""
+        return np.tile(self.corner.place, (len(self.passed) * (1 + self._about[0].shape[1] + self._others[0].shape[1]), 1))
+
+    @property
     def errors(self) -> PoseErrors:
         """Of the n nearest points, read between samples, and the n k others: the largest of many is larger than what they are of."""
         n, k = len(self.passed), self._about[0].shape[1] + self._others[0].shape[1]
@@ -186,22 +251,3 @@ def _likely(beyond: FloatArray, random: float, common: float) -> FloatArray:
             likely[likely >= -np.sqrt(random + common)] = 0.0
         beyond[part] = likely
     return beyond
-
-
-def corner_figures(key: str, corner: Corner, path: CommandedPath, cycles: int) -> list[Figure]:
-    """Clause 8.5: CR and CO of one corner."""
-    common: dict[str, Any] = {
-        "cycles": cycles,
-        "needs": (f"path {path.name}",),
-        "path": path.name,
-        "part": f"corner {corner.number}",
-        "clause": "8.5",
-    }
-
-    def overshoot(s: Mapping[str, Any]) -> FloatArray:
-        return iso.cornering_overshoot(s[key][1], np.ones(1))
-
-    return [
-        Figure("CR", unit="mm", of=lambda s: iso.cornering_round_off(s[key][0]), **common),
-        Figure("CO", unit="mm", of=overshoot, **common),
-    ]

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from lmeasure.certification.campaign import Campaign, Tests, campaign, timed
 from lmeasure.certification.command_files import write_commands
+from lmeasure.certification.command_windows import windows_from_rests
 from lmeasure.certification.cube import Cube
 from lmeasure.certification.dwells import LAG_S, settled
-from lmeasure.certification.ran import windows_from_rests
 from lmeasure.cli import app
 from lmeasure.errors import CertificationError
 from lmeasure.program import Program, read_program, write_program

@@ -8,9 +8,9 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 
 from lmeasure.certification import Characteristic, Settings, evaluate
-from lmeasure.certification.timing import on_times
+from lmeasure.certification.instants import on_times
+from lmeasure.findings import recognised
 from lmeasure.program import Program
-from lmeasure.report.sentences import sentence
 from lmeasure.trajectory import Trajectory
 from lmeasure.trajectory.stamps import sound, stamps_of
 
@@ -69,10 +69,10 @@ def test_the_certificate_says_it_in_both_languages() -> None:
         trajectory, program = run(1, jitter_s, asked)
         notes = evaluate(trajectory, program, LAW, settings=Settings(trials=100, planes=40)).notes
         assert "time stamps jitter" in notes[0]
-        told = sentence("ru", notes[0])
-        assert told is not None
-        assert "метки времени дрожат" in told
-        assert "{" not in told
+        found = recognised(notes[0])
+        assert found is not None
+        assert str(found) == notes[0]
+        assert "метки времени дрожат" in found.text("ru")
     assert not evaluate(*run(1, 0.0), LAW, settings=Settings(trials=100, planes=40)).notes
 
 

@@ -1,19 +1,23 @@
-"""Figures of clause 11, weaving, from the strokes that each cycle makes across its path."""
+"""Weaving deviations (clause 11), from the strokes that each cycle makes across its path."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification import iso9283_path as iso
-from lmeasure.certification.between import FINER, finer
-from lmeasure.certification.errors_of_poses import PoseErrors
-from lmeasure.certification.figures import Figure
+from lmeasure.certification.attainment import Attainment
+from lmeasure.certification.figure import Figure, Maker, OfInstants, Subject
+from lmeasure.certification.iso_test import IsoTest, SampleErrors
+from lmeasure.certification.passages import FINER, finer
 from lmeasure.certification.paths import Crossings
-from lmeasure.certification.rounding import of_neighbours
+from lmeasure.certification.uncertainty import Part
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath
+from lmeasure.trajectory.pose_errors import PoseErrors
+from lmeasure.trajectory.rounding import of_neighbours
+from lmeasure.trajectory.stamps import Stamps
 
 FAR = 0.1
 """Of what a cycle sways, or of the commanded stroke: an excursion to a side, not noise about the middle."""
@@ -73,16 +77,16 @@ def weaves(crossed: Crossings, stroke_mm: float) -> list[Weave]:
         side = np.concatenate([np.sign(middle[top]), [1.0, -1.0]])
         out.append(
             Weave(
-                direction,
-                samples[about],
-                positions[about],
-                y[about],
-                width,
-                side,
-                samples[edges],
-                positions[edges],
-                y[edges],
-                time_s[edges],
+                direction=direction,
+                samples=samples[about],
+                positions=positions[about],
+                y=y[about],
+                width=width,
+                side=side,
+                edges=samples[edges],
+                edge_positions=positions[edges],
+                edge_y=y[edges],
+                edge_s=time_s[edges],
             )
         )
     return out
@@ -104,15 +108,10 @@ class WeavePart:
     cycles: tuple[Weave, ...]
     errors: PoseErrors
 
-    @staticmethod
-    def samples(cycles: tuple[Weave, ...]) -> IntArray:
-        """(n,) the samples of the law, cycle by cycle: rows, then edges."""
-        return np.concatenate([np.concatenate([c.samples.ravel(), c.edges.ravel()]) for c in cycles])
-
-    @staticmethod
-    def positions(cycles: tuple[Weave, ...]) -> FloatArray:
-        """(n, 3) where they were taken [mm]."""
-        return np.concatenate([np.concatenate([c.positions.reshape(-1, 3), c.edge_positions.reshape(-1, 3)]) for c in cycles])
+    @property
+    def positions(self) -> FloatArray:
+        """See `uncertainty.Part`: cycle by cycle, rows, then edges."""
+        return np.concatenate([np.concatenate([c.positions.reshape(-1, 3), c.edge_positions.reshape(-1, 3)]) for c in self.cycles])
 
     @classmethod
     def of(cls, cycles: tuple[Weave, ...], errors: PoseErrors) -> "WeavePart":
@@ -151,21 +150,61 @@ class WeavePart:
         return far, times
 
 
-def weaving_figures(key: str, part: WeavePart, path: CommandedPath) -> list[Figure]:
-    """WS, and WF where a speed is commanded, of a path with weave_stroke_mm and weave_distance_mm."""
-    stroke, distance = path.weave_stroke_mm, path.weave_distance_mm
-    assert stroke is not None
-    assert distance is not None
-    common: dict[str, Any] = {"clause": "11", "unit": "%", "cycles": len(part.cycles), "needs": (f"path {path.name}",), "path": path.name}
+@dataclass(frozen=True, kw_only=True)
+class WeaveTest(IsoTest):
+    """WS of a weave on a path, WF where a speed is commanded."""
 
-    def strokes(far: list[FloatArray]) -> FloatArray:
-        return np.stack([np.abs(np.diff(f[..., :-2], axis=-1)).mean(axis=-1) for f in far], axis=-1)
+    path: CommandedPath
+    cycles: tuple[Weave, ...]
+    stamps: Stamps
 
-    def rates(times: list[FloatArray]) -> FloatArray:
-        return np.stack([0.5 * c.strokes / (t[..., 1] - t[..., 0]) for c, t in zip(part.cycles, times, strict=True)], axis=-1)
+    @property
+    def key(self) -> Subject:
+        """Of its states."""
+        return Subject("weave", self.path.name)
 
-    out = [Figure("WS", of=lambda s: iso.weaving_stroke_error(strokes(s[key][0]), stroke), **common)]
-    if path.speed_mm_s is not None:
-        commanded = path.speed_mm_s / distance
-        out.append(Figure("WF", of=lambda s: iso.weaving_frequency_error(rates(s[key][1]), commanded), **common))
-    return out
+    def samples(self) -> IntArray:
+        """See `IsoTest`: cycle by cycle, rows, then edges."""
+        return np.concatenate([np.concatenate([c.samples.ravel(), c.edges.ravel()]) for c in self.cycles])
+
+    def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
+        """See `IsoTest`."""
+        return {self.key: WeavePart.of(self.cycles, errors(self.samples()))}
+
+    def figures(self) -> list[Figure]:
+        """See `IsoTest`."""
+        key, stroke, distance = self.key, self.path.weave_stroke_mm, self.path.weave_distance_mm
+        assert stroke is not None
+        assert distance is not None
+        make = Maker(cycles=len(self.cycles), needs=(self.subject,), path=key.name)
+        out = [make.one("WS", "11", "%", lambda s: iso.weaving_stroke_error(_strokes(s[key][0]), stroke))]
+        if self.path.speed_mm_s is not None:
+            commanded = self.path.speed_mm_s / distance
+            of = make.one(
+                "WF", "11", "%", lambda s: iso.weaving_frequency_error(self._rates(s[key][1]), commanded), instants=self._of_instants
+            )
+            out.append(of)
+        return out
+
+    def _rates(self, times: list[FloatArray]) -> FloatArray:
+        """(..., n) weaves per second of cycles that cross the middle first and last at times (..., 2)."""
+        return np.stack([0.5 * c.strokes / (t[..., 1] - t[..., 0]) for c, t in zip(self.cycles, times, strict=True)], axis=-1)
+
+    def _of_instants(self, value: float) -> OfInstants:
+        """Both ends of each cycle, and the rate that all have in common."""
+        lasted = np.array([end - start for start, end in self.path.windows_s])
+        of_ends = np.sqrt(2.0 * np.mean(lasted**-2.0) / len(self.cycles)) * self.stamps.u_time_s
+        return OfInstants(float((100.0 + value) * np.hypot(of_ends, self.stamps.u_rate)))
+
+
+def _strokes(far: list[FloatArray]) -> FloatArray:
+    """(..., n) mean stroke [mm] of each cycle, from the farthest places of its strokes."""
+    return np.stack([np.abs(np.diff(f[..., :-2], axis=-1)).mean(axis=-1) for f in far], axis=-1)
+
+
+def tests(attained: Attainment) -> Iterator[WeaveTest]:
+    """Of every path with a weave that has windows."""
+    for path in attained.program.path:
+        if path.weave_stroke_mm is not None and path.name in attained.paths:
+            cycles = tuple(weaves(attained.paths[path.name], path.weave_stroke_mm))
+            yield WeaveTest(subject=Subject("path", path.name), path=path, cycles=cycles, stamps=attained.stamps)

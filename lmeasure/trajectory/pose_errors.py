@@ -7,10 +7,12 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.findings import Finding, finding, recognised
 from lmeasure.run import Run
-from lmeasure.trajectory import Trajectory, covariances
 from lmeasure.trajectory.evidence import CLOSURE
 from lmeasure.trajectory.passes import Alignment
+from lmeasure.trajectory.record import Trajectory
+from lmeasure.trajectory.run_covariances import covariances
 from lmeasure.trajectory.sources import PHASE
 
 
@@ -59,6 +61,12 @@ class PoseErrors:
         common = np.concatenate([self.local, self.shared], axis=2)
         return np.asarray(self.random + common @ np.swapaxes(common, 1, 2))
 
+    def covariance_of(self, weights: FloatArray) -> FloatArray:
+        """(k, 6, 6) covariances of k weighted sums of the n errors, weights (k, n): of the mean over a window, of a difference, of what a
+        fit takes of them. The one place that says how the errors of several poses are correlated."""
+        common = np.einsum("kn,nil->kil", weights, self.factors)
+        return np.asarray(np.einsum("kn,nij->kij", weights**2, self.random) + common @ np.swapaxes(common, 1, 2))
+
     def moved(self, matrices: FloatArray) -> "PoseErrors":
         """The errors of T delta, T (n, 6, 6)."""
         return replace(self, own=matrices @ self.own, local=matrices @ self.local, shared=matrices @ self.shared)
@@ -100,9 +108,14 @@ def roots(covariance: FloatArray) -> FloatArray:
 
 
 class ErrorModel(Protocol):
-    """Where errors of poses come from."""
+    """Where errors of poses come from.
 
-    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
+    A model states correlation between samples by what they have in common: columns of `PoseErrors.shared`, drawn once for the run, or of
+    `local`, drawn once for a place. Any covariance (6 n, 6 n), such as that of errors that fade in time or of a smoother, can be stated:
+    the columns of its root are `shared`. `PoseErrors.covariance_of` gives what follows for a mean or another weighted sum.
+    """
+
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
         """Errors of the tool origin at samples (n,) of the trajectory, and what they hold, in words."""
         ...
 
@@ -116,15 +129,14 @@ class ErrorsOfRun:
     def __init__(self, run: Run | Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
         self._run, self._constraint, self._repeatability_mm = run, constraint, repeatability_mm
 
-    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
         errors = PoseErrors.of(
             np.nan_to_num(found.own), np.nan_to_num(found.factors), True, found.uniform, tuple(s in (PHASE, CLOSURE) for s in found.sources)
         )
-        sources = ["the resolution of the counts", *dict.fromkeys(found.sources)]
-        missing = "" if "calibration" in sources else "; not the calibration: the rig links none"
-        return errors, ", ".join(sources) + missing
+        sources = finding("source.counts"), *(recognised(s) or s for s in dict.fromkeys(found.sources))
+        return errors, finding("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
 
 
 class ErrorsOfFile:
@@ -137,17 +149,13 @@ class ErrorsOfFile:
     def __init__(self, together: bool) -> None:
         self.together = together
 
-    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
+    def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Finding | str]:
         """See `ErrorModel`."""
         n = len(samples)
         random, systematic = (np.nan_to_num(c[samples]) for c in (trajectory.random, trajectory.systematic))
-        covers = (
-            "the uncertainties of the trajectory, systematic ones taken as common to the cycles of a pose or path, random ones so or as "
-            "independent, whichever is worse"
-        )
         shared = np.zeros((n, 6, 0))
         own, local = (shared, roots(random + systematic)) if self.together else (roots(random), roots(systematic))
-        return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), covers
+        return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), finding("covers.file")
 
 
 def at_tool_point(poses: FloatArray, offset_mm: FloatArray) -> FloatArray:

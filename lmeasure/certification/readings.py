@@ -1,4 +1,4 @@
-"""Stretches of a motion that figures are read from: what lies between samples, and what the counts make them err by.
+"""Figures that are read from stretches of a motion: what lies between samples, and what the counts make them err by.
 
 Between samples a motion is the cubic spline through them. Its own error is found by leaving out every other sample: where a motion has
 three derivatives that is seven times as large (Richardson). Errors of counts are drawn as what they are, the roundings of lengths: a draw
@@ -16,14 +16,17 @@ from scipy.ndimage import binary_dilation
 from scipy.signal import savgol_filter
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.certification.attained import Frame, window
-from lmeasure.certification.errors_of_poses import PoseErrors
-from lmeasure.certification.rounding import phases, roundings
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.certification.characteristic import Characteristic, CharacteristicKey
 from lmeasure.certification.settings import Settings
-from lmeasure.certification.uncertainty import COVERAGE, reduction
+from lmeasure.certification.uncertainty import COVERAGE, NORMAL_95, reduction
 from lmeasure.errors import CertificationError
+from lmeasure.findings import Finding
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.attained import Frame, window
+from lmeasure.trajectory.pose_errors import PoseErrors
+from lmeasure.trajectory.rounding import phases, roundings
+from lmeasure.trajectory.stamps import Stamps
 
 FINE_S = 2.5e-4
 """Steps in which a motion is read between samples."""
@@ -153,6 +156,11 @@ class Told:
     between: FloatArray
     laws: tuple[tuple[FloatArray, FloatArray], ...]
 
+    @property
+    def reached(self) -> BoolArray:
+        """(n,) whether every figure of a cycle could be read."""
+        return np.asarray(np.isfinite(self.values).all(axis=1))
+
     def u95(self, i: int, over: Callable[..., FloatArray], above: float = -np.inf) -> float:
         """U95 of figure i taken over the cycles; the larger of the laws'.
 
@@ -169,14 +177,42 @@ class Told:
             out.append(float(np.quantile(np.abs(over(of_robot + errors, axis=1) - over(of_robot)), COVERAGE)))
         return float(np.hypot(max(out), self.between[:, i].max()))
 
+    def characteristic(
+        self, i: int, key: CharacteristicKey, *, clause: str, unit: str, note: Finding, over: Callable[..., FloatArray] = np.mean,
+        above: float = -np.inf
+    ) -> Characteristic:  # fmt: skip
+        """Figure i taken over the cycles, of which those above a value are alike; another run errs anew."""
+        u95, value = self.u95(i, over, above), float(over(self.values[:, i]))
+        return Characteristic(
+            **key._asdict(), clause=clause, value=value, unit=unit, u95=u95, capable=False, cycles=len(self.values),
+            u_random=u95 / NORMAL_95, u_systematic=0.0, note=note,
+        )  # fmt: skip
+
+
+def distance(vectors: FloatArray) -> FloatArray:
+    """(...) lengths of vectors (..., 3)."""
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+
+
+def longest_s(cycles: Sequence[Stretch]) -> float:
+    """How long [s] the longest of cycles lasts."""
+    return max(float(s.time_s[-1] - s.time_s[0]) for s in cycles)
+
 
 class Motion:
     """A trajectory in the frame and at the point that are certified, with the errors at its samples by each law that may hold."""
 
     def __init__(
-        self, trajectory: Trajectory, frame: Frame, errors: Callable[[IntArray], Sequence[PoseErrors]], settings: Settings
+        self,
+        trajectory: Trajectory,
+        frame: Frame,
+        errors: Callable[[IntArray], Sequence[PoseErrors]],
+        *,
+        stamps: Stamps,
+        settings: Settings,
     ) -> None:
-        self.trajectory, self.frame, self._errors, self._settings = trajectory, frame, errors, settings
+        self.trajectory, self.frame, self.stamps = trajectory, frame, stamps
+        self._errors, self._settings = errors, settings
 
     def stretch(self, start: float, end: float, what: str, *, begins: bool) -> Stretch:
         """A window with the place where it comes to rest, and, where it begins from rest, that one before; CertificationError when it has
@@ -227,7 +263,7 @@ class Motion:
         for first in range(0, self._settings.trials, at_once):
             trials = min(at_once, self._settings.trials - first)
             errors = [
-                _errors_from(cycles, found, at, law, rng, trials, reading.origin is not None)
+                _errors_from(cycles, found, at, law, rng=rng, trials=trials, absolute=reading.origin is not None)
                 for at, law in zip(_by_place(cycles), laws, strict=True)
             ]
             moved = [[v + e[j] for v, e in zip(likely[j], errors, strict=True)] for j in range(len(cycles))]
@@ -251,6 +287,7 @@ def _errors_from(
     found: Sequence[tuple[Finer, IntArray]],
     places: Sequence[IntArray],
     law: PoseErrors,
+    *,
     rng: np.random.Generator,
     trials: int,
     absolute: bool,

@@ -5,9 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from lmeasure.certification import PoseErrors
-from lmeasure.certification.between import passage, share
-from lmeasure.certification.errors_of_poses import roots
-from lmeasure.certification.rounding import kept, of_crossings, of_dwells, scatter_counts, whitened_variance
+from lmeasure.trajectory.pose_errors import roots
+from lmeasure.trajectory.rounding import kept, of_crossings, of_dwells, scatter_counts, whitened_variance
 
 FloatArray = NDArray[np.float64]
 
@@ -95,18 +94,6 @@ def crossed(steps_counts: FloatArray, apart_counts: float, cycles: int, seed: in
     law = of_crossings(single, np.tile(QUARTER, (k, cycles, 1)), step, between)
     common = (law.local @ law.local.transpose(0, 2, 1))[:, 3, 3].mean()
     return errors, np.array([law.random[:, 3, 3].mean(), common])
-
-
-def test_what_is_read_between_samples_has_a_share_of_their_variance() -> None:
-    np.testing.assert_allclose(share(np.array([0.0, 0.25, 0.5])), [1.0, (QUARTER**2).sum(), 2.0 * (81 + 1) / 256])
-    # a parabola's passage, and the weights with which it is read there
-    time_s = np.array([[0.0, 0.1, 0.2, 0.3], [0.0, 0.1, 0.2, 0.9]])
-    ahead = time_s**2 - 0.15**2
-    straight = (0.15**2 - 0.1**2) / (0.2**2 - 0.1**2)
-    at, weights = passage(time_s, ahead, np.full(2, straight), np.ones(2, np.bool_))
-    np.testing.assert_allclose(at, [0.15, 0.1 + 0.1 * straight], rtol=1e-9)
-    np.testing.assert_allclose((weights * time_s**2).sum(axis=1), 0.15**2, rtol=1e-9)
-    np.testing.assert_allclose(weights[1], [0.0, 1.0 - straight, straight, 0.0])
 
 
 @pytest.mark.parametrize("step", [0.0, 0.1, 0.5, 3.3, 50.0])
