@@ -1,0 +1,84 @@
+"""Limits that a mechanism must keep, as smooth functions of its pose that are positive inside: never singular, pressure angles, lengths.
+
+With C_i = (c_i; d_i) the cofactors of link i's row, the motion by link i alone is C_i over the determinant, so that the velocity of its
+point is (c_i + d_i x P_i)/det and the pressure-angle analogue has cos = |det| / |c_i + d_i x P_i| (thesis Rashoyan 2021, 5.1). Multiplied
+out,
+
+    side det - cos(limit) |c_i + d_i x P_i| >= 0,        side the sign of the determinant where the mechanism works,
+
+is smooth, holds nothing infinite at singular poses, and is negative in other assemblies. For no limit angle (90 degrees) it is the
+determinant itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure import se3
+from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.errors import StructureError
+from lmeasure.lcoordinate.singularity import cofactors, link_rows, rim_mm
+
+STEP = 1e-6  # of a displacement in units of the rim, for central differences
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Six links from base (6, 3) to body (6, 3) and what they must keep.
+
+    at: a pose (7,) at which the mechanism works, whose sign of the determinant is kept; limit_rad: of every pressure angle, None: only
+    never singular; lengths_mm: least and greatest length of a link; determinant: least |det| [mm^3], of rows with unit directions.
+    """
+
+    base: FloatArray
+    body: FloatArray
+    at: FloatArray
+    limit_rad: float | None = None
+    lengths_mm: tuple[float, float] | None = None
+    determinant: float = 0.0
+
+    def __post_init__(self) -> None:
+        """StructureError where the mechanism is singular at the pose from which it starts."""
+        M = link_rows(self.base, self.body, self.at)[0]
+        sound = len(self.base) == 6 and bool(np.isfinite(M).all())
+        if not (sound and abs(float(np.linalg.det(M))) > 1e-12 * float(np.linalg.norm(M, axis=1).prod())):
+            raise StructureError("bounds: the links do not hold the body at the pose from which the bounds are looked for")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the limits, in the order of `values`."""
+        angles = ("singular",) if self.limit_rad is None else tuple(f"pressure angle of link {i + 1}" for i in range(6))
+        least = ("determinant",) if self.determinant > 0.0 else ()
+        lengths = () if self.lengths_mm is None else tuple(f"link {i + 1} {way}" for way in ("short", "long") for i in range(6))
+        return angles + least + lengths
+
+    def values(self, poses: FloatArray) -> FloatArray:
+        """(..., k) of each limit at poses (..., 7), positive where it is kept: of angles and determinants in parts of the determinant at
+        the pose `at`, of lengths in parts of the greatest. NaN where a link has no length."""
+        M, lengths, points = link_rows(self.base, self.body, poses)
+        known = np.asarray(np.isfinite(M).all(axis=(-1, -2)))
+        M = np.where(known[..., None, None], M, 0.0)
+        det = np.where(known, np.linalg.det(M), np.nan)
+        start = float(np.linalg.det(link_rows(self.base, self.body, self.at)[0]))
+        whole = det / start
+        kept = [whole[..., None]]
+        if self.limit_rad is not None:
+            C = cofactors(M)
+            speeds = np.linalg.norm(C[..., :3] + np.cross(C[..., 3:], points), axis=-1)
+            kept = [whole[..., None] - np.cos(self.limit_rad) * speeds / abs(start)]
+        if self.determinant > 0.0:
+            kept.append(whole[..., None] - self.determinant / abs(start))
+        if self.lengths_mm is not None:
+            least, greatest = self.lengths_mm
+            kept += [(lengths - least) / greatest, (greatest - lengths) / greatest]
+        return np.concatenate(kept, axis=-1)
+
+    def inside(self, poses: FloatArray) -> BoolArray:
+        """(...,) whether every limit is kept at poses (..., 7)."""
+        return np.asarray((self.values(poses) > 0.0).all(axis=-1))
+
+    def rates(self, pose: FloatArray, directions: FloatArray) -> FloatArray:
+        """(k, q) rates of the limits at a pose (7,) by displacements (q, 6) of the body (`se3.displaced`), by central differences."""
+        step = STEP * rim_mm(self.body) / np.maximum(np.abs(directions * np.repeat([rim_mm(self.body), 1.0], 3)).max(axis=1), 1e-300)
+        ahead, behind = (self.values(se3.displaced(pose, sign * step[:, None] * directions)) for sign in (1.0, -1.0))
+        return np.asarray(((ahead - behind) / (2.0 * step[:, None])).T)

@@ -1,0 +1,136 @@
+"""A commanded path that would leave the limits, led around them: the least deviation, the ends kept (thesis Rashoyan 2021, 5.2).
+
+The thesis goes on from the last good pose along the part of each step that is normal to the determinant's gradient, turns and shifts apart:
+the determinant stays what it was, the deviation is not the least, and a limit of the determinant is none of the pressure angle (its own
+example has angles up to 89.8 degrees where det >= 0.015). Here every pose beyond a limit is put onto the nearest one that keeps it, in the
+norm of a displacement with turns counted at the rim; between two poses the way is halved until it keeps the limits too.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import nnls
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.errors import StructureError
+from lmeasure.lcoordinate.bounds import Bounds
+from lmeasure.lcoordinate.singularity import rim_mm
+
+STEPS = 60
+SETTLED = 1e-8  # of the rim: gradients are differences
+INSIDE = 1e-9  # of the limits' scale: a pose on a limit keeps it
+HALVINGS = 6
+APART = 50.0  # times the way of the command between two poses, beyond which they are not neighbours any more
+
+
+@dataclass(frozen=True)
+class Detour:
+    """A path that keeps its limits: poses (m, 7); parameter (m,): where on the commanded path, in numbers of its poses; deviation_mm and
+    deviation_rad (m,) from the command there; norm_mm (m,) both, a turn counted at the rim of the body."""
+
+    poses: FloatArray
+    parameter: FloatArray
+    deviation_mm: FloatArray
+    deviation_rad: FloatArray
+    norm_mm: FloatArray
+
+
+def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0) -> Detour:
+    """The commanded poses (n, 7), and more between them where needed, led around the limits; margin: what limits are kept by beyond 0, in
+    their units (`Bounds.values`).
+
+    StructureError where an end is beyond a limit, or no pose near another keeps them, or two neighbours would be led to different sides.
+    """
+    for k in (0, len(poses) - 1):
+        if not (bounds.values(poses[k]) >= margin).all():
+            worst = bounds.names[int(np.argmin(bounds.values(poses[k])))]
+            raise StructureError(f"path: sample {k + 1}, an end, is beyond a limit itself: {worst}")
+    rim = rim_mm(bounds.body)
+    found = [(float(k), led(bounds, pose, margin)) for k, pose in enumerate(poses)]
+    for _ in range(HALVINGS):
+        more: list[tuple[float, FloatArray]] = [found[0]]
+        added = 0
+        for (i, a), (j, b) in pairwise(found):
+            middle = at(np.stack([a, b]), 0.5)
+            if (bounds.values(middle) < margin - INSIDE).any():
+                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle)))
+                added += 1
+            more.append((j, b))
+        found = more
+        if not added:
+            break
+    parameter, out = np.array([t for t, _ in found]), np.array([p for _, p in found])
+    wanted = np.array([at(poses, t) for t in parameter])
+    off = se3.displacement(out, wanted)
+    shift, turn = np.linalg.norm(off[:, 3:], axis=1), np.linalg.norm(off[:, :3], axis=1)
+    way, own = (_ways(p, rim) for p in (wanted, out))
+    apart = np.flatnonzero(own > APART * np.maximum(way, 1e-3 * way.max()))
+    if len(apart):
+        raise StructureError(
+            f"path: between samples {int(parameter[apart[0]]) + 1} and {int(np.ceil(parameter[apart[0] + 1])) + 1} the limits lead to "
+            "different sides: there is no detour near the path"
+        )
+    return Detour(out, parameter, shift, turn, np.hypot(shift, rim * turn))
+
+
+def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None) -> FloatArray:
+    """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again.
+
+    start (7,): where to begin, by default the pose itself. StructureError where none is found.
+    """
+    if (bounds.values(pose) >= margin).all():
+        return pose
+    rim = rim_mm(bounds.body)
+    unit = np.diag(np.repeat([1.0 / rim, 1.0], 3))
+    now = np.zeros(6) if start is None else se3.displacement(start, pose) * np.repeat([rim, 1.0], 3)
+    for _ in range(STEPS):
+        here = se3.displaced(pose, unit @ now)
+        values = bounds.values(here)
+        rates = _rates(bounds, pose, now, unit)
+        if not (np.isfinite(values).all() and np.isfinite(rates).all()):
+            break
+        then = _least(rates, margin - values + rates @ now)
+        if then is None:
+            break
+        step = then - now
+        size = float(np.linalg.norm(step))
+        # far from a limit its linear form is worth little
+        now = now + step * min(1.0, 0.5 * rim / max(size, 1e-300))
+        if size <= SETTLED * rim:
+            out = se3.displaced(pose, unit @ now)
+            if (bounds.values(out) >= margin - INSIDE).all():
+                return out
+            break
+    raise StructureError("path: no pose near the commanded one keeps the limits")
+
+
+def _rates(bounds: Bounds, pose: FloatArray, now: FloatArray, unit: FloatArray) -> FloatArray:
+    """(k, 6) rates of the limits by the displacement from the pose, in mm of the rim."""
+    step = 1e-6 / unit[3, 3] * float(1.0 / unit[0, 0])
+    ahead, behind = (bounds.values(se3.displaced(pose, (now + sign * step * np.eye(6)) @ unit)) for sign in (1.0, -1.0))
+    return np.asarray(((ahead - behind) / (2.0 * step)).T)
+
+
+def _least(A: FloatArray, b: FloatArray) -> FloatArray | None:
+    """The least x with A x >= b (Lawson and Hanson, Solving Least Squares Problems, 1974, ch. 23); None where there is none."""
+    scale = np.maximum(np.linalg.norm(A, axis=1), 1e-300)
+    A, b = A / scale[:, None], b / scale
+    if (b <= 0.0).all():
+        return np.zeros(A.shape[1])
+    u, _ = nnls(np.vstack([A.T, b]), np.r_[np.zeros(A.shape[1]), 1.0])
+    r = np.r_[A.T @ u, b @ u] - np.r_[np.zeros(A.shape[1]), 1.0]
+    return None if abs(r[-1]) < 1e-14 else np.asarray(-r[:-1] / r[-1])
+
+
+def at(poses: FloatArray, t: float) -> FloatArray:
+    """(7,) the pose at a parameter t between poses (n, 7): straight, and turned about one axis."""
+    k = min(int(t), len(poses) - 2)
+    return se3.displaced(poses[k], (t - k) * se3.displacement(poses[k + 1], poses[k]))
+
+
+def _ways(poses: FloatArray, rim: float) -> FloatArray:
+    """(n - 1,) ways between poses (n, 7) [mm], a turn counted at the rim."""
+    step = se3.displacement(poses[1:], poses[:-1])
+    return np.hypot(np.linalg.norm(step[:, 3:], axis=1), rim * np.linalg.norm(step[:, :3], axis=1))

@@ -1,0 +1,236 @@
+"""Boundary of the workspace in a plane of places, by following it (thesis Rashoyan 2021, 5.3).
+
+A slice is a plane through a place inside, the orientation kept: where the thesis scans along rays in small steps, here the boundary is met
+once by a ray and then followed along its tangent, each point put onto it by Newton's method. Where another limit takes over the corner is
+solved for, and the walk goes on along the other. It ends where it began (closed), or where it leaves the window (open): then it is followed
+the other way round too. Pieces that no ray meets, islands behind others, are not looked for.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.errors import StructureError
+from lmeasure.lcoordinate.bounds import Bounds
+
+ON_MM = 1e-10  # of the reach: the last step onto the boundary but one
+MARCH = 400  # steps along a ray to the window's edge, before a change of sign is halved
+MOST = 5_000  # points of one boundary
+TURN = 0.2  # rad: largest turn of the tangent between two points
+STUCK = 1e-7  # of the reach: a step that small means a corner
+BESIDE, CHECKED = 0.2, 16  # of a step: how far beside it, and at how many places, the inside is looked at
+LOOK = 720  # directions in which one looks around at a corner
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A plane of places: origin (7,) a pose inside it; across (2, 3): unit directions a and b [base frame]; reach_mm: half the width of
+    the window around the origin."""
+
+    origin: FloatArray
+    across: FloatArray
+    reach_mm: float
+
+    def poses(self, ab: FloatArray) -> FloatArray:
+        """(..., 7) poses at coordinates (..., 2) [mm]."""
+        out = np.broadcast_to(self.origin, (*ab.shape[:-1], 7)).copy()
+        out[..., :3] += ab @ self.across
+        return out
+
+    @property
+    def displacements(self) -> FloatArray:
+        """(2, 6) of the two directions."""
+        return np.hstack([np.zeros((2, 3)), self.across])
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """A boundary in a slice: places (n, 2) [mm] in order; limit (n,): number of the limit of `Bounds.names` met there; closed or open."""
+
+    places: FloatArray
+    limit: IntArray
+    closed: bool
+
+    @property
+    def area_mm2(self) -> float | None:
+        """Enclosed, None where it is open."""
+        if not self.closed:
+            return None
+        a, b = self.places.T
+        return float(abs(np.sum(a * np.roll(b, -1) - b * np.roll(a, -1)))) / 2.0
+
+
+def first_met(bounds: Bounds, plane: Slice, directions: FloatArray) -> FloatArray:
+    """(n,) distances [mm] from the slice's origin along directions (n, 2) at which a limit is first met, to 1e-12 of the reach; infinite
+    where none is up to the reach. Two crossings within a step of the march, a 400th of the reach, are not seen."""
+    d = np.asarray(directions, dtype=np.float64) / np.linalg.norm(directions, axis=1, keepdims=True)
+    r = plane.reach_mm * np.arange(1, MARCH + 1) / MARCH
+    with np.errstate(invalid="ignore"):
+        inside = bounds.inside(plane.poses(d[:, None, :] * r[None, :, None]))
+    met = ~inside.all(axis=1)
+    step = np.argmin(inside, axis=1)
+    low, high = np.where(step > 0, r[step - 1], 0.0), r[step]
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        good = bounds.inside(plane.poses(d * middle[:, None]))
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    return np.where(met, (low + high) / 2.0, np.inf)
+
+
+def boundary(bounds: Bounds, plane: Slice, direction: FloatArray, step_mm: float) -> Boundary:
+    """The boundary that a ray along direction (2,) meets, points step_mm apart or nearer where it bends.
+
+    StructureError where the origin is outside, or the ray meets nothing within the reach.
+    """
+    if not bounds.inside(plane.origin):
+        raise StructureError("boundary: the place to look from keeps not all limits itself")
+    radius = float(first_met(bounds, plane, np.asarray(direction, dtype=np.float64)[None])[0])
+    if not np.isfinite(radius):
+        raise StructureError(f"boundary: nothing is met within {plane.reach_mm:g} mm in that direction")
+    first = radius * np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
+    which = int(np.argmin(bounds.values(plane.poses(first))))
+    begun = _onto(bounds, plane, first, which)
+    if begun is None:
+        raise StructureError("boundary: the limit has no tangent where the ray meets it: look in another direction")
+    places, limits, closed = _walk(bounds, plane, begun, which, 1.0, step_mm)
+    if not closed:
+        back, behind, _ = _walk(bounds, plane, begun, which, -1.0, step_mm)
+        places, limits = back[:0:-1] + places, behind[:0:-1] + limits
+    return Boundary(np.array(places), np.array(limits), closed)
+
+
+def _onto(bounds: Bounds, plane: Slice, place: FloatArray, which: int) -> FloatArray | None:
+    """The place (2,) on the limit, by Newton's method along its gradient; None where that fails."""
+    last = False
+    for _ in range(20):
+        pose = plane.poses(place)
+        value = float(bounds.values(pose)[which])
+        rate = bounds.rates(pose, plane.displacements)[which]
+        steep = float(rate @ rate)
+        if not (np.isfinite(value) and steep > 0.0):
+            return None
+        step = -value / steep * rate
+        if float(np.linalg.norm(step)) > plane.reach_mm:
+            return None
+        place = place + step
+        if last:
+            return place
+        last = float(np.linalg.norm(step)) <= ON_MM * plane.reach_mm
+    return None
+
+
+def _corner(bounds: Bounds, plane: Slice, place: FloatArray, one: int, other: int) -> FloatArray | None:
+    """The place where two limits are met; None where Newton's method finds none."""
+    for _ in range(20):
+        pose = plane.poses(place)
+        both = [one, other]
+        values, rates = bounds.values(pose)[both], bounds.rates(pose, plane.displacements)[both]
+        if abs(float(np.linalg.det(rates))) < 1e-14 * float(np.linalg.norm(rates)) ** 2 or not np.isfinite(values).all():
+            return None
+        step = -np.linalg.solve(rates, values)
+        place = place + step
+        if float(np.linalg.norm(step)) <= ON_MM * plane.reach_mm:
+            return place
+    return None
+
+
+def _tangent(bounds: Bounds, plane: Slice, place: FloatArray, which: int, way: float) -> FloatArray:
+    """(2,) unit tangent with the inside on the left of way 1."""
+    rate = bounds.rates(plane.poses(place), plane.displacements)[which]
+    along = way * np.array([rate[1], -rate[0]])
+    return np.asarray(along / np.linalg.norm(along))
+
+
+def _walk(
+    bounds: Bounds, plane: Slice, begun: FloatArray, which: int, way: float, step_mm: float
+) -> tuple[list[FloatArray], list[int], bool]:
+    """Places from the first one on, the limits met there, and whether the walk came back to it."""
+    place, tangent = begun, _tangent(bounds, plane, begun, which, way)
+    places, limits, h, gone = [begun], [which], step_mm, 0.0
+    while len(places) < MOST:
+        if h < STUCK * plane.reach_mm:
+            place, tangent, which = _around(bounds, plane, place, tangent, way, 1000.0 * STUCK * plane.reach_mm)
+            places.append(place)
+            limits.append(which)
+            h = 100.0 * STUCK * plane.reach_mm
+        ahead = _onto(bounds, plane, place + h * tangent, which)
+        if ahead is None or not 0.3 * h < float(np.linalg.norm(ahead - place)) < 2.0 * h:
+            h /= 2.0
+            continue
+        turned = _tangent(bounds, plane, ahead, which, way)
+        others = bounds.values(plane.poses(ahead))
+        others[which] = np.inf
+        other, corner = int(np.argmin(others)), None
+        if others[other] < 0.0:
+            corner = _corner(bounds, plane, ahead, which, other)
+            beyond = corner is not None and float(bounds.values(plane.poses(corner)).min()) < -1e-9
+            if corner is None or beyond or float(np.linalg.norm(corner - place)) > 2.0 * h:
+                h /= 2.0
+                continue
+            ahead, turned = corner, tangent
+        if float(np.linalg.norm(ahead - place)) > STUCK * plane.reach_mm and not _beside(bounds, plane, place, ahead, tangent, turned, way):
+            h /= 2.0
+            continue
+        gone += float(np.linalg.norm(ahead - place))
+        if gone > 1.5 * step_mm and _passes(place, ahead, begun):
+            return places, limits, True
+        places.append(ahead)
+        limits.append(which)
+        if np.abs(ahead).max() > plane.reach_mm:
+            return places, limits, False
+        if corner is not None:
+            which, turned = other, _tangent(bounds, plane, corner, other, way)
+        place, tangent, h = ahead, turned, min(step_mm, 2.0 * h)
+    raise StructureError(f"boundary: {MOST} points of {step_mm:g} mm are not all of it: take a longer step")
+
+
+def _beside(
+    bounds: Bounds, plane: Slice, place: FloatArray, ahead: FloatArray, tangent: FloatArray, turned: FloatArray, way: float
+) -> bool:
+    """Whether the step from a place on a limit to the next turns little, and all that lies beside it on the inner side is inside: a limit
+    that crosses itself, or two cells that meet in a point, would be walked straight through."""
+    if float(turned @ tangent) < np.cos(TURN):
+        return False
+    chord = ahead - place
+    inner = way * BESIDE * np.array([-chord[1], chord[0]])
+    beside = place + np.linspace(0.1, 0.9, CHECKED)[:, None] * chord + inner
+    return bool(bounds.inside(plane.poses(beside)).all())
+
+
+def _around(
+    bounds: Bounds, plane: Slice, place: FloatArray, tangent: FloatArray, way: float, radius: float
+) -> tuple[FloatArray, FloatArray, int]:
+    """Where the boundary goes on from a corner without a tangent: a place at a radius, the tangent and the limit there.
+
+    One looks around, from where one came through the inside to its other end.
+    """
+    back = float(np.arctan2(-tangent[1], -tangent[0]))
+    angles = back - way * 2.0 * np.pi * (np.arange(LOOK) + 0.5) / LOOK
+    inside = bounds.inside(plane.poses(place + radius * np.column_stack([np.cos(angles), np.sin(angles)])))
+    if not inside.any() or inside.all():
+        raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
+    begin = int(np.argmax(inside))
+    end = begin + int(np.argmin(np.r_[inside[begin:], False]))
+    low, high = angles[end - 1], angles[end % LOOK] if end < LOOK else back
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        if bounds.inside(plane.poses(place + radius * np.array([np.cos(middle), np.sin(middle)]))):
+            low = middle
+        else:
+            high = middle
+    along = np.array([np.cos(low), np.sin(low)])
+    there = place + radius * along
+    which = int(np.argmin(bounds.values(plane.poses(there))))
+    on = _onto(bounds, plane, there, which)
+    if on is None or float(np.linalg.norm(on - there)) > radius:
+        raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
+    return on, along, which
+
+
+def _passes(place: FloatArray, ahead: FloatArray, begun: FloatArray) -> bool:
+    """Whether the first place lies on the way from one place to the next."""
+    way, to = ahead - place, begun - place
+    length = float(np.linalg.norm(way))
+    along = float(way @ to) / max(length, 1e-300)
+    return 0.0 < along <= length * (1.0 + 1e-9) and abs(float(way[0] * to[1] - way[1] * to[0])) <= 0.3 * length * length

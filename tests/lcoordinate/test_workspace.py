@@ -1,0 +1,188 @@
+"""Boundaries of workspaces and paths led around limits: the thesis' examples as recomputed, and brute force."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.errors import StructureError
+from lmeasure.lcoordinate import singularity
+from lmeasure.lcoordinate.bounds import Bounds
+from lmeasure.lcoordinate.detour import detour, led
+from lmeasure.lcoordinate.workspace import Slice, boundary, first_met
+
+laws = settings(max_examples=15, deadline=None, derandomize=True)
+HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+# thesis 5.3
+BODY = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0)] * 2, dtype=float)
+BASE = np.array([(0, -5, 0), (5, 0, 0), (-4, 1, 0), (0, -1, -4), (1, 0, -4), (0, 1, -4)], dtype=float)
+LIMIT = np.radians(84.0)
+XZ = np.array([(1, 0, 0), (0, 0, 1)], dtype=float)
+# beta, then by level and limit: the first violation from (0, Y, 0), bisected
+BETA = np.arange(15.0, 360.0, 30.0)
+INF = np.inf
+TABLE = {
+    (0.0, None): (5.657, INF, INF, INF, INF, 5.657, 3.266, 2.828, 3.266, 3.266, 2.828, 3.266),
+    (0.0, LIMIT): (5.123, 12.040, 26.019, 25.057, 11.421, 5.111, 3.121, 2.650, 3.125, 3.132, 2.657, 3.124),
+    (1.0, None): (7.071, INF, INF, INF, INF, 4.243, 2.449, 2.121, 2.449, 4.082, 3.536, 4.082),
+    (1.0, LIMIT): (5.948, 12.643, 25.270, 23.839, 10.079, 3.553, 2.158, 1.906, 2.233, 3.173, 3.058, 3.593),
+    (-1.0, None): (4.243, INF, INF, INF, INF, 7.071, 4.082, 3.536, 4.082, 2.449, 2.121, 2.449),
+    (-1.0, LIMIT): (3.661, 11.130, 26.694, 26.120, 12.538, 6.050, 3.791, 3.194, 3.480, 2.245, 1.930, 2.204),
+}
+
+
+def at_level(y: float, limit: float | None) -> tuple[Bounds, Slice]:
+    """The bounds and the slice X, Z of a level."""
+    origin = np.array([0.0, y, 0.0, 0.0, 0.0, 0.0, 1.0])
+    return Bounds(BASE, BODY, origin, limit), Slice(origin, XZ, 40.0)
+
+
+def test_thesis_5_3_determinant_in_closed_form() -> None:
+    rng = np.random.default_rng(0)
+    poses = np.column_stack([rng.uniform(-2.0, 2.0, (200, 3)), np.tile(HERE[3:], (200, 1))])
+    x, y, z = poses[:, :3].T
+    lengths = singularity.link_rows(BASE, BODY, poses)[1].prod(axis=1)
+    expected = 128.0 * (z + 4.0) * ((z + 4.0) ** 2 - (x - y) ** 2) / lengths
+    np.testing.assert_allclose(singularity.determinants(BASE, BODY, poses), expected, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(singularity.gradients(BASE, BODY, HERE), [0, 0, -2.5, 0, -0.5, 0], atol=1e-12)
+    np.testing.assert_allclose(np.degrees(singularity.pressure_angles(BASE, BODY, HERE)), [0, 45, 0, 0, 0, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize(("level", "limit"), TABLE)
+def test_thesis_5_3_radii(level: float, limit: float | None) -> None:
+    rays = np.column_stack([np.cos(np.radians(BETA)), np.sin(np.radians(BETA))])
+    np.testing.assert_allclose(first_met(*at_level(level, limit), rays), TABLE[level, limit], atol=6e-4)
+
+
+def test_thesis_5_3_boundary_by_following() -> None:
+    """Closed with the limit of 84 degrees, open at the top without it; every point on it, and met by the rays."""
+    level = 1.0
+    bounds, plane = at_level(level, LIMIT)
+    found = boundary(bounds, plane, np.array([0.2, -1.0]), 0.5)
+    assert found.closed
+    values = bounds.values(plane.poses(found.places))
+    np.testing.assert_allclose(values.min(axis=1), 0.0, atol=1e-9)
+    angles = np.degrees([singularity.pressure_angles(BASE, BODY, p).max() for p in plane.poses(found.places)])
+    np.testing.assert_allclose(angles, 84.0, atol=1e-5)
+    rays = found.places / np.linalg.norm(found.places, axis=1, keepdims=True)
+    met = first_met(bounds, plane, rays)
+    # rays that graze an edge are blunt there
+    assert (np.abs(met / np.linalg.norm(found.places, axis=1) - 1.0) < 1e-6).mean() > 0.97
+    # by counting nodes; below z = -4 lies another cell, which is not reached
+    a, b = (axis.ravel() for axis in np.meshgrid(np.arange(-30.0, 30.0, 0.25), np.arange(-3.9, 35.0, 0.25)))
+    counted = float(bounds.inside(plane.poses(np.column_stack([a, b]))).sum()) * 0.25**2
+    assert found.area_mm2 == pytest.approx(counted, rel=0.01)
+    free, plane = at_level(level, None)
+    opened = boundary(free, plane, np.array([0.2, -1.0]), 0.5)
+    assert not opened.closed
+    assert opened.area_mm2 is None
+    x, z = opened.places.T
+    # the cell without singular poses: z + 4 > |x - y|
+    np.testing.assert_allclose(z + 4.0, np.abs(x - level), atol=1e-6)
+    clear = z + 4.0 > 1e-3
+    assert clear.mean() > 0.95
+    np.testing.assert_allclose(z[clear] + 4.0, np.abs(x - level)[clear], atol=1e-9)
+    assert np.abs(opened.places[[0, -1]]).max(axis=1).min() > plane.reach_mm
+
+
+def test_lengths_bound_too_and_limits_take_over_from_each_other() -> None:
+    origin = HERE
+    bounds = Bounds(BASE, BODY, origin, LIMIT, (2.5, 6.0))
+    found = boundary(bounds, Slice(origin, XZ, 40.0), np.array([0.3, -1.0]), 0.1)
+    assert found.closed
+    met = {bounds.names[int(k)] for k in found.limit}
+    assert {f"link {i} long" for i in (2, 3, 4)} < met <= {f"link {i} {way}" for i in (2, 3, 4, 5) for way in ("short", "long")}
+    np.testing.assert_allclose(bounds.values(Slice(origin, XZ, 40.0).poses(found.places)).min(axis=1), 0.0, atol=1e-9)
+
+
+def test_what_cannot_be_bounded_is_refused() -> None:
+    with pytest.raises(StructureError, match="do not hold"):
+        Bounds(BASE, BODY, np.array([0.0, 0.0, -4.0, 0.0, 0.0, 0.0, 1.0]))
+    bounds, plane = at_level(0.0, None)
+    with pytest.raises(StructureError, match="nothing is met within 40 mm"):
+        boundary(bounds, plane, np.array([0.0, 1.0]), 0.2)
+    with pytest.raises(StructureError, match="keeps not all limits"):
+        boundary(Bounds(BASE, BODY, HERE, np.radians(10.0)), plane, np.array([0.0, -1.0]), 0.2)
+
+
+# thesis 5.2, table 5.2
+BASE2 = np.array([(0.25, -0.75, -1.3), (2.3, -0.85, 0.5), (1.25, -0.8, 1.5), (-1, 0, 1.2), (-2.5, 0, 0), (-1, 0, -1.1)])
+BODY2 = np.array([(0.6, -0.4, 1.1), (2, -0.4, 0.3), (0.9, -0.4, 1.35), (-1, -1, 0), (-1, -1, 0), (-1, -1, 0)])
+
+
+def parabola(t: FloatArray) -> FloatArray:
+    """(n, 7) the commanded path of 5.2."""
+    return np.column_stack([t, t**2 + 1.0, np.zeros_like(t), np.tile(HERE[3:], (len(t), 1))])
+
+
+def test_thesis_5_2_determinants_along_the_path() -> None:
+    t = np.array([-0.06, -0.05, -0.04, 0.04, 0.05, 0.06, 0.02, -2.0, 2.0, 0.0])
+    found = np.abs(singularity.determinants(BASE2, BODY2, parabola(t)))
+    expected = [0.030071, 0.020736, 0.013175, 0.012319, 0.019066, 0.027186, 0.003137, 0.335043, 0.163718, 0.0]
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+def test_thesis_5_2_path_led_around() -> None:
+    t = np.arange(-200, 201) / 100.0
+    path = parabola(t)
+    # what the thesis' rule leaves of the determinant, and a deviation no larger than its
+    bounds = Bounds(BASE2, BODY2, path[0], determinant=0.0207)
+    found = detour(bounds, path)
+    values = np.abs(singularity.determinants(BASE2, BODY2, found.poses))
+    assert values.min() >= 0.0207 - 1e-9
+    assert 0.0 < found.deviation_mm.max() <= 0.0026
+    np.testing.assert_array_equal(found.poses[[0, -1]], path[[0, -1]])
+    kept = np.abs(singularity.determinants(BASE2, BODY2, path)) >= 0.0207
+    inner = found.parameter == np.rint(found.parameter)
+    assert (found.norm_mm[inner][kept] == 0.0).all()
+    # a limit of the determinant is none of the angle
+    worst = max(np.degrees(singularity.pressure_angles(BASE2, BODY2, p).max()) for p in found.poses)
+    assert worst > 84.0
+
+
+def test_a_path_led_around_a_limit_angle_keeps_it_everywhere() -> None:
+    t = np.linspace(-1.0, 1.0, 41)
+    path = np.column_stack([0.2 + 0.2 * t, np.zeros(41), -2.6 + 2.4 * t**2, np.tile(HERE[3:], (41, 1))])
+    limit = np.radians(50.0)
+    bounds = Bounds(BASE, BODY, HERE, limit)
+    assert not bounds.inside(path).all()
+    found = detour(bounds, path)
+    pairs = zip(found.poses, found.poses[1:], strict=False)
+    steps = np.concatenate([[se3.displaced(a, s * se3.displacement(b, a)) for s in np.linspace(0, 1, 5)] for a, b in pairs])
+    worst = np.array([singularity.pressure_angles(BASE, BODY, p).max() for p in steps])
+    assert worst.max() <= limit + 2e-4
+    assert found.norm_mm.max() > 0.0
+
+
+@laws
+@given(st.integers(0, 2**32 - 1))
+def test_the_pose_led_to_is_the_nearest(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    bounds = Bounds(BASE, BODY, HERE, np.radians(50.0))
+    pose = se3.displaced(HERE, rng.normal(size=6) * np.repeat([0.25, 0.8], 3))
+    rim = singularity.rim_mm(BODY)
+    try:
+        out = led(bounds, pose)
+    except StructureError:
+        return
+    weight = np.repeat([rim, 1.0], 3)
+    least = float(np.linalg.norm(se3.displacement(out, pose) * weight))
+    assert (bounds.values(out) >= -1e-9).all()
+    if least == 0.0:
+        return
+    # nothing nearer among draws around it
+    way = se3.displacement(out, pose)
+    for size in (1e-3, 1e-2, 0.1):
+        others = se3.displaced(pose, (way + rng.normal(size=(400, 6)) * size / weight) * 0.999)
+        near = np.linalg.norm(se3.displacement(others, np.tile(pose, (400, 1))) * weight, axis=1) < least * 0.999
+        assert not bounds.inside(others[near]).any()
+
+
+def test_a_path_that_ends_beyond_a_limit_or_crosses_it_is_refused() -> None:
+    bounds = Bounds(BASE, BODY, HERE, np.radians(60.0))
+    beyond = np.array([0.0, 0.0, -4.5, 0.0, 0.0, 0.0, 1.0])
+    with pytest.raises(StructureError, match="sample 2, an end"):
+        detour(bounds, np.stack([HERE, beyond]))
