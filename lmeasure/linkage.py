@@ -97,6 +97,7 @@ def described(linkage: Linkage, pose: FloatArray | None = None) -> dict[str, Any
         each = zip(found.poses.tolist(), found.certified.tolist(), strict=True)
         record["assemblies"] = [{"position_mm": pose[:3], "quaternion_xyzw": pose[3:], "certified": sure} for pose, sure in each]
         record["complex_assemblies_found"], record["status"] = found.complex_found, found.status
+        record["complex_assemblies_expected"] = found.complex_expected
     if pose is not None:
         record |= _at_pose(base, platform, pose)
     return record

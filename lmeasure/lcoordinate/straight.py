@@ -2,7 +2,8 @@
 
 Structures that tetrahedra solve have eight complex assemblies in closed form; of all others they are followed from a start system of the
 same structure (`starts`). What is found is proved one by one (`certified`). A structure has no more isolated assemblies than a platform
-of it without special dimensions; where so many different ones are proved, real and complex ones together, nothing else can be there.
+of it without special dimensions, and special points no more than they have of lengths that are not special; where so many different ones
+are proved, real and complex ones together, nothing else can be there.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from lmeasure.lcoordinate.tetrahedra import complex_points
 
 ALL, NOT_PROVED = "all accounted for", "not proved"
 TRIES = 3  # ways to the same links, should paths be lost or meet on one
+IMPROPER = 1e-9
+"""|e.e| of a point of length one below which it is no pose: paths that end there end at 1e-20, others above 1e-4."""
 CLOSES = 1e-9  # of the rig's size: a pose with lengths so near is an assembly, as far as numbers tell
 
 
@@ -32,7 +35,7 @@ class Assemblies:
     complex_found: int
     """How many different assemblies are proved, real and complex."""
     complex_expected: int
-    """How many a platform of this structure without special dimensions has."""
+    """How many there are of lengths that are not special: of the structure's, or fewer where the points are."""
 
     @property
     def status(self) -> str:
@@ -48,16 +51,17 @@ def assemblies(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> A
     a, b, lengths = (base - at) / unit, (platform - of) / unit, lengths / unit
     rows = study.links(a, b, lengths**2)
     points, sure = np.empty((0, 8), dtype=np.complex128), np.empty(0, dtype=np.bool_)
-    real, count = sure, 0
-    for attempt in range(TRIES):
-        if expected == 0 or count == expected:
-            break
+    real, count, rest = sure, 0, points
+    for attempt in range(TRIES if expected else 0):
         more = _near(found, rows, a, b, lengths, attempt)
         told = certified.proved(rows, np.concatenate([points, more]))
         new = certified.apart(told)
         points, sure, real = told.points[new], told.certain[new], told.real[new]
-        count = len(points)
-        rest = told.points[~told.certain]
+        count, rest = len(points), told.points[~told.certain]
+        if attempt == 0 and count < expected:
+            expected = min(expected, _of_these_points(found, a, b) or expected)
+        if count >= expected:
+            break
     poses = study.poses(points[real].real)
     proofs = np.ones(len(poses), dtype=np.bool_)
     if count < expected:
@@ -78,18 +82,38 @@ def _near(found: Incidence, rows: ComplexArray, a: FloatArray, b: FloatArray, le
     """(n, 8) points near assemblies; another attempt takes another way to them."""
     if found.structure.closed_form and attempt == 0:
         return complex_points(found, a, b, lengths)
+    return _followed(found, rows, a, b, attempt)[0]
+
+
+def _followed(found: Incidence, rows: ComplexArray, a: FloatArray, b: FloatArray, attempt: int = 0) -> tuple[ComplexArray, BoolArray]:
+    """(n, 8) ends of the paths from the structure's start system to links rows (6, 7), and (n,) which were reached."""
     own = starts.one_of_two(found.structure)
     links, points = starts.start_of(own)
     mine = rows[list(found.order)]
     if own != found.structure:  # platform and base swapped: the inverse poses
-        swapped = incidence(b, a)
-        mine = rows[list(swapped.order)][:, [3, 4, 5, 0, 1, 2, 6]]
+        mine = rows[list(incidence(b, a).order)][:, [3, 4, 5, 0, 1, 2, 6]]
     if attempt:
         between = starts.random_links(own, np.random.default_rng(attempt))
         points, told = follow(links, between, points)
         links, points = between, points[told == REACHED]
-    ends, _ = follow(links, mine, points)
-    return ends if own == found.structure else study.inverse(ends)
+    ends, told = follow(links, mine, points)
+    return ends if own == found.structure else study.inverse(ends), told == REACHED
+
+
+def _of_these_points(found: Incidence, a: FloatArray, b: FloatArray) -> int:
+    """How many complex assemblies links between these points have when their lengths are not special; 0 where that cannot be told.
+
+    Of complex lengths drawn twice. Each path must end either at an assembly or, without doubt, where there is none.
+    """
+    counts = set()
+    for seed in (1, 2):
+        rng = np.random.default_rng(seed)
+        ends, reached = _followed(found, study.links(a, b, rng.normal(size=6) + 1j * rng.normal(size=6)), a, b)
+        ee = np.abs((ends[:, :4] ** 2).sum(axis=1))
+        if (ee[~reached] > IMPROPER).any() or (ee[reached] < 1e3 * IMPROPER).any():
+            return 0
+        counts.add(len(starts.distinct(ends[reached])))
+    return counts.pop() if len(counts) == 1 else 0
 
 
 def _folds(a: FloatArray, b: FloatArray, lengths: FloatArray, near: FloatArray, known: FloatArray) -> FloatArray:

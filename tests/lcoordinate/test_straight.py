@@ -138,3 +138,13 @@ def test_a_box_without_an_assembly_is_not_certified() -> None:
     # the same assembly twice is one
     twice = certified.proved(rows, np.concatenate([true[:1], 2.0j * true[:1], true[1:2]]))
     assert certified.apart(twice).tolist() == [True, False, True]
+
+
+def test_special_points_have_fewer_assemblies_and_are_done_with_these() -> None:
+    """A plane hexapod with both hexagons on circles, mirrored at three axes, as machines are built: 28 of 40."""
+    turns = np.radians([[10.0, 50.0, 130.0, 170.0, 250.0, 290.0], [-20.0, 80.0, 100.0, 200.0, 220.0, 320.0]])
+    base, platform = (r * np.column_stack([np.cos(t), np.sin(t), 0.0 * t]) for r, t in zip((900.0, 300.0), turns, strict=True))
+    pose = np.array([30.0, -20.0, 650.0, 0.1, 0.05, -0.08, np.sqrt(1.0 - 0.0189)])
+    found = straight.assemblies(base, platform, lengths_at(base, platform, pose))
+    assert (found.complex_found, found.complex_expected, found.status) == (28, 28, straight.ALL)
+    assert nearest(found.poses, pose) < 1e-6
