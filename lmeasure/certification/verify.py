@@ -187,6 +187,9 @@ def read_certificate(path: Path) -> dict[str, Any]:
         raise CertificationError(f"{path}: method is not a number from 1")
     if content["language"] not in LANGUAGES:
         raise CertificationError(f"{path}: language is not one of {', '.join(LANGUAGES)}")
+    findings = content.get("findings", [])
+    if not isinstance(findings, list) or not all(isinstance(f, dict) and isinstance(f.get("text"), str) for f in findings):
+        raise CertificationError(f"{path}: findings are not texts with their codes")
     for figure in content["characteristics"]:
         if not isinstance(figure, dict) or not {"name", "value", "unit", "u95", "capable"} <= set(figure):
             raise CertificationError(f"{path}: a characteristic lacks its name, value, unit, u95 or capable")

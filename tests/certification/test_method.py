@@ -154,6 +154,22 @@ def test_figures_of_one_pass_are_compared_with_those_of_the_method_before(copy: 
     assert looked_at(copy).exit_code == 3
 
 
+def test_codes_of_findings_say_what_the_texts_say(copy: Path) -> None:
+    findings = content_of(copy)["findings"]
+    assert {f["text"] for f in findings} >= set(content_of(copy)["notes"])
+    for forged, told in (
+        ("all is well", "findings are not texts with their codes"),
+        ([{"code": "zone.angle"}], "findings are not texts with their codes"),
+        ([f | {"code": "none"} for f in findings], "findings is ["),
+        ([f | {"values": {"angle_deg": [1]}} for f in findings], "findings is ["),
+        ([], "findings is []"),
+    ):
+        resealed(copy, {"findings": forged})
+        found = looked_at(copy)
+        assert found.exit_code == 1
+        assert any(told in d.text for d in found.differences), found.differences
+
+
 def test_texts_are_compared_where_bytes_are_others(copy: Path) -> None:
     elsewhere(copy)
     found = looked_at(copy)
