@@ -31,7 +31,7 @@ def span(way: FloatArray, u: FloatArray, radius: ArrayLike) -> Span:
     it is 0, all in one frame; NaN where no cable can run. Of a straight one the angle is that between u and the cable."""
     R = np.asarray(radius, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
-        q = (way * u).sum(axis=-1)
+        q = np.einsum("...i,...i->...", way, u)
         away = way - q[..., None] * u
         p = np.linalg.norm(away, axis=-1)
         p = np.where(p < ON_AXIS_MM, np.nan, p)

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 from invented import around, read, sensors
-from rigs import HOME
+from rigs import HOME, FloatArray
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.accuracy.channels import figures, map_channels
 from lmeasure.accuracy.zone import scan_zone, tilts
-from lmeasure.observation import Observation, follow, predictions, solve_poses
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.observation import Observation, Parameter, follow, predictions, solve_poses
 from lmeasure.observation.of_rig import cable_lengths
 from lmeasure.simulation import cell_rig
 
@@ -56,14 +58,27 @@ def test_it_has_its_map() -> None:
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_of_six_cables_the_map_is_the_zone(seed: int) -> None:
-    rig = cell_rig(seed)
+@pytest.mark.parametrize("linked", [False, True])
+def test_of_six_cables_the_map_is_the_zone(linked: bool) -> None:
+    """With zero phases, and with a calibration whose parameters, five to a point, are correlated."""
+    rig, g = cell_rig(1), np.random.default_rng(7)
     x, y, z = np.linspace(-150.0, 150.0, 3), np.array([0.0, 120.0]), np.array([-80.0])
-    zone = scan_zone(rig, None, x, y, z, tilts(0.2, 2), start=HOME)
     channels = cable_lengths(rig, HOME)
-    zeros = tuple(f"{o.name}.zero_mm" for o in channels)
-    found = map_channels(channels, x, y, z, tilts(0.2, 2), zeros, np.diag([o.parameters[-1].prior_u for o in channels]))
+    solved = [q for o in channels for q in o.parameters[:5]] if linked else []
+    root = 1e-3 * g.normal(size=(len(solved), len(solved))) * np.array([[q.prior_u] for q in solved]).reshape(-1, 1)
+    record = _record(solved, root @ root.T) if linked else None
+    zone = scan_zone(rig, record, x, y, z, tilts(0.2, 2), start=HOME)
+    names = (*(q.name for q in solved), *(f"{o.name}.zero_mm" for o in channels))
+    found = map_channels(channels, x, y, z, tilts(0.2, 2), names, block_diag(root, np.diag([o.parameters[-1].prior_u for o in channels])))
     np.testing.assert_allclose(found["worst_pressure_angle_deg"], zone["worst_pressure_angle_deg"], rtol=1e-9)
     # the kernels' radius is a polynomial
     np.testing.assert_allclose(found["u95_position_mm"], zone["u95_position_mm"], rtol=6e-5)
+
+
+def _record(solved: list[Parameter], covariance: FloatArray) -> CalibrationRecord:
+    u = np.sqrt(np.diag(covariance))
+    parameters = [{"name": q.name, "value": q.value, "u": float(s), "prior_u": q.prior_u} for q, s in zip(solved, u, strict=True)]
+    whole = {"equations": 0, "unknowns": len(solved), "rank": len(solved), "residuals": [], "rig": "cell"}
+    return CalibrationRecord.model_validate(
+        {"schema": "lmeasure.calibration/1", "parameters": parameters, "covariance": covariance.tolist()} | whole
+    )
