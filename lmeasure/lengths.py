@@ -13,7 +13,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.counts import Unwrapped, unwrap
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import FileFormatError, GeometryError
-from lmeasure.interpolation import between
+from lmeasure.interpolation import OtherTimes
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.rig import Cable, Drum, Rig
@@ -203,7 +203,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     the next; without it the run is whole.
 
     A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes, which
-    must be on the clock of pass 1 (`trajectory.passes.align`), are read between their samples (`interpolation.between`).
+    must be on the clock of pass 1 (`trajectory.passes.align`), are read between their samples (`interpolation.OtherTimes`).
     """
     time_s = run.passes[0].time_s
     n, m = len(time_s), len(run.rig.cable)
@@ -211,6 +211,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     reasons: list[Reasons] = []
     notes: list[str] = []
     missed_mm = np.zeros((n, m))
+    others: dict[int, OtherTimes | None] = {}
     skewed = any(p.u_time_s is not None for p in run.passes)
     u_time = np.zeros((n, m)) if skewed else None
     warm = np.empty((n, m)) if any(p.temperature_c is not None for p in run.passes) else None
@@ -225,8 +226,12 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             )
         values, why = counter.counts * drum.count_sign / drum.scale, _reasons(counter, c.channel, drum, counts.time_s)
         if c.passage > 1:
-            values, missed, why = _on_time_base(run, c.passage, values, why, drum)
-            missed_mm[:, j] = missed * drum.count_length_mm
+            if c.passage not in others:
+                others[c.passage] = _other_times(counts.time_s, time_s)
+            times = others[c.passage]
+            if times is not None:
+                values, missed, why = _on_time_base(c.passage, times, values, why, drum)
+                missed_mm[:, j] = missed * drum.count_length_mm
         gone_on[:, j] = values
         reasons.append(why)
         if u_time is not None and counts.u_time_s is not None:
@@ -338,42 +343,24 @@ class LengthResiduals:
         return np.asarray(lengths.change_mm - modelled)
 
 
-def _on_time_base(run: Run, passage: int, values: FloatArray, reasons: Reasons, drum: Drum) -> tuple[FloatArray, FloatArray, Reasons]:
+def _other_times(time_s: FloatArray, base_s: FloatArray) -> OtherTimes | None:
+    """Where pass 1's times lie among those of a later pass; None where they are the same."""
+    same = len(time_s) == len(base_s) and np.allclose(time_s, base_s, rtol=0, atol=1e-9)
+    return None if same else OtherTimes(time_s, base_s, HOLE)
+
+
+def _on_time_base(
+    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, drum: Drum
+) -> tuple[FloatArray, FloatArray, Reasons]:
     """Counts of a later pass at pass 1's times and by how much they may miss there, in counts; what lies outside it, in a hole of it, or
     next to a sample that is not good, is flagged."""
-    time_s, source = run.passes[0].time_s, run.passes[passage - 1].time_s
-    if len(source) == len(time_s) and np.allclose(source, time_s, rtol=0, atol=1e-9):
-        return values, np.zeros_like(values), reasons
-    right = np.clip(np.searchsorted(source, time_s), 1, max(len(source) - 1, 1))
-    left = right - 1
-    if len(source) == 1:
-        right = left
-    outside = (time_s < source[0]) | (time_s > source[-1])
-    f = (time_s - source[left]) / np.where(source[right] > source[left], source[right] - source[left], 1.0)
-    # on a sample only that sample counts: its neighbour may be a gap
-    at_left, at_right = f == 0.0, f == 1.0
-    out = np.where(at_left, values[left], values[right])
-    out[outside] = np.nan
-    missed, hole = np.zeros_like(out), np.zeros_like(outside)
-    inside = np.flatnonzero(~outside & ~at_left & ~at_right)
-    if len(inside):
-        step = np.diff(source)
-        whole = step <= HOLE * np.median(step)
-        good = np.isfinite(values)
-        for reason in reasons:
-            good &= ~reason.mask
-        read = between(
-            source, values, good[1:] & good[:-1] & whole, left[inside], time_s[inside], 1.0 / drum.scale, SMOOTH_MM / drum.count_length_mm
-        )
-        hole[inside] = ~whole[left[inside]]
-        out[inside], missed[inside] = np.where(hole[inside], np.nan, read.values), np.where(hole[inside], 0.0, read.missed)
-    moved = tuple(Reason((mask[left] & ~at_right | mask[right] & ~at_left) & ~outside, flag, text) for mask, flag, text in reasons)
-    return (
-        out,
-        missed,
-        (
-            *moved,
-            Reason(outside, Status.GAP, f"pass {passage} does not cover this time"),
-            Reason(hole, Status.GAP, f"pass {passage} has no samples around this time"),
-        ),
+    good = np.isfinite(values)
+    for reason in reasons:
+        good &= ~reason.mask
+    out, missed = times.read(values, good, 1.0 / drum.scale, SMOOTH_MM / drum.count_length_mm)
+    moved = (
+        *(Reason(times.either(mask), flag, text) for mask, flag, text in reasons),
+        Reason(times.outside, Status.GAP, f"pass {passage} does not cover this time"),
+        Reason(times.in_hole, Status.GAP, f"pass {passage} has no samples around this time"),
     )
+    return out, missed, moved

@@ -4,17 +4,14 @@ import numpy as np
 import pytest
 
 from lmeasure.arrays import FloatArray
-from lmeasure.interpolation import between, lagrange
+from lmeasure.interpolation import OtherTimes, lagrange
 
 
 def read(
     time_s: FloatArray, values: FloatArray, at_s: FloatArray, quantum: float = 0.0, smooth: float = 0.2, bad: tuple[int, ...] = ()
 ) -> tuple[FloatArray, FloatArray]:
-    """Values at at_s and by how much they miss; steps that end in a bad sample are not good."""
-    good = ~np.isin(np.arange(len(time_s)), bad)
-    left = np.searchsorted(time_s, at_s, side="right") - 1
-    found = between(time_s, values, good[1:] & good[:-1], left, at_s, quantum, smooth)
-    return found.values, found.missed
+    """Values at at_s and by how much they miss; bad samples are in doubt."""
+    return OtherTimes(time_s, at_s, 10.0).read(values, ~np.isin(np.arange(len(time_s)), bad), quantum, smooth)
 
 
 def straight(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
@@ -91,3 +88,19 @@ def test_what_a_straight_line_misses_is_told(part: float) -> None:
     told = missed > 0.0
     assert told.sum() > 5
     assert np.sqrt(np.mean(error[told] ** 2)) == pytest.approx(np.sqrt(np.mean(missed[told] ** 2)), rel=0.5)
+
+
+def test_instants_on_samples_outside_and_in_holes() -> None:
+    time_s = np.array([0.0, 1.0, 2.0, 5.0, 6.0, 7.0])
+    times = OtherTimes(time_s, np.array([-0.5, 0.0, 0.5, 2.0, 3.0, 5.0, 6.5, 7.0, 7.1]), 2.5)
+    assert np.flatnonzero(times.outside).tolist() == [0, 8]
+    assert np.flatnonzero(times.in_hole).tolist() == [4]
+    values = np.array([0.0, 10.0, 20.0, 50.0, 60.0, np.nan])
+    read, missed = times.read(values, np.isfinite(values), 1.0, 0.2)
+    np.testing.assert_array_equal(read, [np.nan, 0.0, 5.0, 20.0, np.nan, 50.0, np.nan, np.nan, np.nan])
+    assert not missed[:6].any()
+    # of an instant on a sample that sample alone is read
+    mask = np.array([False, True, False, True, False, True])
+    assert np.flatnonzero(times.either(mask)).tolist() == [2, 4, 5, 6, 7]
+    alone = OtherTimes(np.array([1.0]), np.array([0.5, 1.0, 1.5]), 2.5)
+    np.testing.assert_array_equal(alone.read(np.array([3.0]), np.array([True]), 1.0, 0.2)[0], [np.nan, 3.0, np.nan])

@@ -285,7 +285,8 @@ def test_swapped_channels_of_eight_cables_are_never_ok() -> None:
     recorded[:, [1, 4]] = recorded[:, [4, 1]]
     trajectory = reconstruct(with_recorded(run, recorded))
     assert set(words(trajectory)) == {"inconsistent"}
-    assert any("no single one explains it" in note for note in trajectory.notes)
+    said = [note for note in trajectory.notes if "no single one explains it" in note]
+    assert [note.split(":")[0] for note in said] == ["from the beginning to the end"]
 
 
 def test_two_channels_that_err_one_after_the_other_are_each_left_out() -> None:
@@ -298,6 +299,11 @@ def test_two_channels_that_err_one_after_the_other_are_each_left_out() -> None:
     assert set(trajectory.cable[330:770]) == {"c3"}
     assert set(trajectory.cable[1830:2270]) == {"c7"}
     assert set(trajectory.cable) == {"", "c3", "c7"}
+    said = [re.match(r"from (\S+) s to (\S+) s: cable c[37] does not follow", note) for note in trajectory.notes[:2]]
+    for found, begin in zip(said, (300, 1800), strict=True):
+        assert found is not None, trajectory.notes
+        assert abs(float(found[1]) - begin / 250.0) < 0.2
+        assert abs(float(found[2]) - (begin + 500) / 250.0) < 0.2
     assert position_error(trajectory.poses, motion(3000, rate_hz=250.0)[1]).max() < 0.03
 
 
