@@ -116,3 +116,11 @@ def test_the_acceleration_is_the_second_largest_over_the_longer_stretch() -> Non
     assert found.acceleration_mm_s2 == pytest.approx(np.sort(sizes, axis=1)[:, -2].max(), rel=1e-9)
     # between even samples an acceleration from -A to A is dt^2 A, and twice A is allowed for
     assert found.least_mm.min() == pytest.approx(0.2 + 2.0 * COUNT_MM + 2.0 * found.acceleration_mm_s2 / 500.0**2, rel=1e-9)
+
+
+@pytest.mark.parametrize(("samples", "told"), [(3, False), (20, True)])
+def test_a_channel_that_holds_its_counts_for_long_does_not_follow(samples: int, told: bool) -> None:
+    run = round_trip(cell())
+    held = run.passes[0].recorded.copy()
+    held[:, 2] = held[np.arange(len(held)) // samples * samples, 2]
+    assert bool(continuity_of(with_recorded(run, held)).breaks) is told
