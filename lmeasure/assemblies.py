@@ -1,8 +1,9 @@
 """All poses that have given lengths of six cables: the assemblies of the mechanism (thesis 4.1).
 
 Where tetrahedra lead from the points of one body to those of the other, as with three cables to one point, two to another and one to a
-third, their apexes give every assembly of straight cables; the screw method makes them those of wrapped ones. For any rig many starts over
-all places and orientations within reach are solved besides, until every assembly has been met several times over.
+third, their apexes give every assembly of straight cables; the screw method makes them those of wrapped ones. Of any rig all assemblies of
+straight cables are found and proved, and followed while the pulleys grow to their radius. Those that only wrapped cables have are not met
+so: many starts over all places and orientations within reach are solved besides, until every assembly has been met several times over.
 """
 
 import numpy as np
@@ -11,13 +12,15 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import screw
-from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, RADIUS
+from lmeasure.lcoordinate import straight
 from lmeasure.lcoordinate.tetrahedra import closed_form
 from lmeasure.status import Status
 
 BATCH = 3000  # starts at a time
 LEAST, MOST = 2, 12  # batches
 MET = 4  # times that each assembly must have been met: one as easy to meet is then missed in 2 % (Poisson)
+PARTS = (0.25, 0.5, 0.75, 1.0)  # of the pulleys' radius, one after the other
 SAME_MM, SAME_RAD = 1e-5, 1e-6  # two solutions of one pose end far below both
 
 
@@ -32,8 +35,8 @@ def assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[Fl
     for batch in range(MOST):
         starts = _anywhere(rows, lengths, rng)
         if batch == 0:
-            straight, _ = closed_form(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], lengths)
-            starts = np.concatenate([straight[np.isfinite(straight).all(axis=1)], starts])
+            corners, _ = closed_form(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], lengths)
+            starts = np.concatenate([corners[np.isfinite(corners).all(axis=1)], starts, _grown(rows, lengths)])
         status, poses = screw.solve_poses(rows, lengths, starts)
         for pose in poses[status == Status.OK]:
             k = next((i for i, other in enumerate(found) if _same(pose, other)), len(found))
@@ -55,6 +58,17 @@ def _anywhere(rows: FloatArray, lengths: FloatArray, rng: np.random.Generator) -
     reach = (lengths + np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1))[:, None]
     low, high = (rows[:, BASE_XYZ] - reach).max(axis=0), (rows[:, BASE_XYZ] + reach).min(axis=0)
     return se3.pose(rng.uniform(np.minimum(low, high), np.maximum(low, high), (BATCH, 3)), Rotation.random(BATCH, rng=rng))
+
+
+def _grown(rows: FloatArray, lengths: FloatArray) -> FloatArray:
+    """(k, 7) assemblies that those of straight cables of the lengths become while the swivel pulleys grow from points to their radius."""
+    poses = straight.assemblies(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], lengths).poses
+    for part in PARTS:
+        pulleys = rows.copy()
+        pulleys[:, RADIUS] *= part
+        status, poses = screw.solve_poses(pulleys, lengths, poses)
+        poses = poses[status == Status.OK]
+    return poses
 
 
 def _same(a: FloatArray, b: FloatArray) -> bool:

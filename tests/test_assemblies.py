@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent / "trajectory"))
 
 from cells import FloatArray, cell, motion
 
-from lmeasure.assemblies import assemblies, by_side, distances
+from lmeasure.assemblies import _grown, assemblies, by_side, distances
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.kernels.layout import CABLE_COLUMNS
 from lmeasure.lcoordinate.tetrahedra import closed_form
@@ -78,3 +78,15 @@ def test_lengths_that_cannot_be_have_none() -> None:
     found, sure = assemblies(rows_of(THREE_TWO_ONE), np.full(6, 20.0))
     assert found.shape == (0, 7)
     assert not sure
+
+
+@pytest.mark.parametrize("pairs", [THREE_TWO_ONE, ("P1", "P1", "P2", "P2", "P3", "P3")])
+def test_straight_assemblies_grow_into_those_of_wrapped_cables(pairs: tuple[str, ...]) -> None:
+    """Every one that is followed to the end is found from many starts too, and here the true pose is among them."""
+    rows, pose = rows_of(pairs), motion(700)[1][600]
+    lengths = span_lengths(rows, pose[None])[0]
+    grown = _grown(rows, lengths)
+    assert np.abs(span_lengths(rows, grown) - lengths).max() < 1e-9
+    found, _ = assemblies(rows, lengths)
+    assert all(distances(found, one[:3], one[3:], 150.0).min() < 1e-4 for one in grown)
+    assert distances(grown, pose[:3], pose[3:], 150.0).min() < 1e-6

@@ -21,6 +21,7 @@ FLAT = 1e-7
 """A tetrahedron whose squared height is above minus this part of its squared edges is taken for flat: two assemblies have met. Lengths
 cannot tell it from one that stands, for a height of 3e-4 of the edges changes them by less than 1e-7."""
 CLOSES = 1e-9  # of the rig's size
+PIECE = 2000  # sets of lengths at a time, so that what they need stays near the processor
 POLISHED = 4  # steps of Newton's method at most
 
 
@@ -32,11 +33,18 @@ def closed_form(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> 
     found = incidence(base, platform)
     if not found.structure.closed_form:
         return np.empty((*shape, 0, 7)), np.empty((*shape, 0), dtype=np.bool_)
+    size = float(lengths.max(initial=0.0) + np.ptp(platform, axis=0).max())
+    pieces = [_piece(found, base, platform, lengths[i : i + PIECE], size) for i in range(0, max(1, len(lengths)), PIECE)]
+    poses, closes = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    return poses.reshape(*shape, CLOSED_FORM_ASSEMBLIES, 7), closes.reshape(*shape, CLOSED_FORM_ASSEMBLIES)
+
+
+def _piece(found: Incidence, base: FloatArray, platform: FloatArray, lengths: FloatArray, size: float) -> tuple[FloatArray, BoolArray]:
+    """(n, 8, 7) poses for lengths (n, 6), and (n, 8) which are assemblies of a rig of this size [mm]."""
     at, of = base.mean(axis=0), platform.mean(axis=0)
     x, lowest = _solved(found, base - at, platform - of, lengths)
     poses = study.poses(x)
     poses[..., :3] += at - np.einsum("...ij,j->...i", study.turns(x), of)
-    size = lengths.max() + np.ptp(platform, axis=0).max()
     missed = _missed(poses, base, platform, lengths)
     doubtful = (lowest > -FLAT) & (missed > 1e-3 * CLOSES * size)
     for _ in range(POLISHED):
@@ -45,9 +53,7 @@ def closed_form(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> 
         poses[doubtful] = _stepped(poses[doubtful], base, platform, np.broadcast_to(lengths[:, None], (*doubtful.shape, 6))[doubtful])
         missed = _missed(poses, base, platform, lengths)
         doubtful &= missed > 1e-3 * CLOSES * size
-    n = CLOSED_FORM_ASSEMBLIES
-    closes = (lowest > -FLAT) & (missed < CLOSES * size)
-    return poses.reshape(*shape, n, 7), closes.reshape(*shape, n)
+    return poses, (lowest > -FLAT) & (missed < CLOSES * size)
 
 
 def complex_points(found: Incidence, base: FloatArray, platform: FloatArray, lengths: FloatArray) -> ComplexArray:
