@@ -51,19 +51,19 @@ def test_neither_a_step_nor_a_kink_is_spread_over_the_samples_about() -> None:
 
 
 def test_what_is_in_doubt_has_no_part_in_what_is_about_it() -> None:
-    time_s = np.arange(12.0)
-    values, at_s = time_s**2, time_s[:-1] + 0.5
+    time_s = 0.5 * np.arange(12.0)
+    values, at_s = time_s**2, time_s[:-1] + 0.25
     spoilt = values.copy()
     spoilt[6] = np.nan
     found, missed = read(time_s, spoilt, at_s, bad=(6,))
     assert np.isnan(found[[5, 6]]).all()
     np.testing.assert_allclose(found[[2, 3, 8, 9]], at_s[[2, 3, 8, 9]] ** 2, rtol=1e-14)
-    # straight beside it, which misses a parabola by a quarter
-    np.testing.assert_allclose(found[[4, 7]] - at_s[[4, 7]] ** 2, 0.25, rtol=1e-12)
-    np.testing.assert_allclose(missed[[4, 7]], 0.25, rtol=1e-12)
+    # straight beside it, which misses a parabola by a quarter of the squared interval
+    np.testing.assert_allclose(found[[4, 7]] - at_s[[4, 7]] ** 2, 0.0625, rtol=1e-12)
+    np.testing.assert_allclose(missed[[4, 7]], 0.0625, rtol=1e-12)
     # two samples alone: what the others bend at most
     found, missed = read(time_s, values, at_s, bad=(4, 7))
-    np.testing.assert_allclose(missed[5], 0.25, rtol=1e-12)
+    np.testing.assert_allclose(missed[5], 0.0625, rtol=1e-12)
 
 
 def test_rounding_is_no_bend_and_is_not_made_larger() -> None:
