@@ -27,7 +27,7 @@ def follow(channels: Channels, readings: FloatArray, start: FloatArray, free: In
     """
     counted = np.isfinite(readings).sum(axis=1)
     here, side, lost = start[None], float(_side(channels, start[None], free)[0]), -1
-    pieces: list[Solved] = []
+    pieces = [nowhere(np.zeros(0, np.int64))]
     begin = 0
     while begin < len(readings):
         part = slice(begin, begin + AHEAD)

@@ -117,6 +117,9 @@ def test_what_is_not_told_is_no_pose() -> None:
     assert np.isnan(found.covariance[:3]).all()
     twice = [*channels[:5], channels[4]]
     assert (solve_poses(twice, predictions(twice, at), at).status == Status.SINGULAR).all()
+    assert np.isnan(twists(channels[:5], at)).all()
+    for solver in (solve_poses, follow):
+        assert len(solver(channels, np.empty((0, 6)), HOME).status) == 0
     assert np.isnan(twists(twice, at)).all()
 
 
