@@ -92,7 +92,10 @@ def described(linkage: Linkage, pose: FloatArray | None = None) -> dict[str, Any
         "architecturally_singular": singular is not None,
         "architecturally_singular_reason": singular,
     }
-    if linkage.lengths is not None:
+    if linkage.lengths is not None and singular is not None:
+        # at special lengths all poses of a motion, at others none
+        record |= {"assemblies": [], "complex_assemblies_found": 0, "complex_assemblies_expected": 0, "status": straight.NOT_PROVED}
+    elif linkage.lengths is not None:
         found = straight.assemblies(base, platform, linkage.lengths)
         each = zip(found.poses.tolist(), found.certified.tolist(), strict=True)
         record["assemblies"] = [{"position_mm": pose[:3], "quaternion_xyzw": pose[3:], "certified": sure} for pose, sure in each]
@@ -133,16 +136,18 @@ def _at_pose(base: FloatArray, platform: FloatArray, pose: FloatArray) -> dict[s
 
 def told(record: dict[str, Any]) -> list[str]:
     """A record of `described` in lines for a person."""
-    how = "in closed form" if record["closed_form"] else "followed from a start system"
-    lines = [f"{record['notation']}: {record['freedoms']} freedoms, {record['complex_assemblies']} complex assemblies, {how}"]
+    how = ", in closed form" if record["closed_form"] else ", followed from a start system"
+    number = f"{record['complex_assemblies']} complex assemblies{'' if record['degenerate'] else how}"
+    lines = [f"{record['notation']}: {record['freedoms']} freedoms, {number}"]
     if record["architecturally_singular"]:
         lines.append(f"singular at every pose: {record['architecturally_singular_reason']}")
-    if "assemblies" in record:
+        if "assemblies" in record:
+            lines.append("no lengths tell a pose of it")
+    elif "assemblies" in record:
         found = record["assemblies"]
         number = f"{len(found)} real {'assembly' if len(found) == 1 else 'assemblies'}"
-        lines.append(
-            f"{number}, {record['complex_assemblies_found']} with complex ones of {record['complex_assemblies']}: {record['status']}"
-        )
+        of = f"{record['complex_assemblies_found']} with complex ones of {record['complex_assemblies_expected']}"
+        lines.append(f"{number}, {of}: {record['status']}")
         for one in found:
             place = ", ".join(f"{x:.4f}" for x in one["position_mm"])
             turn = ", ".join(f"{x:.6f}" for x in one["quaternion_xyzw"])

@@ -123,3 +123,20 @@ def test_a_pose_that_is_none_has_exit_code_1(run, tmp_path: Path) -> None:  # ty
     (tmp_path / "s.toml").write_text(text(LINKS))
     assert run("s.toml", "--position-mm", "0,0,0", "--quaternion", "0,0,0,2")[0] == 1
     assert "a link has no length at this pose" in run("s.toml", "--position-mm", "3,3,0")[2]
+
+
+def test_a_rig_that_is_singular_everywhere_has_no_assemblies(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """Similar regular hexagons: lengths fit a whole motion, or nothing."""
+    corners = [(2, 0), (1, 2), (-1, 2), (-2, 0), (-1, -2), (1, -2)]
+    points = []
+    for side, size in (("base", 300.0), ("platform", 100.0)):
+        points.append(
+            f"[{side}]\n" + "".join(f"{side[0]}{i} = {[size * x, size * y * 0.75**0.5, 0.0]}\n" for i, (x, y) in enumerate(corners))
+        )
+    links = "".join(f'[[link]]\nfrom = "b{i}"\nto = "p{i}"\nlength_mm = 700.0\n' for i in range(6))
+    (tmp_path / "s.toml").write_text('schema = "lmeasure.structure/1"\n' + "".join(points) + links)
+    code, out, _ = run("s.toml", "--out", "s.json")
+    record = json.loads((tmp_path / "s.json").read_text())
+    assert (code, record["architecturally_singular"], record["degenerate"]) == (0, True, False)
+    assert (record["assemblies"], record["status"]) == ([], "not proved")
+    assert "singular at every pose: base and platform are similar plane figures on conics" in out
