@@ -11,7 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
+from lmeasure.checked import complaint
 from lmeasure.errors import FileFormatError
+from lmeasure.shown import DataFrame, Shown, framed
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=0)]
@@ -79,7 +81,7 @@ class Input(_Record):
     sha256: str
 
 
-class CalibrationRecord(_Record):
+class CalibrationRecord(Shown, _Record):
     """calibration.json of the contract.
 
     covariance (p, p) is that of the parameters in their order, in their units. tangent_covariance, of the linearised model, is what lengths
@@ -119,6 +121,19 @@ class CalibrationRecord(_Record):
     """Mean temperature of the counts; None where it was not stated."""
     taken_as_exact: tuple[dict[str, Any], ...] = ()
     """What the rig does not state and nothing has solved, and what a usual size of it would do."""
+
+    def about(self) -> dict[str, str]:
+        """What was solved, how well it fits, what it tells of lengths, what to know."""
+        out = {"rig": self.rig, "parameters": f"{self.unknowns}, rank {self.rank}, from {self.equations} equations"}
+        if "residual_rms_mm" in self.noise:
+            out["residuals"] = f"{self.noise['residual_rms_mm']:.4g} mm rms"
+        if self.predicted.get("lengths"):
+            out["predicted u of lengths"] = f"{max(e['rms_mm'] for e in self.predicted['lengths']):.4f} mm rms"
+        return out | {"warnings": ", ".join(dict.fromkeys(w.code for w in self.warnings)) or "none"}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each parameter."""
+        return framed([p.model_dump() for p in self.parameters])
 
     @model_validator(mode="after")
     def _are_covariances(self) -> Self:
@@ -209,13 +224,13 @@ def _check_covariance(name: str, rows: tuple[tuple[float, ...], ...], p: int) ->
 
 def read_calibration_record(path: Path) -> CalibrationRecord:
     """Read a calibration.json; FileFormatError names the file and the key."""
+    raw = files.read_bytes(path)
     try:
-        return CalibrationRecord.model_validate_json(files.read_bytes(path))
+        return CalibrationRecord.model_validate_json(raw)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(step) for step in first["loc"])
-        what = f"{where}: {first['msg']}".removeprefix(": ").replace("Value error, ", "")
-        raise FileFormatError(f"{path}: {' '.join(what.split())}") from None
+        # what is no JSON has no keys to name
+        data = None if error.errors()[0]["type"] == "json_invalid" else json.loads(raw)
+        raise FileFormatError(f"{path}: {complaint(error, data, CalibrationRecord, {})}") from None
 
 
 def write_calibration_record(path: Path, record: CalibrationRecord) -> None:

@@ -1,10 +1,12 @@
 """Checked tables: models that refuse unknown keys, and pydantic's complaint as one line that names the key."""
 
 import difflib
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from lmeasure.errors import FileFormatError
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
 
@@ -56,6 +58,24 @@ def _as_tuple(value: Any) -> Any:
         return tuple(_as_tuple(v) for v in value)
     # a table of arrays such as [tool]; tables of tables convert their own
     return {k: _as_tuple(v) for k, v in value.items()} if isinstance(value, dict) else value
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def checked(
+    data: Mapping[str, Any],
+    model: type[Model],
+    source: str,
+    tables: Mapping[str, type[BaseModel]] | None = None,
+    error: Callable[[str], Exception] = FileFormatError,
+) -> Model:
+    """The model of a file's content; the error, in one line, names source (the file), table, key, the value that is wrong and what it must
+    be. tables: see `complaint`."""
+    try:
+        return model.model_validate(data, by_alias=True, by_name=False)
+    except ValidationError as found:
+        raise error(f"{source}: {complaint(found, data, model, tables or {})}") from None
 
 
 def complaint(error: ValidationError, data: Any, root: type[BaseModel], tables: Mapping[str, type[BaseModel]]) -> str:

@@ -11,12 +11,13 @@ from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels import counter
+from lmeasure.shown import DataFrame, Shown, framed
 
 INFERRED_BITS = (16, 24, 32)
 
 
-@dataclass(frozen=True)
-class Counts:
+@dataclass(frozen=True, repr=False)
+class Counts(Shown):
     """Recorded counts of one pass of the motion.
 
     time_s (n,) strictly rising; recorded (n, m) counts as the encoder gave them, NaN where a cell was empty; sync (n,) 0 or 1, or None;
@@ -33,6 +34,14 @@ class Counts:
     """(n,) temperature of cables, drums and frame, None where it was not recorded."""
     first: int = 0
     """Number of the first sample in the file, for what is said of samples."""
+
+    def about(self) -> dict[str, str]:
+        """Samples and channels."""
+        return {"samples": f"{len(self.time_s)} over {self.time_s[-1] - self.time_s[0]:.6g} s", "channels": ", ".join(self.channels)}
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a counts file."""
+        return framed(self.columns())
 
     def __post_init__(self) -> None:
         n = len(self.time_s)

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from lmeasure import files
-from lmeasure.checked import Name, Strict, Whole, complaint
+from lmeasure.checked import Name, Strict, Whole, checked
 from lmeasure.errors import FileFormatError, RigError
 from lmeasure.rig import Length, NotNegative, Positive, Rig, rig_from_dict
 
@@ -177,11 +177,7 @@ def drum_uncertainty(measured: DrumMeasurement) -> tuple[float, float]:
 
 def read_drums(path: Path) -> tuple[DrumMeasurement, ...]:
     """Read a measurements file (schema lmeasure.drum/1, one [[drum]] per observation point); FileFormatError names the file and key."""
-    data = files.read_toml(path)
-    try:
-        return _Measurements.model_validate(data, by_alias=True, by_name=False).drum
-    except ValidationError as error:
-        raise FileFormatError(f"{path}: {complaint(error, data, _Measurements, {'drum': DrumMeasurement})}") from None
+    return checked(files.read_toml(path), _Measurements, str(path), {"drum": DrumMeasurement}).drum
 
 
 def choose(measured: tuple[DrumMeasurement, ...], points: list[str], source: str) -> tuple[DrumMeasurement, ...]:

@@ -18,6 +18,7 @@ from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.run import Run
+from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.status import WORDS, Status, words
 
 SLACK_S = 0.5  # a cable that lost the tool is taut again before
@@ -40,8 +41,8 @@ class Reason(NamedTuple):
 Reasons = tuple[Reason, ...]
 
 
-@dataclass(frozen=True)
-class Lengths:
+@dataclass(frozen=True, repr=False)
+class Lengths(Shown):
     """Changes of the free cables since the counters were zeroed.
 
     time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose; counts (n, m) true
@@ -66,6 +67,16 @@ class Lengths:
     """Of each cable."""
     missed_mm: FloatArray | None = None
     """(n, m) by about how much lengths are off that were read off straight lines between samples of a later pass; None where none was."""
+
+    def about(self) -> dict[str, str]:
+        """Samples, cables, how far they were drawn."""
+        farthest = np.nanmax(np.abs(self.change_mm), initial=0.0)
+        ok = int((self.flags == Status.OK).sum())
+        return {"samples": f"{len(self.time_s)}, {ok} ok", "cables": ", ".join(self.cables), "largest change": f"{farthest:.6g} mm"}
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a lengths file."""
+        return framed(self.columns())
 
     @property
     def u_mm(self) -> FloatArray | None:

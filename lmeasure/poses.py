@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure import conventions, files, se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import FileFormatError
+from lmeasure.shown import DataFrame, Shown, framed
 
 POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
 AXES = ("rx", "ry", "rz", "x", "y", "z")
@@ -23,8 +24,8 @@ _ORIENTATION_COLUMNS = {c for convention in conventions.CONVENTIONS.values() for
 }
 
 
-@dataclass(frozen=True)
-class Poses:
+@dataclass(frozen=True, repr=False)
+class Poses(Shown):
     """Named poses base_from_tool.
 
     rows (n, 7): x, y, z [mm], qx, qy, qz, qw (unit); u_position_mm and u_rotation_rad (n,): standard uncertainty of each coordinate and of
@@ -45,6 +46,17 @@ class Poses:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def about(self) -> dict[str, str]:
+        """How many, and how well they are known."""
+        stated = (("position", self.u_position_mm, "mm"), ("rotation", self.u_rotation_rad, "rad"))
+        return {"poses": str(len(self)) if self.oriented else f"{len(self)}, positions only"} | {
+            f"u of {name}": "not stated" if name in self.absent else f"{u.max(initial=0.0):.3g} {unit}" for name, u, unit in stated
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a pose file, with quaternions."""
+        return framed(pose_columns(self))
 
     @property
     def rotation(self) -> Rotation:

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray
-from lmeasure.checked import Strict, Whole, complaint
-from lmeasure.errors import FileFormatError
+from lmeasure.checked import Strict, Whole, checked
+from lmeasure.shown import DataFrame, Shown, framed
 
 NEEDS = {
     "linear": ("start_mm", "end_mm"),
@@ -251,7 +251,7 @@ class Tolerance(Strict):
         return self
 
 
-class Program(Strict):
+class Program(Shown, Strict):
     """A program.toml: poses and paths in file order, and what is to be told of them."""
 
     schema_: Annotated[Literal["lmeasure.program/1"], Field(alias="schema")]
@@ -308,6 +308,17 @@ class Program(Strict):
             }
         )
 
+    def about(self) -> dict[str, str]:
+        """Name, and what is told of it."""
+        parts = {"poses": self.pose, "paths": self.path, "distances": self.distance, "posings": self.posing, "tolerances": self.tolerance}
+        return ({} if self.name is None else {"name": self.name}) | {name: str(len(part)) for name, part in parts.items() if part}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each commanded pose."""
+        columns = ("pose", "x_mm", "y_mm", "z_mm", *conventions.QUATERNION_COLUMNS, "windows")
+        rows = [(p.name, *p.position_mm, *p.quaternion_xyzw, len(p.windows_s)) for p in self.pose]
+        return framed([dict(zip(columns, row, strict=True)) for row in rows])
+
     def to_dict(self) -> dict[str, Any]:
         """The content of program.toml, keys left out where they say nothing."""
         return {"schema": self.schema_} | self.model_dump(by_alias=True, exclude_defaults=True, mode="json")
@@ -334,11 +345,7 @@ _TABLES: dict[str, type[BaseModel]] = {
 
 def read_program(path: Path) -> Program:
     """Read a program.toml; FileFormatError names the file and the key."""
-    data = files.read_toml(path)
-    try:
-        return Program.model_validate(data)
-    except ValidationError as error:
-        raise FileFormatError(f"{path}: {complaint(error, data, Program, _TABLES)}") from None
+    return checked(files.read_toml(path), Program, str(path), _TABLES)
 
 
 def write_program(path: Path, program: Program) -> None:

@@ -13,7 +13,6 @@ from pydantic import (
     BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
-    ValidationError,
     model_serializer,
     model_validator,
 )
@@ -21,9 +20,10 @@ from pydantic import (
 from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.can_table import CAN_TABLES, CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
-from lmeasure.checked import Name, Strict, Whole, complaint, whole
+from lmeasure.checked import Name, Strict, Whole, checked, whole
 from lmeasure.errors import RigError
 from lmeasure.kernels import layout
+from lmeasure.shown import DataFrame, Shown, framed
 
 Vector = tuple[float, float, float]
 
@@ -193,7 +193,7 @@ class Cable(Strict):
     passage: Annotated[Whole, Field(alias="pass", ge=1, le=1000)] = 1
 
 
-class Rig(Strict):
+class Rig(Shown, Strict):
     """A rig as rig.toml states it. Frozen; `cable_rows` gives the kernels' arrays."""
 
     schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
@@ -218,6 +218,27 @@ class Rig(Strict):
     tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
     can: CanTable | None = None
+
+    def about(self) -> dict[str, str]:
+        """Name, cables, points, calibration."""
+        passes = f" in {self.passes} passes" if self.passes > 1 else ""
+        assumed = {"assumed": ", ".join(self.assumed)} if self.assumed else {}
+        linked = "none" if self.calibration is None else self.calibration
+        points = ", ".join(p.name for p in self.observation_point)
+        return {"name": self.name, "cables": f"{len(self.cable)}{passes}", "observation points": points, "calibration": linked} | assumed
+
+    def to_frame(self) -> DataFrame:
+        """A row for each cable: its ends, its observation point, guide and pulley."""
+        rows = []
+        for cable in self.cable:
+            point = self.point(cable.from_point)
+            rows.append(
+                {"cable": cable.name, "channel": cable.channel, "pass": cable.passage, "from": cable.from_point, "to": cable.to_point}
+                | dict(zip(("x_mm", "y_mm", "z_mm"), point.position_mm, strict=True))
+                | {name: getattr(point, name) for name in ("guide_alpha_deg", "guide_beta_deg", "pulley_radius_mm")}
+                | {"count_length_mm": point.drum.count_length_mm}
+            )
+        return framed(rows)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -362,10 +383,7 @@ def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
     """A checked rig; RigError names the source and the key."""
     if "schema" not in data:
         raise RigError(f"{source}: schema: is missing; this program reads 'lmeasure.rig/1'")
-    try:
-        return Rig.model_validate(data, by_alias=True, by_name=False)
-    except ValidationError as error:
-        raise RigError(f"{source}: {complaint(error, data, Rig, _TABLES)}") from None
+    return checked(data, Rig, source, _TABLES, RigError)
 
 
 def read_rig(path: Path) -> Rig:

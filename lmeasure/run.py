@@ -13,13 +13,14 @@ from lmeasure.linked import read_linked_rig as read_linked_rig
 from lmeasure.opened import inside
 from lmeasure.recorded import Recorded, check_digests, recorded_in
 from lmeasure.rig import Rig, write_rig
+from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.start import StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
 
 SCHEMA = "lmeasure.run/1"
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """A recorded run: the rig, the record its rig.toml links to, the start pose (7,) at which the counters were zeroed, the passes.
 
     start: None where nobody stated it, which the counts of incremental encoders cannot tell; `known_start` is for who needs it. u_start:
@@ -36,6 +37,21 @@ class Run:
     """Temperature at the start pose, and of every pass whose counts do not state theirs."""
     recorded: tuple[Recorded, ...] = ()
     """How the passes were recorded, where that is known."""
+
+    def about(self) -> dict[str, str]:
+        """Rig, samples, start, calibration."""
+        return {
+            "rig": self.rig.name,
+            "samples": ", ".join(f"{len(c.time_s)} over {c.time_s[-1] - c.time_s[0]:.6g} s" for c in self.passes),
+            "start": "unknown" if self.start is None else ", ".join(f"{v:.6g}" for v in self.start[:3]) + " mm",
+            "calibration": "none" if self.calibration is None else f"of {len(self.calibration.parameters)} parameters",
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The recorded counts of all passes, one under the other."""
+        import pandas as pd
+
+        return pd.concat([framed(counts.columns()).assign(**{"pass": n}) for n, counts in enumerate(self.passes, 1)], ignore_index=True)
 
     @property
     def known_start(self) -> FloatArray:

@@ -1,30 +1,52 @@
-"""The public names of the package: all there, all lazy, all documented."""
+"""The public names of the package: all there, all lazy, all typed and documented; every stage from files or objects, every object shown."""
 
+import inspect
 import subprocess
 import sys
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any, assert_type, get_type_hints
 
-import lmeasure
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+import xarray as xr
+
+import lmeasure as lm
+from lmeasure import pipeline
+from lmeasure.accuracy.placement import Placement
+from lmeasure.errors import CalibrationError, CertificationError, LMeasureError
+from lmeasure.report.plots import DRAWN
+from lmeasure.shown import Shown
+
+CELL = Path(__file__).parent / "authorities" / "truth" / "cell-run"
+AXIS = (-100.0, 100.0, 100.0)
 
 
 def test_every_public_name_is_there_and_documented() -> None:
-    assert lmeasure.__all__ == sorted(lmeasure.__all__)
-    for name in lmeasure.__all__:
-        assert getattr(lmeasure, name).__doc__, name
-    assert set(lmeasure.__all__) <= set(dir(lmeasure))
-    assert set(lmeasure.__all__) == {*lmeasure._HOME, "LMeasureError"}
+    assert lm.__all__ == sorted(lm.__all__)
+    for name in lm.__all__:
+        assert getattr(lm, name).__doc__, name
+    assert set(lm.__all__) <= set(dir(lm))
+    assert set(lm.__all__) == {*lm._HOME, "LMeasureError"}
+
+
+def test_every_stage_is_typed() -> None:
+    for name in lm._HOMES["pipeline"]:
+        stage = getattr(lm, name)
+        assert stage is getattr(pipeline, name)
+        assert set(stage.__annotations__) == {*inspect.signature(stage).parameters, "return"}, name
 
 
 def test_version_is_that_of_the_installed_package() -> None:
     """That of the project's file, from which the package was installed."""
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert lmeasure.__version__ == version("lmeasure") == project["version"]
+    assert lm.__version__ == version("lmeasure") == project["version"]
 
 
 def test_a_name_that_is_not_there() -> None:
-    assert not hasattr(lmeasure, "measure")
+    assert not hasattr(lm, "measure")
 
 
 def test_import_brings_nothing_heavy() -> None:
@@ -32,3 +54,131 @@ def test_import_brings_nothing_heavy() -> None:
     code = f"import sys, lmeasure, lmeasure.cli; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.fixture(scope="module")
+def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """One of every object, most of them from the others."""
+    rig = lm.read_rig(CELL / "rig.toml")
+    at = {"P1": [30.0, 0.0, 10.0], "P2": [-30.0, 20.0, 0.0]}
+    made = lm.simulate(
+        rig=rig,
+        rate_hz=50.0,
+        waypoint=[{"position_mm": p} for p in at.values()],
+        motion={"cycles": 3, "dwell_s": 0.8},
+        reference_poses={"count": 8, "u_position_mm": 0.02, "u_rotation_deg": 0.01},
+    )
+    assert made.run is not None
+    calibration = lm.calibrate(made, solve=("position",))
+    # held by mypy, which sees through the lazy names
+    assert_type(calibration, lm.Calibration)
+    trajectory = assert_type(lm.reconstruct(made, rig=calibration), lm.Trajectory)
+    program = lm.Program.model_validate(
+        {
+            "schema": "lmeasure.program/1",
+            "pose": [{"name": name, "position_mm": p, "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]} for name, p in at.items()],
+            "path": [{"name": "line", "kind": "linear", "start_mm": at["P1"], "end_mm": at["P2"], "speed_mm_s": 100.0}],
+        }
+    )
+    folder = tmp_path_factory.mktemp("api") / "certificate"
+    task = {"low_mm": [-50.0] * 3, "high_mm": [50.0] * 3, "nodes": 2, "tilt_steps": 1}
+    mount = [{"points": ["B1"], "low_mm": [p - 1.0 for p in rig.observation_point[0].position_mm],
+              "high_mm": [p + 1.0 for p in rig.observation_point[0].position_mm]}]  # fmt: skip
+    wanted = Placement.model_validate({"schema": "lmeasure.placement/1", "task": task, "mount": mount})
+    poses_alone = program.model_copy(update={"path": ()})
+    return {
+        "rig": rig,
+        "poses": calibration.campaign.poses,
+        "counts": made.run.run.passes[0],
+        "run": made.run.run,
+        "lengths": lm.lengths_from_counts(made.run.run),
+        "calibration": calibration,
+        "record": calibration.record,
+        "trajectory": trajectory,
+        "zone": lm.zone(calibration, AXIS, AXIS, np.array([0.0]), u95_mm=1.0, full=True),
+        "plan": lm.plan_poses(rig, poses=2, box=[(-100.0, 100.0)] * 3, tilt_deg=5.0, solve=("position",), further=0),
+        "placed": lm.place(rig, wanted, generations=1),
+        "program": program,
+        "evaluation": lm.evaluate(trajectory, poses_alone, run=made, rig=calibration, trials=100),
+        "certificate": lm.certify(trajectory, poses_alone, folder, run=made, rig=calibration, trials=100),
+    }
+
+
+def test_every_object_is_drawn_and_shown(nouns: dict[str, Any]) -> None:
+    assert {type(noun) for noun in nouns.values()} == set(DRAWN)
+    for name, noun in nouns.items():
+        for rig in (None, nouns["rig"]):
+            figure = lm.plot(noun, rig)
+            assert isinstance(figure, go.Figure), name
+            assert len(figure.data), name
+        if isinstance(noun, xr.Dataset):
+            continue
+        assert isinstance(noun, Shown)
+        assert repr(noun).startswith(f"<{type(noun).__name__} "), name
+        assert len(repr(noun)) < 300, name
+        assert noun._repr_html_().startswith("<table><caption>"), name
+        assert get_type_hints(type(noun).about)["return"] == dict[str, str]
+        frame = noun.to_frame()
+        assert len(frame), name
+        assert len(frame.columns), name
+    with pytest.raises(LMeasureError, match="dict is nothing that can be drawn; what can: Rig, "):
+        lm.plot({})
+
+
+def test_what_is_shown_cannot_be_markup(nouns: dict[str, Any]) -> None:
+    named = nouns["rig"].model_copy(update={"name": "<script>"})
+    assert "&lt;script&gt;" in named._repr_html_()
+    assert "<script>" not in named._repr_html_()
+
+
+def test_frames_hold_the_figures(nouns: dict[str, Any]) -> None:
+    trajectory, rig = nouns["trajectory"], nouns["rig"]
+    np.testing.assert_array_equal(trajectory.to_frame()["u_x_mm"], trajectory.u[:, 0])
+    dataset = trajectory.to_xarray()
+    np.testing.assert_array_equal(dataset["random"].sel(time_s=trajectory.time_s[3]), trajectory.random[3])
+    np.testing.assert_array_equal(dataset["x_mm"], trajectory.poses[:, 0])
+    frame = rig.to_frame().set_index("cable")
+    assert frame.loc["c1", "x_mm"] == rig.point(rig.cable[0].from_point).position_mm[0]
+    assert list(nouns["record"].to_frame()["u"]) == [p.u for p in nouns["record"].parameters]
+    assert list(nouns["evaluation"].to_frame()["value"]) == list(nouns["certificate"].to_frame()["value"])
+
+
+def test_stages_take_files_as_well(nouns: dict[str, Any], tmp_path: Path) -> None:
+    lm.write_run(tmp_path / "run", nouns["run"])
+    lm.write_trajectory(tmp_path / "t.parquet", nouns["trajectory"])
+    lm.write_program(tmp_path / "p.toml", nouns["program"].model_copy(update={"path": ()}))
+    lm.write_rig(tmp_path / "rig.toml", nouns["calibration"].rig)
+    lm.write_calibration_record(tmp_path / "calibration.json", nouns["record"])
+    again = lm.reconstruct(str(tmp_path / "run"), rig=tmp_path / "rig.toml")
+    np.testing.assert_allclose(again.poses, nouns["trajectory"].poses, atol=1e-9)
+    evaluation = lm.evaluate(tmp_path / "t.parquet", tmp_path / "p.toml", run=tmp_path / "run", rig=tmp_path / "rig.toml", trials=100)
+    np.testing.assert_allclose(evaluation.to_frame()["value"], nouns["evaluation"].to_frame()["value"], atol=1e-9)
+    zone = lm.zone(tmp_path / "rig.toml", AXIS, AXIS, (0.0, 0.0, 1.0), u95_mm=1.0)
+    np.testing.assert_allclose(zone["u95_position_mm"], nouns["zone"]["u95_position_mm"], rtol=1e-12)
+    certificate = nouns["certificate"]
+    assert lm.verify(certificate.folder).exit_code == 0
+    assert repr(lm.Certificate.read(certificate.folder)) == repr(certificate)
+
+
+def test_keywords_are_the_settings(nouns: dict[str, Any]) -> None:
+    settings = lm.CertificationSettings(capability=0.5, trials=100)
+    poses = nouns["program"].model_copy(update={"path": ()})
+    one = lm.evaluate(nouns["trajectory"], poses, settings=settings)
+    other = lm.evaluate(nouns["trajectory"], poses, capability=0.5, trials=100)
+    assert one.settings == other.settings == settings
+    with pytest.raises(TypeError, match="capabilty"):
+        lm.evaluate(nouns["trajectory"], poses, capabilty=0.5)
+    with pytest.raises(CalibrationError, match="say where the robot may go"):
+        lm.plan_poses(nouns["rig"])
+    plan = lm.plan_program([0.0] * 3, [100.0] * 3, tests=("pose",), cycles={"pose": 2}, speeds_percent=(100.0,))
+    assert [p.name for p in plan.program.pose] == ["P1", "P2", "P3", "P4", "P5"]
+    with pytest.raises(CertificationError, match="give the box by low_mm and high_mm, or a zone"):
+        lm.plan_program()
+
+
+def test_the_readme_goes_from_a_rig_to_a_certificate_in_fifteen_lines() -> None:
+    """That it runs, and prints what it says, is a test of the documents."""
+    page = (CELL.parents[3] / "README.md").read_text(encoding="utf-8")
+    code = page.split("```python\n")[1].split("```")[0]
+    assert len(code.splitlines()) <= 15
+    assert {name for name in lm._HOMES["pipeline"] if f"lm.{name}(" in code} >= {"simulate", "calibrate", "reconstruct", "certify", "plot"}

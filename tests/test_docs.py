@@ -9,6 +9,7 @@ import contextlib
 import doctest
 import io
 import math
+import pkgutil
 import re
 import shlex
 import shutil
@@ -165,3 +166,11 @@ def test_links_lead_to_files(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         if not target.startswith(("http://", "https://")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_names_in_the_glossary_are_those_of_the_code() -> None:
+    text = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    names = re.findall(r"`(lmeasure(?:\.\w+)+)`", text)
+    assert len(names) > 15
+    for name in names:
+        pkgutil.resolve_name(name)

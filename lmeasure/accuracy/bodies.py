@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, Field
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.errors import FileFormatError
+from lmeasure.checked import Strict, checked
 from lmeasure.kernels.layout import BODY_COLUMNS, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, BODY_START, BODY_WAY
 
 SCHEMA = "lmeasure.bodies/1"
@@ -25,13 +25,11 @@ def _length(value: float) -> float:
 Length = Annotated[float, AfterValidator(_length)]
 
 
-class Body(BaseModel):
+class Body(Strict):
     """All points within radius_mm of the piece from from_mm to to_mm (equal: a ball), in the base frame or moving with the tool.
 
     A tool's body must leave the attachment points free: no clearance can be more than their distance from it.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     name: Annotated[str, Field(min_length=1)]
     frame: Literal["base", "tool"] = "base"
@@ -40,19 +38,14 @@ class Body(BaseModel):
     radius_mm: Annotated[float, Field(gt=0), AfterValidator(_length)]
 
 
-class _File(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class _File(Strict):
     schema_: Annotated[Literal["lmeasure.bodies/1"], Field(alias="schema")]
     body: tuple[Body, ...]
 
 
 def read_bodies(path: Path) -> tuple[Body, ...]:
     """Read `schema = "lmeasure.bodies/1"` and [[body]] tables; FileFormatError names the file and the key."""
-    try:
-        return _File.model_validate(files.read_toml(path)).body
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise FileFormatError(f"{path}: {'.'.join(str(s) for s in first['loc'])}: {first['msg']}") from None
+    return checked(files.read_toml(path), _File, str(path), {"body": Body}).body
 
 
 def body_rows(bodies: Sequence[Body]) -> FloatArray:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 from scipy.optimize import differential_evolution, minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
@@ -17,11 +17,13 @@ from lmeasure import files
 from lmeasure.accuracy.scan import digest_of
 from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.arrays import FloatArray
-from lmeasure.errors import AccuracyError, FileFormatError
+from lmeasure.checked import Strict, Whole, checked
+from lmeasure.errors import AccuracyError
 from lmeasure.kernels import placement as kernels
 from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, GUIDE_XYZ
 from lmeasure.kernels.zone_rows import LANES
 from lmeasure.rig import Rig
+from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.zeroing import length_variance
 
 Progress = Callable[[int, int], None]
@@ -39,11 +41,7 @@ BROKEN_MM = 0.1  # of a rule that the search may leave to rounding and to the fi
 BROKEN_PER_MM = 0.02  # cost of a millimetre across a rule: ten times what a millimetre can win [rad, or relative radius]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
-
-
-class Box(_Strict):
+class Box(Strict):
     """A box along the axes [mm]."""
 
     low_mm: Vector
@@ -68,13 +66,13 @@ class Where(Box):
 class Work(Box):
     """The robot's task: a box of the tool origin and tilts about an orientation; every limit is held at all of it."""
 
-    nodes: Annotated[int, Field(ge=2, le=20)] = 3
+    nodes: Annotated[Whole, Field(ge=2, le=20)] = 3
     tilt_rad: Annotated[float, Field(ge=0, le=math.pi)] = 0.0
-    tilt_steps: Annotated[int, Field(ge=1, le=20)] = 3
+    tilt_steps: Annotated[Whole, Field(ge=1, le=20)] = 3
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
-class Placement(_Strict):
+class Placement(Strict):
     """What may be moved, where to, and for which task; the content of a placement file.
 
     objective: the worst pressure angle, or the worst 95 % radius of the position, over the task; tolerance_mm: how well a point is
@@ -93,15 +91,11 @@ class Placement(_Strict):
 
 def read_placement(path: Path) -> Placement:
     """Read a placement file; FileFormatError names the file and the key."""
-    try:
-        return Placement.model_validate(files.read_toml(path))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise FileFormatError(f"{path}: {'.'.join(str(s) for s in first['loc'])}: {first['msg']}") from None
+    return checked(files.read_toml(path), Placement, str(path), {"task": Work, "mount": Where, "attachment": Where, "keep_out": Box})
 
 
-@dataclass(frozen=True)
-class Placed:
+@dataclass(frozen=True, repr=False)
+class Placed(Shown):
     """A search's result: the rig, the worst figures at the task before and after, what a millimetre at each coordinate does.
 
     before, after: worst_pressure_angle_deg, u95_position_mm, robust_pressure_angle_deg (the worst within the mounting tolerance),
@@ -113,6 +107,14 @@ class Placed:
     after: dict[str, float]
     sensitivity: dict[str, tuple[float, float, float]]
     evaluations: int
+
+    def about(self) -> dict[str, str]:
+        """The worst figures at the task, before and after."""
+        return {name: f"{self.before[name]:.4g} -> {after:.4g}" for name, after in self.after.items()}
+
+    def to_frame(self) -> DataFrame:
+        """The worst figures at the task, before and after."""
+        return framed({"before": self.before, "after": self.after})
 
     def summary(self) -> str:
         """A few lines for a person."""

@@ -20,6 +20,7 @@ from lmeasure.errors import CalibrationError
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.poses import Poses, joined, poses_from_rows
 from lmeasure.rig import Cable, Rig
+from lmeasure.shown import DataFrame, Shown
 
 Progress = Callable[[int, int], None]
 
@@ -63,8 +64,8 @@ class Outlook:
     rank: int
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
     """Reference poses to measure, and what they are predicted to bring.
 
     poses: all of them, recorded ones first, without their later visits; recorded: how many of them were there before. course: (number of
@@ -83,6 +84,15 @@ class Plan:
     equations: int
     usable: float
     broken: tuple[tuple[str, float], ...]
+
+    def about(self) -> dict[str, str]:
+        """How many poses, and what they bring."""
+        lengths = f"{self.outlook.rms_mm:.4f} mm rms, {self.outlook.worst_mm:.4f} at worst"
+        return {"poses": f"{len(self.poses)}, {self.recorded} recorded", "predicted u of lengths": lengths}
+
+    def to_frame(self) -> DataFrame:
+        """The poses."""
+        return self.poses.to_frame()
 
 
 def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, progress: Progress | None = None) -> Plan:

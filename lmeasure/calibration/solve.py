@@ -28,14 +28,15 @@ from lmeasure.calibration.validation import HeldOut, held_out
 from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.errors import CalibrationError
 from lmeasure.rig import Rig
+from lmeasure.shown import DataFrame, Shown
 
 Progress = Callable[[int, int], None]
 
 _WHO = ("outlier", "slip")  # findings that name a pose or a channel
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Shown):
     """The calibrated rig, its record, the campaign it came from, and how well it predicts over the reference poses' workspace."""
 
     rig: Rig
@@ -44,6 +45,14 @@ class Calibration:
     predicted: Prediction
     refused: str | None = None
     """Why the rig must not be used: it predicts lengths significantly worse than the nominal one, and nothing cured that."""
+
+    def about(self) -> dict[str, str]:
+        """As its record; refused where the rig must not be used."""
+        return self.record.about() | ({} if self.refused is None else {"refused": self.refused})
+
+    def to_frame(self) -> DataFrame:
+        """A row for each parameter."""
+        return self.record.to_frame()
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
 
 from lmeasure import files
-from lmeasure.checked import Strict, complaint
+from lmeasure.checked import Strict, checked
 from lmeasure.errors import FileFormatError
 
 SCHEMA = "lmeasure.report/1"
@@ -153,7 +153,4 @@ def read_details(path: Path) -> Details:
     data = files.read_toml(path)
     if data.get("schema") != SCHEMA:
         raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads {SCHEMA!r}")
-    try:
-        return Details.model_validate(data)
-    except ValidationError as error:
-        raise FileFormatError(f"{path}: {complaint(error, data, Details, _TABLES)}") from None
+    return checked(data, Details, str(path), _TABLES)

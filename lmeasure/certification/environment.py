@@ -8,15 +8,13 @@ from pathlib import Path
 
 import llvmlite.binding
 
-import lmeasure
-
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst")
 
 
 @cache
 def sources_sha256() -> str:
     """SHA-256 over the names and digests of this package's own sources."""
-    root = Path(lmeasure.__file__).parent
+    root = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted([*root.rglob("*.py"), *root.rglob("*.typ"), *root.rglob("*.po")], key=lambda p: p.relative_to(root).as_posix()):
         digest.update(f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())

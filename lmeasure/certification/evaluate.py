@@ -24,6 +24,7 @@ from lmeasure.errors import CertificationError
 from lmeasure.findings import Finding
 from lmeasure.program import Program
 from lmeasure.run import Run
+from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.trajectory import Trajectory
 from lmeasure.trajectory.attained import AttainedPose, Frame
 from lmeasure.trajectory.pose_errors import ErrorModel, ErrorsOfFile, ErrorsOfRun, PoseErrors
@@ -55,8 +56,8 @@ class AttainedPath:
     commanded_speed_mm_s: float | None
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Shown):
     """The characteristics, and what stands behind them.
 
     excluded: parts outside the zone. poses: commanded and attained poses in the base frame (after an alignment, in the
@@ -78,6 +79,15 @@ class Evaluation:
     def notes(self) -> tuple[str, ...]:
         """The findings in English."""
         return tuple(map(str, self.findings))
+
+    def about(self) -> dict[str, str]:
+        """How many characteristics, of how many the instrument is capable."""
+        capable = sum(c.capable for c in self.characteristics)
+        return {"characteristics": str(len(self.characteristics)), "capable": str(capable), "u95 covers": str(self.covers)}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each characteristic."""
+        return framed([c.as_dict() for c in self.characteristics])
 
 
 def evaluate(

@@ -37,7 +37,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
             *_robust(record),
             html.heading("Residuals"),
             html.paragraph("Measured less modelled change of each cable since its zero pose."),
-            _residuals(record).to_html(full_html=False, include_plotlyjs=False),
+            residuals_figure(record).to_html(full_html=False, include_plotlyjs=False),
             html.heading("The rig"),
             _rig(calibration).to_html(full_html=False, include_plotlyjs=False),
             *_coarse(record),
@@ -303,7 +303,8 @@ def _coarse(record: CalibrationRecord) -> list[str]:
     return [html.heading("Coarse solutions: straight cables, both roots"), html.table(header, rows)]
 
 
-def _residuals(record: CalibrationRecord) -> go.Figure:
+def residuals_figure(record: CalibrationRecord) -> go.Figure:
+    """Residual of each channel at each reference pose."""
     figure = go.Figure()
     for channel in Counter(r.channel for r in record.residuals):
         own = [r for r in record.residuals if r.channel == channel]

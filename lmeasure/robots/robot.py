@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.checked import Name, Strict, complaint
+from lmeasure.checked import Name, Strict, checked
 from lmeasure.conventions import LARGEST_ANGLE, MAX_LENGTH_MM
 from lmeasure.errors import RobotError
 from lmeasure.poses import UNIT_TOLERANCE
@@ -207,10 +207,7 @@ def robot_from_dict(data: dict[str, Any], source: str = "robot") -> Robot:
     """A checked robot; RobotError names the source and the key."""
     if "schema" not in data:
         raise RobotError(f"{source}: schema: is missing; this program reads {SCHEMA!r}")
-    try:
-        return Robot.model_validate(data, by_alias=True, by_name=False)
-    except ValidationError as error:
-        raise RobotError(f"{source}: {complaint(error, data, Robot, _TABLES)}") from None
+    return checked(data, Robot, source, _TABLES, RobotError)
 
 
 def read_robot(path: Path) -> Robot:

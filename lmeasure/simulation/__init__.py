@@ -3,7 +3,7 @@
 from lmeasure.simulation.cell import cell_rig
 from lmeasure.simulation.instrument import Campaign, SimulatedRun, campaign_at, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, scattered_poses, smooth_path
-from lmeasure.simulation.scenario import Scenario, Simulated, read_scenario, simulate, write_campaign, write_simulated
+from lmeasure.simulation.scenario import Scenario, Simulated, read_scenario, scenario_from_dict, simulate, write_campaign, write_simulated
 
 __all__ = [
     "Campaign",
@@ -15,6 +15,7 @@ __all__ = [
     "cell_rig",
     "read_scenario",
     "scattered_poses",
+    "scenario_from_dict",
     "simulate",
     "simulate_campaign",
     "simulate_run",

@@ -1,18 +1,18 @@
 """Scenarios: scenario.toml says which rig moves how, and what is recorded of it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.checked import Strict, complaint
+from lmeasure.checked import Strict, checked
 from lmeasure.conventions import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C
-from lmeasure.errors import FileFormatError
 from lmeasure.poses import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_linked_rig, write_run
@@ -160,17 +160,18 @@ _TABLES: dict[str, type[BaseModel]] = {
 
 def read_scenario(path: Path) -> tuple[Scenario, Rig]:
     """Read scenario.toml and the rig it names; FileFormatError names the file and the key."""
-    path = Path(path)
-    data = files.read_toml(path)
-    try:
-        scenario = Scenario.model_validate(data)
-    except ValidationError as error:
-        raise FileFormatError(f"{path}: {complaint(error, data, Scenario, _TABLES)}") from None
+    return scenario_from_dict(files.read_toml(path), str(path), Path(path).parent)
+
+
+def scenario_from_dict(data: Mapping[str, Any], source: str = "scenario", folder: Path | None = None) -> tuple[Scenario, Rig]:
+    """The scenario of a scenario.toml's content, and the rig it names, in the folder if not in the working directory; source is named in
+    errors."""
+    scenario = checked(data, Scenario, source, _TABLES)
     if scenario.rig is None:
         return scenario, cell_rig(scenario.seed)
     if isinstance(scenario.rig, str):
-        return scenario, read_linked_rig(path.parent / scenario.rig)[0].model_copy(update={"calibration": None})
-    return scenario, rig_from_dict(scenario.rig, f"{path}: rig")
+        return scenario, read_linked_rig((folder or Path()) / scenario.rig)[0].model_copy(update={"calibration": None})
+    return scenario, rig_from_dict(scenario.rig, f"{source}: rig")
 
 
 def simulate(scenario: Scenario, rig: Rig) -> Simulated:

@@ -1,10 +1,11 @@
 """The trajectory: poses over time with their status and uncertainty."""
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +18,10 @@ from lmeasure.status import WORDS, Status, words
 from lmeasure.trajectory.stamps import stamps_of
 from lmeasure.unsolved import Taken, worst
 
+if TYPE_CHECKING:
+    import xarray as xr
+from lmeasure.shown import DataFrame, Shown, framed
+
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
 SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
 """The part of those that the whole run has in common."""
@@ -25,8 +30,8 @@ NAMES = ", "
 _PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
 
 
-@dataclass(frozen=True)
-class Trajectory:
+@dataclass(frozen=True, repr=False)
+class Trajectory(Shown):
     """Poses of the tool over time; what is not `ok` is NaN.
 
     time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual,
@@ -55,6 +60,31 @@ class Trajectory:
     chi_squared: FloatArray | None = None
     taken_as_exact: tuple[Taken, ...] = ()
     """What nobody stated and nothing has solved, and what usual sizes of it would add."""
+
+    def about(self) -> dict[str, str]:
+        """Samples, worst angle, uncertainty and what it covers."""
+        summary = Summary()
+        summary.add(self)
+        return {
+            "samples": f"{summary.samples}, " + ", ".join(f"{count} {word}" for word, count in summary.statuses.most_common()),
+            "worst pressure angle": f"{summary.worst_angle:.1f} deg",
+            "largest u": f"{summary.u_position:.4f} mm, {math.degrees(summary.u_rotation):.5f} deg",
+            "u covers": self.covers,
+        }
+
+    def to_frame(self) -> DataFrame:
+        """The columns of a trajectory file."""
+        return framed(self.columns())
+
+    def to_xarray(self) -> "xr.Dataset":
+        """The columns of a trajectory file over time_s, and the covariances (rotation [rad]; tool origin [mm])."""
+        import xarray as xr
+
+        columns = self.columns()
+        time_s = columns.pop("time_s")
+        whole = {name: (("time_s", "row", "column"), getattr(self, name)) for name in ("random", "systematic")}
+        attributes = {"u_covers": self.covers, "notes": "\n".join(self.notes)}
+        return xr.Dataset({name: ("time_s", values) for name, values in columns.items()} | whole, {"time_s": time_s}, attributes)
 
     @property
     def u(self) -> FloatArray:

@@ -1,0 +1,346 @@
+"""The stages of the pipeline for scripts: each takes files or objects, settings as an object or by keywords, and gives an object.
+
+Nothing is written but what is asked for by name; commands, with their pages and the rule for what they may write over, are
+`lmeasure.workflows`.
+"""
+
+import math
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.errors import LMeasureError
+from lmeasure.rig import Rig
+from lmeasure.run import Run, read_linked_rig, read_run, write_run
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from scipy.spatial.transform import Rotation
+
+    from lmeasure import calibration, certification, simulation, trajectory
+    from lmeasure.accuracy.placement import Placed, Placement
+    from lmeasure.accuracy.zone import Scan
+    from lmeasure.calibration import planning
+    from lmeasure.certification.campaign import Campaign as TestCampaign
+    from lmeasure.certification.sealed import Certificate
+    from lmeasure.certification.verify import Verification
+    from lmeasure.program import Program
+    from lmeasure.report.plots import Figure
+    from lmeasure.trajectory.passes import Alignment
+    from lmeasure.trajectory.pose_errors import ErrorModel
+
+File = Path | str
+Steps = Callable[[int, int], None]
+"""Is told how much is done of how much; CancelledError raised from it ends the work."""
+Span = tuple[float, float, float] | FloatArray
+"""Nodes along an axis [mm]: start, stop and step, both ends included, or an array of them."""
+Given = TypeVar("Given")
+
+
+def calibrate(
+    campaign: "calibration.Campaign | simulation.Campaign | simulation.Simulated | File",
+    settings: "calibration.Settings | None" = None,
+    progress: Steps | None = None,
+    **options: Any,
+) -> "calibration.Calibration":
+    """Find the observation points of a calibration folder, a campaign that was read, or a simulated one.
+
+    options: fields of `CalibrationSettings`, in place of those of the settings. Raises what `calibration.read_campaign` and
+    `calibration.calibrate` raise; a rig that must not be used is `refused` in the result.
+    """
+    from lmeasure import calibration, simulation
+
+    if isinstance(campaign, simulation.Simulated):
+        campaign = _there(campaign.campaign, "reference_poses")
+    if isinstance(campaign, simulation.Campaign):
+        with tempfile.TemporaryDirectory() as folder:
+            simulation.write_campaign(Path(folder), campaign)
+            campaign = calibration.read_campaign(Path(folder))
+    elif not isinstance(campaign, calibration.Campaign):
+        campaign = calibration.read_campaign(Path(campaign))
+    return calibration.calibrate(campaign, replace(settings or calibration.Settings(), **options), progress)
+
+
+def reconstruct(
+    run: "Run | Alignment | simulation.SimulatedRun | simulation.Simulated | File",
+    constraint: str | None = None,
+    repeatability_mm: float = 0.0,
+    trials: int = 0,
+    seed: int = 0,
+    progress: Steps | None = None,
+    *,
+    rig: "Rig | calibration.Calibration | File | None" = None,
+    covariances: bool = True,
+) -> "trajectory.Trajectory":
+    """The trajectory of a run folder or a run; rig, with its calibration, replaces the run's own. See `trajectory.reconstruct`."""
+    from lmeasure import trajectory
+
+    return trajectory.reconstruct(_run(run, rig), constraint, repeatability_mm, trials, seed, progress, covariances=covariances)
+
+
+def zone(
+    rig: "Rig | calibration.Calibration | File",
+    x: Span,
+    y: Span,
+    z: Span,
+    *,
+    tilt_rad: float = 0.0,
+    tilt_steps: int = 3,
+    rotations: "Rotation | None" = None,
+    scan: "Scan | None" = None,
+    progress: Steps | None = None,
+    **options: Any,
+) -> "xr.Dataset":
+    """The accuracy zone of a rig over a box, with the calibration that it links.
+
+    rotations: all orientations base_from_tool that are tried at each node, in place of tilts by up to tilt_rad about each axis. options:
+    fields of `accuracy.limits.Limits` (`angle_deg=60`, `u95_mm=...`) and of `accuracy.zone.Scan`. See `accuracy.zone.map_zone`.
+    """
+    from dataclasses import fields
+
+    from lmeasure.accuracy.limits import Limits
+    from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
+
+    used, record = _linked(rig)
+    scan = scan or Scan()
+    asked = {f.name: options.pop(f.name) for f in fields(Limits) if f.name in options}
+    scan = replace(scan, limits=replace(scan.limits, **asked), **options)
+    nodes = [axis(*span) if isinstance(span, tuple) else np.asarray(span, dtype=np.float64) for span in (x, y, z)]
+    turned = tilts(tilt_rad, tilt_steps) if rotations is None else rotations
+    return map_zone(used, record, (nodes[0], nodes[1], nodes[2]), turned, scan, progress)
+
+
+def place(
+    rig: Rig | File, task: "Placement | File", seed: int = 0, progress: Steps | None = None, *, generations: int | None = None
+) -> "Placed":
+    """Places for observation and attachment points that make the instrument best at a task. See `accuracy.placement.place`."""
+    from lmeasure.accuracy import placement
+
+    wanted = placement.read_placement(Path(task)) if isinstance(task, Path | str) else task
+    most = placement.GENERATIONS if generations is None else generations
+    return placement.place(_linked(rig)[0], wanted, seed, progress, generations=most)
+
+
+def plan_poses(
+    rig: "Rig | File",
+    settings: "planning.Settings | None" = None,
+    recorded: "calibration.Campaign | File | None" = None,
+    progress: Steps | None = None,
+    *,
+    poses: int = 12,
+    box: Iterable[tuple[float, float]] | None = None,
+    tilt_deg: float = 15.0,
+    **options: Any,
+) -> "planning.Plan":
+    """Which reference poses to measure: settings, or poses, the box [mm] (low and high along x, y, z) in which the tool may be turned by
+    tilt_deg about each axis, and other fields of `calibration.planning.Settings`. See `calibration.planning.plan_poses`."""
+    from lmeasure import calibration
+    from lmeasure.calibration import planning
+    from lmeasure.calibration.reach import Region
+    from lmeasure.errors import CalibrationError
+
+    if settings is None:
+        if box is None:
+            raise CalibrationError("box: say where the robot may go, low and high along x, y, z")
+        low, high = np.array(list(box), dtype=np.float64).T
+        settings = planning.Settings(poses, Region(low, high, math.radians(tilt_deg), np.array([0.0, 0.0, 0.0, 1.0])))
+    if isinstance(recorded, Path | str):
+        recorded = calibration.read_campaign(Path(recorded))
+    return planning.plan_poses(_linked(rig)[0], replace(settings, **options), recorded, progress)
+
+
+def plan_program(
+    low_mm: Iterable[float] | None = None, high_mm: Iterable[float] | None = None, *, zone: File | None = None, **tests: Any
+) -> "TestCampaign":
+    """The test program of ISO 9283 for the largest cube in a box or in a zone file, with its commands.
+
+    tests: fields of `certification.campaign.Tests`. Its `program` is what `evaluate` and `certify` take; it gets its windows from the
+    trajectory's rests, or from `certification.ran`.
+    """
+    from lmeasure.certification.campaign import Tests, campaign
+    from lmeasure.certification.cube import cube_in_zone, largest_cube
+    from lmeasure.errors import CertificationError
+
+    if (zone is None) == (low_mm is None or high_mm is None):
+        raise CertificationError("give the box by low_mm and high_mm, or a zone")
+    cube = largest_cube(list(low_mm or ()), list(high_mm or ())) if zone is None else cube_in_zone(Path(zone))
+    return campaign(cube, Tests(**tests))
+
+
+def simulate(
+    scenario: "simulation.Scenario | Mapping[str, Any] | File | None" = None, *, rig: Rig | None = None, **options: Any
+) -> "simulation.Simulated":
+    """Counts of an instrument along a motion and at reference poses, with the truth beside them.
+
+    scenario: a scenario.toml, or its content; options: keys of it (`seed=1`, `waypoint=[...]`, `reference_poses={"count": 14}`). rig: the
+    true rig, in place of the one that the scenario names.
+    """
+    from lmeasure import simulation
+
+    if isinstance(scenario, Path | str):
+        asked, named = simulation.read_scenario(Path(scenario))
+        asked = asked.model_copy(update=options)
+    else:
+        content = scenario.model_dump(by_alias=True) if isinstance(scenario, simulation.Scenario) else dict(scenario or {})
+        asked, named = simulation.scenario_from_dict({"schema": "lmeasure.scenario/1"} | content | options)
+    return simulation.simulate(asked, rig or named)
+
+
+def read_log(
+    logs: File | Iterable[File], rig: Rig | File, start: FloatArray | None = None, *, bus: str | None = None, progress: Steps | None = None
+) -> Run:
+    """Log files of CAN frames as a run, one for each pass. start (7,): pose at which the counters were zeroed, which stands in no log.
+
+    See `acquisition.import_log.import_logs`; what else the logs held is told by `lmeasure import`.
+    """
+    from lmeasure.acquisition.import_log import import_logs
+
+    used, record = _linked(rig)
+    paths = [Path(log) for log in ([logs] if isinstance(logs, Path | str) else logs)]
+    folder = Path() if isinstance(rig, Rig) else Path(rig).parent
+    return import_logs(paths, used, start, calibration=record, folder=folder, bus=bus, progress=progress).run
+
+
+def evaluate(
+    trajectory: "trajectory.Trajectory | File",
+    program: "Program | File",
+    covariances: "ErrorModel | None" = None,
+    *,
+    run: "Run | simulation.SimulatedRun | simulation.Simulated | File | None" = None,
+    rig: "Rig | calibration.Calibration | File | None" = None,
+    settings: "certification.Settings | None" = None,
+    progress: Steps | None = None,
+    **options: Any,
+) -> "certification.Evaluation":
+    """The characteristics of ISO 9283 of a program in a trajectory, each with U95 and a verdict.
+
+    run, rig: what the trajectory was reconstructed from, for the correlations of its errors; covariances: another model of them. options:
+    fields of `CertificationSettings`. See `certification.evaluate`.
+    """
+    from lmeasure import certification
+    from lmeasure.program import read_program
+    from lmeasure.trajectory import read_trajectory
+
+    chosen = replace(settings or certification.Settings(), **options)
+    poses, told = _read(trajectory, read_trajectory), _read(program, read_program)
+    counted = None if run is None else _run(run, rig)
+    return certification.evaluate(poses, told, covariances, run=counted, settings=chosen, progress=progress)
+
+
+def certify(
+    trajectory: "trajectory.Trajectory | File",
+    program: "Program | File",
+    out: File,
+    *,
+    run: "Run | simulation.SimulatedRun | simulation.Simulated | File | None" = None,
+    rig: "Rig | calibration.Calibration | File | None" = None,
+    details: File | None = None,
+    language: str = "en",
+    key: File | None = None,
+    dcc: bool = False,
+    settings: "certification.Settings | None" = None,
+    progress: Steps | None = None,
+    **options: Any,
+) -> "Certificate":
+    """Write the sealed folder of a certificate: figures, page, PDF and copies of all inputs, objects as the files that hold them.
+
+    run, rig: what the trajectory was reconstructed from, rig if not the run's own; details: of laboratory, customer and item; language: en
+    or ru; key: private key that signs; dcc: a digital calibration certificate too. options: fields of `CertificationSettings`. See
+    `report.certificate.write_certificate`.
+    """
+    from lmeasure import certification
+    from lmeasure.certification.measure import Inputs
+    from lmeasure.certification.sealed import Certificate
+    from lmeasure.program import write_program
+    from lmeasure.report.certificate import Choices, write_certificate
+    from lmeasure.trajectory import write_trajectory
+
+    chosen = replace(settings or certification.Settings(), **options)
+    choices = Choices(language, None if key is None else Path(key), dcc)
+    with tempfile.TemporaryDirectory() as scratch:
+        here = Path(scratch)
+        counted: Path | None = None
+        used: Path | None = None
+        if isinstance(run, Path | str) and (rig is None or isinstance(rig, Path | str)):
+            counted, used = Path(run), None if rig is None else Path(rig)
+        elif run is not None:
+            counted = _written(here / "run", _run(run, rig), write_run)
+        inputs = Inputs(
+            _written(here / "trajectory.parquet", trajectory, write_trajectory),
+            _written(here / "program.toml", program, write_program),
+            counted,
+            used,
+            None if details is None else Path(details),
+        )
+        content = write_certificate(Path(out), inputs, chosen, choices, progress)
+    return Certificate(Path(out), content)
+
+
+def verify(certificate: "Certificate | File", public_key: File | None = None, progress: Steps | None = None) -> "Verification":
+    """Look at every byte of a certificate's folder and compute every figure again; public_key: whose signature it must bear."""
+    from lmeasure.certification.sealed import Certificate
+    from lmeasure.certification.signature import read_public_key
+    from lmeasure.certification.verify import verify
+    from lmeasure.report.certificate import PRINTERS
+
+    folder = certificate.folder if isinstance(certificate, Certificate) else Path(certificate)
+    return verify(folder, None if public_key is None else read_public_key(Path(public_key)), PRINTERS, progress)
+
+
+def plot(what: Any, rig: "Rig | calibration.Calibration | File | None" = None) -> "Figure":
+    """A plotly figure of a rig, poses, counts, lengths, a run, a calibration, a trajectory, a zone, a plan, a placement, a program, an
+    evaluation or a certificate. rig: drawn with a zone or a trajectory."""
+    from lmeasure.report.plots import figure_of
+
+    return figure_of(what, None if rig is None else _linked(rig)[0])
+
+
+def _linked(rig: "Rig | calibration.Calibration | File") -> tuple[Rig, CalibrationRecord | None]:
+    """A rig and its calibration record, if it has one."""
+    if isinstance(rig, Rig):
+        return rig, None
+    if isinstance(rig, Path | str):
+        return read_linked_rig(Path(rig))
+    return rig.rig, rig.record
+
+
+def _run(
+    run: "Run | Alignment | simulation.SimulatedRun | simulation.Simulated | File", rig: "Rig | calibration.Calibration | File | None"
+) -> Any:
+    """A run, that of a simulation, or what was aligned of one; with the rig in place of its own, if one is given."""
+    from lmeasure.simulation import Simulated, SimulatedRun
+
+    found = read_run(Path(run)) if isinstance(run, Path | str) else run
+    if isinstance(found, Simulated):
+        found = _there(found.run, "waypoint")
+    if isinstance(found, SimulatedRun):
+        found = found.run
+    if rig is None:
+        return found
+    used, record = _linked(rig)
+    return replace(found if isinstance(found, Run) else found.run, rig=used, calibration=record)
+
+
+def _there(part: Given | None, key: str) -> Given:
+    """A part of what was simulated."""
+    if part is None:
+        raise LMeasureError(f"the scenario states no {key}: that part was not simulated")
+    return part
+
+
+def _read(given: Given | File, read: Callable[[Path], Given]) -> Given:
+    return read(Path(given)) if isinstance(given, Path | str) else given
+
+
+def _written(path: Path, given: Given | File, write: Callable[[Path, Given], None]) -> Path:
+    """The path of what is in a file, or of the file that an object is written to."""
+    if isinstance(given, Path | str):
+        return Path(given)
+    write(path, given)
+    return path

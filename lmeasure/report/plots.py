@@ -1,0 +1,163 @@
+"""A figure of any noun of the pipeline, for a notebook or a page; `lmeasure.plot` is the way to it."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import xarray as xr
+from plotly.graph_objects import Figure as Figure
+from plotly.subplots import make_subplots
+
+from lmeasure.accuracy.placement import Placed
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration import Calibration
+from lmeasure.calibration.planning import Plan
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.certification import Evaluation
+from lmeasure.certification.sealed import Certificate
+from lmeasure.counts import Counts
+from lmeasure.errors import LMeasureError
+from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.kernels.layout import BASE_XYZ
+from lmeasure.lengths import Lengths
+from lmeasure.poses import Poses
+from lmeasure.program import Program
+from lmeasure.report import html
+from lmeasure.report.calibration import residuals_figure
+from lmeasure.report.zone_html import slices_figure, space_figure
+from lmeasure.rig import Rig
+from lmeasure.run import Run
+from lmeasure.trajectory import Trajectory
+
+HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+STEP_MM = 5.0
+MOST_POINTS = 20_000
+AXES = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
+
+
+def figure_of(what: Any, rig: Rig | None = None) -> go.Figure:
+    """The figure of a noun; rig is drawn with what lies in space. LMeasureError for what is none."""
+    for kind, draw in DRAWN.items():
+        if isinstance(what, kind):
+            return draw(what, rig)
+    known = ", ".join(kind.__name__ for kind in DRAWN)
+    raise LMeasureError(f"{type(what).__name__} is nothing that can be drawn; what can: {known}")
+
+
+def _space() -> go.Figure:
+    figure = go.Figure()
+    figure.update_layout(height=640, margin={"t": 10, "b": 10}, scene=AXES, legend={"x": 0, "y": 1})
+    return figure
+
+
+def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray) -> None:
+    """Observation points, and the cables to the tool at a pose (7,), where they can run."""
+    rows = rig.cable_rows()
+    _, tangent, attachment, _ = wrap_geometry(rows, pose[None, :])
+    for j, cable in enumerate(rig.cable):
+        x, y, z = np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]).T
+        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=f"cable {html.text(cable.name)}")
+    x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
+    names = [html.text(p.name) for p in rig.observation_point]
+    marker = {"size": 5, "color": "black"}
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker=marker, name="observation points")
+
+
+def _add_places(figure: go.Figure, places: FloatArray, names: Sequence[str], title: str) -> None:
+    x, y, z = places.T
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=[html.text(n) for n in names], marker={"size": 4}, name=title)
+
+
+def _rig(rig: Rig, _: Rig | None) -> go.Figure:
+    """The rig with the tool in the origin of the base frame."""
+    figure = _space()
+    _add_rig(figure, rig, HOME)
+    return figure
+
+
+def _poses(poses: Poses, rig: Rig | None) -> go.Figure:
+    figure = _space()
+    if rig is not None:
+        _add_rig(figure, rig, poses.rows[0])
+    _add_places(figure, poses.rows[:, :3], poses.names, "poses")
+    return figure
+
+
+def _trajectory(trajectory: Trajectory, rig: Rig | None) -> go.Figure:
+    """Its way, coloured by the largest standard uncertainty of a coordinate; gaps are gaps."""
+    step = max(1, -(-len(trajectory.poses) // MOST_POINTS))
+    x, y, z = trajectory.poses[::step, :3].T
+    u = 1e3 * trajectory.u[::step, :3].max(axis=1)
+    figure = _space()
+    known = np.flatnonzero(~np.isnan(trajectory.poses).any(axis=1))
+    if rig is not None and len(known):
+        _add_rig(figure, rig, trajectory.poses[known[0]])
+    line = {"width": 5, "color": u, "colorscale": "Viridis", "colorbar": {"title": "u, µm"}}
+    time_s = [f"{t:.6g} s" for t in trajectory.time_s[::step]]
+    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line=line, text=time_s, name="tool origin")
+    return figure
+
+
+def _over_time(passes: Sequence[tuple[FloatArray, Sequence[str], FloatArray]], unit: str) -> go.Figure:
+    """(time, names, values (n, m)) of each pass, one under the other."""
+    figure = make_subplots(len(passes), 1, shared_xaxes=True)
+    for row, (time_s, names, values) in enumerate(passes, 1):
+        step = max(1, -(-len(time_s) // MOST_POINTS))
+        for name, column in zip(names, values.T, strict=True):
+            figure.add_scatter(x=time_s[::step], y=column[::step], mode="lines", name=html.text(name), row=row, col=1)
+        figure.update_yaxes(title_text=unit, row=row, col=1)
+    figure.update_xaxes(title_text="time, s", row=len(passes), col=1)
+    return figure.update_layout(height=max(420, 280 * len(passes)), margin={"t": 20})
+
+
+def _program(program: Program, rig: Rig | None) -> go.Figure:
+    figure = _space()
+    places = np.array([p.position_mm for p in program.pose]).reshape(-1, 3)
+    if rig is not None:
+        _add_rig(figure, rig, HOME if not len(places) else np.array([*places[0], *program.pose[0].quaternion_xyzw]))
+    _add_places(figure, places, [p.name for p in program.pose], "commanded poses")
+    for path in program.path:
+        x, y, z = path.points(STEP_MM).T
+        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=html.text(path.name))
+    return figure
+
+
+def _characteristics(rows: Sequence[dict[str, Any]]) -> go.Figure:
+    """Values with their U95, a panel for each unit; hollow where the instrument is not capable of the figure."""
+    units = list(dict.fromkeys(str(r["unit"]) for r in rows)) or [""]
+    figure = make_subplots(math.ceil(len(units) / 2), min(2, len(units)), subplot_titles=units)
+    for i, unit in enumerate(units):
+        own = [r for r in rows if r["unit"] == unit]
+        labels = [html.text(" ".join(str(r[k]) for k in ("name", "pose", "path", "part") if r.get(k))) for r in own]
+        figure.add_scatter(
+            x=labels,
+            y=[r["value"] for r in own],
+            error_y={"type": "data", "array": [r["u95"] for r in own]},
+            mode="markers",
+            marker={"symbol": ["circle" if r["capable"] else "circle-open" for r in own], "size": 9},
+            showlegend=False,
+            row=i // 2 + 1,
+            col=i % 2 + 1,
+        )
+    return figure.update_layout(height=420 * math.ceil(len(units) / 2), margin={"t": 40})
+
+
+DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
+    Rig: _rig,
+    Poses: _poses,
+    Counts: lambda counts, rig: _over_time([(counts.time_s, counts.channels, counts.recorded)], "counts"),
+    Lengths: lambda lengths, rig: _over_time([(lengths.time_s, lengths.cables, lengths.change_mm)], "change of length, mm"),
+    Run: lambda run, rig: _over_time([(c.time_s, c.channels, c.recorded) for c in run.passes], "counts"),
+    Calibration: lambda calibration, rig: residuals_figure(calibration.record),
+    CalibrationRecord: lambda record, rig: residuals_figure(record),
+    Trajectory: _trajectory,
+    xr.Dataset: lambda zone, rig: slices_figure(zone) if rig is None else space_figure(zone, rig),
+    Plan: lambda plan, rig: _poses(plan.poses, rig),
+    Placed: lambda placed, rig: _rig(placed.rig, None),
+    Program: _program,
+    Evaluation: lambda evaluation, rig: _characteristics([c.as_dict() for c in evaluation.characteristics]),
+    Certificate: lambda certificate, rig: _characteristics(certificate.content["characteristics"]),
+}
+"""How each noun is drawn."""
