@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from lmeasure.poses import Poses, poses_from_rows, read_poses, write_poses
     from lmeasure.program import Program, read_program, write_program
     from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
+    from lmeasure.robots.identify import identify
     from lmeasure.run import Run, read_run, write_run
     from lmeasure.trajectory import PoseCovariances, Trajectory, covariances, read_trajectory, write_trajectory
 
@@ -65,6 +66,7 @@ __all__ = [
     "certify",
     "covariances",
     "evaluate",
+    "identify",
     "lengths_from_counts",
     "limit_from_accuracy",
     "place",
@@ -179,6 +181,7 @@ _HOMES = {
         "rig_from_dict",
         "write_rig",
     ),
+    "robots.identify": ("identify",),
     "run": (
         "Run",
         "read_run",

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol, Self
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class RobotModel(Protocol):
         ...
 
     @property
-    def sliding(self) -> FloatArray:
+    def sliding(self) -> BoolArray:
         """(n,) whether a joint's value is a length."""
         ...
 
@@ -60,8 +60,11 @@ class RobotModel(Protocol):
         """(N, 7) base_from_flange at joint values (N, n)."""
         ...
 
-    def derivatives(self, joints: FloatArray, side: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, n, 6) by joint values and (N, p, 6) by parameters."""
+    def derivatives(
+        self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, n, 6) by joint values and (N, p, 6) by the parameters of
+        these indices, by default all."""
         ...
 
     def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:

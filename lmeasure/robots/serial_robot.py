@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.robots.inverse import solutions
 from lmeasure.robots.model import Parameter
 from lmeasure.robots.serial import ALPHA, BETA, OFFSET, A, D, SerialArm
@@ -110,13 +110,18 @@ class SerialRobot:
         """(N, 7) base_from_flange at joint values (N, n)."""
         return replace(self.arm, tool=_HERE).forward(self._effective(joints, self._basis(joints, side)))
 
-    def derivatives(self, joints: FloatArray, side: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, n, 6) by joint values and (N, p, 6) by parameters."""
+    def derivatives(
+        self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, n, 6) by joint values and (N, p, 6) by the parameters of
+        these indices, by default all."""
         basis = self._basis(joints, side)
         poses, of_links = self.arm.twists(self._effective(joints, basis))
         of_joints = self.arm.joint_twists(of_links)
-        i, column = np.array(self._links).T
-        j, term = np.array(self._terms).T
+        links, terms = np.array(self._links), np.array(self._terms)
+        if of is not None:
+            links, terms = links[of[of < len(links)]], terms[of[of >= len(links)] - len(links)]
+        (i, column), (j, term) = links.reshape(-1, 2).T, terms.reshape(-1, 2).T
         of_terms = of_joints[:, j] * basis[:, j, term, None]
         by_parameters = np.concatenate([of_links[:, i, column], of_terms], axis=1)
         return poses, of_joints * self._gain(joints)[..., None], by_parameters

@@ -37,6 +37,7 @@ COMMANDS = {
     "view": "Open a recording in the rerun viewer: the rig in space, and every figure over time.",
     "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
     "program": "Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads.",
+    "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
     "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
     "demo": "Calibrate, record, reconstruct and map a simulated cell over a virtual CAN bus, and compare with the truth.",
 }

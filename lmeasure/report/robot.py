@@ -1,0 +1,158 @@
+"""The page of an identification: what must be known first, errors before and after, by joint and in space, and the values."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.report import html
+from lmeasure.robots.identify import Identified
+from lmeasure.robots.serial_robot import SerialRobot
+
+ARROWS = 0.1
+"""Of the measured places' extent: length at which the largest error is drawn."""
+
+
+def write_robot_page(path: Path, found: Identified[SerialRobot], record: dict[str, Any]) -> None:
+    """Write a self-contained HTML page of the identification, whole or not at all."""
+    used = found.kept & found.rows.placed
+    before, after = found.nominal_errors_mm()[used], found.errors_mm()[used]
+    body = [html.paragraph(f"{w['code']}: {w['text']}", "warning") for w in record["warnings"]]
+    body += _figures(record, before, after)
+    body += _curve(record["learning_curve"])
+    if used.any():
+        body += _errors(found.rows.position[used], before, after, with_code=not record["learning_curve"])
+        body += _by_joint(found, np.flatnonzero(used), after)
+    body += _worth(record["worth_freeing"])
+    if record["unobservable"]:
+        texts = "".join(f"<li>{html.text(u['text'])}</li>" for u in record["unobservable"])
+        body += [html.heading("What the measurements cannot tell"), f"<ul>{texts}</ul>"]
+    body += [html.heading("Values"), html.table(("value", "result", "nominal", "u", "unit", "determined"), _rows(record["parameters"]))]
+    body += [html.heading("Inputs"), html.table(("file", "SHA-256"), ((i["file"], i["sha256"]) for i in record["inputs"]))]
+    html.write_page(path, f"Identification of robot {record['robot']}", body)
+
+
+def _figures(record: dict[str, Any], before: FloatArray, after: FloatArray) -> list[str]:
+    rows = [(said, *_mean_and_worst(errors)) for said, errors in (("nominal robot", before), ("identified robot", after)) if len(errors)]
+    held = record["held_out"]
+    if held is not None:
+        rows.append(("identified robot, at rows held out", f"{held['mean_mm']:.4f}", f"{held['max_mm']:.4f}"))
+    parts = [html.table(("errors [mm]", "mean", "worst"), rows)]
+    noise = f"Robot and instrument scatter by {record['noise']['position_mm']:.4f} mm, one standard deviation of each coordinate, "
+    parts.append(html.paragraph(noise + "beyond what is stated of the instrument."))
+    if held is not None:
+        parts.append(
+            html.paragraph(f"{100 * held['within_u95']:.1f} % of the rows held out lie within the u95 that was predicted for them.")
+        )
+    return parts
+
+
+def _mean_and_worst(errors: FloatArray) -> tuple[str, str]:
+    size = np.linalg.norm(errors, axis=1)
+    return f"{size.mean():.4f}", f"{size.max():.4f}"
+
+
+def _curve(curve: Sequence[dict[str, Any]]) -> list[str]:
+    if not curve:
+        return []
+    n = [c["rows"] for c in curve]
+    figure = go.Figure()
+    for key, name in (("mean_mm", "median of random sets"), ("least_mm", "best set"), ("largest_mm", "worst set")):
+        figure.add_scatter(x=n, y=[c[key] for c in curve], mode="lines+markers", name=name)
+    figure.update_layout(xaxis_title="rows", yaxis_title="mean error at rows left out [mm]", xaxis_type="log")
+    # the first figure of the page brings plotly along
+    return [html.heading("Error against number of rows"), figure.to_html(full_html=False, include_plotlyjs=True)]
+
+
+def _errors(places: FloatArray, before: FloatArray, after: FloatArray, *, with_code: bool) -> list[str]:
+    space = go.Figure()
+    extent = float(np.ptp(places, axis=0).max())
+    size = ARROWS * extent / max(float(np.linalg.norm(before, axis=1).max()), 1e-9)
+    for errors, name in ((before, "nominal"), (after, "identified")):
+        ends = places + size * errors
+        line = np.stack([places, ends, np.full_like(places, np.nan)], axis=1).reshape(-1, 3)
+        space.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=name)
+    space.update_layout(scene={"aspectmode": "data", "xaxis_title": "x [mm]", "yaxis_title": "y [mm]", "zaxis_title": "z [mm]"})
+    spread = go.Figure()
+    for errors, name in ((before, "nominal"), (after, "identified")):
+        spread.add_histogram(x=np.linalg.norm(errors, axis=1), name=name, opacity=0.6)
+    spread.update_layout(barmode="overlay", xaxis_title="error [mm]", yaxis_title="rows")
+    return [
+        html.heading("Errors in space"),
+        html.paragraph(f"Measured less predicted places, {size:.3g} times enlarged, before and after."),
+        space.to_html(full_html=False, include_plotlyjs=with_code),
+        html.heading("Histogram"),
+        spread.to_html(full_html=False, include_plotlyjs=False),
+    ]
+
+
+def _by_joint(found: Identified[SerialRobot], rows: Any, after: FloatArray) -> list[str]:
+    """Residuals across each joint's own direction of motion, against its value: what a joint does wrong shows as a wave."""
+    of = found.rows.of(rows)
+    state = found.state
+    _, by_joints, _ = state.robot.derivatives(of.joints, of.side)
+    places = se3.apply(state.robot.forward(of.joints, of.side), state.targets[of.target_of, :3])
+    moves = (by_joints[..., 3:] + np.cross(by_joints[..., :3], places[:, None])) @ se3.matrices(state.base).T
+    figure, mean = go.Figure(), []
+    for i, name in enumerate(found.nominal.joint_names):
+        reach = np.linalg.norm(moves[:, i], axis=1)
+        along = (after * moves[:, i]).sum(axis=1) / np.maximum(reach, 1e-9)
+        value = of.joints[:, i] if found.nominal.sliding[i] else np.degrees(of.joints[:, i])
+        figure.add_scatter(x=value, y=along, mode="markers", name=html.text(name), marker={"size": 4})
+        mean.append((name, f"{np.sqrt(np.mean(along**2)):.4f}", f"{reach.mean():.0f}"))
+    figure.update_layout(xaxis_title="joint value [deg or mm]", yaxis_title="residual along the joint's motion [mm]")
+    return [
+        html.heading("Residuals against joint values"),
+        html.paragraph("The part of each residual along the way on which the joint moves the target."),
+        figure.to_html(full_html=False, include_plotlyjs=False),
+        html.table(("joint", "rms along its motion [mm]", "target's distance from it, mean [mm, or 1]"), mean),
+    ]
+
+
+def _worth(worth: Sequence[dict[str, Any]]) -> list[str]:
+    if not worth:
+        return []
+    rows = [
+        (
+            w["family"],
+            "yes" if w["freed"] else "no",
+            w["parameters"],
+            f"{w['drop']:.4g}",
+            f"{w['chance']:.2g}",
+            f"{w['bic']:+.4g}",
+            _worthy(w),
+        )
+        for w in worth
+    ]
+    head = (
+        "family",
+        "freed",
+        "directions determined",
+        "chi-squared it explains",
+        "by chance",
+        "change of Schwarz's criterion",
+        "worth freeing",
+    )
+    return [html.heading("Which parameters are worth freeing"), html.table(head, rows)]
+
+
+def _worthy(w: dict[str, Any]) -> str:
+    return "yes" if w["bic"] < 0.0 else "no"
+
+
+def _rows(parameters: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
+    return [
+        (
+            p["name"],
+            f"{p['value']:.4f}",
+            "" if p["nominal"] is None else f"{p['nominal']:.4f}",
+            f"{p['u']:.3g}",
+            p["unit"],
+            "yes" if p["determined"] else "no",
+        )
+        for p in parameters
+    ]

@@ -1,0 +1,140 @@
+"""What an identification leaves behind: its record, the corrected robot, and predictions as files have them."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lmeasure import files
+from lmeasure.arrays import FloatArray
+from lmeasure.robots.identify import Finding, Identified, Prediction
+from lmeasure.robots.judged import HeldOut, Worth
+from lmeasure.robots.robot import Place, Robot
+from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.told import determined, silent_directions, unknown_frames
+
+SCHEMA = "lmeasure.identified/1"
+
+
+def record(
+    found: Identified[SerialRobot],
+    inputs: Sequence[Path],
+    held: HeldOut | None,
+    curve: Sequence[tuple[int, float, float, float]],
+    worth: Sequence[Worth],
+    findings: Sequence[Finding],
+) -> dict[str, Any]:
+    """The content of identified.json. Values of `base.r..` and `tool.r..` are rotation vectors, their uncertainties those of a small turn
+    about the axes of the frame that the pose leads to."""
+    fit, state = found.fit, found.state
+    unknowns = fit.problem.unknowns
+    u = np.sqrt(np.diag(fit.covariance))
+    nominal = {p.name: p.value for p in found.nominal.parameters}
+    units = {p.name: p.unit for p in found.nominal.parameters}
+    told = determined(fit)
+    parameters = [
+        {
+            "name": name,
+            "value": float(value),
+            "nominal": nominal.get(name),
+            "u": float(u[i]),
+            "unit": units.get(name, "deg" if name.endswith("_deg") else "mm"),
+            "prior_u": float(fit.problem.width[i]) if name in nominal else None,
+            "determined": bool(told[i]),
+        }
+        for i, (name, value) in enumerate(zip(unknowns.names, unknowns.values(fit.x), strict=True))
+    ]
+    silent = [*silent_directions(fit), *unknown_frames(fit)]
+    targets = {
+        name: _pose(state.targets[i]) | {"oriented": bool(unknowns.turned[i])}
+        for i, name in enumerate(found.rows.targets)
+        if unknowns.target_at[i].stop > unknowns.target_at[i].start
+    }
+    return {
+        "schema": SCHEMA,
+        "robot": found.nominal.name,
+        "parameters": parameters,
+        "covariance": fit.covariance.tolist(),
+        "base": _pose(state.base),
+        "tool": next(iter(targets.values()), _pose(state.targets[0])),
+        "targets": targets,
+        "stations": dict(zip(found.rows.stations, state.stations.tolist(), strict=True)),
+        "noise": {"position_mm": found.noise.position_mm, "rotation_deg": _rotation_noise(found)},
+        "equations": fit.equations,
+        "freedom": fit.freedom,
+        "unobservable": [{"direction": s.direction, "text": s.text} for s in silent],
+        "residuals": _residuals(found),
+        "held_out": None if held is None else _held_out(held),
+        "learning_curve": [{"rows": n, "mean_mm": m, "least_mm": a, "largest_mm": b} for n, m, a, b in curve],
+        "worth_freeing": [w.__dict__ for w in worth],
+        "warnings": [{"code": f.code, "of": f.of, "value": f.value, "text": f.text} for f in findings],
+        "inputs": [{"file": str(path), "sha256": files.sha256(path)} for path in inputs],
+    }
+
+
+def write_record(path: Path, content: dict[str, Any]) -> None:
+    """Write identified.json, whole or not at all."""
+    files.write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def corrected(robot: Robot, found: Identified[SerialRobot]) -> Robot:
+    """The robot with the values that were found, and its first target as its tool."""
+    values = {p.name: p.value for p in found.state.robot.parameters}
+    names = {p.name for p in found.fit.problem.unknowns.own}
+    with_values = robot.with_values({name: value for name, value in values.items() if name in names})
+    return with_values.model_copy(update={"tool": _place(found.state.targets[0])})
+
+
+def prediction_columns(names: Sequence[str], predicted: Prediction) -> dict[str, Any]:
+    """Columns of predictions.csv."""
+    place = dict(zip(("x_mm", "y_mm", "z_mm"), predicted.pose[:, :3].T, strict=True))
+    return {"name": list(names), **place, "u95_mm": predicted.u95_mm}
+
+
+def summary(found: Identified[SerialRobot], held: HeldOut | None, findings: Sequence[Finding]) -> list[str]:
+    """What a person is told, line by line."""
+    before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
+    lines = []
+    if len(after):
+        lines.append(f"{found.kept.sum()} rows; errors {before.mean():.4f} mm before, {after.mean():.4f} after, in the mean")
+    told = determined(found.fit)[: len(found.fit.problem.unknowns.own)]
+    lines.append(f"{told.sum()} of {len(told)} parameters determined by the measurements, the others held by their nominal values")
+    u_noise = found.noise.position_mm
+    lines.append(f"robot{'' if found.rows.stated[0] else ' and instrument'}: {u_noise:.4f} mm (one standard deviation of each coordinate)")
+    if held is not None:
+        error = held.error_mm
+        said = f"{error.mean():.4f} mm in the mean, {error.max():.4f} at worst, {100 * held.within:.1f} % within their u95"
+        lines.append(f"rows held out: {said}")
+    return [*lines, *(f"warning {f.code}: {f.text}" for f in findings)]
+
+
+def _rotation_noise(found: Identified[SerialRobot]) -> float | None:
+    return float(np.degrees(found.noise.rotation_rad)) if found.rows.oriented.any() else None
+
+
+def _residuals(found: Identified[SerialRobot]) -> list[dict[str, Any]]:
+    rows, errors = found.rows, found.errors_mm()
+    lengths = found.fit.problem.unknowns.residuals(found.fit.x, rows)[:, 3]
+    out = []
+    for i, name in enumerate(rows.names):
+        one: dict[str, Any] = {"name": name, "target": rows.targets[rows.target_of[i]], "used": bool(found.kept[i])}
+        one |= {"mm": errors[i].tolist()} if rows.placed[i] else {"length_mm": float(lengths[i])}
+        out.append(one)
+    return out
+
+
+def _held_out(held: HeldOut) -> dict[str, float]:
+    error = held.error_mm
+    rms = float(np.sqrt(np.mean(error**2)))
+    return {"mean_mm": float(error.mean()), "rms_mm": rms, "max_mm": float(error.max()), "within_u95": held.within}
+
+
+def _pose(row: FloatArray) -> dict[str, Any]:
+    return {"position_mm": [float(v) for v in row[:3]], "quaternion_xyzw": [float(v) for v in row[3:]]}
+
+
+def _place(row: FloatArray) -> Place:
+    p, q = row[:3], row[3:] / np.linalg.norm(row[3:])
+    return Place(position_mm=(float(p[0]), float(p[1]), float(p[2])), quaternion_xyzw=(float(q[0]), float(q[1]), float(q[2]), float(q[3])))

@@ -1,0 +1,248 @@
+"""Identification: what is wrong with a robot, from joint values and what an instrument measured at them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic
+
+import numpy as np
+from scipy.stats import chi2, t
+
+from lmeasure import se3
+from lmeasure.accuracy.radius import radii_95
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.errors import RobotError
+from lmeasure.robots.frame_start import find_frames
+from lmeasure.robots.measurements import POSITION, Measurements, measured, repeated
+from lmeasure.robots.problem import LEAST_MM, Fit, Noise, Problem, with_noise
+from lmeasure.robots.unknowns import R, State, Unknowns
+
+OUTLYING = 1e-6
+"""Probability, over all rows, with which a row of Gaussian errors would be taken for an outlier."""
+OUTLIER_ROUNDS = 12
+ENOUGH = 30
+"""Rows from which on it is told in which directions errors lie."""
+LINKS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
+ONCE, TWICE = ("sin1_deg", "cos1_deg", "sin1_mm", "cos1_mm"), ("sin2_deg", "cos2_deg", "sin2_mm", "cos2_mm")
+FAMILIES: dict[str, tuple[str, ...]] = {
+    "links": LINKS,
+    "once": ONCE,
+    "twice": TWICE,
+    "scale": ("scale",),
+    "stiffness": ("compliance_deg_per_nm", "compliance_mm_per_n"),
+    "backlash": ("backlash_deg", "backlash_mm"),
+}
+"""What may be freed, by the ends of the parameters' names; a parameter of none of them is freed with the links."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is to be known of the data, one line: code as in files, and what it is of, if anything."""
+
+    code: str
+    text: str
+    of: str = ""
+    value: float | None = None
+
+
+@dataclass(frozen=True)
+class Settings:
+    """free: families of parameters, see `FAMILIES`; outliers: whether rows that the others contradict are set aside; seed: of starts."""
+
+    free: tuple[str, ...] = ("links",)
+    outliers: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Identified(Generic[R]):
+    """What was found. rows: as used, with `kept` of them not set aside; findings: in the order in which they were made."""
+
+    nominal: R
+    fit: Fit[R]
+    rows: Measurements
+    kept: BoolArray
+    findings: tuple[Finding, ...]
+    nominal_state: State[R]
+    """The frames that fit best with the nominal robot."""
+    settings: Settings
+    state: State[R] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state", self.fit.problem.unknowns.state(self.fit.x))
+
+    @property
+    def noise(self) -> Noise:
+        """What the robot itself adds."""
+        return self.fit.problem.noise
+
+    @property
+    def shape(self) -> FloatArray:
+        """(3, 3) how errors of places lie in the instrument's frame, of trace 3: robots err more about some axes than about others."""
+        errors = self.errors_mm()[self.kept & self.rows.placed]
+        if len(errors) < ENOUGH:
+            return np.eye(3)
+        spread = errors.T @ errors
+        return np.asarray(3.0 * spread / np.trace(spread))
+
+    def errors_mm(self) -> FloatArray:
+        """(N, 3) measured less predicted places of all rows [mm, instrument's frame], NaN where none was measured."""
+        return np.asarray(self.rows.position - self.state.predicted(self.rows)[:, :3])
+
+    def nominal_errors_mm(self) -> FloatArray:
+        """(N, 3) the same of the nominal robot, with the frames that fit it best."""
+        return np.asarray(self.rows.position - self.nominal_state.predicted(self.rows)[:, :3])
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """pose (N, 7) instrument_from_target [mm]; covariance (N, 3, 3) [mm^2] of a new measurement's place less that; u95_mm (N,): radius
+    that holds 95 % of such differences."""
+
+    pose: FloatArray
+    covariance: FloatArray
+    u95_mm: FloatArray
+
+
+def freed(robot: R, families: Sequence[str]) -> IntArray:
+    """Indices of the robot's parameters in the families; RobotError names an unknown one, and those known."""
+    unknown = [f for f in families if f not in (*FAMILIES, "harmonics")]
+    if unknown:
+        raise RobotError(f"{unknown[0]!r} is nothing that can be freed; known: {', '.join((*FAMILIES, 'harmonics'))}")
+    wanted = set(families) | ({"once", "twice"} if "harmonics" in families else set())
+    return np.array([i for i, p in enumerate(robot.parameters) if family(p.name) in wanted], dtype=np.int64)
+
+
+def family(name: str) -> str:
+    """Of a parameter, by its name."""
+    key = name.rsplit(".", 1)[-1]
+    return next((f for f, ends in FAMILIES.items() if key in ends), "links")
+
+
+def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> Identified[R]:
+    """Find the robot's parameters with the frames it stands and is measured in, of which nothing need be known.
+
+    RobotError where there are too few rows to find where the robot stands. What the rows cannot tell keeps its nominal value and the
+    uncertainty of that.
+    """
+    settings = settings or Settings()
+    kept = np.ones(len(rows), np.bool_)
+    findings = list(_copies(rows, kept)) + list(_beyond_limits(robot, rows))
+    frames = find_frames(robot.forward(rows.joints, rows.side), rows, settings.seed)
+    unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows)
+    begin = Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
+    used = kept & ~far(frames.used, rows)
+    fit = with_noise(Problem(unknowns, rows.of(np.flatnonzero(used)), begin), np.zeros(len(unknowns)))
+    if settings.outliers:
+        fit, used = _without_outliers(fit, rows, kept)
+    findings += _outlying(fit, rows, kept, used)
+    nominal = State(robot, frames.base, frames.targets, frames.stations)
+    return Identified(robot, fit, rows, used, tuple(findings), nominal, settings)
+
+
+def far(near: BoolArray, rows: Measurements) -> BoolArray:
+    """Rows that the start has left out because they lie far from where the nominal robot could have been."""
+    return np.asarray(rows.placed & ~near)
+
+
+def predict(
+    found: Identified[R],
+    joints: FloatArray,
+    target: IntArray | None = None,
+    side: FloatArray | None = None,
+    u_position_mm: float | None = None,
+) -> Prediction:
+    """Where a target will be measured at joint values (M, n), with the radius that holds 95 % of new measurements there.
+
+    The uncertainty is that of the identification, of the robot itself, and of the instrument: u_position_mm of each coordinate, by
+    default the median of what the measurements state. target (M,): numbers of targets, by default the first.
+    """
+    rows = measured(joints, side=np.zeros_like(joints) if side is None else side)
+    rows = replace(
+        rows, targets=found.rows.targets, target_of=rows.target_of if target is None else target, position=np.zeros((len(rows), 3))
+    )
+    unknowns, fit = found.fit.problem.unknowns, found.fit
+    _, jacobian = unknowns.linearised(fit.x, rows)
+    jacobian = (jacobian * unknowns.size)[:, POSITION]
+    instrument = float(np.median(np.einsum("nii->ni", found.rows.covariance)[:, POSITION])) if u_position_mm is None else u_position_mm**2
+    own = found.noise.position_mm**2 * found.shape + instrument * np.eye(3)
+    covariance = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) + own
+    # the noise is known from as many degrees of freedom as the residuals leave
+    wider = float(t.ppf(0.975, fit.freedom) / t.ppf(0.975, np.inf)) if not found.rows.stated[0] else 1.0
+    return Prediction(found.state.predicted(rows), covariance, wider * radii_95(covariance))
+
+
+def _copies(rows: Measurements, kept: BoolArray) -> list[Finding]:
+    out = []
+    for row, earlier in repeated(rows):
+        kept[row] = False
+        out.append(Finding("duplicate", f"row {rows.names[row]}: the copy of row {rows.names[earlier]}, and used once", rows.names[row]))
+    return out
+
+
+def _beyond_limits(robot: R, rows: Measurements) -> list[Finding]:
+    low, high = robot.limits
+    beyond = (rows.joints < low - 1e-9) | (rows.joints > high + 1e-9)
+    out = []
+    for j in np.flatnonzero(beyond.any(axis=0)):
+        row = int(np.argmax(beyond[:, j]))
+        value, unit = (rows.joints[row, j], "mm") if robot.sliding[j] else (np.degrees(rows.joints[row, j]), "deg")
+        count = int(beyond[:, j].sum())
+        text = f"{robot.joint_names[j]}: {count} rows lie beyond its limits, the first {rows.names[row]} at {value:.6g} {unit}"
+        out.append(Finding("limits", text, robot.joint_names[j], float(value)))
+    return out
+
+
+def _distances(fit: Fit[R], rows: Measurements) -> tuple[FloatArray, IntArray]:
+    """(N,) squared distance of each row's residual from nothing in its own covariance, that of the prediction included or taken off by
+    whether the row has made it, and how many components it has."""
+    problem = fit.problem
+    residuals, jacobian = problem.unknowns.linearised(fit.x, rows)
+    jacobian = jacobian * problem.unknowns.size
+    known = rows.known
+    covariance = replace(problem, rows=rows).covariance
+    explained = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2)
+    inside = set(problem.rows.names) if len(set(rows.names)) == len(rows.names) else set()
+    sign = np.array([-1.0 if name in inside else 1.0 for name in rows.names])[:, None, None]
+    spread = covariance + sign * explained * (known[:, :, None] & known[:, None, :])
+    # a row that alone determines something leaves no residual to judge it by
+    value, vector = np.linalg.eigh(spread)
+    floor = 1e-3 * np.einsum("nii->ni", covariance).min(axis=1)[:, None]
+    white = np.einsum("nji,nj->ni", vector, residuals) / np.sqrt(np.maximum(value, floor))
+    return np.asarray((white**2).sum(axis=1)), np.asarray(known.sum(axis=1))
+
+
+def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray) -> tuple[Fit[R], BoolArray]:
+    """The fit with rows set aside that the others contradict, and which are used: begun with those nearest, then let in as they fit.
+
+    Distances are judged by their median, which half of the rows may spoil.
+    """
+    used = kept.copy()
+    for _ in range(OUTLIER_ROUNDS):
+        square, components = _distances(fit, rows)
+        normal = chi2.ppf(0.5, np.arange(1, 7))[np.maximum(components, 1) - 1]
+        counted = kept & (components > 0)
+        scale = max(1.0, float(np.median((square / normal)[counted]))) if fit.equations > 1.5 * len(fit.theta) else 1.0
+        limit = chi2.isf(OUTLYING / len(rows), np.maximum(components, 1)) * scale
+        now = kept & ((square <= limit) | (components == 0))
+        if (now == used).all() and len(fit.problem.rows) == now.sum():
+            break
+        used = now
+        fit = with_noise(replace(fit.problem, rows=rows.of(np.flatnonzero(used))), fit.theta)
+    return fit, used
+
+
+def _outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> list[Finding]:
+    out = []
+    predicted = fit.problem.unknowns.state(fit.x).predicted(rows)
+    for row in np.flatnonzero(kept & ~used):
+        if rows.placed[row]:
+            off = float(np.linalg.norm(rows.position[row] - predicted[row, :3]))
+            said = f"was measured {off:.3g} mm from where the others put it"
+            if rows.oriented[row]:
+                turned = se3.between(predicted[row], np.concatenate([rows.position[row], rows.quaternion[row]]))
+                said += f", turned by {np.degrees(se3.rotation(turned).magnitude()):.3g} deg"
+        else:
+            off = float(np.abs(fit.problem.unknowns.residuals(fit.x, rows)[row]).max())
+            said = f"its length is {off:.3g} mm from what the others say"
+        out.append(Finding("outlier", f"row {rows.names[row]}: {said}; it is set aside", rows.names[row], off))
+    return out

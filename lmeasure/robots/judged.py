@@ -1,0 +1,157 @@
+"""How good an identification is where it was not made: rows held out, error against number of rows, and what was worth freeing."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.robots.frame_start import Frames
+from lmeasure.robots.identify import FAMILIES, Identified, family, predict
+from lmeasure.robots.problem import Fit, Problem, with_noise
+from lmeasure.robots.unknowns import R, Unknowns
+
+FOLDS = 5
+SIZES = (15, 20, 30, 45, 60, 100, 160, 320, 640)
+DRAWS = 5
+JUDGES = 200
+"""Rows left out by which one identification of the learning curve is judged, at most."""
+MOST_ROWS = 500
+"""Of all draws of one size together."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors (k,) [mm] and u95 (k,) at rows (k,) that were held out in turn."""
+
+    rows: IntArray
+    error_mm: FloatArray
+    u95_mm: FloatArray
+
+    @property
+    def within(self) -> float:
+        """Part of the errors within their u95."""
+        return float(np.mean(self.error_mm <= self.u95_mm))
+
+
+@dataclass(frozen=True)
+class Worth:
+    """A family of parameters: whether it was freed, how many of them, by how much chi-squared falls with it, the probability of so much by
+    chance, and by how much Akaike's and Schwarz's criteria change with it: below 0 it is worth freeing."""
+
+    family: str
+    freed: bool
+    parameters: int
+    drop: float
+    chance: float
+    aic: float
+    bic: float
+
+
+def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut | None:
+    """Each fold of the rows with positions predicted by an identification from the others; None where they are too few."""
+    rows = np.flatnonzero(found.kept & found.rows.placed)
+    order = np.random.default_rng(seed).permutation(rows)
+    parts = np.array_split(order, folds)
+    other = np.flatnonzero(found.kept & ~found.rows.placed)
+    least = found.fit.equations * (1.0 - 1.0 / folds)
+    if len(rows) < 2 * folds or least < _unknown(found.fit) + 6:
+        return None
+    errors, radii = np.empty(len(order)), np.empty(len(order))
+    place = {int(row): i for i, row in enumerate(order)}
+    for part in parts:
+        again = _refitted(found, np.sort(np.concatenate([np.setdiff1d(order, part), other])))
+        error, radius = _errors(again, part)
+        at = [place[int(row)] for row in part]
+        errors[at], radii[at] = error, radius
+    return HeldOut(order, errors, radii)
+
+
+def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float, float, float]]:
+    """(rows, median, least and largest mean error [mm] at the rows left out) for random sets of growing numbers."""
+    rows = np.flatnonzero(found.kept & found.rows.placed)
+    rng = np.random.default_rng(seed)
+    out = []
+    for size in SIZES:
+        if 3 * size < _unknown(found.fit) + 6 or size > 0.7 * len(rows):
+            continue
+        means = []
+        for _ in range(min(DRAWS, max(1, MOST_ROWS // size))):
+            order = rng.permutation(rows)
+            again = _refitted(found, np.sort(order[:size]))
+            means.append(float(_errors(again, order[size : size + JUDGES])[0].mean()))
+        out.append((size, float(np.median(means)), min(means), max(means)))
+    return out
+
+
+def worth_freeing(found: Identified[R]) -> list[Worth]:
+    """Every family of the robot's parameters: those freed by what they explain, the others by what they would (a score test)."""
+    fit = found.fit
+    every = found.nominal.parameters
+    wide = Unknowns(found.nominal, np.arange(len(every)), _frames(fit), fit.problem.rows)
+    inside = {p.name: i for i, p in enumerate(fit.problem.unknowns.own)}
+    theta = np.zeros(len(wide))
+    for i, p in enumerate(every):
+        if p.name in inside:
+            theta[i] = fit.theta[inside[p.name]]
+    frames = len(fit.theta) - len(inside)
+    theta[len(every) :] = fit.theta[len(inside) :] if frames else theta[len(every) :]
+    problem = Problem(wide, fit.problem.rows, fit.problem.noise)
+    residuals, jacobian = problem.whitened(problem.linearised(theta))
+    prior = 1.0 / (wide.width / wide.size) ** 2
+    now = np.array([p.name in inside for p in every] + [True] * frames)
+    out = []
+    for name in FAMILIES:
+        of = np.zeros(len(wide), np.bool_)
+        of[: len(every)] = [family(p.name) == name for p in every]
+        of &= np.abs(jacobian).max(axis=0) > 0.0
+        if not of.any():
+            continue
+        freed = bool(now[of].any())
+        full, less = (now | of), (now & ~of)
+        # at the optimum of the freed ones, the others at their nominal values
+        target = residuals + jacobian[:, now] @ theta[now]
+        drop = _left(jacobian[:, less], target, prior[less]) - _left(jacobian[:, full], target, prior[full])
+        count = _determined(jacobian, prior, full) - _determined(jacobian, prior, less)
+        if count < 1:
+            continue
+        n = len(residuals)
+        out.append(Worth(name, freed, count, drop, float(chi2.sf(drop, count)), 2.0 * count - drop, count * math.log(n) - drop))
+    return out
+
+
+def _left(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> float:
+    """Chi-squared that is left of a target by least squares with priors about nothing."""
+    normal = jacobian.T @ jacobian + np.diag(prior)
+    pull = jacobian.T @ target
+    return float(target @ target - pull @ np.linalg.solve(normal, pull))
+
+
+def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> int:
+    """How many directions the rows determine among these unknowns."""
+    white = jacobian[:, which] / np.sqrt(prior[which])
+    return int((np.linalg.eigvalsh(white.T @ white) > 1.0).sum())
+
+
+def _unknown(fit: Fit[R]) -> float:
+    return fit.equations - fit.freedom
+
+
+def _refitted(found: Identified[R], rows: IntArray) -> Identified[R]:
+    fit = with_noise(replace(found.fit.problem, rows=found.rows.of(rows)), found.fit.theta)
+    kept = np.zeros(len(found.rows), np.bool_)
+    kept[rows] = True
+    return replace(found, fit=fit, kept=kept)
+
+
+def _errors(found: Identified[R], rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) distances of measured from predicted places and their u95."""
+    of = found.rows.of(rows)
+    predicted = predict(found, of.joints, of.target_of, of.side)
+    return np.linalg.norm(of.position - predicted.pose[:, :3], axis=1), predicted.u95_mm
+
+
+def _frames(fit: Fit[R]) -> Frames:
+    start = fit.problem.unknowns.start
+    return Frames(start.base, start.targets, start.stations, 0.0, np.ones(len(fit.problem.rows), np.bool_))

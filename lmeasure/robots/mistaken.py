@@ -1,0 +1,196 @@
+"""Slips in what is taken for known: a joint that counts the other way, degrees for radians, joints swapped, metres for millimetres.
+
+A robot that is only built inexactly fits its measurements to some millimetres as soon as it is known where it stands. Where it does not,
+each slip that people make is tried: the frames are found again (`frame_start`), and a slip is named where undoing it makes the misfit
+several times smaller. Two slips are found one after the other.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray
+from lmeasure.errors import RobotError
+from lmeasure.robots.frame_start import find_frames
+from lmeasure.robots.identify import Finding
+from lmeasure.robots.inverse import reach_mm
+from lmeasure.robots.measurements import Measurements, sides
+from lmeasure.robots.robot import Revolute, Robot
+
+SUSPECT_MM, SUSPECT_PART = 8.0, 0.004
+"""Misfit, absolutely and in parts of how far the measured places spread, from which slips are looked for."""
+CURES = 4.0
+"""Times by which the misfit must shrink for a slip to be named, while one is looked for."""
+MOST = 3
+SMALLEST_MM, LARGEST_MM = 50.0, 30_000.0
+"""How far robots reach."""
+SPREAD = 0.003, 2.0
+"""Of measured places, in parts of the reach: what a robot can do."""
+ENOUGH = 80
+"""Rows that are tried; more tell nothing more about a slip."""
+_Slip = Callable[[Robot, Measurements], tuple[Robot, Measurements]]
+
+
+@dataclass(frozen=True)
+class Mended:
+    """A robot and measurements with the slips undone that `findings` name, and `joints`, which does the same to other joint values."""
+
+    robot: Robot
+    rows: Measurements
+    findings: tuple[Finding, ...]
+    joints: Callable[[FloatArray], FloatArray]
+
+
+def mended(robot: Robot, rows: Measurements, seed: int = 0) -> Mended:
+    """The robot and its measurements without the slips that explain why they do not fit; unchanged where nothing explains it."""
+    some = rows.of(np.unique(np.linspace(0, len(rows) - 1, min(ENOUGH, len(rows))).round().astype(int)))
+    findings: list[Finding] = []
+    slips: list[_Slip] = []
+    misfit = _misfit(robot, some, seed)
+    while misfit > 1.0 and len(findings) < MOST:
+        # lengths that cannot be of one robot hide everything else, and are put right whatever they leave
+        sized = [] if findings else [pair for pair in _slips(robot, some) if _impossible(robot, some) and pair[0].code == "units"]
+        sized = [(said, slip) for said, slip in sized if said.of != "joints" and not _impossible(*slip(robot, some))]
+        if sized:
+            finding, slip = sized[0]
+            robot, some = slip(robot, some)
+            slips.append(slip)
+            findings.append(finding)
+            misfit = _misfit(robot, some, seed)
+            continue
+        tried = [(_misfit(*slip(robot, some), seed), finding, slip) for finding, slip in _slips(robot, some)]
+        best, finding, slip = min(tried, key=lambda each: each[0])
+        if not best < misfit / CURES:
+            break
+        robot, some = slip(robot, some)
+        slips.append(slip)
+        findings.append(replace(finding, value=misfit / best))
+        misfit = best
+    for slip in slips:
+        _, rows = slip(robot, rows)
+
+    def joints(values: FloatArray) -> FloatArray:
+        of = replace(rows, joints=values, names=tuple(map(str, range(len(values)))))
+        for slip in slips:
+            of = slip(robot, of)[1]
+        return of.joints
+
+    return Mended(robot, rows, tuple(findings), joints)
+
+
+def _misfit(robot: Robot, rows: Measurements, seed: int) -> float:
+    """Rms of the rows with the robot as it is, in units from which slips are looked for."""
+    try:
+        model = robot.model
+        frames = find_frames(model.forward(rows.joints, rows.side), rows, seed)
+    except (RobotError, np.linalg.LinAlgError):
+        return math.inf
+    measured = rows.position[rows.placed] if rows.placed.any() else rows.length_mm[rows.ranged, None]
+    spread = float(np.sqrt(((measured - measured.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    # half of the rows may be outliers: what the others show is judged
+    return frames.rms_mm / (SUSPECT_PART * max(spread, 1e-9)) if frames.rms_mm > SUSPECT_MM else 0.5 * frames.rms_mm / SUSPECT_MM
+
+
+def _impossible(robot: Robot, rows: Measurements) -> bool:
+    """Whether the places spread farther than the robot reaches, or hardly at all."""
+    if not rows.placed.any():
+        return False
+    part = float(np.linalg.norm(rows.position[rows.placed].std(axis=0))) / reach_mm(robot.arm)
+    return not SPREAD[0] < part < SPREAD[1]
+
+
+def _sign(name: str) -> Finding:
+    return Finding("sign", f"{name} counts the other way than the nominal robot says; its sign is turned", name)
+
+
+def _slips(robot: Robot, rows: Measurements) -> Iterator[tuple[Finding, _Slip]]:
+    """Every slip that is tried, with what is said of it."""
+    names = [j.name for j in robot.joint]
+    turning = np.array([isinstance(j, Revolute) for j in robot.joint])
+    for i, name in enumerate(names):
+        yield _sign(name), _other_way(i)
+    for i, name in enumerate(names):
+        for k in range(i + 1, len(names)):
+            if turning[i] == turning[k]:
+                text = f"the values of {name} and {names[k]} are swapped in the measurements; they are put right"
+                yield Finding("swapped", text, f"{name}, {names[k]}"), _values_swapped(i, k)
+                text = f"the links of {name} and {names[k]} are swapped in the nominal robot; they are put right"
+                yield Finding("swapped", text, f"{name}, {names[k]}"), _links_swapped(i, k)
+    if turning.any():
+        text = "the joint values are radians where their columns say degrees; they are taken as radians"
+        yield Finding("units", text, "joints"), _joints_times(180.0 / math.pi)
+        text = "the joint values are degrees where their columns say radians; they are taken as degrees"
+        yield Finding("units", text, "joints"), _joints_times(math.pi / 180.0)
+        text = "the nominal robot's angles are radians where their names say degrees; they are taken as radians"
+        yield Finding("units", text, "robot"), _robot_times(1.0, 180.0 / math.pi)
+    likely = SMALLEST_MM < reach_mm(robot.arm) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
+    for factor, said in ((1e3, "metres"), (1e-3, "micrometres"), (25.4, "inches")):
+        if likely:
+            text = f"the measured places are {said} where they are said to be millimetres; they are taken as {said}"
+            yield Finding("units", text, "measurements"), _places_times(factor)
+        else:
+            text = f"the nominal robot's lengths are {said} where their names say millimetres; they are taken as {said}"
+            yield Finding("units", text, "robot"), _robot_times(factor, 1.0)
+    for i, name in enumerate(names):
+        for turn in (90.0, -90.0, 180.0) if turning[i] else ():
+            text = f"the zero of {name} lies {turn:g} deg from where the nominal robot has it; it is moved there"
+            yield Finding("zero", text, name), _zero(i, turn)
+
+
+def _of_joint(robot: Robot, i: int, **values: float) -> Robot:
+    return robot.model_copy(update={"joint": tuple(j.model_copy(update=values) if k == i else j for k, j in enumerate(robot.joint))})
+
+
+def _other_way(i: int) -> _Slip:
+    return lambda robot, rows: (_of_joint(robot, i, scale=-robot.joint[i].scale), rows)
+
+
+def _zero(i: int, turn_deg: float) -> _Slip:
+    return lambda robot, rows: (_of_joint(robot, i, theta_deg=robot.joint[i].theta_deg + turn_deg), rows)
+
+
+def _with_joints(rows: Measurements, joints: FloatArray) -> Measurements:
+    return replace(rows, joints=joints, side=sides(joints))
+
+
+def _values_swapped(i: int, k: int) -> _Slip:
+    def slip(robot: Robot, rows: Measurements) -> tuple[Robot, Measurements]:
+        order = np.arange(rows.joints.shape[1])
+        order[[i, k]] = k, i
+        return robot, _with_joints(rows, rows.joints[:, order])
+
+    return slip
+
+
+def _links_swapped(i: int, k: int) -> _Slip:
+    def slip(robot: Robot, rows: Measurements) -> tuple[Robot, Measurements]:
+        joint = list(robot.joint)
+        joint[i], joint[k] = (joint[k].model_copy(update={"name": joint[i].name}), joint[i].model_copy(update={"name": joint[k].name}))
+        return robot.model_copy(update={"joint": tuple(joint)}), rows
+
+    return slip
+
+
+def _joints_times(factor: float) -> _Slip:
+    def slip(robot: Robot, rows: Measurements) -> tuple[Robot, Measurements]:
+        return robot, _with_joints(rows, rows.joints * np.where(robot.sliding, 1.0, factor))
+
+    return slip
+
+
+def _robot_times(lengths: float, angles: float) -> _Slip:
+    def slip(robot: Robot, rows: Measurements) -> tuple[Robot, Measurements]:
+        joint = []
+        for j in robot.joint:
+            values = {key: getattr(j, key) * lengths for key in ("d_mm", "a_mm")}
+            values |= {key: getattr(j, key) * angles for key in ("theta_deg", "alpha_deg", "beta_deg")}
+            joint.append(j.model_copy(update=values))
+        return robot.model_copy(update={"joint": tuple(joint)}), rows
+
+    return slip
+
+
+def _places_times(factor: float) -> _Slip:
+    return lambda robot, rows: (robot, replace(rows, position=rows.position * factor, length_mm=rows.length_mm * factor))

@@ -1,0 +1,195 @@
+"""An identification as a problem of least squares: whitened residuals, derivatives and priors, and the noise that the residuals show."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray
+from lmeasure.robots.measurements import POSITION, ROTATION, Measurements
+from lmeasure.robots.unknowns import R, Unknowns
+
+LEAST_MM, LEAST_RAD = 1e-6, 1e-9
+"""Least noise where none is stated: exact numbers are weighed as rounded to a nanometre."""
+ROUNDS = 12
+SETTLED = 1e-3
+STEPS = 60
+SMALL = 1e-4
+"""Of a standard uncertainty: a step that is smaller ends."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what the robot itself adds to each coordinate of a target and to each component of its turn."""
+
+    position_mm: float
+    rotation_rad: float
+
+    @property
+    def variance(self) -> FloatArray:
+        """(6,) of components (rotation; position)."""
+        return np.repeat([self.rotation_rad**2, self.position_mm**2], 3)
+
+
+@dataclass(frozen=True)
+class Problem(Generic[R]):
+    """Residuals of rows under a noise, in standard deviations, against changes theta of the unknowns in the units of their names."""
+
+    unknowns: Unknowns[R]
+    rows: Measurements
+    noise: Noise
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) of the unknowns."""
+        return self.unknowns.names
+
+    @cached_property
+    def width(self) -> FloatArray:
+        """(p,) prior standard uncertainties in the units of the names."""
+        return self.unknowns.width / self.unknowns.size
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(N, 6, 6) of a row's components, the identity where nothing was measured."""
+        known = self.rows.known
+        out = self.rows.covariance + np.diag(self.noise.variance)
+        out = out * (known[:, :, None] & known[:, None, :])
+        return np.asarray(out + (~known)[:, :, None] * np.eye(6))
+
+    @cached_property
+    def _whitening(self) -> FloatArray:
+        """(N, 6, 6), or (N, 6, 1) where no component is correlated with another."""
+        C = self.covariance
+        variance = np.einsum("nii->ni", C)
+        if np.count_nonzero(C) == variance.size:
+            return np.asarray(1.0 / np.sqrt(variance)[:, :, None])
+        return np.linalg.inv(np.linalg.cholesky(C))
+
+    def linearised(self, theta: FloatArray) -> "Linear":
+        """What the unknowns predict at theta (p,) and near it."""
+        residuals, jacobian = self.unknowns.linearised(theta * self.unknowns.size, self.rows)
+        return Linear(residuals, jacobian * self.unknowns.size)
+
+    def whitened(self, at: "Linear") -> tuple[FloatArray, FloatArray]:
+        """(e,) residuals, measured less predicted, in standard deviations, and (e, p) derivatives of what is predicted."""
+        known, W = self.rows.known, self._whitening
+        if W.shape[2] == 1:
+            return (at.residuals * W[:, :, 0])[known], at.jacobian[known] * W[known]
+        return (W @ at.residuals[:, :, None])[:, :, 0][known], (W @ at.jacobian)[known]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """residuals (N, 6), measured less predicted; jacobian (N, 6, p) of what is predicted by the unknowns in the units of their names."""
+
+    residuals: FloatArray
+    jacobian: FloatArray
+
+
+@dataclass(frozen=True)
+class Fit(Generic[R]):
+    """An optimum: theta (p,) changes in the units of the names, their covariance (p, p), information (p, p) of the measurements alone,
+    chi2 of the residuals, the number of them, and the degrees of freedom that they leave."""
+
+    problem: Problem[R]
+    theta: FloatArray
+    covariance: FloatArray
+    information: FloatArray
+    chi2: float
+    equations: int
+    converged: bool
+    at: Linear
+
+    @property
+    def freedom(self) -> float:
+        """Residuals less what they determine: the trace of information times covariance."""
+        return max(self.equations - float(np.sum(self.information * self.covariance)), 1.0)
+
+    @property
+    def x(self) -> FloatArray:
+        """(p,) changes in rad and mm."""
+        return self.theta * self.problem.unknowns.size
+
+
+def solved(problem: Problem[R], start: FloatArray, at: Linear | None = None) -> Fit[R]:
+    """The optimum near start (p,): Levenberg's steps with the priors everywhere, which are too wide to move what is determined.
+
+    at: what is predicted near start, where it is known already.
+    """
+    theta, damping = start.copy(), 0.0
+    at = problem.linearised(theta) if at is None else at
+    prior = 1.0 / problem.width**2
+    residuals, jacobian = problem.whitened(at)
+    now = float(residuals @ residuals + theta @ (prior * theta))
+    converged = False
+    information = jacobian.T @ jacobian
+    for _ in range(STEPS):
+        normal = information + np.diag(prior)
+        size = 1.0 / np.sqrt(np.diag(normal))
+        scaled = normal * np.outer(size, size) + damping * np.eye(len(size))
+        step = size * np.linalg.solve(scaled, size * (jacobian.T @ residuals - prior * theta))
+        # how far it goes in standard uncertainties
+        if float(step @ normal @ step) < SMALL**2:
+            theta, converged = theta + step, True
+            # so near that nothing but the residuals changes
+            at = Linear(at.residuals - at.jacobian @ step, at.jacobian)
+            residuals = residuals - jacobian @ step
+            break
+        tried = problem.linearised(theta + step)
+        r, j = problem.whitened(tried)
+        then = float(r @ r + (theta + step) @ (prior * (theta + step)))
+        if then <= now:
+            theta, at, residuals, jacobian, now = theta + step, tried, r, j, then
+            information = jacobian.T @ jacobian
+            damping = damping / 10.0 if damping > 1e-9 else 0.0
+        else:
+            damping = max(10.0 * damping, 1e-6)
+            if damping > 1e8:
+                break
+    normal = information + np.diag(prior)
+    size = 1.0 / np.sqrt(np.diag(normal))
+    covariance = np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
+    return Fit(problem, theta, (covariance + covariance.T) / 2, information, float(residuals @ residuals), len(residuals), converged, at)
+
+
+def with_noise(problem: Problem[R], start: FloatArray) -> Fit[R]:
+    """The optimum with the robot's noise as the residuals show it: what they scatter beyond what the instrument states."""
+    fit = solved(problem, start)
+    for _ in range(ROUNDS):
+        before = fit.problem.noise
+        now = _noise(fit)
+        fit = solved(replace(fit.problem, noise=now), fit.theta, fit.at)
+        if _near(before.position_mm, now.position_mm) and _near(before.rotation_rad, now.rotation_rad):
+            break
+    return fit
+
+
+def _noise(fit: Fit[R]) -> Noise:
+    """Moments: a component's residual has the variance (stated + robot's)(1 - leverage)."""
+    problem = fit.problem
+    known = problem.rows.known
+    jacobian = fit.at.jacobian[known]
+    explained = np.zeros(known.shape)
+    explained[known] = ((jacobian @ fit.covariance) * jacobian).sum(axis=1)
+    total = np.einsum("nii->ni", problem.covariance)
+    stated = np.einsum("nii->ni", problem.rows.covariance)
+    out = []
+    for own, least in ((POSITION, LEAST_MM), (ROTATION, LEAST_RAD)):
+        of = problem.rows.known[:, own]
+        if not of.any():
+            out.append(least)
+            continue
+        r, c, v = fit.at.residuals[:, own][of], stated[:, own][of], total[:, own][of]
+        # what is left of a component that is used up to determine the unknowns tells nothing of noise
+        left = np.clip(1.0 - explained[:, own][of] / v, 1e-3, 1.0)
+        weight = 1.0 / v**2
+        out.append(max(float(weight @ (r**2 - c * left)) / float(weight @ left), 0.0) ** 0.5)
+        if not c.all():
+            out[-1] = max(out[-1], least)
+    return Noise(out[0], out[1])
+
+
+def _near(one: float, other: float) -> bool:
+    return abs(one - other) <= SETTLED * max(one, other)

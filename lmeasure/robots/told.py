@@ -1,0 +1,89 @@
+"""What measurements tell of a robot's parameters and what they cannot, in numbers and words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from lmeasure.arrays import BoolArray
+from lmeasure.robots.problem import Fit
+from lmeasure.robots.unknowns import R
+
+DETERMINED = 0.3
+"""Of its prior's: standard uncertainty up to which a parameter counts as determined by the measurements."""
+SILENT = 1.0
+"""Information of the measurements, in that of the prior, below which a direction is held by nominal values."""
+MENTIONED = 0.05
+"""Of the largest: part of a direction that is mentioned."""
+PLACED = 0.05
+"""Of a millimetre or degree, by which a frame must move with a direction to be named as what makes up for it."""
+
+
+@dataclass(frozen=True)
+class Silent:
+    """A combination of parameters that the measurements leave free: changes by name, in the units of the names, for one prior standard
+    uncertainty of the first."""
+
+    direction: dict[str, float]
+    text: str
+
+
+def determined(fit: Fit[R]) -> BoolArray:
+    """(p,) whether the measurements determine an unknown by itself."""
+    return np.asarray(np.sqrt(np.diag(fit.covariance)) < DETERMINED * fit.problem.width)
+
+
+def silent_directions(fit: Fit[R]) -> list[Silent]:
+    """Combinations that leave every measured value as it is, each with as few parameters as can be; those of few first."""
+    unknowns, width = fit.problem.unknowns, fit.problem.width
+    free, names = len(unknowns.freed), unknowns.names
+    white = fit.information * np.outer(width, width)
+    own, cross, frames = white[:free, :free], white[:free, free:], white[free:, free:]
+    size = np.sqrt(np.maximum(np.diag(frames), 1e-300))
+    follow = -np.linalg.pinv(frames / np.outer(size, size), rcond=1e-12, hermitian=True) @ (cross / size).T / size[:, None]
+    values, vectors = np.linalg.eigh(own + cross @ follow)
+    basis = vectors[:, values < SILENT].T
+    if len(basis) == 0:
+        return []
+    # echelon form: each combination has one parameter for itself, and those that it does not need are nothing
+    _, _, order = scipy.linalg.qr(basis, pivoting=True, mode="economic")
+    rows = np.linalg.solve(basis[:, order[: len(basis)]], basis)
+    out = []
+    for row, pivot in zip(rows, order, strict=False):
+        strong = [i for i in np.argsort(-np.abs(row), kind="stable") if abs(row[i]) > MENTIONED * np.abs(row).max()]
+        change = row * width[:free]
+        moved = (follow @ row) * width[free:]
+        with_it = sorted({names[free + i].split(".")[0] for i in np.flatnonzero(np.abs(moved) > PLACED)})
+        parts = [f"{names[i]} by {change[i]:+.3g}" for i in sorted(strong, key=lambda i: (i != pivot, i))]
+        why = (
+            f"the {' and the '.join(_plain(n) for n in with_it)} make{'s' * (len(with_it) == 1)} up for it"
+            if with_it
+            else _ALONE
+            if len(strong) == 1
+            else "they make up for each other"
+        )
+        text = f"{', '.join(parts)}: {why}, the measurements stay the same; only nominal values hold it"
+        out.append(Silent({names[i]: float(change[i]) for i in strong}, text))
+    return sorted(out, key=lambda s: len(s.direction))
+
+
+def unknown_frames(fit: Fit[R]) -> list[Silent]:
+    """Frames that the measurements do not tell wholly, and orientations that were not measured at all."""
+    unknowns = fit.problem.unknowns
+    free, sigma = len(unknowns.freed), np.sqrt(np.diag(fit.covariance))
+    loose = [i for i in range(free, len(unknowns)) if sigma[i] > DETERMINED * fit.problem.width[i]]
+    out = [Silent({unknowns.names[i]: float(sigma[i])}, f"{unknowns.names[i]}: nothing in the measurements tells it") for i in loose]
+    if not unknowns.based:
+        text = "base: lengths alone do not tell where the robot stands; stations and targets are given in the robot's own base frame"
+        out.append(Silent({}, text))
+    if not unknowns.turned.any():
+        text = "tool: its orientation was not measured, positions say nothing of it; it is given with the flange's own directions"
+        out.append(Silent({}, text))
+    return out
+
+
+_ALONE = "it turns about the measured target, or moves nothing"
+
+
+def _plain(owner: str) -> str:
+    return {"base": "base frame", "tool": "place of the tool"}.get(owner, owner.replace("_", " ", 1))

@@ -1,0 +1,109 @@
+"""From measurements of a robot to what is wrong with it."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
+from lmeasure.workflows.settings import Asked, Names, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.robots.identify import Identified
+    from lmeasure.robots.robot import Robot
+    from lmeasure.robots.serial_robot import SerialRobot
+
+MAPPING = "NAME=COLUMN[UNIT],..."
+
+
+class Settings(Asked):
+    """What `lmeasure identify` is asked."""
+
+    robot: Annotated[
+        str, option("The nominal robot: a name (generic6, generic7, puma560, ur5), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")
+    ]
+    measurements: Annotated[Path, option("Joint values and what was measured at them (docs/identification.md).", metavar="FILE")]
+    out: Annotated[Path, option("Folder for identified.json, robot.toml, robot.urdf and report.html.")]
+    predict: Annotated[Path | None, option("Joint values of which to predict the places, into predictions.csv.", metavar="FILE")] = None
+    harmonics: Annotated[bool, option("Free the joints' errors once and twice per turn too.")] = False
+    free: Annotated[Names, option("What else to free: scale, stiffness, backlash.", metavar="FAMILY,...")] = ()
+    columns: Annotated[str, option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar=MAPPING)] = ""
+    tip: Annotated[str | None, option("Link of a .urdf at which the chain ends.", metavar="LINK")] = None
+    u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
+    u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
+    keep_outliers: Annotated[bool, option("Use rows that the others contradict, too.")] = False
+    seed: Annotated[int, option("Seed of starts, folds and random sets.", ge=0)] = 0
+
+    def paths(self) -> Paths:
+        """The identified robot from a nominal one and measurements."""
+        outputs = inside(self.out, "identified.json", "robot.toml", "robot.urdf", "report.html", "predictions.csv")
+        robot = Path(self.robot)
+        return Paths(outputs, (self.measurements, *present(self.predict, robot if robot.suffix else None)))
+
+
+@workflow("identify")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[SerialRobot]]":
+    """Identify, and write record, robot, page and predictions."""
+    import numpy as np
+
+    from lmeasure import files
+    from lmeasure.report.robot import write_robot_page
+    from lmeasure.robots import identified, judged
+    from lmeasure.robots.foreign import columns_of
+    from lmeasure.robots.identify import Settings as Chosen
+    from lmeasure.robots.identify import identify, predict
+    from lmeasure.robots.mistaken import mended
+    from lmeasure.robots.read_measurements import read_measurements
+    from lmeasure.robots.robot import write_robot
+    from lmeasure.robots.urdf import write_urdf
+
+    out, columns = settings.out, columns_of(settings.columns)
+    robot = nominal(settings.robot, settings.tip)
+    rows = read_measurements(settings.measurements, robot.model, columns)
+    # read before anything is computed: what cannot be read is said at once
+    asked = None if settings.predict is None else read_measurements(settings.predict, robot.model, columns, joints_alone=True)
+    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    rows = rows.with_uncertainty(settings.u_position_mm, turn)
+    if asked is not None and not set(asked.targets) <= set(rows.targets):
+        strange = next(t for t in asked.targets if t not in rows.targets)
+        raise SettingsError("predict", f"{settings.predict}: target {strange!r} was not measured; measured: {', '.join(rows.targets)}")
+    progress(0.05, "looking for slips")
+    mend = mended(robot, rows, settings.seed)
+    progress(0.2, "identifying")
+    families = ("links", *(("harmonics",) if settings.harmonics else ()), *settings.free)
+    found = identify(mend.robot.model, mend.rows, Chosen(families, not settings.keep_outliers, settings.seed))
+    findings = (*mend.findings, *found.findings)
+    progress(0.5, "holding rows out")
+    held = judged.held_out(found, seed=settings.seed)
+    curve = judged.learning_curve(found, settings.seed)
+    worth = judged.worth_freeing(found)
+    progress(0.9, "writing")
+    inputs = [settings.measurements, *present(settings.predict)]
+    if Path(settings.robot).suffix:
+        inputs.append(Path(settings.robot))
+    record = identified.record(found, inputs, held, curve, worth, findings)
+    result = identified.corrected(mend.robot, found)
+    if asked is not None:
+        of = np.array([rows.targets.index(t) for t in asked.targets])[asked.target_of]
+        joints = mend.joints(asked.joints)
+        files.write_table(out / "predictions.csv", identified.prediction_columns(asked.names, predict(found, joints, of)))
+    write_robot(out / "robot.toml", result)
+    write_urdf(out / "robot.urdf", result)
+    write_robot_page(out / "report.html", found, record)
+    identified.write_record(out / "identified.json", record)
+    names = ["identified.json", "robot.toml", "robot.urdf", "report.html", *(["predictions.csv"] if asked is not None else [])]
+    figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": found.noise.position_mm}
+    written = f"written: {', '.join(str(out / name) for name in names)}"
+    told = tuple(f"{f.code}: {f.text}" for f in findings)
+    return Result(found, (*identified.summary(found, held, findings), written), figures, told)
+
+
+def nominal(name: str, tip: str | None = None) -> "Robot":
+    """A robot by the name under which it comes along, or from a robot.toml or .urdf."""
+    from lmeasure.robots.robot import read_robot, shipped
+    from lmeasure.robots.urdf import read_urdf
+
+    path = Path(name)
+    if path.suffix.lower() == ".urdf":
+        return read_urdf(path, tip)
+    return read_robot(path) if path.suffix else shipped(name)

@@ -1,0 +1,100 @@
+"""`lmeasure identify` from a file: what it writes, that it can be read again, and how it refuses."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure.cli import main
+from lmeasure.files import read_table
+from lmeasure.robots.robot import read_robot
+from lmeasure.robots.urdf import read_urdf
+
+UR5 = Path(__file__).parents[2] / "datasets" / "ur5" / "grid.csv"
+NAMES = [f"joint_{i}_deg" for i in range(1, 7)]
+
+
+def lines(rows: slice, *, places: bool) -> str:
+    table = np.genfromtxt(UR5, delimiter=",", names=True)[rows]
+    head = ["name", *NAMES, *(("x_mm", "y_mm", "z_mm") if places else ())]
+    out = [",".join(head)]
+    for r in table:
+        cells = [f"P{int(r['step_order'])}", *(repr(float(r[f"joint_{i}"])) for i in range(1, 7))]
+        cells += [repr(float(r[f"{axis}_t"] + r[f"{axis}_dif"])) for axis in "xyz"] if places else []
+        out.append(",".join(cells))
+    return "\n".join(out) + "\n"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["lmeasure", *arguments])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return int(end.value.code or 0)
+
+
+def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    measured, asked, out = tmp_path / "measurements.csv", tmp_path / "asked.csv", tmp_path / "out"
+    measured.write_text(lines(slice(0, 1000, 10), places=True), encoding="utf-8")
+    asked.write_text(lines(slice(5, 1000, 50), places=False), encoding="utf-8")
+    arguments = ["identify", "--robot", "ur5", "--measurements", str(measured), "--out", str(out), "--predict", str(asked), "--harmonics"]
+    assert run(monkeypatch, *arguments) == 0
+    said = capsys.readouterr().out
+    assert "100 rows; errors" in said
+    record = json.loads((out / "identified.json").read_text(encoding="utf-8"))
+    n = len(record["parameters"])
+    assert np.array(record["covariance"]).shape == (n, n)
+    u = [p["u"] for p in record["parameters"]]
+    assert np.sqrt(np.diag(record["covariance"])) == pytest.approx(u)
+    assert {"name", "value", "nominal", "u", "unit"} <= set(record["parameters"][0])
+    assert len(record["base"]["position_mm"]) == 3
+    assert len(record["tool"]["quaternion_xyzw"]) == 4
+    assert len(record["residuals"]) == 100
+    assert record["unobservable"]
+    # robot.toml with the base gives the predictions; URDF does without the harmonics' part
+    predicted = read_table(out / "predictions.csv")
+    place = predicted.matrix(["x_mm", "y_mm", "z_mm"])
+    robot = read_robot(out / "robot.toml")
+    joints = np.radians(read_table(asked).matrix(NAMES))
+    flange = robot.model.forward(joints)
+    assert robot.tool is not None
+    in_base = flange[:, :3] + Rotation.from_quat(flange[:, 3:]).apply(robot.tool.position_mm)
+    turn = Rotation.from_quat(record["base"]["quaternion_xyzw"])
+    assert turn.apply(in_base) + record["base"]["position_mm"] == pytest.approx(place, abs=1e-6)
+    drawn = read_urdf(out / "robot.urdf").arm.forward(joints)[:, :3]
+    assert drawn == pytest.approx(in_base, abs=2.0)
+    error = np.linalg.norm(place - truth_of_asked(), axis=1)
+    radius = predicted.numbers("u95_mm")
+    assert error.mean() < 0.13
+    assert np.mean(error <= radius) >= 0.85
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for heading in ("Errors in space", "Histogram", "Residuals against joint values", "What the measurements cannot tell"):
+        assert heading in page
+
+
+def truth_of_asked() -> NDArray[np.float64]:
+    table = np.genfromtxt(UR5, delimiter=",", names=True)[5:1000:50]
+    return np.column_stack([table[f"{axis}_t"] + table[f"{axis}_dif"] for axis in "xyz"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--robot", "kr210"], 1, "is no robot that comes along; known: generic6"),
+        (["--robot", "ur5", "--free", "luck"], 1, "nothing that can be freed; known: links"),
+        (["--robot", "ur5", "--columns", "x=Q"], 1, "column 'Q', which --columns says is x, is missing"),
+        (["--robot", "ur5", "--predict", "none.csv"], 1, "none.csv: cannot be read"),
+    ],
+)
+def test_refusals_in_one_line(
+    arguments: list[str], code: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured = tmp_path / "measurements.csv"
+    measured.write_text(lines(slice(0, 1000, 40), places=True), encoding="utf-8")
+    assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(tmp_path / "out"), *arguments) == code
+    err = capsys.readouterr().err
+    assert said in err
+    assert not (tmp_path / "out" / "identified.json").exists()
