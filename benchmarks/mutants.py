@@ -61,6 +61,8 @@ CORE = {
     "kernels/zone_rows.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_lanes.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_linked.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
+    "kernels/zone_six.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
+    "kernels/zone_redundant.py": ["tests/accuracy/test_redundant_zone.py"],
     "calibration/refine.py": [
         "tests/calibration/test_recover.py",
         "tests/calibration/test_visits.py",

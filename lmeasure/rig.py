@@ -345,11 +345,13 @@ class Rig(Shown, Strict):
         number = {key: i for i, key in enumerate(dict.fromkeys(begun))}
         return np.array([number[key] for key in begun], dtype=np.int64)
 
-    def require_pose(self) -> None:
-        """RigError unless the cables can tell a whole pose: six of them, to attachment points that do not lie on one line."""
-        if len(self.cable) != CABLES_FOR_A_POSE:
+    def require_pose(self, redundant: bool = False) -> None:
+        """RigError unless the cables can tell a whole pose: six of them, or more where these are welcome, to attachment points that do not
+        lie on one line."""
+        if len(self.cable) < CABLES_FOR_A_POSE or (len(self.cable) > CABLES_FOR_A_POSE and not redundant):
             raise RigError(
-                f"rig {self.name!r}: has {len(self.cable)} cables; a pose is reconstructed from exactly {CABLES_FOR_A_POSE}, "
+                f"rig {self.name!r}: has {len(self.cable)} cables; a pose is reconstructed from "
+                f"{'at least' if redundant else 'exactly'} {CABLES_FOR_A_POSE}, "
                 "in one pass or in several"
             )
         self.require_spread()

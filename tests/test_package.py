@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from lmeasure import extras
+from lmeasure.catalogue import LANGUAGES
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -18,9 +19,12 @@ def test_the_licence_is_there_and_named() -> None:
     assert "Apache License\n                           Version 2.0, January 2004" in (ROOT / name).read_text(encoding="utf-8")
 
 
-def test_types_are_shipped() -> None:
-    assert (ROOT / "lmeasure" / "py.typed").is_file()
-    assert PROJECT["tool"]["setuptools"]["package-data"]["lmeasure"] == ["py.typed"]
+def test_types_and_catalogues_are_shipped() -> None:
+    shipped = PROJECT["tool"]["setuptools"]["package-data"]["lmeasure"]
+    assert "py.typed" in shipped
+    found = {path for pattern in shipped for path in (ROOT / "lmeasure").glob(pattern)}
+    assert found >= {ROOT / "lmeasure" / "py.typed", *(ROOT / "lmeasure" / "locale").rglob("*.po")}
+    assert len(found) == 1 + 2 * len(LANGUAGES)
 
 
 def test_packages_that_a_format_or_a_kernel_depends_on_are_bounded() -> None:

@@ -35,8 +35,8 @@ class Limits:
 
     angle_deg: pressure-angle analogue; length_mm: shortest and longest cable, B to attachment point; u95_mm, u95_rotation_deg,
     u95_attachment_mm: 95 % radii of the tool origin, the rotation vector and the worst attachment point; wrap_deg: largest wrapped angle;
-    clearance_mm: least distance between cables and from cable to body; one_assembly: the determinant keeps its sign;
-    singularity: least `singularity_distance`.
+    clearance_mm: least distance between cables and from cable to body; one_assembly: the determinant of six
+    cables keeps its sign (what more determine is not parted by singular poses); singularity: least `singularity_distance`.
     """
 
     angle_deg: float = 60.0
@@ -94,8 +94,9 @@ def broken_limits(figures: Mapping[str, NDArray[Any]], limits: Limits, sign: int
         nothing,
         under("singularity_distance", limits.singularity),
     ]
+    assembly = figures.get("assembly", np.ones(flags.shape, np.int8))
     if sign is None:
-        sign = 1 if figures["assembly"][~np.any(broken, axis=0)].sum() >= 0 else -1
+        sign = 1 if assembly[~np.any(broken, axis=0)].sum() >= 0 else -1
     if limits.one_assembly:
-        broken[REASONS.index("other_assembly")] = figures["assembly"] != sign
+        broken[REASONS.index("other_assembly")] = assembly != sign
     return sum((mask.astype(np.int32) << bit for bit, mask in enumerate(broken)), np.zeros(flags.shape, np.int32)), sign

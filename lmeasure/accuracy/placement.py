@@ -133,7 +133,7 @@ class Search:
     """Rigs as vectors of the free coordinates, and what they are worth at the task."""
 
     def __init__(self, rig: Rig, wanted: Placement) -> None:
-        rig.require_pose()
+        rig.require_pose(redundant=True)
         self.rig, self.wanted = rig, wanted
         self.free = [(kind, name, where) for kind in ("mount", "attachment") for where in getattr(wanted, kind) for name in where.points]
         self._check()
@@ -191,7 +191,7 @@ class Search:
         """(n, 4) worst squared speed, 95 % radius [mm], shortest and longest cable [mm] of (n, 3 f) candidates over the task."""
         self.evaluations += len(x)
         plan = self.plan
-        return np.asarray(kernels.worst_at_task(self.cables(x), self.positions, plan.quaternions, plan.variance, plan.order))
+        return np.asarray(kernels.worst_at_task(self.cables(x), self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
 
     def worth(self, x: FloatArray) -> FloatArray:
         """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules."""

@@ -27,10 +27,22 @@ from lmeasure.errors import AccuracyError
 from lmeasure.extras import how_to_install
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
-from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BETA, BODY_OF_TOOL, BODY_START, BODY_WAY, WIDTH
+from lmeasure.kernels.layout import (
+    ALPHA,
+    ATTACHMENT_XYZ,
+    BETA,
+    BODY_OF_TOOL,
+    BODY_START,
+    BODY_WAY,
+    BY_AXIAL,
+    BY_PITCH,
+    BY_SCALE,
+    BY_TANGENT,
+    WIDTH,
+)
 from lmeasure.kernels.screw import CABLES
 from lmeasure.kernels.zone_lanes import scan_lanes
-from lmeasure.kernels.zone_linked import Linked, strict_gradients, strict_lengths
+from lmeasure.kernels.zone_linked import BLOCK, BLOCKS, Linked, roots_by_cable, strict_gradients, strict_lengths
 from lmeasure.kernels.zone_rows import LANES
 from lmeasure.opened import open_regular
 
@@ -57,7 +69,7 @@ def digest_of(arrays: Mapping[str, Any]) -> str:
 class Plan:
     """What to scan, as arrays; see `kernels.zone.scan` for cables ... bodies.
 
-    positions (n, 3) [mm]; quaternions (k, 4); order (6,): the cables as the lanes take them, the first three being inverted first;
+    positions (n, 3) [mm]; quaternions (k, 4); order (m,): the cables as the lanes take them, of six the first three being inverted first;
     nodes_per_chunk: how the positions are cut.
     """
 
@@ -65,6 +77,7 @@ class Plan:
     positions: FloatArray
     quaternions: FloatArray
     variance: FloatArray
+    weights: FloatArray
     scales: FloatArray
     factor: FloatArray
     start: FloatArray
@@ -95,18 +108,20 @@ def with_positions(plan: Plan, positions: FloatArray) -> Plan:
 
 
 def block_order(cables: FloatArray, positions: FloatArray, quaternions: FloatArray) -> IntArray:
-    """(6,) order of the cables in which the first three directions stay farthest from coplanar over a sample of the poses."""
+    """(m,) order of the cables: of six that in which the first three directions stay farthest from coplanar over a sample of the poses."""
+    if len(cables) != CABLES:
+        return np.arange(len(cables))
     some = positions[np.linspace(0, len(positions) - 1, min(len(positions), 200)).astype(np.int64)]
     turns = quaternions[np.linspace(0, len(quaternions) - 1, min(len(quaternions), 5)).astype(np.int64)]
     directions = np.array(
         [cable_kernels.span_rows(cables, np.concatenate([at, turn]))[:, 3:] for at, turn in itertools.product(some, turns)]
     )
-    triples = list(itertools.combinations(range(6), 3))
+    triples = list(itertools.combinations(range(CABLES), 3))
     directions = np.where(np.isfinite(directions), directions, 0.0)
     volumes = [np.abs(np.linalg.det(directions[:, list(t)])) for t in triples]
     # nearly all poses count, not the one where a cable cannot run
     best = triples[int(np.argmax([np.quantile(v, 0.02) for v in volumes]))]
-    return np.array([*best, *(j for j in range(6) if j not in best)], dtype=np.int64)
+    return np.array([*best, *(j for j in range(CABLES) if j not in best)], dtype=np.int64)
 
 
 def scan_chunk(plan: Plan, number: int) -> tuple[FloatArray, IntArray]:
@@ -135,14 +150,15 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
         np.where(plan.bodies[None, :, BODY_OF_TOOL, None] > 0, turned(turns, plan.bodies[:, WAYS]), plan.bodies[None, :, WAYS]),
         plan.bodies,
         rank[plan.pairs],
-        np.sqrt(plan.variance[order]),
+        np.ascontiguousarray(plan.variance[order]),
+        np.ascontiguousarray(plan.weights[order] ** 2),
         max(1e-3, float(np.linalg.norm(plan.cables[:, ATTACHMENT_XYZ], axis=1).max())),
         _linked(plan, order),
         turns.as_matrix(),
     )
     figures, left = figures[:, :count], left[:count]
     low, high = figures[kernels.DET_LOW].copy(), figures[kernels.DET_HIGH].copy()
-    if _swaps(order) % 2 == 0:
+    if len(order) == CABLES and _swaps(order) % 2 == 0:
         # the lanes' rows stand as (e ; arm x e): three columns exchanged with three change the sign; so does an odd order
         figures[kernels.DET_LOW], figures[kernels.DET_HIGH] = -high, -low
     flags = np.zeros(count, np.int64)
@@ -157,16 +173,31 @@ def _body_starts(plan: Plan, turns: Rotation) -> FloatArray:
 
 def _linked(plan: Plan, order: IntArray) -> Linked | None:
     """What the lanes need of the calibration, the cables in the given order; None without one."""
-    columns = plan.factor.shape[1]
+    m, columns = len(order), plan.factor.shape[1]
     if columns == 0:
         return None
-    factor = plan.factor.reshape(CABLES, WIDTH, columns)[order].reshape(-1, columns)
     cables, scales, start = np.ascontiguousarray(plan.cables[order]), np.ascontiguousarray(plan.scales[order]), plan.start[None]
-    at_start = strict_gradients(cables, start, np.zeros((1, CABLES)), scales)[0]
+    factor = np.ascontiguousarray(plan.factor.reshape(m, WIDTH, columns)[order])
+    roots, begun, both = roots_by_cable(factor, strict_gradients(cables, start, np.zeros((1, m)), scales)[0])
+    blocks, by_block = np.ascontiguousarray(_in_blocks(roots)), np.ascontiguousarray(_in_blocks(both))
     # of one function of one library: NumPy's own sine is another one on another processor
     angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, ALPHA : BETA + 1].tolist()]
-    guides = np.array([(sa * sb, sa * cb, ca, -ca * cb, ca * sb, 0.0) for sa, ca, sb, cb in angles])
-    return np.ascontiguousarray(factor), at_start, strict_lengths(cables, start)[0], scales, guides
+    return Linked(
+        roots=blocks,
+        begun=begun,
+        both=by_block,
+        in_roots=np.asarray(blocks.any(axis=(-2, -1))),
+        in_both=np.asarray(by_block.any(axis=(-2, -1))),
+        drums=np.asarray(factor[:, [BY_SCALE, BY_TANGENT, BY_AXIAL, BY_PITCH]].any(axis=(1, 2))),
+        zero=strict_lengths(cables, start)[0],
+        scales=scales,
+        guides=np.array([(sa * sb, sa * cb, ca, -ca * cb, ca * sb, 0.0) for sa, ca, sb, cb in angles]),
+    )
+
+
+def _in_blocks(matrices: FloatArray) -> FloatArray:
+    """(..., BLOCKS, BLOCKS, BLOCK, BLOCK) of (..., LENGTH, LENGTH)."""
+    return np.swapaxes(matrices.reshape(*matrices.shape[:-2], BLOCKS, BLOCK, BLOCKS, BLOCK), -3, -2)
 
 
 def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -175,6 +206,7 @@ def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
         np.ascontiguousarray(positions),
         plan.quaternions,
         plan.variance,
+        plan.weights,
         plan.scales,
         plan.factor,
         plan.start,

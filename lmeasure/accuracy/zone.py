@@ -28,7 +28,7 @@ from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
 from lmeasure.lengths import span_lengths
 from lmeasure.observation.cable_effects import OTHERS
-from lmeasure.rig import Rig
+from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 from lmeasure.zeroing import length_variance, zeroed_exactly
 
 MAX_NODES = 100_000_000
@@ -62,7 +62,7 @@ def tilts(tilt_rad: float, steps: int, base: Rotation | None = None) -> Rotation
 
 
 def covariance_factor(rig: Rig, calibration: CalibrationRecord | None) -> FloatArray:
-    """(6 * 13, r) factor F of the cables' parameters' covariance F F^T [mm, rad]; r = 0 without a record."""
+    """(13 m, r) factor F of the cables' parameters' covariance F F^T [mm, rad]; r = 0 without a record."""
     covariance = cable_covariance(rig, calibration)
     return covariance_root(covariance, np.sqrt(np.diag(covariance)))
 
@@ -143,12 +143,12 @@ def map_zone(
     has no run yet, so its default is the box's centre with the mean orientation.
 
     Returns a dataset over x, y, z with `worst_pressure_angle_deg` (90 where a cable cannot run or the pose is singular),
-    `u95_position_mm` (infinite there), `shortest_cable_mm`, `longest_cable_mm`, `largest_wrap_deg`, `assembly` (sign of the determinant, 0
-    where it changes), `singularity_distance` (1/|J^-1| by Frobenius, J with moments divided by the platform's size: the least
-    singular value lies between it and 2.45 times it); with `full`, `u95_rotation_deg` and `u95_attachment_mm`; `clearance_mm` when
-    bodies or a clearance are given; `in_zone` (0/1), `rejected_because` (bits of `REASONS`) and attributes. Raises RigError for a rig that
-    cannot tell a pose, AccuracyError for a box or a limit that makes no sense, GeometryError when a calibration is linked and a
-    cable cannot run at the start pose.
+    `u95_position_mm` (infinite there), `shortest_cable_mm`, `longest_cable_mm`, `largest_wrap_deg`, `assembly` (of six cables: sign of the
+    determinant, 0 where it changes), `singularity_distance` (1/|J^-1| by Frobenius, of more than six 1/|J^+|, J with moments divided by the
+    platform's size: the least singular value lies between it and 2.45 times it); with `full`, `u95_rotation_deg` and `u95_attachment_mm`;
+    `clearance_mm` when bodies or a clearance are given; `in_zone` (0/1), `rejected_because` (bits of `REASONS`) and attributes. Raises
+    RigError for a rig that cannot tell a pose, AccuracyError for a box or a limit that makes no sense, GeometryError when a calibration is
+    linked and a cable cannot run at the start pose.
     """
     scan = scan or Scan()
     limits, refine = scan.limits, scan.refine
@@ -165,11 +165,14 @@ def map_zone(
     near = bool(scan.bodies) or limits.clearance_mm is not None
     plan = make_plan(rig, calibration, positions, rotations, start, full=full, near=near, bodies=scan.bodies)
     way: dict[str, Any] = {"workers": scan.workers, "scheduler": scan.scheduler}
-    figures, flags = run(plan, progress, checkpoint=scan.checkpoint, **way)
+
+    def named(found: tuple[FloatArray, IntArray]) -> dict[str, NDArray[Any]]:
+        return named_figures(*found, full=full, near=near, six=len(plan.cables) == CABLES_FOR_A_POSE)
+
     data = xr.Dataset(
         {
             name: (DIMS, values.reshape([len(a) for a in axes]), about(*ABOUT[name]))
-            for name, values in named_figures(figures, flags, full, near).items()
+            for name, values in named(run(plan, progress, checkpoint=scan.checkpoint, **way)).items()
         }
         | {"quaternion_xyzw": (("orientation", "component"), plan.quaternions, about("orientations base_from_tool", "1"))},
         coords={
@@ -190,8 +193,8 @@ def map_zone(
         return zone
 
     def inside(points: FloatArray) -> BoolArray:
-        named = named_figures(*run(with_positions(plan, points), **way), full, near)
-        return np.asarray(broken_limits(named, limits, zone.attrs["assembly_sign"])[0] == 0)
+        figures = named(run(with_positions(plan, points), **way))
+        return np.asarray(broken_limits(figures, limits, zone.attrs["assembly_sign"])[0] == 0)
 
     return zone.assign_attrs(refined_volume(zone["in_zone"].values.astype(bool), axes, inside, refine))
 
@@ -208,7 +211,7 @@ def make_plan(
     bodies: Sequence[Body] = (),
 ) -> Plan:
     """The scan of (n, 3) positions [mm] at all rotations; see `map_zone` for the rest and what is raised."""
-    rig.require_pose()
+    rig.require_pose(redundant=True)
     if rotations.single or len(rotations) == 0:
         raise AccuracyError("the orientations must be a list of at least one rotation")
     factor = covariance_factor(rig, calibration)
@@ -225,11 +228,13 @@ def make_plan(
     ]
     used = sorted({c.to_point for c in rig.cable}) if full else []
     rows, quaternions = rig.cable_rows(), np.ascontiguousarray(rotations.as_quat())
+    variance = length_variance(rig)
     return Plan(
         cables=rows,
         positions=positions,
         quaternions=quaternions,
-        variance=length_variance(rig) + drum_variance(rig, positions, rotations, start),
+        variance=variance + drum_variance(rig, positions, rotations, start),
+        weights=np.sqrt(variance.min() / variance),
         scales=rig.scales(),
         factor=factor,
         start=np.asarray(start, dtype=np.float64),
@@ -268,10 +273,11 @@ def taken_as_exact(
     poses = poses[np.isfinite(lengths).all(axis=1)]
     if not (len(poses) and np.isfinite(begun).all()):
         return ()
-    turns = cable_kernels.span_rows_of(rows, poses)
-    well = np.abs(np.linalg.det(turns))
+    weights = np.sqrt(1.0 / length_variance(rig))
+    U, s, V = np.linalg.svd(weights[:, None] * cable_kernels.span_rows_of(rows, poses), full_matrices=False)
+    well = s.prod(axis=1)
     chosen = well >= max(float(np.median(well)), np.finfo(float).tiny)
-    poses, twists = poses[chosen], np.linalg.inv(turns[chosen])
+    poses, twists = poses[chosen], np.swapaxes(V[chosen] / s[chosen, :, None], 1, 2) @ np.swapaxes(U[chosen], 1, 2) * weights
     counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(cable_kernels.span_lengths(rows, poses) - begun))
     variables = unsolved.exact(rig, None, () if calibration is None else calibration.names)
     reference = None if calibration is None else calibration.temperature_c
@@ -286,8 +292,9 @@ def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:
     return np.ascontiguousarray(np.column_stack([chosen, turns[np.arange(len(chosen)) % len(turns)]]))
 
 
-def named_figures(figures: FloatArray, flags: IntArray, full: bool, near: bool) -> dict[str, NDArray[Any]]:
-    """(n,) arrays by the dataset's names, of the kernels' (F, n) figures and (n,) flags."""
+def named_figures(figures: FloatArray, flags: IntArray, *, full: bool, near: bool, six: bool) -> dict[str, NDArray[Any]]:
+    """(n,) arrays by the dataset's names, of the kernels' (F, n) figures and (n,) flags; of more than six cables, whose rows have no
+    determinant, no assembly."""
     f = dict(zip(kernels.FIGURES, figures, strict=True))
     out = {
         "worst_pressure_angle_deg": np.degrees(np.arccos(1.0 / np.sqrt(f["speed2"]))),
@@ -296,9 +303,10 @@ def named_figures(figures: FloatArray, flags: IntArray, full: bool, near: bool) 
         "longest_cable_mm": f["longest"],
         "largest_wrap_deg": np.degrees(f["wrap"]),
         "singularity_distance": 1.0 / np.sqrt(f["norm2"]),
-        "assembly": np.where(f["determinant_low"] > 0, 1, np.where(f["determinant_high"] < 0, -1, 0)).astype(np.int8),
         "flags": flags,
     }
+    if six:
+        out["assembly"] = np.where(f["determinant_low"] > 0, 1, np.where(f["determinant_high"] < 0, -1, 0)).astype(np.int8)
     if full:
         out |= {"u95_rotation_deg": np.degrees(f["u95_rotation"]), "u95_attachment_mm": f["u95_attachment"]}
     return out | {"clearance_mm": f["clearance"]} if near else out

@@ -56,7 +56,7 @@ def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
         | {
             "zone_volume_mm3": float(inside.sum() * math.prod(data.attrs["node_spacing_mm"])),
             "nodes_in_zone": int(inside.sum()),
-            "assemblies_in_zone": len(np.unique(data["assembly"].values[inside])),
+            "assemblies_in_zone": len(np.unique(data["assembly"].values[inside])) if "assembly" in data else int(inside.any()),
             "assembly_sign": sign,
         }
     )

@@ -108,7 +108,7 @@ def _solve(
 
 
 @kernel
-def _inverse(
+def length_twists(
     cables: FloatArray,
     pose: FloatArray,
     weights: FloatArray,
@@ -185,7 +185,7 @@ def follow(
     for j in range(m):
         zero[j] = span_at(cables[j], start)[0]
         targets[j], weights[j] = zero[j], smallest / u[j]
-    _, side = _inverse(cables, start, weights, free, size, targets, G, r)
+    _, side = length_twists(cables, start, weights, free, size, targets, G, r)
     for i in range(n):
         counted, longest = 0, 0.0
         for j in range(m):
@@ -211,7 +211,7 @@ def follow(
                 if outcome != OK:
                     break
         if outcome == OK:
-            known, det = _inverse(cables, pose, weights, free, size, targets, G, r)
+            known, det = length_twists(cables, pose, weights, free, size, targets, G, r)
             if not known:
                 outcome = SINGULAR
             elif m == f and det * side <= 0.0:
@@ -248,7 +248,7 @@ def twists(cables: FloatArray, poses: FloatArray, weights: FloatArray, free: Int
     G, r, targets = np.empty((6, m)), np.empty(m), np.zeros(m)
     size = platform_size(cables)
     for i in range(n):
-        if not math.isnan(poses[i, 0]) and _inverse(cables, poses[i], weights[i], free, size, targets, G, r)[0]:
+        if not math.isnan(poses[i, 0]) and length_twists(cables, poses[i], weights[i], free, size, targets, G, r)[0]:
             for c in range(6):
                 copy(G[c], out[i, c])
     return out

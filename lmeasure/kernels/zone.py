@@ -14,20 +14,21 @@ from lmeasure.kernels import inline, kernel, layout
 from lmeasure.kernels.cable import drum_count, length_gradient, orientation, span_at, vec, wrap, wrap_plane
 from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
-from lmeasure.kernels.screw import CABLES, invert, platform_size
-from lmeasure.kernels.vector import Vec3, add, cross, dot, rotate, scale, sub
+from lmeasure.kernels.least_squares import length_twists
+from lmeasure.kernels.screw import CABLES, attachment_speed, invert, platform_size
+from lmeasure.kernels.vector import Vec3, add, dot, rotate, scale, sub
 
 FIGURES = (
-    "speed2",  # largest squared speed of an attachment point when only its own cable changes at unit rate: 1/cos^2 of the pressure angle
+    "speed2",  # largest squared speed of an attachment point when only its own cable changes at unit rate, at least 1: 1/cos^2
     "u95_position",  # 95 % radius [mm] of the tool origin
     "u95_rotation",  # 95 % radius [rad] of the rotation vector
     "u95_attachment",  # 95 % radius [mm] of the worst attachment point
     "shortest",  # cable, B to attachment point [mm]
     "longest",
     "wrap",  # largest wrapped angle [rad]
-    "determinant_low",  # of the rows (arm x e / size ; e), extremes over the orientations
+    "determinant_low",  # of six rows (arm x e / size ; e), extremes over the orientations
     "determinant_high",
-    "norm2",  # largest squared Frobenius norm of their inverse
+    "norm2",  # largest squared Frobenius norm of the rows' inverse, of more than six their pseudo-inverse
     "clearance",  # least distance between cables, and from cable to body surface [mm]
 )
 SPEED2, U95_POSITION, U95_ROTATION, U95_ATTACHMENT, SHORTEST, LONGEST, WRAP, DET_LOW, DET_HIGH, NORM2, CLEARANCE = range(len(FIGURES))
@@ -40,34 +41,35 @@ CANNOT_RUN, SINGULAR = 1, 2
 def parameter_changes(
     cables: FloatArray, pose: FloatArray, zero: FloatArray, at_start: FloatArray, scales: FloatArray, here: FloatArray
 ) -> None:
-    """Derivatives of the six changes of length since the zero pose by the rig's parameters, into here (6, layout.WIDTH).
+    """Derivatives of the m changes of length since the zero pose by the rig's parameters, into here (m, WIDTH).
 
-    A parameter moves the length at the pose *and* at the pose where the counters were zeroed (lengths zero (6,), derivatives at_start).
+    A parameter moves the length at the pose *and* at the pose where the counters were zeroed (lengths zero (m,), derivatives at_start).
     """
-    for j in range(CABLES):
+    for j in range(len(cables)):
         change = span_at(cables[j], pose)[0] - zero[j]
-        k = drum_count(change, cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], cables[j, layout.COUNT_LENGTH])
-        length_gradient(cables[j], pose, k, scales[j], here[j])
+        drum = cables[j]
+        k = drum_count(change, drum[layout.TANGENT], drum[layout.AXIAL], drum[layout.TRAVEL], drum[layout.COUNT_LENGTH])
+        length_gradient(drum, pose, k, scales[j], here[j])
         for c in range(layout.WIDTH):
             here[j, c] -= at_start[j, c]
 
 
 @inline
-def add_systematic(here: FloatArray, factor: FloatArray, inverse: FloatArray, C: FloatArray) -> None:
+def add_systematic(here: FloatArray, factor: FloatArray, twists: FloatArray, C: FloatArray) -> None:
     """Add the calibration's part to the covariance C (6, 6) of (rotation; tool origin): the parameters' covariance is factor @ factor.T."""
     for column in range(factor.shape[1]):
         shift = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        for j in range(CABLES):
+        for j in range(len(here)):
             dl = 0.0
             for c in range(layout.WIDTH):
                 dl += here[j, c] * factor[layout.WIDTH * j + c, column]
             shift = (
-                shift[0] + inverse[0, j] * dl,
-                shift[1] + inverse[1, j] * dl,
-                shift[2] + inverse[2, j] * dl,
-                shift[3] + inverse[3, j] * dl,
-                shift[4] + inverse[4, j] * dl,
-                shift[5] + inverse[5, j] * dl,
+                shift[0] + twists[0, j] * dl,
+                shift[1] + twists[1, j] * dl,
+                shift[2] + twists[2, j] * dl,
+                shift[3] + twists[3, j] * dl,
+                shift[4] + twists[4, j] * dl,
+                shift[5] + twists[5, j] * dl,
             )
         for a in range(6):
             for b in range(6):
@@ -111,7 +113,7 @@ def clearance_at(cables: FloatArray, pose: FloatArray, pairs: IntArray, bodies: 
         start, way = vec(bodies[k], layout.BODY_START), vec(bodies[k], layout.BODY_WAY)
         if bodies[k, layout.BODY_OF_TOOL] > 0.0:
             start, way = add(vec(pose, layout.PLACE), rotate(orientation(pose), start)), rotate(orientation(pose), way)
-        for j in range(CABLES):
+        for j in range(len(cables)):
             p, e, t = _free_span(cables[j], pose)
             gap = span_clearance(sub(p, start), e, t, scale(-1.0, way), bodies[k, layout.BODY_LENGTH], bodies[k, layout.BODY_RADIUS])
             least = gap if gap < least else least
@@ -138,12 +140,23 @@ def _wrapped(cable: FloatArray, pose: FloatArray) -> float:
     return wrap(q, p, cable[layout.RADIUS])[0]
 
 
+@inline
+def _norm2(twists: FloatArray, size: float) -> float:
+    """Squared Frobenius norm of twists per unit of length, turns times size."""
+    norm2 = 0.0
+    for j in range(twists.shape[1]):
+        turn, move = (twists[0, j], twists[1, j], twists[2, j]), (twists[3, j], twists[4, j], twists[5, j])
+        norm2 += size * size * dot(turn, turn) + dot(move, move)
+    return norm2
+
+
 @kernel
 def scan(
     cables: FloatArray,
     positions: FloatArray,
     quaternions: FloatArray,
     variance: FloatArray,
+    weights: FloatArray,
     scales: FloatArray,
     factor: FloatArray,
     start: FloatArray,
@@ -153,19 +166,21 @@ def scan(
 ) -> tuple[FloatArray, IntArray]:
     """Worst figures at (n, 3) positions of the tool origin over (k, 4) orientations x, y, z, w, all in the base frame.
 
-    cables (6, columns); variance (6,) of the lengths' own errors [mm^2]; scales (6,) decoding factors; factor (6 layout.WIDTH, r) with
-    factor @ factor.T the rig parameters' covariance (r = 0: not linked); start (7,) pose at which the counters are zeroed; points (p, 3)
-    attachment points in the tool frame whose uncertainty is asked (p = 0: neither theirs nor the rotation's); pairs (c, 2) of cables whose
-    distance is asked; bodies (b, layout.BODY_COLUMNS).
-    Returns (F, n) figures in the order of `FIGURES` and (n,) flags CANNOT_RUN and SINGULAR.
+    cables (m, columns), six or more; variance (m,) of the lengths' own errors [mm^2]; weights (m,), at most 1, of the
+    residuals of more than six; scales (m,) decoding factors; factor (m WIDTH, r) with factor @ factor.T the rig parameters' covariance
+    (r = 0: not linked); start (7,) pose at which the counters are zeroed; points (p, 3) attachment points in the tool frame whose
+    uncertainty is asked (p = 0: neither theirs nor the rotation's); pairs (c, 2) of cables whose distance is asked; bodies.
+    Returns (F, n) figures in the order of `FIGURES` and (n,) flags CANNOT_RUN and SINGULAR. More than six rows have no determinant: its
+    extremes stay infinite.
     """
-    n = positions.shape[0]
+    n, m = positions.shape[0], cables.shape[0]
     out, flags = np.empty((len(WORST_START), n)), np.zeros(n, np.int64)
-    size = platform_size(cables)
-    J, inverse, C = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES)), np.empty((6, 6))
-    here, at_start = np.empty((CABLES, layout.WIDTH)), np.empty((CABLES, layout.WIDTH))
-    zero, pose = np.empty(CABLES), np.empty(layout.POSE_COLUMNS)
-    for j in range(CABLES):
+    size, six = platform_size(cables), m == CABLES
+    J, twists, C = np.empty((CABLES, CABLES)), np.empty((6, m)), np.empty((6, 6))
+    free, equal, spare = np.arange(6), np.ones(m), np.empty(m)
+    here, at_start = np.empty((m, layout.WIDTH)), np.empty((m, layout.WIDTH))
+    zero, pose = np.empty(m), np.empty(layout.POSE_COLUMNS)
+    for j in range(m):
         zero[j] = span_at(cables[j], start)[0]
         length_gradient(cables[j], start, 0.0, scales[j], at_start[j])
     for i in range(n):
@@ -177,37 +192,41 @@ def scan(
             for c in range(4):
                 pose[layout.ORIENTATION + c] = quaternions[o, c]
             runs = True
-            for j in range(CABLES):
+            for j in range(m):
                 length = span_at(cables[j], pose)[0]
                 runs &= not math.isnan(length)
                 out[SHORTEST, i] = min(out[SHORTEST, i], length)
                 out[LONGEST, i] = max(out[LONGEST, i], length)
                 out[WRAP, i] = max(out[WRAP, i], _wrapped(cables[j], pose))
-            det = invert(cables, pose, J, inverse, size) if runs else 0.0
-            if det == 0.0:
+            known, det, norm2 = False, 0.0, 0.0
+            if runs and six:
+                det = invert(cables, pose, J, twists, size)
+                known, norm2 = det != 0.0, _norm2(twists, size)
+            elif runs:
+                # the norm is that of the rows as they are, whatever the weights
+                known = length_twists(cables, pose, equal, free, size, zero, twists, spare)[0]
+                norm2 = _norm2(twists, size)
+                known = known and length_twists(cables, pose, weights, free, size, zero, twists, spare)[0]
+            if runs and six:
+                out[DET_LOW, i], out[DET_HIGH, i] = min(out[DET_LOW, i], det), max(out[DET_HIGH, i], det)
+            if not known:
                 flags[i] |= SINGULAR if runs else CANNOT_RUN
                 out[SPEED2, i], out[NORM2, i] = math.inf, math.inf
                 out[U95_POSITION, i], out[U95_ROTATION, i], out[U95_ATTACHMENT, i] = math.inf, math.inf, math.inf
-                if runs:
-                    out[DET_LOW, i], out[DET_HIGH, i] = min(out[DET_LOW, i], 0.0), max(out[DET_HIGH, i], 0.0)
                 continue
-            out[DET_LOW, i], out[DET_HIGH, i] = min(out[DET_LOW, i], det), max(out[DET_HIGH, i], det)
-            norm2 = 0.0
-            for j in range(CABLES):
-                turn, move = (inverse[0, j], inverse[1, j], inverse[2, j]), (inverse[3, j], inverse[4, j], inverse[5, j])
-                v = add(move, cross(turn, rotate(orientation(pose), vec(cables[j], layout.ATTACHMENT))))
-                out[SPEED2, i] = max(out[SPEED2, i], dot(v, v))
-                norm2 += size * size * dot(turn, turn) + dot(move, move)
             out[NORM2, i] = max(out[NORM2, i], norm2)
+            for j in range(m):
+                speed = attachment_speed(cables, pose, twists, j)
+                out[SPEED2, i] = max(out[SPEED2, i], speed * speed)
             for a in range(6):
                 for b in range(6):
                     s = 0.0
-                    for j in range(CABLES):
-                        s += inverse[a, j] * variance[j] * inverse[b, j]
+                    for j in range(m):
+                        s += twists[a, j] * variance[j] * twists[b, j]
                     C[a, b] = s
             if factor.shape[1] > 0:
                 parameter_changes(cables, pose, zero, at_start, scales, here)
-                add_systematic(here, factor, inverse, C)
+                add_systematic(here, factor, twists, C)
             out[U95_POSITION, i] = max(out[U95_POSITION, i], radius_at(C, (0.0, 0.0, 0.0)))
             if points.shape[0] > 0:
                 rotation = radius_95(C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2])

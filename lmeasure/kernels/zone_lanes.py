@@ -3,14 +3,9 @@
 How it becomes fast
 -------------------
 All lanes share an orientation, so the arms of the attachment points are constants of the inner loops. Each stage is one loop over the
-lanes without a branch, which the compiler turns into vector instructions; intermediate rows stay in a small buffer of the first-level
-cache. The 6x6 rows are inverted by two 3x3 blocks whose inverses are cross products: with the rows [E1 M1; E2 M2] (v; w) = dl,
-G = E2 E1^-1 and the Schur complement S = M2 - G M1,
-
-    w = S^-1 (dl2 - G dl1),    v = E1^-1 (dl1 - M1 w).
-
-Without pivots this needs three first cables whose directions are far from coplanar; the caller chooses them (`accuracy.scan.block_order`).
-Places where their determinant falls below `WEAK_BLOCK`, or where a figure is not finite, are marked for the pivoted scalar kernel.
+lanes without a branch, which the compiler turns into vector instructions; intermediate rows stay in small buffers of the first-level
+cache. What a unit of each length does to the pose comes without pivots: of six cables by `zone_six`, of more by `zone_redundant`. Places
+where that is not sound, or where a figure is not finite, are marked for the pivoted scalar kernel.
 
 Each stage is inlined, so that the compiler sees its rows as constants and vectorises it. Only + - * / and square roots are used, in a fixed
 order and without contraction (`strict_kernel`), so that every processor gives the same bits.
@@ -26,60 +21,42 @@ from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.layout import BASE, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, GUIDE, RADIUS
 from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
-from lmeasure.kernels.zone import (
-    CLEARANCE,
-    DET_HIGH,
-    DET_LOW,
-    LONGEST,
-    NORM2,
-    SHORTEST,
-    SPEED2,
-    U95_ATTACHMENT,
-    U95_POSITION,
-    U95_ROTATION,
-    WORST_START,
-    WRAP,
-)
-from lmeasure.kernels.zone_linked import LENGTH, Linked, add_shift, shifts
+from lmeasure.kernels.zone import CLEARANCE, LONGEST, SHORTEST, SPEED2, U95_ATTACHMENT, U95_POSITION, U95_ROTATION, WORST_START, WRAP
+from lmeasure.kernels.zone_linked import GRADIENT_ROWS, Linked, length_covariance
+from lmeasure.kernels.zone_redundant import NORMAL_ROWS, least_squares_twists
 from lmeasure.kernels.zone_rows import (
+    CABLE_ROWS,
+    COVARIANCE,
     LANES,
     MOVE,
     PLACE,
-    POINT,
-    ROWS,
-    SPAN_ROWS,
+    PLACE_ROWS,
+    SOUND,
+    SPAN,
+    STRAIGHT,
     TOTAL,
     TURN,
-    WEAK,
+    VELOCITY,
     WORST,
-    angle,
     at,
     least,
+    leaving,
     most,
     put,
     vec,
-)
+)  # fmt: skip
+from lmeasure.kernels.zone_six import inverse_twists
 
-WEAK_BLOCK = 1e-3
+LEAST_SOUND = 1e-3
 
 
 @inline
-def _spans(
-    B: FloatArray, S: FloatArray, offset: Vec3, u: Vec3, radius: float
-) -> None:  # fmt: skip
+def _spans(B: FloatArray, S: FloatArray, offset: Vec3, u: Vec3, radius: float) -> None:
     """Direction and straight part of a cable's free span into S; extremes of its length and wrap. offset = arm - base point."""
     for lane in range(LANES):
-        d = add(at(B, PLACE, lane), offset)
-        q = dot(d, u)
-        n = sub(d, scale(q, u))
-        p = math.sqrt(dot(n, n))
-        x = p - radius
-        square = x * x + q * q
-        t = math.sqrt(square - radius * radius)
-        sine, cosine = q * radius + x * t, q * t - x * radius
-        phi, k = angle(sine, cosine, p * square)
-        put(S, 0, lane, add(scale(sine * k, n), scale(cosine * p * k, u)))
-        S[3 * LANES + lane] = t
+        phi, t, e, _, _, _ = leaving(add(at(B, PLACE, lane), offset), u, radius)
+        put(S, SPAN, lane, e)
+        S[STRAIGHT * LANES + lane] = t
         length = radius * phi + t
         least(B, WORST + SHORTEST, lane, length)
         most(B, WORST + LONGEST, lane, length)
@@ -87,119 +64,58 @@ def _spans(
 
 
 @inline
-def _twists(
-    B: FloatArray, S: FloatArray, a0: Vec3, a1: Vec3, a2: Vec3, a3: Vec3, a4: Vec3, a5: Vec3,
-    size: float,
-) -> None:  # fmt: skip
-    """Unit-rate twists of the six cables from their spans and arms, and what the determinants tell.
-
-    low, high: extremes of the determinant with moments divided by size; away: least 1/|J^-1| (Frobenius), J likewise divided; weak:
-    least absolute determinant of the first block.
-    """
-    for lane in range(LANES):
-        e0, e1, e2 = at(S, 0, lane), at(S, 4, lane), at(S, 8, lane)
-        e3, e4, e5 = at(S, 12, lane), at(S, 16, lane), at(S, 20, lane)
-        m0, m1, m2 = cross(a0, e0), cross(a1, e1), cross(a2, e2)
-        # columns of E1^-1, times the determinant
-        x, y, z = cross(e1, e2), cross(e2, e0), cross(e0, e1)
-        block = dot(e0, x)
-        k = 1.0 / block
-        x, y, z = scale(k, x), scale(k, y), scale(k, z)
-        g0 = (dot(e3, x), dot(e3, y), dot(e3, z))
-        g1 = (dot(e4, x), dot(e4, y), dot(e4, z))
-        g2 = (dot(e5, x), dot(e5, y), dot(e5, z))
-        s0 = sub(cross(a3, e3), add(add(scale(g0[0], m0), scale(g0[1], m1)), scale(g0[2], m2)))
-        s1 = sub(cross(a4, e4), add(add(scale(g1[0], m0), scale(g1[1], m1)), scale(g1[2], m2)))
-        s2 = sub(cross(a5, e5), add(add(scale(g2[0], m0), scale(g2[1], m1)), scale(g2[2], m2)))
-        w3, w4, w5 = cross(s1, s2), cross(s2, s0), cross(s0, s1)
-        schur = dot(s0, w3)
-        k = 1.0 / schur
-        w3, w4, w5 = scale(k, w3), scale(k, w4), scale(k, w5)
-        w0 = scale(-1.0, add(add(scale(g0[0], w3), scale(g1[0], w4)), scale(g2[0], w5)))
-        w1 = scale(-1.0, add(add(scale(g0[1], w3), scale(g1[1], w4)), scale(g2[1], w5)))
-        w2 = scale(-1.0, add(add(scale(g0[2], w3), scale(g1[2], w4)), scale(g2[2], w5)))
-        v0 = _move(x, y, z, m0, m1, m2, w0, (1.0, 0.0, 0.0))
-        v1 = _move(x, y, z, m0, m1, m2, w1, (0.0, 1.0, 0.0))
-        v2 = _move(x, y, z, m0, m1, m2, w2, (0.0, 0.0, 1.0))
-        v3 = _move(x, y, z, m0, m1, m2, w3, (0.0, 0.0, 0.0))
-        v4 = _move(x, y, z, m0, m1, m2, w4, (0.0, 0.0, 0.0))
-        v5 = _move(x, y, z, m0, m1, m2, w5, (0.0, 0.0, 0.0))
-        put(B, TURN, lane, w0)
-        put(B, TURN + 3, lane, w1)
-        put(B, TURN + 6, lane, w2)
-        put(B, TURN + 9, lane, w3)
-        put(B, TURN + 12, lane, w4)
-        put(B, TURN + 15, lane, w5)
-        put(B, MOVE, lane, v0)
-        put(B, MOVE + 3, lane, v1)
-        put(B, MOVE + 6, lane, v2)
-        put(B, MOVE + 9, lane, v3)
-        put(B, MOVE + 12, lane, v4)
-        put(B, MOVE + 15, lane, v5)
-        det = block * schur / (size * size * size)
-        least(B, WORST + DET_LOW, lane, det)
-        most(B, WORST + DET_HIGH, lane, det)
-        least(B, WEAK, lane, abs(block))
-        turns = dot(w0, w0) + dot(w1, w1) + dot(w2, w2) + dot(w3, w3) + dot(w4, w4) + dot(w5, w5)
-        moves = dot(v0, v0) + dot(v1, v1) + dot(v2, v2) + dot(v3, v3) + dot(v4, v4) + dot(v5, v5)
-        most(B, WORST + NORM2, lane, turns * (size * size) + moves)
-
-
-@inline
-def _move(x: Vec3, y: Vec3, z: Vec3, m0: Vec3, m1: Vec3, m2: Vec3, w: Vec3, unit: Vec3) -> Vec3:
-    """v = E1^-1 (unit - M1 w), with x, y, z the columns of E1^-1."""
-    return add(add(scale(unit[0] - dot(m0, w), x), scale(unit[1] - dot(m1, w), y)), scale(unit[2] - dot(m2, w), z))
-
-
-@inline
-def _fastest(B: FloatArray, a0: Vec3, a1: Vec3, a2: Vec3, a3: Vec3, a4: Vec3, a5: Vec3) -> None:
+def _speed(B: FloatArray, S: FloatArray, arm: Vec3) -> None:
     """Largest squared speed of an attachment point when only its own cable changes."""
     for lane in range(LANES):
-        s0, s1, s2 = _speed(B, 0, lane, a0), _speed(B, 3, lane, a1), _speed(B, 6, lane, a2)
-        s3, s4, s5 = _speed(B, 9, lane, a3), _speed(B, 12, lane, a4), _speed(B, 15, lane, a5)
-        s0 = s0 if s0 > s1 else s1
-        s2 = s2 if s2 > s3 else s3
-        s4 = s4 if s4 > s5 else s5
-        s0 = s0 if s0 > s2 else s2
-        most(B, WORST + SPEED2, lane, s0 if s0 > s4 else s4)
+        v = add(at(S, MOVE, lane), cross(at(S, TURN, lane), arm))
+        most(B, WORST + SPEED2, lane, dot(v, v))
 
 
 @inline
-def _speed(B: FloatArray, row: int, lane: int, arm: Vec3) -> float:
-    v = add(at(B, MOVE + row, lane), cross(at(B, TURN + row, lane), arm))
-    return dot(v, v)
-
-
-@inline
-def _at_point(B: FloatArray, arm: Vec3) -> None:
-    """Velocities of an attachment point for unit rates of the six cables, into the POINT rows."""
+def _velocity(S: FloatArray, arm: Vec3) -> None:
+    """Velocity of the body point at the arm by a unit rate of the cable, into the VELOCITY rows."""
     for lane in range(LANES):
-        for row in range(0, 18, 3):
-            put(B, POINT + row, lane, add(at(B, MOVE + row, lane), cross(at(B, TURN + row, lane), arm)))
+        put(S, VELOCITY, lane, add(at(S, MOVE, lane), cross(at(S, TURN, lane), arm)))
 
 
 @inline
-def _radius(B: FloatArray, row: int, sigma: FloatArray, worst: int, C: FloatArray, D: FloatArray | None) -> None:
-    """Largest 95 % radius of sum_j sigma_j^2 c_j c_j^T for the six columns c_j at `row`, and of the (r, 6, LANES) shifts D of the lengths
-    besides; total keeps what is not finite. C (6 LANES,) is scratch."""
-    s0, s1, s2, s3, s4, s5 = sigma[0], sigma[1], sigma[2], sigma[3], sigma[4], sigma[5]
-    if D is not None:
-        for i in range(6 * LANES):
-            C[i] = 0.0
-        for first in range(0, len(D), 6 * LANES):
-            add_shift(B, row, C, D[first:])
+def _add_square(B: FloatArray, S: FloatArray, row: int, variance: float) -> None:
+    """Add variance c c^T for the cable's column c at `row`."""
     for lane in range(LANES):
-        c0, c1, c2 = scale(s0, at(B, row, lane)), scale(s1, at(B, row + 3, lane)), scale(s2, at(B, row + 6, lane))
-        c3, c4, c5 = scale(s3, at(B, row + 9, lane)), scale(s4, at(B, row + 12, lane)), scale(s5, at(B, row + 15, lane))
-        xx = c0[0] * c0[0] + c1[0] * c1[0] + c2[0] * c2[0] + c3[0] * c3[0] + c4[0] * c4[0] + c5[0] * c5[0]
-        yy = c0[1] * c0[1] + c1[1] * c1[1] + c2[1] * c2[1] + c3[1] * c3[1] + c4[1] * c4[1] + c5[1] * c5[1]
-        zz = c0[2] * c0[2] + c1[2] * c1[2] + c2[2] * c2[2] + c3[2] * c3[2] + c4[2] * c4[2] + c5[2] * c5[2]
-        xy = c0[0] * c0[1] + c1[0] * c1[1] + c2[0] * c2[1] + c3[0] * c3[1] + c4[0] * c4[1] + c5[0] * c5[1]
-        xz = c0[0] * c0[2] + c1[0] * c1[2] + c2[0] * c2[2] + c3[0] * c3[2] + c4[0] * c4[2] + c5[0] * c5[2]
-        yz = c0[1] * c0[2] + c1[1] * c1[2] + c2[1] * c2[2] + c3[1] * c3[2] + c4[1] * c4[2] + c5[1] * c5[2]
-        if D is not None:
-            xx, yy, zz = xx + C[lane], yy + C[LANES + lane], zz + C[2 * LANES + lane]
-            xy, xz, yz = xy + C[3 * LANES + lane], xz + C[4 * LANES + lane], yz + C[5 * LANES + lane]
+        c = at(S, row, lane)
+        s = scale(variance, c)
+        put(B, COVARIANCE, lane, add(at(B, COVARIANCE, lane), (s[0] * c[0], s[1] * c[1], s[2] * c[2])))
+        put(B, COVARIANCE + 3, lane, add(at(B, COVARIANCE + 3, lane), (s[0] * c[1], s[0] * c[2], s[1] * c[2])))
+
+
+@inline
+def _add_product(B: FloatArray, S: FloatArray, T: FloatArray, row: int, L: FloatArray, share: float) -> None:
+    """Add share l (c d^T + d c^T) for two cables' columns c and d at `row` and the covariance l of their lengths."""
+    for lane in range(LANES):
+        c, d = scale(share * L[lane], at(S, row, lane)), at(T, row, lane)
+        put(B, COVARIANCE, lane, add(at(B, COVARIANCE, lane), (2.0 * c[0] * d[0], 2.0 * c[1] * d[1], 2.0 * c[2] * d[2])))
+        mixed = (c[0] * d[1] + c[1] * d[0], c[0] * d[2] + c[2] * d[0], c[1] * d[2] + c[2] * d[1])
+        put(B, COVARIANCE + 3, lane, add(at(B, COVARIANCE + 3, lane), mixed))
+
+
+@inline
+def _radius(B: FloatArray, S: FloatArray, m: int, row: int, variance: FloatArray, L: FloatArray | None, worst: int) -> None:
+    """Largest 95 % radius of what the columns c_j at `row` make of the lengths' covariance: of their variances alone, or of L, its lower
+    triangle row by row, LANES each; total keeps what is not finite."""
+    for i in range(COVARIANCE * LANES, (COVARIANCE + 6) * LANES):
+        B[i] = 0.0
+    if L is None:
+        for j in range(m):
+            _add_square(B, S[j * CABLE_ROWS * LANES :], row, variance[j])
+    else:
+        for j in range(m):
+            first = j * (j + 1) // 2
+            for k in range(j + 1):
+                share = 0.5 if j == k else 1.0
+                _add_product(B, S[j * CABLE_ROWS * LANES :], S[k * CABLE_ROWS * LANES :], row, L[(first + k) * LANES :], share)
+    for lane in range(LANES):
+        xx, yy, zz = at(B, COVARIANCE, lane)
+        xy, xz, yz = at(B, COVARIANCE + 3, lane)
         r = radius_95(xx, yy, zz, xy, xz, yz)
         most(B, worst, lane, r)
         B[TOTAL * LANES + lane] += r
@@ -209,7 +125,7 @@ def _radius(B: FloatArray, row: int, sigma: FloatArray, worst: int, C: FloatArra
 def _between(B: FloatArray, S: FloatArray, T: FloatArray, d: Vec3) -> None:
     """Least distance between the free spans of two cables whose attachment points are d apart."""
     for lane in range(LANES):
-        gap = span_clearance(d, at(S, 0, lane), S[3 * LANES + lane], at(T, 0, lane), T[3 * LANES + lane], 0.0)
+        gap = span_clearance(d, at(S, SPAN, lane), S[STRAIGHT * LANES + lane], at(T, SPAN, lane), T[STRAIGHT * LANES + lane], 0.0)
         least(B, WORST + CLEARANCE, lane, gap)
 
 
@@ -218,7 +134,8 @@ def _to_body(B: FloatArray, S: FloatArray, d: Vec3, moves: float, way: Vec3, len
     """Least distance of a free span from a body's surface; d from the body's start to the attachment point, less the tool's place when
     the body stands in the base frame (moves 1)."""
     for lane in range(LANES):
-        gap = span_clearance(add(d, scale(moves, at(B, PLACE, lane))), at(S, 0, lane), S[3 * LANES + lane], way, length, radius)
+        away = add(d, scale(moves, at(B, PLACE, lane)))
+        gap = span_clearance(away, at(S, SPAN, lane), S[STRAIGHT * LANES + lane], way, length, radius)
         least(B, WORST + CLEARANCE, lane, gap)
 
 
@@ -232,62 +149,64 @@ def scan_lanes(
     body_ways: FloatArray,
     bodies: FloatArray,
     pairs: IntArray,
-    sigma: FloatArray,
+    variance: FloatArray,
+    weights: FloatArray,
     size: float,
     linked: Linked | None,
     turns: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
     """(F, n) figures of `kernels.zone.FIGURES` at (n, 3) positions, n a multiple of LANES, and (n,) places left to the scalar kernel.
 
-    cables (6, 17), the first three being the block that is inverted first (the determinant's sign is that of this order); over k
-    orientations, all turned into the base frame: arms (k, 6, 3) of the attachment points, points (k, p, 3) whose uncertainty is asked
-    (p = 0: neither theirs nor the rotation's), body_starts and body_ways (k, b, 3); bodies (b, 9) and pairs (c, 2) as in
-    `kernels.zone.scan`; sigma (6,) standard uncertainties of the lengths [mm]; size [mm] divides the moments.
-    linked: of the rig parameters' covariance (`kernels.zone.scan`) the factor (6 WIDTH, r), derivatives (6, WIDTH) and lengths (6,) at the
-    zero pose, decoding factors (6,), derivatives (6, 6) of the guides by alpha and beta; None where there is none, which is compiled apart.
-    turns (k, 3, 3) base_from_tool.
+    cables (m, columns); of six the first three are the block that is inverted first (the determinant's sign is that of this order); over k
+    orientations, all turned into the base frame: arms (k, m, 3) of the attachment points, points (k, p, 3) whose uncertainty is asked
+    (p = 0: neither theirs nor the rotation's), body_starts and body_ways (k, b, 3); bodies (b, BODY_COLUMNS) and pairs (c, 2) as in
+    `kernels.zone.scan`, and variance (m,) and weights (m,); size [mm] divides the moments. linked: of the rig parameters' covariance,
+    None where there is none, which is compiled apart. turns (k, 3, 3) base_from_tool.
     """
-    C, D = np.empty(6 * LANES), None
-    if linked is not None:
-        used = np.array([np.any(row != 0.0) for row in linked[0]])
-        D, H = np.empty(linked[0].shape[1] * 6 * LANES), np.empty((LENGTH + 1) * LANES)
-    n = positions.shape[0]
+    n, m = positions.shape[0], cables.shape[0]
     out, left = np.empty((len(WORST_START), n)), np.empty(n, np.bool_)
-    B, S = np.empty(ROWS * LANES), np.empty(6 * SPAN_ROWS * LANES)
+    B, S, N = np.empty(PLACE_ROWS * LANES), np.empty(m * CABLE_ROWS * LANES), np.empty(NORMAL_ROWS * LANES)
+    L = None
+    if linked is not None:
+        L, H = np.empty(m * (m + 1) // 2 * LANES), np.zeros(2 * m * GRADIENT_ROWS * LANES)
     for first in range(0, n, LANES):
         for lane in range(LANES):
             put(B, PLACE, lane, vec(positions[first + lane], 0))
             for f in range(len(WORST_START)):
                 B[(WORST + f) * LANES + lane] = WORST_START[f]
-            B[WEAK * LANES + lane], B[TOTAL * LANES + lane] = math.inf, 0.0
+            B[SOUND * LANES + lane], B[TOTAL * LANES + lane] = math.inf, 0.0
         for o in range(arms.shape[0]):
             a = arms[o]
-            a0, a1, a2, a3, a4, a5 = vec(a[0], 0), vec(a[1], 0), vec(a[2], 0), vec(a[3], 0), vec(a[4], 0), vec(a[5], 0)
-            for j in range(6):
+            for j in range(m):
                 offset = sub(vec(a[j], 0), vec(cables[j], BASE))
-                _spans(B, S[j * SPAN_ROWS * LANES :], offset, vec(cables[j], GUIDE), cables[j, RADIUS])
-            _twists(B, S, a0, a1, a2, a3, a4, a5, size)
-            _fastest(B, a0, a1, a2, a3, a4, a5)
+                _spans(B, S[j * CABLE_ROWS * LANES :], offset, vec(cables[j], GUIDE), cables[j, RADIUS])
+            if m == 6:
+                inverse_twists(B, S, a, size)
+            else:
+                least_squares_twists(B, S, N, a, weights, size)
+            for j in range(m):
+                _speed(B, S[j * CABLE_ROWS * LANES :], vec(a[j], 0))
             if linked is not None:
-                shifts(D, H, B, S, a, cables, linked, used, turns[o])
-            _radius(B, MOVE, sigma, WORST + U95_POSITION, C, D)
+                length_covariance(L, H, B, S, a, cables, variance, linked, turns[o])
+            _radius(B, S, m, MOVE, variance, L, WORST + U95_POSITION)
             if points.shape[1] > 0:
-                _radius(B, TURN, sigma, WORST + U95_ROTATION, C, D)
+                _radius(B, S, m, TURN, variance, L, WORST + U95_ROTATION)
                 for k in range(points.shape[1]):
-                    _at_point(B, vec(points[o, k], 0))
-                    _radius(B, POINT, sigma, WORST + U95_ATTACHMENT, C, D)
+                    for j in range(m):
+                        _velocity(S[j * CABLE_ROWS * LANES :], vec(points[o, k], 0))
+                    _radius(B, S, m, VELOCITY, variance, L, WORST + U95_ATTACHMENT)
             for k in range(pairs.shape[0]):
                 i, j = pairs[k]
                 apart = sub(vec(a[i], 0), vec(a[j], 0))
-                _between(B, S[i * SPAN_ROWS * LANES :], S[j * SPAN_ROWS * LANES :], apart)
+                _between(B, S[i * CABLE_ROWS * LANES :], S[j * CABLE_ROWS * LANES :], apart)
             for k in range(bodies.shape[0]):
                 back = scale(-1.0, vec(body_ways[o, k], 0))
                 moves = 0.0 if bodies[k, BODY_OF_TOOL] > 0.0 else 1.0
-                for j in range(6):
+                for j in range(m):
                     d = sub(vec(a[j], 0), vec(body_starts[o, k], 0))
-                    _to_body(B, S[j * SPAN_ROWS * LANES :], d, moves, back, bodies[k, BODY_LENGTH], bodies[k, BODY_RADIUS])
+                    _to_body(B, S[j * CABLE_ROWS * LANES :], d, moves, back, bodies[k, BODY_LENGTH], bodies[k, BODY_RADIUS])
         for lane in range(LANES):
             for f in range(len(WORST_START)):
                 out[f, first + lane] = B[(WORST + f) * LANES + lane]
-            left[first + lane] = not (B[WEAK * LANES + lane] >= WEAK_BLOCK and math.isfinite(B[TOTAL * LANES + lane]))
+            left[first + lane] = not (B[SOUND * LANES + lane] >= LEAST_SOUND and math.isfinite(B[TOTAL * LANES + lane]))
     return out, left

@@ -1,37 +1,103 @@
-"""The calibration's part in the zone's lane kernel: what each column of the rig parameters' covariance factor does to the lengths, and
-the lengths to the pose. The same formulas as `kernels.cable.length_gradient` and `kernels.zone.add_systematic`, LANES places at a time."""
+"""The calibration's part in the zone's lane kernel: the covariance of the lengths by that of the rig's parameters, LANES places at a time.
+
+A length changes since the zero pose by h_j . dp_j for its parameters' errors dp_j, h_j being its gradient there less that at the zero pose
+(`kernels.cable.length_gradient`). The parameters' covariance F F^T is taken cable by cable, F_j = R_j^T Q_j^T (QR of F_j^T), so that
+
+    cov(dl_j, dl_k) = (R_j h_j)^T (Q_j^T Q_k) (R_k h_k):
+
+gradients in units of their own uncertainty, which loses nothing where parameters of a cable are known in combination only, and what
+correlates two cables. Both products are done by blocks of five rows, as many as an observation point and its guide have; blocks of zeros
+are passed over.
+"""
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.kernels import inline, layout, strict_kernel
 from lmeasure.kernels.cable import drum_count, length_gradients, span_lengths
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
-from lmeasure.kernels.zone_rows import LANES, PLACE, SPAN_ROWS, angle, at, put, vec
+from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, PLACE, at, leaving, put, vec
 
-Linked = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-
-LENGTH = layout.WIDTH  # row of a cable's length behind those of its derivatives
+BLOCK = 5
+BLOCKS = -(-layout.WIDTH // BLOCK)
+LENGTH = BLOCK * BLOCKS  # row of a cable's length behind those of its derivatives
+GRADIENT_ROWS = LENGTH + 1
 
 strict_gradients, strict_lengths = strict_kernel(length_gradients), strict_kernel(span_lengths)
 
+Five = tuple[float, float, float, float, float]
+
+
+class Linked(NamedTuple):
+    """What the lanes need of a calibration, of m cables in the lanes' order; blocks are BLOCK x BLOCK.
+
+    roots (m, BLOCKS, BLOCKS, 5, 5) R_j and begun (m, LENGTH) R_j times the gradient at the zero pose; both (m, m, BLOCKS, BLOCKS, 5, 5)
+    Q_j^T Q_k; in_roots and in_both tell which blocks are not zero; drums (m,) whether anything of a counter or drum is uncertain; zero
+    (m,) lengths at the zero pose [mm], scales (m,) decoding factors, guides (m, 6) derivatives of the guide's direction by alpha and beta.
+    """
+
+    roots: FloatArray
+    begun: FloatArray
+    both: FloatArray
+    in_roots: BoolArray
+    in_both: BoolArray
+    drums: BoolArray
+    zero: FloatArray
+    scales: FloatArray
+    guides: FloatArray
+
 
 @inline
-def add_shift(B: FloatArray, row: int, C: FloatArray, D: FloatArray) -> None:
-    """Add the square of what shifts D (6, LANES) of the lengths do by the columns at `row` to C: xx, yy, zz, xy, xz, yz."""
-    for lane in range(LANES):
-        s = scale(D[lane], at(B, row, lane))
-        s = add(s, scale(D[LANES + lane], at(B, row + 3, lane)))
-        s = add(s, scale(D[2 * LANES + lane], at(B, row + 6, lane)))
-        s = add(s, scale(D[3 * LANES + lane], at(B, row + 9, lane)))
-        s = add(s, scale(D[4 * LANES + lane], at(B, row + 12, lane)))
-        s = add(s, scale(D[5 * LANES + lane], at(B, row + 15, lane)))
-        C[lane] += s[0] * s[0]
-        C[LANES + lane] += s[1] * s[1]
-        C[2 * LANES + lane] += s[2] * s[2]
-        C[3 * LANES + lane] += s[0] * s[1]
-        C[4 * LANES + lane] += s[0] * s[2]
-        C[5 * LANES + lane] += s[1] * s[2]
+def _product(a: FloatArray, b: FloatArray) -> float:
+    """Of the numbers that both have."""
+    s = 0.0
+    for i in range(min(len(a), len(b))):
+        s += a[i] * b[i]
+    return s
+
+
+@inline
+def _length(a: FloatArray) -> float:
+    return math.sqrt(_product(a, a))
+
+
+@strict_kernel
+def roots_by_cable(factor: FloatArray, at_start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """R_j (m, LENGTH, LENGTH), R_j times at_start (m, LENGTH) and Q_j^T Q_k (m, m, LENGTH, LENGTH) of F (m, WIDTH, r), with gradients
+    at_start (m, WIDTH) at the zero pose: Gram and Schmidt's way, each remainder twice; rows that are not needed are zero."""
+    m, width, r = factor.shape
+    roots, begun, both = np.zeros((m, LENGTH, LENGTH)), np.zeros((m, LENGTH)), np.zeros((m, m, LENGTH, LENGTH))
+    Q, rest = np.zeros((m, LENGTH, r)), np.empty(r)
+    for j in range(m):
+        rank = 0
+        for c in range(width):
+            for i in range(r):
+                rest[i] = factor[j, c, i]
+            whole = _length(rest)
+            for _ in range(2):
+                for b in range(rank):
+                    s = _product(Q[j, b], rest)
+                    roots[j, b, c] += s
+                    for i in range(r):
+                        rest[i] -= s * Q[j, b, i]
+            left = _length(rest)
+            # what is left of a dependent one is rounding
+            if rank < r and left > 1e-14 * whole:
+                roots[j, rank, c] = left
+                for i in range(r):
+                    Q[j, rank, i] = rest[i] / left
+                rank += 1
+        for a in range(LENGTH):
+            begun[j, a] = _product(roots[j, a], at_start[j])
+    for j in range(m):
+        for k in range(m):
+            for a in range(LENGTH):
+                for b in range(LENGTH):
+                    both[j, k, a, b] = _product(Q[j, a], Q[k, b])
+    return roots, begun, both
 
 
 @inline
@@ -49,17 +115,8 @@ def _gradient(
     )
     for lane in range(LANES):
         d = add(at(B, PLACE, lane), offset)
-        q = dot(d, u)
-        n = sub(d, scale(q, u))
-        p = math.sqrt(dot(n, n))
-        x = p - radius
-        square = x * x + q * q
-        t = math.sqrt(square - radius * radius)
-        sine, cosine = q * radius + x * t, q * t - x * radius
-        phi, k = angle(sine, cosine, p * square)
-        sine, cosine = sine * (k * p), cosine * (k * p)
-        by_guide = bent * (cosine - sine * q * (k * square))
-        e = at(S, 0, lane)
+        phi, t, e, cosine, sine, slope = leaving(d, u, radius)
+        by_guide = bent * (cosine - sine * slope)
         put(H, layout.BY_BASE, lane, scale(-1.0, e))
         H[layout.BY_ALPHA * LANES + lane], H[layout.BY_BETA * LANES + lane] = by_guide * dot(d, by_alpha), by_guide * dot(d, by_beta)
         H[layout.BY_RADIUS * LANES + lane] = phi - sine
@@ -84,43 +141,72 @@ def _drum_gradient(H: FloatArray, cable: FloatArray, zero: float, factor: float)
 
 
 @inline
-def _by_point(D: FloatArray, H: FloatArray, f0: float, f1: float, f2: float, f3: float, f4: float) -> None:
-    """Shifts of a length by the first five parameters, an observation point's place and guide, which most calibrations are about."""
-    for lane in range(LANES):
-        shift = H[lane] * f0 + H[LANES + lane] * f1 + H[2 * LANES + lane] * f2
-        D[lane] = shift + H[3 * LANES + lane] * f3 + H[4 * LANES + lane] * f4
+def _five(H: FloatArray, lane: int) -> Five:
+    return H[lane], H[LANES + lane], H[2 * LANES + lane], H[3 * LANES + lane], H[4 * LANES + lane]
 
 
 @inline
-def _add_part(D: FloatArray, H: FloatArray, factor: float) -> None:
-    """Add another parameter's part to the shifts of a length."""
-    for lane in range(LANES):
-        D[lane] += H[lane] * factor
+def _row(M: FloatArray, i: int) -> Five:
+    return M[i, 0], M[i, 1], M[i, 2], M[i, 3], M[i, 4]
 
 
 @inline
-def shifts(
-    D: FloatArray, H: FloatArray, B: FloatArray, S: FloatArray, arms: FloatArray, cables: FloatArray, linked: Linked, used: BoolArray,
+def _dot(a: Five, b: Five) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
+
+
+@inline
+def _add_times(G: FloatArray, M: FloatArray, H: FloatArray) -> None:
+    """Add the block M times five rows of H to five rows of G."""
+    m0, m1, m2, m3, m4 = _row(M, 0), _row(M, 1), _row(M, 2), _row(M, 3), _row(M, 4)
+    for lane in range(LANES):
+        h = _five(H, lane)
+        G[lane] += _dot(m0, h)
+        G[LANES + lane] += _dot(m1, h)
+        G[2 * LANES + lane] += _dot(m2, h)
+        G[3 * LANES + lane] += _dot(m3, h)
+        G[4 * LANES + lane] += _dot(m4, h)
+
+
+@inline
+def _add_form(L: FloatArray, G: FloatArray, M: FloatArray, H: FloatArray) -> None:
+    """Add g^T M h for five rows g of G and h of H."""
+    m0, m1, m2, m3, m4 = _row(M, 0), _row(M, 1), _row(M, 2), _row(M, 3), _row(M, 4)
+    for lane in range(LANES):
+        h = _five(H, lane)
+        L[lane] += _dot(_five(G, lane), (_dot(m0, h), _dot(m1, h), _dot(m2, h), _dot(m3, h), _dot(m4, h)))
+
+
+@inline
+def length_covariance(
+    L: FloatArray, H: FloatArray, B: FloatArray, S: FloatArray, arms: FloatArray, cables: FloatArray, variance: FloatArray, linked: Linked,
     turn: FloatArray,
 ) -> None:  # fmt: skip
-    """Shifts (columns, 6, LANES) of the changes of length since the zero pose by each column of the parameters' factor, whose rows that
-    are not zero are `used`."""
-    factor, at_start, zero, scales, guides = linked
-    columns = factor.shape[1]
-    for j in range(6):
+    """Covariance of the lengths, their own variances (m,) and the calibration's, into L: the lower triangle row by row, LANES each.
+
+    H is scratch of 2 m GRADIENT_ROWS rows: gradients, and the same in units of their uncertainty.
+    """
+    m = len(cables)
+    for j in range(m):
         offset = sub(vec(arms[j], 0), vec(cables[j], layout.BASE))
-        _gradient(H, B, S[j * SPAN_ROWS * LANES :], offset, cables[j], vec(guides[j], 0), vec(guides[j], 3), turn)
-        first = layout.WIDTH * j
-        own = used[first : first + layout.WIDTH]
-        if own[layout.BY_SCALE] or own[layout.BY_TANGENT] or own[layout.BY_AXIAL] or own[layout.BY_PITCH]:
-            _drum_gradient(H, cables[j], zero[j], scales[j])
-        # a parameter moves the length at the pose and at the zero pose
-        for c in range(layout.WIDTH):
+        own, scaled = H[j * GRADIENT_ROWS * LANES :], H[(m + j) * GRADIENT_ROWS * LANES :]
+        _gradient(own, B, S[j * CABLE_ROWS * LANES :], offset, cables[j], vec(linked.guides[j], 0), vec(linked.guides[j], 3), turn)
+        if linked.drums[j]:
+            _drum_gradient(own, cables[j], linked.zero[j], linked.scales[j])
+        for c in range(LENGTH):
             for lane in range(LANES):
-                H[c * LANES + lane] -= at_start[j, c]
-        for column in range(columns):
-            f = factor[first : first + layout.BY_RADIUS, column]
-            _by_point(D[(column * 6 + j) * LANES :], H, f[0], f[1], f[2], f[3], f[4])
-        for c in range(layout.BY_RADIUS, layout.WIDTH):
-            for column in range(columns if used[first + c] else 0):
-                _add_part(D[(column * 6 + j) * LANES :], H[c * LANES :], factor[first + c, column])
+                scaled[c * LANES + lane] = -linked.begun[j, c]
+        for a in range(BLOCKS):
+            for b in range(BLOCKS):
+                if linked.in_roots[j, a, b]:
+                    _add_times(scaled[a * BLOCK * LANES :], linked.roots[j, a, b], own[b * BLOCK * LANES :])
+    for j in range(m):
+        for k in range(j + 1):
+            here = L[(j * (j + 1) // 2 + k) * LANES :]
+            for lane in range(LANES):
+                here[lane] = variance[j] if j == k else 0.0
+            G, D = H[(m + j) * GRADIENT_ROWS * LANES :], H[(m + k) * GRADIENT_ROWS * LANES :]
+            for a in range(BLOCKS):
+                for b in range(BLOCKS):
+                    if linked.in_both[j, k, a, b]:
+                        _add_form(here, G[a * BLOCK * LANES :], linked.both[j, k, a, b], D[b * BLOCK * LANES :])

@@ -4,20 +4,19 @@ import math
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline
-from lmeasure.kernels.vector import Vec3
+from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
 from lmeasure.kernels.zone import WORST_START
 
 LANES = 32
 
 # Rows, LANES long each. The compiler vectorises a loop only where it can tell that rows do not overlap: all offsets within one buffer are
-# constants, and what depends on the cable has a buffer of its own.
-# spans of a cable: direction and straight part
-SPAN_ROWS = 4
-# work: place of the tool origin, unit-rate twists (w; v) of the six cables, velocities of an attachment point, worst figures so far
-PLACE, TURN, MOVE, POINT, WORST = 0, 3, 21, 39, 57
-WEAK, ROWS = WORST + len(WORST_START), WORST + len(WORST_START) + 2
-TOTAL = WEAK + 1
-
+# constants, and what depends on the cable has a part of its own.
+# of a cable: direction and straight part of its free span, then by its unit rate the tool's turn and move and the velocity of a point
+SPAN, STRAIGHT, TURN, MOVE, VELOCITY, CABLE_ROWS = 0, 3, 4, 7, 10, 13
+# of the place: the tool origin, a covariance (xx, yy, zz, xy, xz, yz), worst figures so far, least of what tells a sound inverse, total of
+# the radii, which keeps what is not finite
+PLACE, COVARIANCE, WORST = 0, 3, 9
+SOUND, TOTAL, PLACE_ROWS = WORST + len(WORST_START), WORST + len(WORST_START) + 1, WORST + len(WORST_START) + 2
 
 # arctan(f)/f = 1 + z (c0 + c1 z + ...), z = f^2 <= tan^2(22.5 deg): interpolated at Chebyshev's points; errs by less than 1.4e-16
 ARCTANGENT = (
@@ -44,6 +43,21 @@ def angle(y: float, x: float, over: float) -> tuple[float, float]:
     a = offset + (f + f * (z * p))
     a = a if x >= 0.0 else math.pi - a
     return (a if y >= 0.0 else 2.0 * math.pi - a), denominator * both
+
+
+@inline
+def leaving(d: Vec3, u: Vec3, radius: float) -> tuple[float, float, Vec3, float, float, float]:
+    """(phi, t, e, cos phi, sin phi, q/p) of the cable to the point d from B, as in `kernels.cable.wrapped_span`, by two divisions."""
+    q = dot(d, u)
+    n = sub(d, scale(q, u))
+    p = math.sqrt(dot(n, n))
+    x = p - radius
+    square = x * x + q * q
+    t = math.sqrt(square - radius * radius)
+    sine, cosine = q * radius + x * t, q * t - x * radius
+    phi, k = angle(sine, cosine, p * square)
+    e = add(scale(sine * k, n), scale(cosine * p * k, u))
+    return phi, t, e, cosine * p * k, sine * p * k, q * (k * square)
 
 
 @inline

@@ -43,6 +43,7 @@ def scalar(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         plan.positions,
         plan.quaternions,
         plan.variance,
+        plan.weights,
         plan.scales,
         plan.factor,
         plan.start,

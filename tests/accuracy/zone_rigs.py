@@ -46,8 +46,9 @@ def published() -> Rig:
     return rig([point(name, at) for name, at in PUBLISHED_POINTS.items()], PUBLISHED_TOOL, PUBLISHED_CABLES, "published")
 
 
-def cell(seed: int = 0) -> Rig:
-    """Six pulleys around a cell, two cables to each of three attachment points 150 mm from the tool's axis."""
+def cell(seed: int = 0, cables: int = 6) -> Rig:
+    """Six pulleys around a cell, two cables to each of three attachment points 150 mm from the tool's axis; up to three more cables, whose
+    counts are coarser."""
     random = np.random.default_rng(seed)
     directions = np.array([[1, 0, 0.6], [-0.5, 0.87, 0.6], [-0.5, -0.87, 0.6], [-1, 0, -0.5], [0.5, -0.87, -0.5], [0.5, 0.87, -0.5]])
     points = [
@@ -62,4 +63,9 @@ def cell(seed: int = 0) -> Rig:
     ]
     turn = np.radians([90, 210, 330])
     tool = {f"P{i + 1}": (150 * np.cos(a), 150 * np.sin(a), 10.0 * i) for i, a in enumerate(turn)}
-    return rig(points, tool, [("B1", "P1"), ("B2", "P1"), ("B3", "P2"), ("B4", "P2"), ("B5", "P3"), ("B6", "P3")], "cell")
+    more = [(-200.0, -300.0, 1400.0), (1100.0, -900.0, -500.0), (-900.0, 1100.0, 300.0)][: cables - 6]
+    points += [
+        point(f"B{7 + i}", at, radius=20.0, alpha=30.0, beta=70.0 * i, count_length_mm=0.0125 * (2 + i)) for i, at in enumerate(more)
+    ]
+    pairs = [(f"B{i + 1}", f"P{i // 2 + 1}") for i in range(6)] + [(f"B{7 + i}", f"P{i + 1}") for i in range(len(more))]
+    return rig(points, tool, pairs, "cell")

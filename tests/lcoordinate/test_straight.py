@@ -148,3 +148,34 @@ def test_special_points_have_fewer_assemblies_and_are_done_with_these() -> None:
     found = straight.assemblies(base, platform, lengths_at(base, platform, pose))
     assert (found.complex_found, found.complex_expected, found.status) == (28, 28, straight.ALL)
     assert nearest(found.poses, pose) < 1e-6
+
+
+def test_boxes_hold_the_assemblies_that_fifty_digits_find() -> None:
+    """The equations once more in mpmath, from points and squared lengths: |p + R b - a|^2 = l^2 by quaternions, not from the quadrics."""
+    import mpmath as mp
+
+    mp.mp.dps = 50
+    base, platform, lengths = DIETMAIER
+    told = certified.proved(
+        study.links(base, platform, lengths**2), study.points(straight.assemblies(*DIETMAIER).poses[:4]).astype(np.complex128)
+    )
+
+    def times(p: list[mp.mpf], q: list[mp.mpf]) -> list[mp.mpf]:
+        (a, b, c, d), (e, f, g, h) = p, q
+        return [a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g, a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e]
+
+    for x, radius in zip(told.points.real, told.radius, strict=True):
+        held = int(np.abs(x).argmax())
+
+        def equations(*free: mp.mpf, held: int = held) -> list[mp.mpf]:
+            y = [*free[:held], mp.mpf(1), *free[held:]]
+            e, g = y[:4], y[4:]
+            out = [mp.fdot(e, g)]
+            for a, b, length in zip(base.tolist(), platform.tolist(), lengths.tolist(), strict=True):
+                left, right = times([mp.mpf(0), *map(mp.mpf, a)], e), times(e, [mp.mpf(0), *map(mp.mpf, b)])
+                out.append(sum((u + v - w) ** 2 for u, v, w in zip(g, right, left, strict=True)) - mp.mpf(length) ** 2 * mp.fdot(e, e))
+            return out
+
+        exact = mp.findroot(equations, [mp.mpf(v) for i, v in enumerate(x.tolist()) if i != held], tol=1e-45)
+        off = max(abs(float(u - mp.mpf(v))) for u, v in zip(exact, (v for i, v in enumerate(x.tolist()) if i != held), strict=True))
+        assert 0.0 < off < radius < 1e-9

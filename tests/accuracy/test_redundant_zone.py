@@ -1,0 +1,251 @@
+"""Zones of more than six cables: against a plain statement in NumPy, and the ways that give the same figures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from zone_oracle import cable_length, length_rows
+from zone_rigs import cell, point, rig
+
+from lmeasure.accuracy import scan_zone
+from lmeasure.accuracy.bodies import Body
+from lmeasure.accuracy.guard import guard
+from lmeasure.accuracy.limits import REASONS, Limits
+from lmeasure.accuracy.placement import Box, Placement, Search, Where, Work, place
+from lmeasure.accuracy.radius import exact_radius_95
+from lmeasure.accuracy.scan import Plan, run, scan_positions
+from lmeasure.accuracy.zone import axis, make_plan, taken_as_exact, tilts
+from lmeasure.calibration_record import CalibrationRecord, Parameter
+from lmeasure.errors import RigError
+from lmeasure.kernels import zone as kernels
+from lmeasure.program import Program
+from lmeasure.rig import Rig
+
+START = np.array([30.0, -20.0, 10.0, *Rotation.from_rotvec([0.05, -0.1, 0.08]).as_quat()])
+KEYS = ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")
+
+
+def plain(rig: Rig) -> list[dict[str, np.ndarray]]:
+    """The cables by what rig.toml says, without lmeasure's rows."""
+    points = {p.name: p for p in rig.observation_point}
+    out = []
+    for c in rig.cable:
+        p = points[c.from_point]
+        values = [*p.position_mm, p.guide_alpha_deg, p.guide_beta_deg]
+        out.append({"values": np.array(values), "R": np.array(p.pulley_radius_mm), "P": np.array(rig.tool[c.to_point])} | of(values))
+    return out
+
+
+def of(values: list[float] | np.ndarray) -> dict[str, np.ndarray]:
+    a, b = np.radians(values[3]), np.radians(values[4])
+    return {"B": np.array(values[:3]), "u": np.array([-np.cos(a) * np.sin(b), -np.cos(a) * np.cos(b), np.sin(a)])}
+
+
+def record(rig: Rig) -> CalibrationRecord:
+    """Correlated across points and guides, some known in combination only."""
+    random = np.random.default_rng(5)
+    names = [f"{p.name}.{key}" for p in rig.observation_point for key in KEYS]
+    draws = random.standard_normal((len(names), 7)) * 0.03
+    covariance = draws @ draws.T + np.diag(random.uniform(1e-6, 1e-4, len(names)))
+    return CalibrationRecord(
+        rig=rig.name,
+        parameters=tuple(Parameter(name=n, value=0.0, u=0.1, prior_u=1.0) for n in names),
+        covariance=tuple(tuple(float(v) for v in row) for row in 0.5 * (covariance + covariance.T)),
+        residuals=(),
+        equations=100,
+        unknowns=len(names),
+        rank=len(names),
+    )
+
+
+def statement(rig: Rig, calibration: CalibrationRecord | None, pose: np.ndarray) -> dict[str, float]:
+    """The figures of a pose by the definitions, from differences of lengths: generalised least squares and its full covariance."""
+    cables, position, turn = plain(rig), pose[:3], Rotation.from_quat(pose[3:]).as_matrix()
+    J = length_rows(position, turn, cables)
+    # each count is rounded, and counted from somewhere within one
+    variance = np.array([2 * p.drum.count_length_mm**2 / 12 for p in rig.observation_point])
+    W = np.diag(1.0 / variance)
+    G = np.linalg.solve(J.T @ W @ J, J.T @ W)
+    covariance = np.diag(variance)
+    if calibration is not None:
+        begun = START[:3], Rotation.from_quat(START[3:]).as_matrix()
+        by = np.zeros((len(cables), 5 * len(cables)))
+        for j, cable in enumerate(cables):
+            for k in range(5):
+                step = 1e-3 * np.eye(5)[k]
+                for sign in (1, -1):
+                    moved = of(cable["values"] + sign * step)
+                    here, there = (
+                        cable_length(p + R @ cable["P"], moved["B"], moved["u"], float(cable["R"])) for p, R in ((position, turn), begun)
+                    )
+                    by[j, 5 * j + k] += sign * (here - there) / 2e-3
+        covariance = covariance + by @ np.array(calibration.covariance) @ by.T
+    C = G @ covariance @ G.T
+    arms = np.array([turn @ cable["P"] for cable in cables])
+    speeds = np.linalg.norm(G[3:].T + np.cross(G[:3].T, arms), axis=1)
+    at_arms = [np.hstack([-cross_matrix(arm), np.eye(3)]) for arm in arms]
+    scaled = J / np.r_[np.full(3, np.linalg.norm(arms, axis=1).max()), np.ones(3)]
+    return {
+        "worst_pressure_angle_deg": np.degrees(np.arccos(1.0 / max(1.0, speeds.max()))),
+        "u95_position_mm": exact_radius_95(np.linalg.eigvalsh(C[3:, 3:])),
+        "u95_rotation_deg": np.degrees(exact_radius_95(np.linalg.eigvalsh(C[:3, :3]))),
+        "u95_attachment_mm": max(exact_radius_95(np.linalg.eigvalsh(A @ C @ A.T)) for A in at_arms),
+        "singularity_distance": 1.0 / np.linalg.norm(np.linalg.pinv(scaled)),
+    }
+
+
+def cross_matrix(a: np.ndarray) -> np.ndarray:
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+@pytest.mark.parametrize("linked", [False, True], ids=["alone", "linked"])
+@pytest.mark.parametrize("cables", [6, 7, 8])
+def test_figures_are_those_of_generalised_least_squares(cables: int, linked: bool) -> None:
+    rig, random = cell(0, cables), np.random.default_rng(cables)
+    calibration = record(rig) if linked else None
+    for _ in range(3):
+        pose = np.r_[random.uniform(-250, 250, 3), Rotation.from_rotvec(random.uniform(-0.3, 0.3, 3)).as_quat()]
+        turn = Rotation.from_quat(pose[None, 3:])
+        zone = scan_zone(rig, calibration, pose[:1], pose[1:2], pose[2:3], turn, start=START, full=True)
+        for name, expected in statement(rig, calibration, pose).items():
+            assert zone[name].item() == pytest.approx(expected, rel=6e-5), name
+
+
+def plan_of(rig: Rig, linked: bool) -> Plan:
+    nodes = axis(-300, 300, 150)
+    positions = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
+    bodies = (Body(name="column", from_mm=(600, 0, -500), to_mm=(600, 0, 900), radius_mm=80),)
+    plan = make_plan(rig, None, positions, tilts(0.3, 2), START, full=True, near=True, bodies=bodies)
+    if not linked:
+        return plan
+    random, m = np.random.default_rng(7), len(plan.cables)
+    return replace(plan, factor=0.02 * random.standard_normal((13 * m, 9)), scales=random.uniform(0.5, 2.0, m))
+
+
+@pytest.mark.parametrize("linked", [False, True], ids=["alone", "linked"])
+@pytest.mark.parametrize("alike", [False, True], ids=["weighted", "alike"])
+@pytest.mark.parametrize("cables", [7, 9])
+def test_lanes_give_the_figures_of_the_scalar_kernel(cables: int, alike: bool, linked: bool) -> None:
+    plan = plan_of(cell(1, cables), linked)
+    if alike:
+        plan = replace(plan, weights=np.ones(cables))
+    assert (plan.weights.min() < 1.0) != alike
+    slow, slow_flags = kernels.scan(
+        plan.cables, plan.positions, plan.quaternions, plan.variance, plan.weights, plan.scales, plan.factor, plan.start, plan.points,
+        plan.pairs, plan.bodies,
+    )  # fmt: skip
+    fast, fast_flags = run(plan)
+    np.testing.assert_array_equal(fast_flags, slow_flags)
+    for name, a, b in zip(kernels.FIGURES, fast, slow, strict=True):
+        if name.startswith("determinant"):
+            np.testing.assert_array_equal(a, b)
+            continue
+        # normal equations: their rounding grows with the square of the condition
+        assert (np.abs(a - b) <= (1e-12 + 1e-14 * slow[kernels.NORM2]) * np.maximum(1.0, np.abs(b))).all(), name
+    # the lanes did it, not the scalar kernel
+    assert (fast[kernels.U95_POSITION] != slow[kernels.U95_POSITION]).any()
+    parts = run(replace(plan, nodes_per_chunk=32), workers=2)
+    np.testing.assert_array_equal(parts[0], fast)
+
+
+def test_cables_that_count_coarsely_add_nothing() -> None:
+    data = cell(0, 8).to_dict()
+    for p in data["observation_point"][6:]:
+        p["drum"]["count_length_mm"] = 5000.0
+    nodes = axis(-100, 100, 100)
+    coarse = scan_zone(Rig.model_validate(data, by_alias=True), None, nodes, nodes, nodes, tilts(0.2, 2))
+    six = scan_zone(cell(0), None, nodes, nodes, nodes, tilts(0.2, 2))
+    eight = scan_zone(cell(0, 8), None, nodes, nodes, nodes, tilts(0.2, 2))
+    # where six are nearly blind whatever sees adds something
+    seen = six["u95_position_mm"].values < 1.0
+    assert seen.sum() > 20
+    for name in ("worst_pressure_angle_deg", "u95_position_mm"):
+        np.testing.assert_allclose(coarse[name].values[seen], six[name].values[seen], rtol=1e-5)
+        assert (eight[name].values < six[name].values).all(), name
+    # how far a singular pose is does not depend on how finely a cable counts
+    np.testing.assert_allclose(coarse["singularity_distance"].values, eight["singularity_distance"].values, rtol=1e-9)
+
+
+def test_more_than_six_cables_have_no_assembly_to_keep() -> None:
+    nodes, turns = axis(-300, 300, 100), tilts(0.3, 2)
+    free = scan_zone(cell(0, 8), None, nodes, nodes, nodes, turns, limits=Limits(50.0))
+    kept = scan_zone(cell(0, 8), None, nodes, nodes, nodes, turns, limits=Limits(50.0, one_assembly=True), refine=0.1)
+    assert "assembly" not in free
+    assert 0 < free.attrs["nodes_in_zone"] < 343
+    np.testing.assert_array_equal(kept["in_zone"].values, free["in_zone"].values)
+    assert kept.attrs["assemblies_in_zone"] == 1
+    assert kept.attrs["refined_volume_mm3"] > 0.0
+
+
+def test_where_eight_cables_do_not_determine_the_pose_they_say_so() -> None:
+    """Straight cables that all point at the base's origin see no turn about it."""
+    ways = [
+        (1, 0.2, 0.1),
+        (-0.3, 1, 0.2),
+        (0.1, -0.4, 1),
+        (-1, 0.3, -0.5),
+        (0.5, -1, 0.4),
+        (0.6, 0.5, -1),
+        (-0.7, -0.6, 0.8),
+        (0.9, 0.8, 0.7),
+    ]
+    points = [point(f"B{i}", 1200 * np.array(way)) for i, way in enumerate(ways)]
+    tool = {f"P{i}": 100 * np.array(way) for i, way in enumerate(ways)}
+    star = rig(points, tool, [(f"B{i}", f"P{i}") for i in range(8)])
+    for turn, flag in (((0.0, 0.0, 0.0), kernels.SINGULAR), ((0.3, 0.2, -0.25), 0)):
+        rotation = Rotation.from_rotvec([turn])
+        zone = scan_zone(star, None, np.zeros(1), np.zeros(1), np.zeros(1), rotation)
+        assert zone["flags"].item() == flag
+        assert (zone["u95_position_mm"].item() == np.inf) == bool(flag)
+        assert (zone["worst_pressure_angle_deg"].item() == 90.0) == bool(flag)
+    # nor where a cable cannot run, inside a pulley
+    base, guide = np.array(cell(0, 8).point("B7").position_mm), plain(cell(0, 8))[6]
+    side = np.cross(guide["u"], [0.0, 0.0, 1.0])
+    at = base + 15.0 * side / np.linalg.norm(side) - guide["P"]
+    zone = scan_zone(cell(0, 8), None, at[:1], at[1:2], at[2:], Rotation.identity(1))
+    assert zone["flags"].item() == kernels.CANNOT_RUN
+    assert REASONS[0] == "cable_cannot_run"
+    assert zone["rejected_because"].item() & 1
+
+
+def test_five_cables_are_still_refused() -> None:
+    rig = cell(0, 8)
+    with pytest.raises(RigError, match="has 5 cables; a pose is reconstructed from at least 6"):
+        scan_zone(rig.model_copy(update={"cable": rig.cable[3:]}), None, np.zeros(1), np.zeros(1), np.zeros(1), Rotation.identity(1))
+
+
+def test_a_program_is_held_against_the_zone_of_eight_cables() -> None:
+    rig, nodes = cell(0, 8), axis(-300, 300, 100)
+    calibration = record(rig)
+    zone = scan_zone(rig, calibration, nodes, nodes, nodes, tilts(0.1, 2), start=START)
+    turn = Rotation.from_rotvec([0.1, 0.05, -0.2])
+    stated = {"name": "P1", "position_mm": [120.0, -80.0, 60.0], "quaternion_xyzw": turn.as_quat().tolist()}
+    program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [stated]})
+    (part,) = guard(rig, calibration, zone, program, Rotation.identity())
+    expected = statement(rig, calibration, np.r_[stated["position_mm"], stated["quaternion_xyzw"]])
+    assert part.angle_deg[0] == pytest.approx(expected["worst_pressure_angle_deg"], rel=1e-5)
+    assert part.u95_mm[0] == pytest.approx(expected["u95_position_mm"], rel=6e-5)
+
+
+def test_points_of_eight_cables_are_placed() -> None:
+    rig = cell(0, 8)
+    box = [(np.array(rig.point(name).position_mm) + side).tolist() for name in ("B7",) for side in (-400.0, 400.0)]
+    wanted = Placement(
+        objective="u95",
+        task=Work(low_mm=(-150, -150, -150), high_mm=(150, 150, 150), nodes=2, tilt_rad=0.2, tilt_steps=2),
+        mount=(Where(points=("B7",), low_mm=box[0], high_mm=box[1]),),
+        keep_out=(Box(low_mm=(-5000, -5000, -5000), high_mm=(-3000, -3000, -3000)),),
+    )
+    placed = place(rig, wanted, generations=3)
+    assert placed.after["u95_position_mm"] < 0.999 * placed.before["u95_position_mm"]
+    # what the search sees is what a scan says of the rig it ends with
+    plan = Search(placed.rig, wanted).plan
+    assert scan_positions(plan, plan.positions)[0][kernels.U95_POSITION].max() == pytest.approx(placed.after["u95_position_mm"], rel=1e-9)
+
+
+def test_what_is_taken_as_exact_adds_less_to_more_cables() -> None:
+    positions, turns = np.array([[100.0, 50.0, -20.0], [-80.0, 30.0, 40.0]]), Rotation.identity(1)
+    found = [{t.text: t.mm for t in taken_as_exact(cell(0, m), None, positions, turns, START)} for m in (6, 8)]
+    assert found[0].keys() == found[1].keys() != set()
+    assert all(found[1][text] < found[0][text] for text in found[0] if "temperature" not in text)
