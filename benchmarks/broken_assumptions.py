@@ -27,9 +27,10 @@ from real_rig import Flaws  # noqa: E402
 from real_world import Case, Made, Score, make, score, score_of, told  # noqa: E402
 
 from lmeasure.calibration import Campaign, Settings, calibrate, solve  # noqa: E402
-from lmeasure.calibration.misfit import Explained, Problem  # noqa: E402
-from lmeasure.calibration.refine import Fit  # noqa: E402
+from lmeasure.calibration.misfit import Explained  # noqa: E402
+from lmeasure.calibration.unknowns import Model  # noqa: E402
 from lmeasure.errors import LMeasureError  # noqa: E402
+from lmeasure.estimation import Fit  # noqa: E402
 
 EXACT = (0.0, 0.0)
 CASES = {
@@ -55,9 +56,9 @@ CASES = {
 }
 
 
-def _as_it_is(problem: Problem, found: Fit, blamed: list[str]) -> Explained:
+def _as_it_is(model: Model, found: Fit, blamed: list[str]) -> Explained:
     """Nothing is explained and nothing multiplied."""
-    return Explained(problem, found, [], False, np.zeros(len(problem.model.campaign.cables)))
+    return Explained(model, found, [], False, np.zeros(len(model.campaign.cables)))
 
 
 def plainly(made: Made, campaign: Campaign, settings: Settings) -> Score:

@@ -19,8 +19,9 @@ from scipy.stats import qmc
 
 from lmeasure.calibration import Settings, calibrate, read_campaign
 from lmeasure.calibration.lp_search import Box, point_data, search_point
-from lmeasure.calibration.refine import Noise, fit
+from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.estimation import fit
 
 FloatArray = NDArray[np.float64]
 TRUTH = Path(__file__).parent.parent / "tests" / "authorities" / "truth"
@@ -68,12 +69,12 @@ def main() -> None:
         np.ascontiguousarray(campaign.counts[:, one]),
         campaign.zero[one],
     )
-    model = Model(own, unknowns_of(own, ("position", "guide")))
     noise = Noise(np.full(len(own.poses), 0.05), np.zeros(len(own.poses)))
+    model = Model(own, unknowns_of(own, ("position", "guide")), noise)
 
     def ours() -> FloatArray:
         candidate = next(search_point(data, [box], 0, LOG2, keep=1))
-        return fit(model, np.array([*candidate[:3], *np.degrees(candidate[3:])]), noise, prior_everywhere=False).theta
+        return fit(model, np.array([*candidate[:3], *np.degrees(candidate[3:])])).theta
 
     def plain() -> FloatArray:
         candidates = qmc.scale(qmc.Sobol(5, rng=0).random(arguments.per_candidate), box.centre - box.half, box.centre + box.half)

@@ -18,8 +18,10 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration import Calibration, Settings, calibrate
-from lmeasure.calibration.refine import Noise, Whitened, fit, residual_covariance
+from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.estimation import fit
+from lmeasure.estimation.least_squares import Whitened
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import counts_from_poses, span_lengths
 
@@ -44,9 +46,9 @@ SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapp
 def bound(drawn: Drawn) -> FloatArray:
     """Cramer-Rao bound (p, p) of the parameters, from the information at the truth."""
     campaign = at_truth(drawn)
-    model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
     noise = Noise(campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
-    J, V = model.jacobian(model.unknowns.nominal), residual_covariance(model, model.unknowns.nominal, noise)
+    model = Model(campaign, unknowns_of(campaign, ("position", "guide")), noise)
+    J, V = model.jacobian(model.start), model.covariance(model.start)
     return np.asarray(np.linalg.inv(J.T @ np.linalg.solve(V, J)))
 
 
@@ -89,11 +91,12 @@ def study(case: str, seed: int) -> dict[str, object]:
     own = float(error @ np.linalg.solve(record.covariance_matrix(), error))
     wrong, best, stated = lengths(drawn, result, information)
     # the minimum that a start at the truth leads to
-    model = Model(drawn.campaign, unknowns_of(drawn.campaign, ("position", "guide")))
-    reached = fit(model, truth, Noise(drawn.campaign.poses.u_position_mm, drawn.campaign.poses.u_rotation_rad), prior_everywhere=False)
+    of_poses = Noise(drawn.campaign.poses.u_position_mm, drawn.campaign.poses.u_rotation_rad)
+    model = Model(drawn.campaign, unknowns_of(drawn.campaign, ("position", "guide")), of_poses)
+    reached = fit(model, truth)
     apart = np.array([p.value for p in record.parameters]) - reached.theta
     elsewhere = float(apart @ np.linalg.solve(reached.covariance, apart)) > 0.1
-    at_truth_chi2 = float(np.sum(Whitened(model, reached.V).residuals((truth - model.unknowns.nominal) / model.unknowns.width) ** 2))
+    at_truth_chi2 = float(np.sum(Whitened(model, reached.V).residuals((truth - model.parameters.nominal) / model.parameters.width) ** 2))
     ratio = error / np.sqrt(np.diag(information))
     return out | {
         "bend": record.region["bend"],

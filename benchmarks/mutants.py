@@ -63,7 +63,14 @@ CORE = {
     "kernels/zone_linked.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_six.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_redundant.py": ["tests/accuracy/test_redundant_zone.py"],
-    "calibration/refine.py": [
+    "estimation/least_squares.py": ["tests/estimation/test_least_squares.py"],
+    "estimation/fit.py": ["tests/estimation/test_least_squares.py"],
+    "estimation/elimination.py": ["tests/estimation/test_least_squares.py"],
+    "estimation/regions.py": ["tests/estimation/test_least_squares.py", "tests/calibration/test_regions.py"],
+    "estimation/deletion.py": ["tests/estimation/test_judging.py"],
+    "estimation/robust.py": ["tests/estimation/test_judging.py"],
+    "estimation/explanations.py": ["tests/estimation/test_judging.py"],
+    "calibration/unknowns.py": [
         "tests/calibration/test_recover.py",
         "tests/calibration/test_visits.py",
         "-k",

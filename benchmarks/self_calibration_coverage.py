@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, Settings, calibrate
-from lmeasure.calibration.frame import condition
-from lmeasure.calibration.joint import Joint, fit_jointly
-from lmeasure.calibration.joint_model import JointModel
-from lmeasure.calibration.refine import residual_covariance
+from lmeasure.calibration.frame import condition, model_of
 from lmeasure.calibration.unknown_poses import free_components
-from lmeasure.calibration.unknowns import rig_with, unknowns_of
+from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.estimation import Fit, fit
 from lmeasure.lengths import span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "calibration"))
@@ -50,16 +48,16 @@ STRAIGHT = 0.3  # bend up to which the linear bound is what can be reached
 SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapped", "outlier", "slip"}
 
 
-def found_again(drawn: Drawn, result: Calibration, settings: Settings, free: tuple[int, ...]) -> tuple[JointModel, Joint]:
+def found_again(drawn: Drawn, result: Calibration, settings: Settings, free: tuple[int, ...]) -> tuple[Model, Fit]:
     """The model and the fit behind a result, begun where it ended."""
     campaign = drawn.campaign if drawn.campaign.poses.oriented else replace(drawn.campaign, poses=result.campaign.poses)
     rig = unknowns_of(campaign, settings.solve)
-    model = JointModel(campaign, rig, free, settings.frame if settings.self_calibration else None)
+    model = model_of(campaign, rig, free, settings.frame if settings.self_calibration else None)
     theta = shifted(model, np.array([p.value for p in result.record.parameters]), result.campaign.poses.rows)
-    return model, fit_jointly(model, theta, model.noise(drawn.campaign.poses), False, near=True)
+    return model, fit(model, theta, near=True)
 
 
-def bound(model: JointModel, theta: FloatArray, V: FloatArray) -> FloatArray:
+def bound(model: Model, theta: FloatArray, V: FloatArray) -> FloatArray:
     """(P, P) Cramer-Rao bound in the frame."""
     J = model.jacobian(theta)
     M = J.T @ np.linalg.solve(V, J)
@@ -73,9 +71,9 @@ def bound(model: JointModel, theta: FloatArray, V: FloatArray) -> FloatArray:
     return np.asarray(scale[:, None] * bordered * scale)
 
 
-def lengths(model: JointModel, theta: FloatArray, rows: FloatArray) -> FloatArray:
+def lengths(model: Model, theta: FloatArray, rows: FloatArray) -> FloatArray:
     """(n m,) changes of length [mm] along motions (n, 7) of the tool from the zero pose, or, where positions hold the frame, at poses."""
-    rig = rig_with(model.campaign, model.rig, theta[: model.own], None)
+    rig = rig_with(model.campaign, model.parameters, theta[: model.own], None)
     start = model.poses(theta)[0] if model.frame is not None else np.array([0.0, 0, 0, 0, 0, 0, 1])
     R = Rotation.from_quat(start[3:])
     there = np.column_stack([start[:3] + R.apply(rows[:, :3]), (R * Rotation.from_quat(rows[:, 3:])).as_quat()])
@@ -91,16 +89,16 @@ def study(case: str, seed: int) -> dict[str, object]:
     record = result.record
     free = free_components(drawn.campaign, trusted=not settings.self_calibration)
     model, first = found_again(drawn, result, settings, free)
-    noise, silent = model.noise(drawn.campaign.poses), len(first.silent)
+    silent = len(first.silent)
     codes = {w.code for w in record.warnings}
     truth = true_unknowns(model, drawn)
     own = model.own
     error, k = errors(drawn, record, settings), own - first.motions
     square = square_of(record, error)
-    reached = fit_jointly(model, truth, noise, False)
+    reached = fit(model, truth)
     apart = first.theta[:own] - reached.theta[:own]
-    angle = np.array([name.endswith("_deg") for name in model.rig.names])
-    apart = np.where(angle, (apart + 180.0) % 360.0 - 180.0, apart) / model.rig.width
+    angle = np.array([name.endswith("_deg") for name in model.parameters.names])
+    apart = np.where(angle, (apart + 180.0) % 360.0 - 180.0, apart) / model.parameters.width
     elsewhere = float(np.linalg.norm((reached.s * (reached.directions @ apart))[reached.known])) > 0.3
     r = model.residuals(truth)
     at_truth = float(r @ np.linalg.solve(reached.V, r)) - reached.chi2
@@ -131,12 +129,12 @@ def study(case: str, seed: int) -> dict[str, object]:
     }
     if silent:
         return out
-    C = bound(model, truth, residual_covariance(model, truth, noise))
+    C = bound(model, truth, model.covariance(truth))
     best = np.sqrt(np.einsum("na,ab,nb->n", g, C[np.ix_(told, told)], g))
-    least, axes = np.linalg.eigh(C[:own, :own] / np.outer(model.rig.width, model.rig.width))
+    least, axes = np.linalg.eigh(C[:own, :own] / np.outer(model.parameters.width, model.parameters.width))
     return out | {
         "values_to_bound": float(np.mean(error**2 / np.diag(C)[:own])),
-        "joint_to_bound": float(np.sum((axes[:, -k:].T @ (error / model.rig.width)) ** 2 / least[-k:])) / k,
+        "joint_to_bound": float(np.sum((axes[:, -k:].T @ (error / model.parameters.width)) ** 2 / least[-k:])) / k,
         "lengths_to_bound": float(np.mean((wrong / best) ** 2)),
     }
 

@@ -27,11 +27,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "calibration"))
 
 from random_campaigns import Drawn, draw, true_values
 
-from lmeasure.calibration.refine import Noise, fit
 from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
 from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.counts import Counts
 from lmeasure.errors import LMeasureError
+from lmeasure.estimation import fit
 from lmeasure.kernels import screw
 from lmeasure.lengths import counts_from_poses
 from lmeasure.rig import Rig
@@ -96,7 +96,7 @@ def calibrated(drawn: Drawn) -> tuple[Rig, CalibrationRecord]:
     campaign = drawn.campaign
     unknowns = unknowns_of(campaign, ("position", "guide"))
     model = Model(campaign, unknowns)
-    found = fit(model, true_values(drawn, list(unknowns.names)), Noise.of(campaign.poses), prior_everywhere=False)
+    found = fit(model, true_values(drawn, list(unknowns.names)))
     u = np.sqrt(np.diag(found.covariance))
     record = CalibrationRecord(
         rig=campaign.rig.name,

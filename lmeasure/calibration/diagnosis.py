@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import conventions, se3
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.refine import Fit
 from lmeasure.calibration_record import Finding
+from lmeasure.estimation import Fit
 
 Judge = Callable[[Campaign, str], Fit]
 """The best fit of one observation point to a campaign, with the prior on every direction."""

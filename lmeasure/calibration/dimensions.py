@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Dimension
+from lmeasure.estimation import Fit
 from lmeasure.observation.cable_effects import DIMENSIONS
 from lmeasure.observation.parameters import value_of, with_values
 from lmeasure.rig import Rig
@@ -61,11 +61,11 @@ def dimensions_of(model: Model, found: Fit) -> Dimensions:
     if not names:
         return Dimensions((), u, u, np.empty((0, 0)), np.empty((model.own, 0)), found.residuals)
     C = model.unsolved_shifts(found.theta)[:, mine]
-    follows = found.gain(model) @ C
+    follows = found.gain @ C
     z, covariance = np.zeros(len(u)), np.eye(len(u))
     if found.excess == 1.0:
         z = -C.T @ np.linalg.solve(found.V, found.residuals)
-        left = C - model.jacobian(found.theta) @ follows
+        left = C - found.jacobian @ follows
         covariance = covariance - C.T @ np.linalg.solve(found.V, left)
         covariance = _possible(found.covariance[: model.own, : model.own], -follows[: model.own], (covariance + covariance.T) / 2)
     return Dimensions(names, u * z, u, covariance * np.outer(u, u), -follows[: model.own] * u, found.residuals + C @ z)

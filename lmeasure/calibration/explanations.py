@@ -1,40 +1,71 @@
-"""What may be wrong where residuals exceed the stated noise: competing explanations, and their evidence.
+"""What may be wrong with a campaign: reference poses, lengths that err on their own, values that are taken as exact."""
 
-Each explanation adds a covariance u^2 F F' to that of the residuals: errors of the reference poses, lengths that err on their own, or a
-value that is taken as exact and is not (F then holds the residuals' derivatives by it, in prior widths). With r' = N'L^-1 r, L L' the
-covariance so far and N a basis of what the solved unknowns cannot explain, twice the restricted log likelihood (Patterson and Thompson,
-Biometrika 58, 1971) rises by
-
-    gain(u) = sum_i y_i^2 u^2 s_i^2/(1 + u^2 s_i^2) - log(1 + u^2 s_i^2),
-
-s_i the singular values of N'L^-1 F and y = U'r'. Each explanation has one number, so that their gains compare as they stand.
-"""
-
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.calibration.refine import Noise
-from lmeasure.calibration.unknowns import Model
-
-LEAST, MOST = 1e-6, 1e3  # sizes between which an explanation is looked for; neither is a result
-GRID = 60
-SWEEPS = 4
-FREED = ("scale", "attachment", "radius")
-"""Groups of `observation.parameters.GROUPS` that are taken as exact unless asked for, and whose errors look like nothing else."""
+from lmeasure.calibration.frame import model_of
+from lmeasure.calibration.noise import Noise
+from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.estimation.explanations import Explanation, Key
+from lmeasure.observation.parameters import GROUPS, group_names
 
 
 @dataclass(frozen=True)
-class Explanation:
-    """name; F (e, c) how the residuals [mm] follow its independent standard errors, for the size 1; channel it concerns."""
+class Otherwise:
+    """Alternatives to a campaign as it is stated: errors of reference poses and of lengths beside the stated noise, and values that are
+    solved for."""
 
-    name: str
-    F: FloatArray
-    channel: str | None = None
+    stated: Noise
+    values: tuple[str, ...] = ("scale", "attachment", "radius")
+    """Groups of `observation.parameters.GROUPS`."""
+
+    def freed(self, problem: Model, group: str) -> Model | None:
+        """The model with a group of values solved for."""
+        cables, known = problem.campaign.cables, set(problem.parameters.names)
+        solved = tuple(g for g in GROUPS if known.issuperset(group_names(cables, g)))
+        if group in solved:
+            return None
+        wider = unknowns_of(problem.campaign, (*solved, group))
+        return model_of(problem.campaign, wider, tuple(problem.free.tolist()), problem.frame).with_noise(problem.noise)
+
+    def errors(self, problem: Model, theta: FloatArray) -> list[Explanation]:
+        """Sizes in mm, of rotations the mm that they move the attachment points by; "stated" in stated ones."""
+        model, noise = problem, self.stated
+        out: list[Explanation] = []
+        if model.places_known:
+            J = pose_errors(model, theta)
+            turns, shifts = J[:, :, :3] / arm_mm(model), J[:, :, 3:]
+            e = len(J)
+            out.append(Explanation("position", shifts.reshape(e, -1)))
+            if not model.pose_unknowns:
+                out.append(Explanation("rotation", turns.reshape(e, -1)))
+                out.append(Explanation("pose", np.concatenate([turns, shifts], axis=2).reshape(e, -1)))
+            if noise.stated:
+                reference = model.campaign.reference_of
+                scaled = noise.scaled(model.pose_jacobian(theta))
+                shared = np.einsum("eni,nr->eri", scaled, reference[:, None] == np.unique(reference))
+                out.append(Explanation("stated", shared.reshape(e, -1)))
+        out.append(every_length(model))
+        cables = model.campaign.cables
+        if len(cables) > 1:
+            out += [Explanation("length", _length_errors(model, np.array([j])), c.channel) for j, c in enumerate(cables)]
+        return out
+
+    def widened(self, problem: Model, sizes: dict[Key, float]) -> Model:
+        """The model with the stated noise and errors of these sizes."""
+        noise, model = self.stated, problem
+        for (name, channel), u in sizes.items():
+            if name == "stated":
+                noise = noise.times(math.sqrt(1.0 + u**2))
+            elif name == "length":
+                own = np.array([channel in (None, c.channel) for c in model.campaign.cables])
+                noise = noise.with_lengths(np.where(own, u, 0.0))
+            else:
+                noise = noise.widened(0.0 if name == "rotation" else u, 0.0 if name == "position" else u / arm_mm(model))
+        return problem.with_noise(noise)
 
 
 def pose_errors(model: Model, theta: FloatArray) -> FloatArray:
@@ -58,92 +89,6 @@ def _length_errors(model: Model, cables: IntArray) -> FloatArray:
     return np.hstack([np.diag(own.astype(np.float64))[:, own], zero])
 
 
-def of_noise(model: Model, theta: FloatArray, noise: Noise) -> list[Explanation]:
-    """Explanations that are errors: sizes in mm, of rotations the mm that they move the attachment points by; "stated" in stated ones."""
-    out = []
-    if model.places_known:
-        J = pose_errors(model, theta)
-        turns, shifts = J[:, :, :3] / arm_mm(model), J[:, :, 3:]
-        e = len(J)
-        out.append(Explanation("position", shifts.reshape(e, -1)))
-        if not model.pose_unknowns:
-            out.append(Explanation("rotation", turns.reshape(e, -1)))
-            out.append(Explanation("pose", np.concatenate([turns, shifts], axis=2).reshape(e, -1)))
-        if noise.stated:
-            reference = model.campaign.reference_of
-            scaled = noise.scaled(model.pose_jacobian(theta))
-            shared = np.einsum("eni,nr->eri", scaled, reference[:, None] == np.unique(reference))
-            out.append(Explanation("stated", shared.reshape(e, -1)))
-    out.append(every_length(model))
-    cables = model.campaign.cables
-    if len(cables) > 1:
-        out += [Explanation("length", _length_errors(model, np.array([j])), c.channel) for j, c in enumerate(cables)]
-    return out
-
-
 def every_length(model: Model) -> Explanation:
     """All cables' lengths err on their own, alike."""
-    return Explanation("length", _length_errors(model, np.arange(len(model.campaign.cables))))
-
-
-def of_values(model: Model, theta: FloatArray, freed: Callable[[str], Model | None]) -> list[Explanation]:
-    """Explanations that are values taken as exact; freed: the model with a group solved for too, None where it is already."""
-    out = []
-    for group in FREED:
-        wider = freed(group)
-        if wider is None:
-            continue
-        new = ~np.isin(wider.unknowns.names, model.unknowns.names)
-        if not new.any():
-            continue
-        J = wider.jacobian(embedded(model, theta, wider))
-        out.append(Explanation(group, J[:, new] * wider.unknowns.width[new]))
-    return out
-
-
-def embedded(model: Model, theta: FloatArray, wider: Model) -> FloatArray:
-    """theta of a model as values of one that solves for more: nominal where it has none."""
-    known = dict(zip(model.unknowns.names, theta, strict=True))
-    return np.array([known.get(n, v) for n, v in zip(wider.unknowns.names, wider.unknowns.nominal, strict=True)])
-
-
-class Evidence:
-    """Gains of explanations over a covariance V (e, e) of residuals (e,) with derivatives J (e, p) by what is solved."""
-
-    def __init__(self, residuals: FloatArray, J: FloatArray, V: FloatArray) -> None:
-        self._r, self._J, self._V = residuals, J, V
-
-    def best(self, explanation: Explanation, others: FloatArray | None = None) -> tuple[float, float]:
-        """Size u and gain of one explanation beside others, a covariance (e, e) [mm^2]; (0, 0) where there is none within the bounds."""
-        L = np.linalg.cholesky(self._V if others is None else self._V + others)
-        whiten = scipy.linalg.solve_triangular(L, np.column_stack([self._J, self._r, explanation.F]), lower=True)
-        p = self._J.shape[1]
-        Q, _ = np.linalg.qr(whiten[:, :p], mode="complete")
-        rest = Q[:, p:].T @ whiten[:, p:]
-        U, s, _ = np.linalg.svd(rest[:, 1:], full_matrices=False)
-        y, square = (U.T @ rest[:, 0]) ** 2, s**2
-
-        def loss(log_u: float) -> float:
-            x = np.exp(2.0 * log_u) * square
-            return float(np.sum(np.log1p(x) - y * x / (1.0 + x)))
-
-        grid = np.linspace(np.log(LEAST), np.log(MOST), GRID)
-        losses = [loss(x) for x in grid]
-        i = int(np.argmin(losses))
-        if i in (0, GRID - 1) or losses[i] >= 0.0:
-            return 0.0, 0.0
-        found = scipy.optimize.minimize_scalar(loss, bounds=(grid[i - 1], grid[i + 1]), method="bounded", options={"xatol": 1e-4})
-        return float(np.exp(found.x)), -float(found.fun)
-
-    def together(self, explanations: list[Explanation], needed: float = 0.0) -> list[float]:
-        """Sizes of several explanations at once, each the best beside the others; 0 for one that gains less than needed beside them."""
-        sizes = [0.0] * len(explanations)
-        for _ in range(SWEEPS if len(explanations) > 1 else 1):
-            for i, each in enumerate(explanations):
-                others = sum(
-                    (u**2 * x.F @ x.F.T for j, (u, x) in enumerate(zip(sizes, explanations, strict=True)) if j != i and u),
-                    start=np.zeros_like(self._V),
-                )
-                u, gain = self.best(each, others)
-                sizes[i] = u if gain >= needed else 0.0
-        return sizes
+    return Explanation("length", _length_errors(model, np.arange(len(model.campaign.cables))), lasting=True)

@@ -5,14 +5,13 @@ import math
 import numpy as np
 
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.joint_model import JointModel
 from lmeasure.calibration.lp_search import Box
 from lmeasure.calibration.points import Point
 from lmeasure.calibration.prediction import Prediction
-from lmeasure.calibration.refine import Fit
-from lmeasure.calibration.unknowns import Model, Unknowns
+from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Finding, Unobservable
 from lmeasure.effects import effects_of
+from lmeasure.estimation import Fit, Parameters
 from lmeasure.observation.parameters import GUIDE, PLACE
 
 BEGINS = "no point can be searched for alone: the nominal rig starts the least squares"
@@ -27,8 +26,8 @@ def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable]
         equations = int(np.isin(model.cable_index, cables).sum())
         share = float(np.sqrt(np.mean(by_prior.length_mm[:, cables] ** 2)))
         text = (
-            f"{owner}: {equations} equations leave {len(own)} of {len(model.unknowns.of(owner))} unknowns undetermined; there the nominal "
-            f"rig's priors decide ({share:.4f} mm rms of the predicted lengths)"
+            f"{owner}: {equations} equations leave {len(own)} of {len(model.parameters.of(owner))} unknowns undetermined; there the "
+            f"nominal rig's priors decide ({share:.4f} mm rms of the predicted lengths)"
         )
         out.append(Finding(code="underdetermined", text=text, value=float(len(own))))
     return out
@@ -45,7 +44,7 @@ def unknown_temperature(campaign: Campaign) -> list[Finding]:
 
 def poses_findings(model: Model, found: Fit) -> list[Finding]:
     """What was unknown of the poses, and what holds the frame."""
-    if not isinstance(model, JointModel):
+    if not model.pose_unknowns:
         return []
     n, d = len(model.at), model.pose_unknowns
     told = f"{model.equations} equations for {model.own} values of the rig and {d} of each of {n} poses"
@@ -63,13 +62,13 @@ def poses_findings(model: Model, found: Fit) -> list[Finding]:
 
 
 def shape_findings(
-    campaign: Campaign, unknowns: Unknowns, found: Fit, points: list[Point], searched: dict[str, list[Box]]
+    campaign: Campaign, unknowns: Parameters, found: Fit, points: list[Point], searched: dict[str, list[Box]]
 ) -> list[Finding]:
     """Results at the edge of the search or beyond, missing coarse solutions, and a fit that did not settle."""
     out = []
     for point in points:
         for rival in point.rivals[:1]:
-            there = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.unknowns.names, rival.theta, strict=True))
+            there = ", ".join(f"{n.split('.', 1)[1]} {v:.6g}" for n, v in zip(point.model.names, rival.theta, strict=True))
             text = f"{point.name}: another result fits as well (chi-squared {rival.chi2:.3g} against {point.fit.chi2:.3g}): {there}"
             out.append(Finding(code="ambiguous", text=text, value=rival.chi2 - point.fit.chi2))
         for channel, solutions in point.coarse.items():

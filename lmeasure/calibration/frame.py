@@ -8,13 +8,16 @@ poses, are off.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
-from lmeasure.calibration.joint_model import Frame, JointModel
+from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.unknowns import Frame, Model
+from lmeasure.estimation import Parameters
 from lmeasure.kernels.cable import guide_direction
 from lmeasure.observation.parameters import GUIDE, PLACE
 
@@ -22,10 +25,44 @@ MAX_STEPS = 50
 SETTLED = 1e-12
 
 
-def _places(model: JointModel) -> tuple[FloatArray, FloatArray]:
+def model_of(campaign: Campaign, unknowns: Parameters, free: tuple[int, ...] = (), frame: Frame | None = None) -> Model:
+    """The problem of a campaign, whose poses are unknown too in those of `unknowns.COMPONENTS` that are free; where positions are, a frame
+    is chosen."""
+    model = Model(campaign, unknowns, free=free, frame=frame if 3 in free else None)
+    if model.frame is not None:
+        model.gauge = Chosen(model, model.frame)
+    return model
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The frame of a model as its problem's gauge."""
+
+    model: Model
+    frame: Frame
+
+    @property
+    def keeps_prior(self) -> bool:
+        """Priors of the rig are what the frame of the rig is chosen by."""
+        return self.frame == "rig"
+
+    def motions(self, theta: FloatArray) -> FloatArray:
+        """(P, 6) `motions`."""
+        return motions(self.model, theta)
+
+    def settled(self, theta: FloatArray) -> FloatArray:
+        """(P,) `in_frame`."""
+        return in_frame(self.model, theta, self.frame)
+
+    def projection(self, theta: FloatArray) -> FloatArray:
+        """(P, P) `to_frame`."""
+        return to_frame(self.model, theta, self.frame)
+
+
+def _places(model: Model) -> tuple[FloatArray, FloatArray]:
     """(q, 3) indices of the coordinates of the observation points, and (q, 2) of their guide angles, among the unknowns; both are
     solved for."""
-    at = {name: i for i, name in enumerate(model.rig.names)}
+    at = {name: i for i, name in enumerate(model.parameters.names)}
     points = dict.fromkeys(c.from_point for c in model.campaign.cables)
     place, guide = (np.array([[at[f"{p}.{key}"] for key in keys] for p in points]) for keys in (PLACE, GUIDE))
     return place, guide
@@ -38,7 +75,7 @@ def _turned_guides(alpha: FloatArray, beta: FloatArray) -> tuple[FloatArray, Flo
     return np.stack([-c, s, zero], axis=1), np.stack([-t * s, -t * c, zero - 1.0], axis=1)
 
 
-def motions(model: JointModel, theta: FloatArray) -> FloatArray:
+def motions(model: Model, theta: FloatArray) -> FloatArray:
     """(p + d n, 6) what three turns [rad] about the base frame's origin and three shifts [mm] of rig and poses together do to the
     unknowns, in their units. Observation points and guides move; what belongs to the tool or to a drum stays."""
     out = np.zeros((len(theta), 6))
@@ -54,7 +91,7 @@ def motions(model: JointModel, theta: FloatArray) -> FloatArray:
     return out
 
 
-def moved(model: JointModel, theta: FloatArray, move: FloatArray) -> FloatArray:
+def moved(model: Model, theta: FloatArray, move: FloatArray) -> FloatArray:
     """The unknowns when rig and poses are turned by move (3) [rad] about the base frame's origin and then shifted by move (3) [mm]."""
     turn, shift = Rotation.from_rotvec(move[:3]), move[3:]
     out = theta.copy()
@@ -72,39 +109,39 @@ def moved(model: JointModel, theta: FloatArray, move: FloatArray) -> FloatArray:
     return out
 
 
-def _weights(model: JointModel, frame: Frame) -> FloatArray:
+def _weights(model: Model, frame: Frame) -> FloatArray:
     """(p + d n,) weight of each unknown's squared shift in the choice of the frame."""
-    out = np.zeros(len(model.unknowns.names))
+    out = np.zeros(len(model.names))
     if frame == "rig":
-        out[: model.own] = model.rig.width**-2.0
+        out[: model.own] = model.parameters.width**-2.0
     else:
         out[model.own :].reshape(-1, len(model.free))[:, model.free >= 3] = 1.0
     return out
 
 
-def in_frame(model: JointModel, theta: FloatArray, frame: Frame) -> FloatArray:
+def in_frame(model: Model, theta: FloatArray, frame: Frame) -> FloatArray:
     """The same rig and poses moved as a whole to where the weighted squared shifts are least (Gauss-Newton over the six motions)."""
     root = np.sqrt(_weights(model, frame))
     for _ in range(MAX_STEPS):
         G = motions(model, theta) * root[:, None]
         size = np.linalg.norm(G, axis=0)
-        move = np.linalg.lstsq(G / size, -root * (theta - model.unknowns.nominal))[0] / size
+        move = np.linalg.lstsq(G / size, -root * (theta - model.start))[0] / size
         theta = moved(model, theta, move)
-        if float(np.linalg.norm(move * size)) < SETTLED * max(1.0, float(np.linalg.norm(root * (theta - model.unknowns.nominal)))):
+        if float(np.linalg.norm(move * size)) < SETTLED * max(1.0, float(np.linalg.norm(root * (theta - model.start)))):
             break
     return theta
 
 
-def to_frame(model: JointModel, theta: FloatArray, frame: Frame) -> FloatArray:
+def to_frame(model: Model, theta: FloatArray, frame: Frame) -> FloatArray:
     """(P, P) S-transformation of deviations of the unknowns theta, which lie in the frame, P = p + d n."""
     G, C = motions(model, theta), condition(model, theta, frame)
     return np.asarray(np.eye(len(theta)) - G @ np.linalg.solve(C @ G, C))
 
 
-def condition(model: JointModel, theta: FloatArray, frame: Frame) -> FloatArray:
+def condition(model: Model, theta: FloatArray, frame: Frame) -> FloatArray:
     """(6, P) derivatives of the six conditions G'D(theta - nominal) = 0 by the unknowns, in units of the motions."""
     weight = _weights(model, frame)
-    away = weight * (theta - model.unknowns.nominal)
+    away = weight * (theta - model.start)
     C = (motions(model, theta) * weight[:, None]).T
     place, guide = _places(model)
     if frame == "poses":

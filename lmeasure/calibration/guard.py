@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-from lmeasure.calibration.joint_model import JointModel
-from lmeasure.calibration.refine import Fit
 from lmeasure.calibration.unknowns import Model
-from lmeasure.calibration.validation import Validation
+from lmeasure.estimation import Fit
+from lmeasure.estimation.deletion import Deletion
 
 SIGNIFICANT = 1e-3
 """Probability under which a rig that predicts no worse than the nominal one would look as bad by chance."""
@@ -47,11 +46,12 @@ def against_nominal(model: Model, found: Fit) -> AgainstNominal | None:
     speak for either. The errors at one pose are one observation: cables share the pose's own error. A one-sided t test of the logarithms
     of the ratios of their mean squares, pose by pose, so that a few wild poses decide nothing.
     """
-    if isinstance(model, JointModel):
+    if model.pose_unknowns:
         return None
-    left_out = Validation(model, found).deleted()
+    groups = model.campaign.reference_of[model.pose_index]
+    left_out = Deletion(found).deleted(groups)
     told = {int(rows[0]) for rows, _ in left_out}
-    drawn = [errors for rows, errors in Validation(model, found, at_nominal=True).deleted() if int(rows[0]) in told]
+    drawn = [errors for rows, errors in Deletion(found, at_start=True).deleted(groups) if int(rows[0]) in told]
     if len(left_out) < LEAST or len(drawn) != len(left_out):
         return None
     own, nominal = (np.array([np.mean(errors**2) for errors in each]) for each in ([e for _, e in left_out], drawn))

@@ -1,6 +1,6 @@
 """What counts at a pose would tell: the calibration's information matrix as a sum over poses.
 
-The estimator (`refine`) weighs residuals with V = counts + pose errors, where what errs at the zero pose is shared by all equations of its
+The estimator weighs residuals with V = counts + pose errors, where what errs at the zero pose is shared by all equations of its
 cables: the pose, the robot's way of coming to it, where within a count the counters were zeroed. With these shared errors of the cables as
 unknowns of their own, L eta with L L^T their covariance and eta's prior a unit normal, what is left of V is a block per pose, and the
 information of a campaign is a sum over its poses,
@@ -19,8 +19,8 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign, extended
-from lmeasure.calibration.refine import Noise, measurement_covariance
-from lmeasure.calibration.unknowns import Model, Unknowns, unknowns_of
+from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.estimation import Parameters
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import count_variance, counts_from_poses
 from lmeasure.poses import poses_from_rows
@@ -48,7 +48,7 @@ class Instrument:
     def __init__(self, rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...], sigma: FloatArray, visit: FloatArray) -> None:
         self.rig, self.cables, self.sigma, self.visit = rig.without_effects(), cables, sigma, visit
         self._passage = np.array([c.passage for c in cables])
-        self.unknowns: Unknowns = unknowns_of(self._campaign(np.zeros((0, 7)), np.zeros((0, 7)), np.zeros(0, np.int64), ()), solve)
+        self.unknowns: Parameters = unknowns_of(self._campaign(np.zeros((0, 7)), np.zeros((0, 7)), np.zeros(0, np.int64), ()), solve)
         self._variance = count_variance(rig, cables)
 
     def zero(self, row: FloatArray) -> Zero:
@@ -108,7 +108,7 @@ class Instrument:
         exact = poses_from_rows(campaign.poses.rows[distinct], [f"zero {i}" for i in distinct])
         probes = np.where(of == np.arange(len(distinct))[:, None], 0.0, np.nan)
         model = Model(extended(self.predicted(campaign), exact, probes, reading=0.0), self.unknowns)
-        V = measurement_covariance(model, theta, Noise.of(model.campaign.poses))
+        V = model.measurement_covariance(theta)
         own = model.pose_index < len(campaign.poses)
         probe = np.flatnonzero(~own)[np.argsort(model.cable_index[~own])]
         vectors, root = _root(V[np.ix_(probe, probe)])
@@ -136,7 +136,7 @@ def parameter_information(M: FloatArray, p: int) -> FloatArray:
 def estimated_covariance(information: FloatArray) -> tuple[FloatArray, int]:
     """(p, p) covariance in units of prior widths as the estimator states it, and how many directions the data determine.
 
-    A direction better known from the data than from the prior is left to the data, any other to the prior (see `refine`).
+    A direction better known from the data than from the prior is left to the data, any other to the prior (see `estimation.least_squares`).
     """
     values, vectors = np.linalg.eigh((information + information.T) / 2)
     known = values > 1.0

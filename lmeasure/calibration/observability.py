@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.calibration.unknowns import Unknowns
 from lmeasure.calibration_record import Unobservable
+from lmeasure.estimation import Parameters
 from lmeasure.observation.parameters import PLACE, TABLE
 from lmeasure.poses import Poses
 from lmeasure.rig import Cable, Rig
@@ -23,7 +23,7 @@ def lines_of_sight(rig: Rig, cables: Iterable[Cable], poses: Poses) -> dict[str,
     return {name: way / max(float(np.linalg.norm(way)), 1e-9) for name, way in ways.items()}
 
 
-def unobservable_directions(unknowns: Unknowns, silent: FloatArray, sight: dict[str, FloatArray]) -> list[Unobservable]:
+def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dict[str, FloatArray]) -> list[Unobservable]:
     """The undetermined directions of each owner of unknowns, strongest first.
 
     silent (k, p): orthonormal directions of which the data say nothing, in prior widths. Their subspace of all unknowns together has
@@ -50,7 +50,7 @@ def unobservable_directions(unknowns: Unknowns, silent: FloatArray, sight: dict[
     return out + [_spread(unknowns, vector, sight) for vector in spread[: max(0, len(silent) - len(out))]]
 
 
-def _spread(unknowns: Unknowns, vector: FloatArray, sight: dict[str, FloatArray]) -> Unobservable:
+def _spread(unknowns: Parameters, vector: FloatArray, sight: dict[str, FloatArray]) -> Unobservable:
     """A direction (p,) in prior widths that several points share."""
     weight = {owner: float(np.linalg.norm(vector[unknowns.of(owner)])) for owner in map(unknowns.owner, range(len(vector)))}
     parts: list[str] = []

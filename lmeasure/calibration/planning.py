@@ -13,10 +13,10 @@ from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.exchange import CRITERIA, Criterion, Design, Exchange
 from lmeasure.calibration.information import Instrument, estimated_covariance, parameter_information
 from lmeasure.calibration.reach import Limits, Region, Usable
-from lmeasure.calibration.refine import Fit, Noise, fit
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Unobservable
 from lmeasure.errors import CalibrationError
+from lmeasure.estimation import Fit, fit
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.poses import Poses, joined, poses_from_rows
 from lmeasure.rig import Cable, Rig
@@ -295,4 +295,4 @@ def _predicted_fit(instrument: Instrument, recorded: Campaign | None, new: Poses
     else:
         campaign = extended(recorded, new, np.zeros((n, m)), np.tile(instrument.visit, (n, 1)))
     model = Model(instrument.predicted(campaign), instrument.unknowns)
-    return fit(model, instrument.unknowns.nominal, Noise.of(campaign.poses), prior_everywhere=False), model
+    return fit(model, model.start), model

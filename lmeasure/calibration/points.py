@@ -10,10 +10,9 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration import diagnosis
 from lmeasure.calibration.campaign import Campaign, of_cables
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
-from lmeasure.calibration.joint_model import Frame
 from lmeasure.calibration.lp_search import Box, point_data, search_point
-from lmeasure.calibration.refine import Fit, Noise, fit
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.unknowns import Frame, Model, unknowns_of
+from lmeasure.estimation import Fit, fit
 from lmeasure.observation.parameters import GUIDE, PLACE
 
 STARTS = 6  # distinct LP candidates that are polished per point
@@ -65,8 +64,8 @@ def _of_point(campaign: Campaign, name: str) -> Campaign:
     return of_cables(campaign, [j for j, c in enumerate(campaign.cables) if c.from_point == name])
 
 
-def solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise, roughly: bool = False) -> Point:
-    """Coarse solutions, search boxes and the best of several polished starts for one observation point; roughly as in `refine.fit`."""
+def solve_point(campaign: Campaign, name: str, settings: Settings, roughly: bool = False) -> Point:
+    """Coarse solutions, search boxes and the best of several polished starts for one observation point; roughly as in `estimation.fit`."""
     own = _of_point(campaign, name)
     unknowns = unknowns_of(own, settings.solve)
     model = Model(own, unknowns)
@@ -94,7 +93,7 @@ def solve_point(campaign: Campaign, name: str, settings: Settings, noise: Noise,
                 start[unknowns.names.index(key)] = value
         starts.append(start)
     best, *others = sorted(
-        (fit(model, start, noise, settings.prior, roughly=roughly) for start in _distinct(starts, unknowns.width)),
+        (fit(model, start, settings.prior, roughly=roughly) for start in _distinct(starts, unknowns.width)),
         key=lambda f: f.objective,
     )
     rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]

@@ -31,7 +31,7 @@ def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Ra
     theta (p,) is the result of the calibration: where to start, and the first of the sets. None when nothing but the position is
     unknown, or no set fits.
     """
-    unknowns = model.unknowns
+    unknowns = model.parameters
     own = unknowns.of(point)
     place = [i for i in own if unknowns.names[i].rsplit(".", 1)[1] in PLACE]
     held = [i for i in own if i not in place]

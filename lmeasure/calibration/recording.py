@@ -8,14 +8,13 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.dimensions import Dimensions
 from lmeasure.calibration.guard import AgainstNominal
-from lmeasure.calibration.joint_model import COMPONENTS, JointModel
 from lmeasure.calibration.prediction import Prediction
-from lmeasure.calibration.refine import Fit, Noise
-from lmeasure.calibration.regions import PROBABILITY, Regions, whole_counts
-from lmeasure.calibration.unknowns import Model, Unknowns
-from lmeasure.calibration.validation import HeldOut, Validation
+from lmeasure.calibration.unknowns import COMPONENTS, Model
+from lmeasure.calibration.validation import HeldOut, deletion_residuals
 from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual, Unobservable
 from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.estimation import Fit, Parameters
+from lmeasure.estimation.regions import PROBABILITY, Regions
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.rig import Rig
 
@@ -29,7 +28,6 @@ def make_record(
     model: Model,
     found: Fit,
     where: Regions,
-    noise: Noise,
     findings: list[Finding],
     silent: list[Unobservable],
     rig: Rig,
@@ -37,11 +35,11 @@ def make_record(
 ) -> CalibrationRecord:
     """The record of a fit; coarse solutions, ranges, predictions and settings are added by the caller that has them. campaign: with the
     poses found, where they were unknown; rig: as calibrated, with the corrections of its dimensions."""
-    unknowns, own = model.rig, model.own
+    unknowns, own = model.parameters, model.own
     u = np.sqrt(np.maximum(np.diag(where.covariance), 0.0))
-    reference = {"reference_u_position_mm": float(np.sqrt(np.mean(noise.u_position_mm**2)))} if model.places_known else {}
+    reference = {"reference_u_position_mm": float(np.sqrt(np.mean(model.noise.u_position_mm**2)))} if model.places_known else {}
     if not model.pose_unknowns:
-        reference["reference_u_rotation_deg"] = float(np.degrees(np.sqrt(np.mean(noise.u_rotation_rad**2))))
+        reference["reference_u_rotation_deg"] = float(np.degrees(np.sqrt(np.mean(model.noise.u_rotation_rad**2))))
     return CalibrationRecord(
         rig=campaign.rig.name,
         parameters=tuple(
@@ -56,7 +54,7 @@ def make_record(
             "probability": PROBABILITY,
             "factor": where.factor,
             "bend": where.bend,
-            "whole_counts": bool(whole_counts(model).all()),
+            "whole_counts": bool(model.whole_counts.all()),
         },
         residuals=tuple(
             Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(r))
@@ -83,7 +81,7 @@ def make_record(
 
 def _poses(campaign: Campaign, model: Model, found: Fit) -> list[dict[str, object]]:
     """Each pose that was found with the rig, and the standard uncertainties of what was unknown of it, in the frame."""
-    if not isinstance(model, JointModel):
+    if not model.pose_unknowns:
         return []
     u = np.sqrt(np.maximum(np.diag(found.covariance)[model.own :], 0.0)).reshape(len(model.at), -1)
     columns = (*POSITION_COLUMNS, *QUATERNION_COLUMNS)
@@ -107,7 +105,7 @@ def _correlations(names: tuple[str, ...], covariance: FloatArray, u: FloatArray)
 
 def _validation(model: Model, found: Fit) -> dict[str, object]:
     """Each pose predicted by a fit without it."""
-    left_out = Validation(model, found).deletion_residuals()
+    left_out = deletion_residuals(model, found)
     if not left_out:
         return {}
     rms = float(np.sqrt(np.mean([value**2 for _, value in left_out])))
@@ -138,7 +136,7 @@ def nominal_entry(compared: AgainstNominal | None) -> dict[str, object]:
     return {} if compared is None else {"against_nominal": asdict(compared)}
 
 
-def _spectrum(unknowns: Unknowns, found: Fit) -> list[dict[str, object]]:
+def _spectrum(unknowns: Parameters, found: Fit) -> list[dict[str, object]]:
     """Each direction: how many prior standard uncertainties the counts leave of it, and the owner of most of the values it is made of."""
     out = []
     told = len(found.s) - found.motions

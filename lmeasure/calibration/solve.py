@@ -5,28 +5,28 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
 from lmeasure.calibration.findings import poses_findings, shape_findings, underdetermined, unknown_temperature
+from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.guard import AgainstNominal, against_nominal
-from lmeasure.calibration.joint import begun_jointly, fit_jointly, fitted_pose, linear_objective, solve_jointly
-from lmeasure.calibration.joint_model import JointModel
+from lmeasure.calibration.joint import begun_jointly, fitted_pose, solve_jointly
 from lmeasure.calibration.lp_search import Box
-from lmeasure.calibration.misfit import Problem, explain_misfit
+from lmeasure.calibration.misfit import explain_misfit
 from lmeasure.calibration.points import Point, Settings, box_of, coarse_entry, solve_point
 from lmeasure.calibration.prediction import Prediction, predict, taken_as_exact
 from lmeasure.calibration.ranges import position_range
 from lmeasure.calibration.recording import held_out_entry, make_record, nominal_entry, predicted_entry
-from lmeasure.calibration.refine import Fit, Noise, fit
-from lmeasure.calibration.regions import BENT, regions
-from lmeasure.calibration.robust import robust_fit
+from lmeasure.calibration.robust import down_weighted, robust_poses, weights_entry
 from lmeasure.calibration.unknown_poses import counted_poses, free_components
 from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
 from lmeasure.calibration.validation import HeldOut, held_out
 from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.errors import CalibrationError
+from lmeasure.estimation import Fit, fit
+from lmeasure.estimation.elimination import linear_objective
+from lmeasure.estimation.regions import BENT, regions
 from lmeasure.rig import Rig
 from lmeasure.shown import DataFrame, Shown
 
@@ -60,7 +60,7 @@ class _Begun:
     """Where the least squares of everything begin: the problem and its first fit, findings of gross slips, single points' solutions, and
     the boxes in which a result is no surprise."""
 
-    problem: Problem
+    model: Model
     first: Fit
     gross: list[Finding]
     points: list[Point]
@@ -97,23 +97,23 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     campaign = without_poses(whole, kept_out)
     steps = 3 if free else len({c.from_point for c in campaign.cables}) + 2
     begun = _begun_jointly(campaign, settings, free) if free else _begun(campaign, settings, progress, steps)
-    campaign = begun.problem.model.campaign
+    campaign = begun.model.campaign
     if progress:
         progress(steps - 1, steps)
     blamed = [w.channel or w.code for w in begun.gross]
-    explained = explain_misfit(begun.problem, begun.first, blamed)
+    explained = explain_misfit(begun.model, begun.first, blamed)
     misfits, weights = explained.findings, None
     if settings.robust:
         # who contradicts the others is told as without a robust loss; how large the noise is, by the poses that it leaves
-        found, noise, weights = robust_fit(begun.problem.model, begun.first, begun.problem.noise, begun.problem.refit)
-        explained = explain_misfit(replace(begun.problem, noise=noise), found, blamed)
+        weighted, found, weights = robust_poses(begun.model, begun.first)
+        explained = explain_misfit(weighted, found, blamed)
         misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
-        misfits += weights.findings(campaign.poses.names)
-    model, noise, found = explained.problem.model, explained.problem.noise, explained.fit
-    where = regions(model, found, settings.seed, found.freedom if explained.estimated else None)
+        misfits += down_weighted(campaign, weights)
+    model, found = explained.model, explained.fit
+    where = regions(found, settings.seed, found.freedom if explained.estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *begun.gross, *misfits]
-    findings += shape_findings(campaign, model.rig, found, begun.points, begun.searched)
+    findings += shape_findings(campaign, model.parameters, found, begun.points, begun.searched)
     if where.bend > BENT and not len(found.silent):
         text = (
             f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
@@ -121,18 +121,17 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
         )
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
     compared = against_nominal(model, found)
-    judged = _held_out(whole, model, found, noise, kept_out, settings.seed)
-    if isinstance(model, JointModel):
-        campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
+    judged = _held_out(whole, model, found, kept_out, settings.seed)
+    campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
     dimensions = dimensions_of(model, found)
-    rig = with_dimensions(rig_with(campaign, model.rig, found.theta[: model.own], "calibration.json"), dimensions)
+    rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json"), dimensions)
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
-    silent = observability.unobservable_directions(model.rig, found.silent, sight)
-    record = make_record(campaign, model, found, where, noise, findings, silent, rig, dimensions)
+    silent = observability.unobservable_directions(model.parameters, found.silent, sight)
+    record = make_record(campaign, model, found, where, findings, silent, rig, dimensions)
     assumed = {name.split(".")[0] for name in campaign.rig.assumed}
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in begun.points if p.name in assumed]
     predicted = predict(campaign, rig, record, settings.seed)
-    held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance(model).tolist()))})
+    held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance.tolist()))})
     open_directions = underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
     taken = taken_as_exact(campaign, rig, record, predicted.rows)
     warm = [Finding(code="temperature", text=t.line(), value=t.mm) for t in taken if t.stated]
@@ -151,7 +150,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
             "predicted": predicted_entry(campaign, predicted),
             "validation": record.validation | held_out_entry(judged) | nominal_entry(compared),
             "u_length_mm": {c.name: float(u) for c, u in zip(campaign.cables, explained.u_length_mm, strict=True) if u > 0.0},
-            "robust": {} if weights is None else weights.entry(campaign.poses.names),
+            "robust": {} if weights is None else weights_entry(campaign, weights),
             "settings": asdict(settings) | {"solve": list(settings.solve), "hold_out": list(settings.hold_out)},
         }
     )
@@ -162,83 +161,51 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
 
 def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, steps: int) -> _Begun:
     """Each point alone first, at the reference poses: coarse solutions, LP-search, descent."""
-    unknowns, noise = unknowns_of(campaign, settings.solve), Noise.of(campaign.poses)
+    model = model_of(campaign, unknowns_of(campaign, settings.solve))
     points: list[Point] = []
     for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.cables)):
         if progress:
             progress(i, steps)
-        points.append(solve_point(campaign, name, settings, noise))
+        points.append(solve_point(campaign, name, settings))
     if progress:
         progress(len(points), steps)
     everywhere = replace(settings, prior=True)
-    stated = {p.name: fit(p.model, p.fit.theta, noise, prior_everywhere=True) for p in points}
-    gross = diagnosis.diagnose(campaign, stated, lambda other, name: solve_point(other, name, everywhere, noise, True).fit)
-    start = unknowns.nominal.copy()
+    stated = {p.name: fit(p.model, p.fit.theta, prior_everywhere=True) for p in points}
+    gross = diagnosis.diagnose(campaign, stated, lambda other, name: solve_point(other, name, everywhere, roughly=True).fit)
+    start = model.start
     for point in points:
-        for value, name in zip(point.fit.theta, point.model.unknowns.names, strict=True):
-            start[unknowns.names.index(name)] = value
-    problem = _problem(campaign, settings.solve, noise, settings.prior)
-    return _Begun(problem, problem.refit(start, noise, False), gross, points, {p.name: p.boxes for p in points})
-
-
-def _problem(campaign: Campaign, solve: tuple[str, ...], noise: Noise, prior: bool) -> Problem:
-    """A campaign at known poses, solved for these groups of values."""
-    model = Model(campaign, unknowns_of(campaign, solve))
-
-    def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
-        return fit(model, theta, noise, prior, near)
-
-    def freed(group: str) -> Problem | None:
-        return None if group in solve else _problem(campaign, (*solve, group), noise, prior)
-
-    return Problem(model, noise, refit, freed)
-
-
-def _joint_problem(model: JointModel, solve: tuple[str, ...], noise: Noise, prior: bool) -> Problem:
-    """A campaign whose poses are unknown too, solved for these groups of values."""
-
-    def refit(theta: FloatArray, noise: Noise, near: bool) -> Fit:
-        return fit_jointly(model, theta, noise, prior, near)
-
-    def freed(group: str) -> Problem | None:
-        if group in solve:
-            return None
-        rig = unknowns_of(model.campaign, (*solve, group))
-        wider = JointModel(model.campaign, rig, tuple(model.free.tolist()), model.frame)
-        return _joint_problem(wider, (*solve, group), noise, prior)
-
-    return Problem(model, noise, refit, freed)
+        for value, name in zip(point.fit.theta, point.model.names, strict=True):
+            start[model.names.index(name)] = value
+    return _Begun(model, fit(model, start, settings.prior), gross, points, {p.name: p.boxes for p in points})
 
 
 def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]) -> _Begun:
     """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
     model, first = solve_jointly(campaign, settings.solve, settings.prior, free, settings.frame, settings.seed)
-    noise = model.noise(campaign.poses)
 
     def judge(other: Campaign) -> Fit:
-        return begun_jointly(replace(other, poses=campaign.poses), model.rig, free, settings.frame, settings.seed)[1]
+        return begun_jointly(replace(other, poses=campaign.poses), model.parameters, free, settings.frame, settings.seed)[1]
 
     def screen(other: Campaign) -> float:
-        return linear_objective(JointModel(other, model.rig, free, model.frame), noise)
+        return linear_objective(model_of(other, model.parameters, free, model.frame))
 
-    stated = fit_jointly(model, first.theta, noise, True)
+    stated = fit(model, first.theta, prior_everywhere=True)
     gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, model.places_known)
     names = dict.fromkeys(c.from_point for c in campaign.cables)
     # nearest to the reference poses the whole may lie anywhere
     searched = {} if model.frame == "poses" else {name: [box_of(campaign, name, settings)] for name in names}
-    return _Begun(_joint_problem(model, settings.solve, noise, settings.prior), first, gross, [], searched)
+    return _Begun(model, first, gross, [], searched)
 
 
-def _held_out(whole: Campaign, model: Model, found: Fit, noise: Noise, poses: tuple[str, ...], seed: int) -> list[HeldOut]:
+def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...], seed: int) -> list[HeldOut]:
     """The poses that took no part, each with its own unknowns, if it has them, fitted to its own lengths."""
     if not poses:
         return []
-    if not isinstance(model, JointModel):
-        return held_out(Model(whole, model.rig), found.theta, found, model, noise, poses)
-    every = JointModel(replace(whole, poses=model.campaign.poses), model.rig, tuple(model.free.tolist()), model.frame)
-    theta = every.unknowns.nominal.copy()
-    theta[np.isin(every.unknowns.names, model.unknowns.names)] = found.theta
-    for name in poses:
+    free = tuple(model.free.tolist())
+    every = model_of(replace(whole, poses=model.campaign.poses), model.parameters, free, model.frame).with_noise(model.noise)
+    theta = every.start
+    theta[np.isin(every.names, model.names)] = found.theta
+    for name in poses if free else ():
         pose = whole.poses.names.index(name)
         told = int(whole.used[pose].sum())
         if told <= model.pose_unknowns:
@@ -246,4 +213,4 @@ def _held_out(whole: Campaign, model: Model, found: Fit, noise: Noise, poses: tu
                 f"--hold-out: pose {name}: {told} counted cables and {model.pose_unknowns} unknowns of its own leave nothing to judge by"
             )
         theta = fitted_pose(every, theta, pose, seed)
-    return held_out(every, theta, found, model, noise, poses)
+    return held_out(every, theta, found, poses)

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.joint_model import ROTATIONS, JointModel
-from lmeasure.calibration.unknowns import Unknowns
+from lmeasure.calibration.unknowns import ROTATIONS, Model
 from lmeasure.errors import CalibrationError
+from lmeasure.estimation import Parameters
 from lmeasure.kernels.cable import span_lengths, span_rows
 
 TURNS = 512  # orientations of a single pose that are looked at
@@ -22,7 +22,7 @@ CANDIDATES = 3  # orientations of all poses that are followed up
 
 
 def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
-    """Which of `joint_model.COMPONENTS` of the poses are unknown: none of trusted whole poses.
+    """Which of `unknowns.COMPONENTS` of the poses are unknown: none of trusted whole poses.
 
     CalibrationError when nothing could tell them.
     """
@@ -91,7 +91,7 @@ def _kept(values: FloatArray | None, keep: NDArray[np.intp]) -> FloatArray | Non
     return None if values is None else values[keep]
 
 
-def check_equations(campaign: Campaign, rig: Unknowns, free: tuple[int, ...]) -> None:
+def check_equations(campaign: Campaign, rig: Parameters, free: tuple[int, ...]) -> None:
     """CalibrationError where the counts are too few for the rig and the free components of the counted poses."""
     channels = np.isfinite(campaign.counts).sum(axis=1)
     n, m, d = int((channels > 0).sum()), len(campaign.cables), len(free)
@@ -117,7 +117,7 @@ def check_equations(campaign: Campaign, rig: Unknowns, free: tuple[int, ...]) ->
 def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     """The campaign with orientations that the counts fit best at the nominal rig, from several orientations of all poses at first."""
     spread = Rotation.concatenate([Rotation.create_group("O"), Rotation.random(12, rng=np.random.default_rng([seed, 17]))])
-    model = JointModel(campaign, Unknowns((), np.zeros(0), np.zeros(0)), ROTATIONS, None)
+    model = Model(campaign, Parameters((), np.zeros(0), np.zeros(0)), free=ROTATIONS)
     found = []
     for turn in np.degrees(spread.as_rotvec()):
         done = scipy.optimize.least_squares(

@@ -1,52 +1,67 @@
-"""The vector of what a calibration solves for, and the residuals it is judged by."""
+"""The problem that a campaign poses: what a calibration solves for, and the residuals it is judged by."""
 
+import copy
 import math
-from dataclasses import dataclass
+from dataclasses import replace
+from typing import Literal, Self
 
 import numpy as np
 
+from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.noise import Noise
 from lmeasure.effects import Zero, effects_of
+from lmeasure.estimation import Nuisance, Parameters, Problem
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import count_variance
 from lmeasure.observation.parameters import FACTORS, SCALE, UNSIGNED, Slots, parameter_names, solved_parameters, with_values
+from lmeasure.poses import Poses
 from lmeasure.rig import Rig
 from lmeasure.unsolved import Unsolved, stated
 
+Frame = Literal["rig", "poses"]
 
-@dataclass(frozen=True)
-class Unknowns:
-    """Names (p) of the solved values, their nominal values and prior standard uncertainties (p,), in the units of their names."""
-
-    names: tuple[str, ...]
-    nominal: FloatArray
-    width: FloatArray
-
-    def owner(self, i: int) -> str:
-        """The observation point or attachment point that value i belongs to."""
-        return self.names[i].rsplit(".", 1)[0]
-
-    def of(self, owner: str) -> IntArray:
-        """Indices of one owner's values."""
-        return np.array([i for i in range(len(self.names)) if self.owner(i) == owner], dtype=np.int64)
+COMPONENTS = ("rx_deg", "ry_deg", "rz_deg", "x_mm", "y_mm", "z_mm")
+ROTATIONS = (0, 1, 2)
 
 
-def unknowns_of(campaign: Campaign, solve: tuple[str, ...]) -> Unknowns:
+def unknowns_of(campaign: Campaign, solve: tuple[str, ...]) -> Parameters:
     """What to solve for: the named groups, and every assumed value, for the points whose cables were measured."""
     found = solved_parameters(campaign.rig, campaign.cables, solve)
-    return Unknowns(tuple(p.name for p in found), np.array([p.value for p in found]), np.array([p.prior_u for p in found]))
+    return Parameters(tuple(p.name for p in found), np.array([p.value for p in found]), np.array([p.prior_u for p in found]))
 
 
-class Model:
+class Model(Problem):
     """Length residuals of a campaign as a function of its unknowns, with analytic derivatives.
 
     The residual of cable j at pose i is [F(P_i) - D(k_i)] - [F(P_0) - D(k_0)]: modelled less measured change since the zero pose [mm].
+
+    The unknowns are the rig's, and behind them, where components of the poses are free (which of `COMPONENTS`), rotations and shifts of the
+    counted poses, at, from the stated ones, base axes, R = Exp(rotation) R_stated. Nothing is known of these beforehand, and what the file
+    states about them, or about how they vary from visit to visit, takes no part: every visit of a pose has unknowns of its own. frame: what
+    chooses the place of the whole then, None where positions hold it. noise: what the poses' file states, unless it is given.
     """
 
-    def __init__(self, campaign: Campaign, unknowns: Unknowns) -> None:
+    def __init__(
+        self,
+        campaign: Campaign,
+        unknowns: Parameters,
+        noise: Noise | None = None,
+        *,
+        free: tuple[int, ...] = (),
+        frame: Frame | None = None,
+    ) -> None:
+        self.parameters, self.free, self.frame = unknowns, np.array(free, dtype=np.int64), frame
+        self.at = np.flatnonzero(np.isfinite(campaign.counts).any(axis=1)) if free else np.zeros(0, np.int64)
+        if not self.places_known:
+            campaign = replace(campaign, reference=None)
+        if free and campaign.u_visit is not None:
+            own = campaign.u_visit.copy()
+            own[:, self._untold] = 0.0
+            campaign = replace(campaign, u_visit=own if own.any() else None)
         self.campaign = campaign
-        self.unknowns = self.rig = unknowns
+        self.noise = self._stated() if noise is None else noise
         self._rows = campaign.rig.cable_rows(campaign.cables)
         self._scales = campaign.rig.scales(campaign.cables)
         self._poses = np.ascontiguousarray(campaign.poses.rows)
@@ -62,8 +77,13 @@ class Model:
         own = self._where[self.cable_index]
         equation, parameter = np.nonzero(own >= 0)
         self._derivatives = equation, parameter, own[equation, parameter]
-        self._radius = np.array([n.rsplit(".", 1)[1] in UNSIGNED for n in unknowns.names])
+        self._radius = np.array([n.rsplit(".", 1)[1] in UNSIGNED for n in unknowns.names], dtype=np.bool_)
         self._factor = np.array([math.radians(1.0) if n.endswith("_deg") else 1.0 for n in unknowns.names])
+        self._unit_of_poses = np.where(self.free < 3, math.radians(1.0), 1.0)
+        if free:
+            names = tuple(f"pose {campaign.poses.names[i]}.{COMPONENTS[c]}" for i in self.at for c in free)
+            block = np.searchsorted(self.at, self.pose_index)
+            self.nuisance = Nuisance(len(free), names, block, np.searchsorted(self.at, np.unique(campaign.zero)))
 
     @property
     def equations(self) -> int:
@@ -71,26 +91,75 @@ class Model:
         return len(self.pose_index)
 
     @property
-    def own(self) -> int:
-        """How many unknowns are the rig's: they are the first, and `rig` has their names."""
-        return len(self.rig.names)
-
-    @property
     def pose_unknowns(self) -> int:
-        """How many unknowns each pose has of its own: none, but see `calibration.joint_model`."""
-        return 0
+        """How many unknowns each pose has of its own."""
+        return len(self.free)
 
     @property
     def places_known(self) -> bool:
         """Whether positions of the poses are taken from the file, with the uncertainty stated there."""
-        return True
+        return 3 not in self.free
+
+    @property
+    def covariance_varies(self) -> bool:  # type: ignore[override]
+        """Derivatives by the poses do, wherever these err."""
+        return self.noise.stated
+
+    def with_noise(self, noise: Noise) -> Self:
+        """The same with other uncertainties."""
+        out = copy.copy(self)
+        out.noise = noise
+        return out
+
+    def untold(self, block: int) -> str:
+        """Of a pose that its cables do not tell."""
+        name = self.campaign.poses.names[self.at[block]]
+        return f"counts.csv: pose {name}: its counted cables do not tell all its unknowns; leave it out"
+
+    @property
+    def _untold(self) -> list[int]:
+        """Components of a pose about which nothing stated counts: the free ones, and the rotation of a tool that is but one free point."""
+        return list(range(6)) if 3 in self.free else list(ROTATIONS)
+
+    def _stated(self) -> Noise:
+        """What the poses' file states about that which is not unknown."""
+        poses = self.campaign.poses
+        stated = Noise.of(poses)
+        if not len(self.free):
+            return stated
+        place, turn = stated.u_position_mm.copy(), np.zeros(len(poses))
+        covariance = None if stated.covariance is None else stated.covariance.copy()
+        if covariance is not None:
+            covariance[:, self._untold] = 0.0
+            covariance[:, :, self._untold] = 0.0
+        if not self.places_known:
+            place, covariance = np.zeros(len(poses)), None
+        # an assumed size of what is unknown anyway takes no part
+        absent = tuple(name for name in stated.absent if name == "position" and self.places_known)
+        return Noise(place, turn, covariance, absent=absent)
+
+    def shifts(self, theta: FloatArray) -> FloatArray:
+        """(n, 6) rotation [rad] and shift [mm] of each pose from the stated one."""
+        out = np.zeros((len(self.campaign.poses), 6))
+        own = theta[self.own :].reshape(len(self.at), len(self.free))
+        out[np.ix_(self.at, self.free)] = own * self._unit_of_poses
+        return out
+
+    @property
+    def arms(self) -> FloatArray:
+        """(n, 3) from the origin of a pose to the point that a motion of the whole carries along [mm, base frame]: the one attachment
+        point, where the tool itself does not turn."""
+        if 0 in self.free:
+            return np.zeros((len(self.campaign.poses), 3))
+        tool = self.campaign.rig.tool[self.campaign.cables[0].to_point]
+        return self.campaign.poses.rotation.apply(np.array(tool))
 
     def poses(self, theta: FloatArray) -> FloatArray:
-        """(n, 7) poses when the unknowns are theta (p,): those of the campaign, unless they are unknown too (`calibration.joint`)."""
-        return self._poses
+        """(n, 7) poses when the unknowns are theta (P,): the stated ones, shifted where they are unknown."""
+        return se3.displaced(self._poses, self.shifts(theta)) if len(self.free) else self._poses
 
     def cables(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The kernels' rows, the decoding scales and the true counts when the unknowns are theta (p,)."""
+        """The kernels' rows, the decoding scales and the true counts when the unknowns are theta (P,)."""
         scales = self._scales.copy()
         scales[self._scaled] = theta[self._where[self._scaled, SCALE]]
         counts = np.where(np.isfinite(self.campaign.counts), self.campaign.counts, 0.0) * (self._scales / scales)
@@ -141,6 +210,11 @@ class Model:
         recorded = self.campaign.counts[poses, cables] * self._scales[cables]
         return np.asarray(np.abs(recorded - np.rint(recorded)) <= 1e-9 * np.maximum(1.0, np.abs(recorded)))
 
+    @property
+    def whole_counts(self) -> BoolArray:
+        """(e,) whether the recorded count behind each residual is a whole number."""
+        return self.whole(self.pose_index, self.cable_index)
+
     def effect_covariance(self, theta: FloatArray) -> FloatArray | None:
         """(e, e) covariance of the residuals [mm^2] from what is uncertain in temperature, stretch and sag; None when nothing is.
 
@@ -187,16 +261,96 @@ class Model:
         same = self.cable_index[:, None] == self.cable_index
         return np.asarray(shifts @ shifts.T + np.diag(play) + np.where(same, play, 0.0))
 
+    def measurement_covariance(self, theta: FloatArray) -> FloatArray:
+        """(e, e) covariance of the residuals [mm^2] from whole counts and reference poses."""
+        V = self.reading_covariance()
+        campaign, noise = self.campaign, self.noise
+        if noise.stated or campaign.u_visit is not None:
+            J = self.pose_jacobian(theta)
+            shared = noise.scaled(J)
+            if campaign.reference is not None:
+                # visits of one pose share its error
+                shared = np.einsum("eni,nr->eri", shared, campaign.reference_of[:, None] == np.arange(len(campaign.poses)))
+            flat = shared.reshape(len(J), -1)
+            V = V + flat @ flat.T
+            if campaign.u_visit is not None:
+                own = (J * campaign.u_visit).reshape(len(J), -1)
+                # the robot comes anew in every pass
+                passage = np.array([c.passage for c in campaign.cables])[self.cable_index]
+                V = V + (own @ own.T) * (passage[:, None] == passage)
+        return np.asarray(V)
+
+    def covariance(self, theta: FloatArray) -> FloatArray:
+        """`measurement_covariance`, physical effects and dimensions where their errors are stated, errors of the lengths, and
+        what a robust loss takes back."""
+        V, noise = self.measurement_covariance(theta), self.noise
+        effects = self.effect_covariance(theta)
+        if effects is not None:
+            V = V + effects
+        unsolved = self.unsolved_covariance(theta)
+        if unsolved is not None:
+            V = V + unsolved
+        if noise.robust_variance_mm2 is not None:
+            campaign = self.campaign
+            same = self.cable_index[:, None] == self.cable_index
+            reference, poses = campaign.reference_of, np.arange(len(campaign.poses))
+            # a length at the zero pose is in every residual of its cable
+            at, zero = reference[self.pose_index], reference[campaign.zero[self.cable_index]]
+            h = (at[:, None] == poses).astype(np.float64) - (zero[:, None] == poses)
+            V = V + same * ((h * noise.robust_variance_mm2) @ h.T)
+        if noise.u_length_mm is not None:
+            own = noise.u_length_mm[self.cable_index] ** 2
+            V = V + np.diag(own) + np.where(self.cable_index[:, None] == self.cable_index, own, 0.0)
+        return np.asarray(V)
+
+    def uniform(self) -> tuple[FloatArray, FloatArray]:
+        """Rounding to whole counts, and where within one the counters were zeroed."""
+        own, shared, uniform = self.readings
+        return np.where(self.whole_counts, own, 0.0), shared[:, uniform]
+
+    @property
+    def taken_back(self) -> FloatArray | None:
+        """(e,) [mm^2] by the robust loss of the poses."""
+        variance = self.noise.robust_variance_mm2
+        return None if variance is None else variance[self.pose_index]
+
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """(e, p) derivatives of the residuals by the unknowns, in the units of their names."""
+        """(e, P) derivatives of the residuals by the unknowns, in the units of their names."""
         rows, scales, counts = self.cables(theta)
         g = cable_kernels.length_gradients(rows, self.poses(theta), counts, scales)
         g = g[self.pose_index, self.cable_index] - g[self._zero, self.cable_index]
-        J = np.zeros((self.equations, len(self.unknowns.names)))
+        J = np.zeros((self.equations, self.own))
         equation, parameter, unknown = self._derivatives
         J[equation, unknown] = g[equation, parameter]
-        J *= np.where(self._radius & (theta < 0), -self._factor, self._factor)
-        return np.where(np.isfinite(J), J, 0.0)
+        J *= np.where(self._radius & (theta[: self.own] < 0), -self._factor, self._factor)
+        J = np.where(np.isfinite(J), J, 0.0)
+        if not len(self.free):
+            return J
+        by_pose = self.pose_jacobian(theta)
+        by_pose[:, :, :3] = np.einsum("eni,nij->enj", by_pose[:, :, :3], se3.left_jacobians(self.shifts(theta)[:, :3]))
+        by_pose = np.where(np.isfinite(by_pose), by_pose, 0.0)[:, self.at[:, None], self.free] * self._unit_of_poses
+        return np.hstack([J, by_pose.reshape(len(J), -1)])
+
+    def found_poses(self, theta: FloatArray, covariance: FloatArray) -> Poses:
+        """The poses at theta, with the uncertainty that the covariance (P, P) of the unknowns states where they were unknown, and the file
+        where they were not."""
+        stated, own = self.campaign.poses, self._stated()
+        if not len(self.free):
+            return stated
+        both = np.zeros((len(stated), 6, 6)) if own.covariance is None else own.covariance.copy()
+        if own.covariance is None:
+            both[:, [3, 4, 5], [3, 4, 5]] = own.u_position_mm[:, None] ** 2
+        d = len(self.free)
+        turns = se3.left_jacobians(self.shifts(theta)[:, :3])
+        for k, i in enumerate(self.at):
+            rows = self.own + d * k + np.arange(d)
+            to_pose = np.eye(6)
+            to_pose[:3, :3] = turns[i]
+            to_pose = to_pose[:, self.free] * self._unit_of_poses
+            both[i] += to_pose @ covariance[np.ix_(rows, rows)] @ to_pose.T
+        variance = np.einsum("nii->ni", both)
+        place, turn = np.sqrt(variance[:, 3:].mean(axis=1)), np.sqrt(variance[:, :3].mean(axis=1))
+        return Poses(stated.names, self.poses(theta), place, turn, both, stated.oriented)
 
     def pose_jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, n, 6) derivatives of the residuals by small errors (rotation [rad]; translation [mm]) of each reference pose."""
@@ -209,7 +363,7 @@ class Model:
         return out
 
 
-def rig_with(campaign: Campaign, unknowns: Unknowns, theta: FloatArray, calibration: str | None) -> Rig:
+def rig_with(campaign: Campaign, unknowns: Parameters, theta: FloatArray, calibration: str | None) -> Rig:
     """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges."""
     rig = with_values(campaign.rig, dict(zip(unknowns.names, theta.tolist(), strict=True)))
     return rig.model_copy(update={"calibration": calibration})

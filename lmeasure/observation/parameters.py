@@ -173,12 +173,10 @@ def solved_parameters(rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...
     for group in solve:
         if group not in GROUPS:
             raise CalibrationError(f"--solve: {group!r} is not one of {', '.join(GROUPS)}")
-    points = [(f"{name}.", p) for name in dict.fromkeys(c.from_point for c in cables) for p in _OF_POINT]
-    tool = [(f"tool.{name}.", p) for name in dict.fromkeys(c.to_point for c in cables) for p in _OF_TOOL]
     assumed, out = _assumed(rig), []
-    for owner, p in points + tool:
-        if p.group in solve or owner + p.key in assumed:
-            out.append(parameter_of(rig, owner + p.key))
+    for name, p in _named(cables):
+        if p.group in solve or name in assumed:
+            out.append(parameter_of(rig, name))
     if not out:
         raise CalibrationError("--solve: nothing is left to solve for")
     return tuple(out)
@@ -192,6 +190,18 @@ def parameter_of(rig: Rig, name: str) -> Parameter:
     assert value is not None
     usual = p.assumed_u if name in _assumed(rig) else p.default_u
     return Parameter(name, value, usual if u is None else max(u, EXACT), p.unit)
+
+
+def group_names(cables: tuple[Cable, ...], group: str) -> tuple[str, ...]:
+    """Names of a group's parameters of the points that the cables lead from and to."""
+    return tuple(name for name, p in _named(cables) if p.group == group)
+
+
+def _named(cables: tuple[Cable, ...]) -> list[tuple[str, CableParameter]]:
+    """Every parameter of some cables by its name: those of observation points before those of attachment points."""
+    points, tool = (dict.fromkeys(names) for names in ((c.from_point for c in cables), (c.to_point for c in cables)))
+    of_points = [(f"{point}.{p.key}", p) for point in points for p in _OF_POINT]
+    return of_points + [(f"tool.{point}.{p.key}", p) for point in tool for p in _OF_TOOL]
 
 
 def _assumed(rig: Rig) -> set[str]:

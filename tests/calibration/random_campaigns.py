@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Campaign, Settings
-from lmeasure.calibration.frame import in_frame
-from lmeasure.calibration.joint_model import JointModel
+from lmeasure.calibration.frame import in_frame, model_of
 from lmeasure.calibration.unknown_poses import free_components
-from lmeasure.calibration.unknowns import unknowns_of
+from lmeasure.calibration.unknowns import Model, unknowns_of
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses
@@ -128,13 +127,13 @@ def true_values(drawn: Drawn, names: list[str]) -> FloatArray:
     return np.array(out)
 
 
-def true_unknowns(model: JointModel, drawn: Drawn) -> FloatArray:
+def true_unknowns(model: Model, drawn: Drawn) -> FloatArray:
     """(P,) the true values of the unknowns of rig and poses, moved as a whole to where the choice of the frame puts them."""
-    theta = shifted(model, true_values(drawn, list(model.rig.names)), drawn.poses)
+    theta = shifted(model, true_values(drawn, list(model.parameters.names)), drawn.poses)
     return theta if model.frame is None else in_frame(model, theta, model.frame)
 
 
-def shifted(model: JointModel, values: FloatArray, rows: FloatArray) -> FloatArray:
+def shifted(model: Model, values: FloatArray, rows: FloatArray) -> FloatArray:
     """(P,) the unknowns at values (p,) of the rig and poses (n, 7)."""
     stated = model.campaign.poses.rows
     turn = (Rotation.from_quat(rows[:, 3:]) * Rotation.from_quat(stated[:, 3:]).inv()).as_rotvec()
@@ -148,7 +147,7 @@ def errors(drawn: Drawn, record: CalibrationRecord, settings: Settings) -> Float
     truth = true_values(drawn, names)
     if settings.self_calibration:
         free = free_components(drawn.campaign, trusted=False)
-        model = JointModel(drawn.campaign, unknowns_of(drawn.campaign, settings.solve), free, settings.frame)
+        model = model_of(drawn.campaign, unknowns_of(drawn.campaign, settings.solve), free, settings.frame)
         truth = true_unknowns(model, drawn)[: model.own]
     error = np.array([p.value for p in record.parameters]) - truth
     return np.where([n.endswith("_deg") for n in names], (error + 180.0) % 360.0 - 180.0, error)

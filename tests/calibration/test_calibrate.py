@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 from zeroed import exact_poses, zeroed_exactly
 
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.refine import Noise, fit
+from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
 from lmeasure.calibration_record import read_calibration_record, write_calibration_record
 from lmeasure.conventions import angles_from_rotation, rotation_from_angles
 from lmeasure.errors import CalibrationError, FileFormatError, LMeasureError
+from lmeasure.estimation import fit
 from lmeasure.lengths import counts_from_poses, span_lengths
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig, rig_from_dict
@@ -76,7 +77,7 @@ def test_stated_uncertainty_holds_the_truth(twelve: Calibration) -> None:
     truth = true_rig(twelve.campaign.rig, TRUTH / "cell-12-poses")
     model = Model(twelve.campaign, unknowns_of(twelve.campaign, ("position", "guide")))
     true_theta = []
-    for name in model.unknowns.names:
+    for name in model.parameters.names:
         point, key = name.split(".")
         p = truth.point(point)
         true_theta.append(p.position_mm["xyz".index(key[0])] if key[1] == "_" else getattr(p, key))
@@ -122,7 +123,7 @@ def test_silent_directions_do_not_change_a_count(four: Calibration) -> None:
 def test_silent_directions_stay_at_the_nominal_value(four: Calibration) -> None:
     theta = np.array([p.value for p in four.record.parameters])
     model = Model(four.campaign, unknowns_of(four.campaign, ("position", "guide")))
-    z = (theta - model.unknowns.nominal) / model.unknowns.width
+    z = (theta - model.parameters.nominal) / model.parameters.width
     for u in four.record.unobservable:
         assert abs(z @ np.array([u.direction.get(p.name, 0.0) for p in four.record.parameters])) < 1e-6
 
@@ -284,15 +285,15 @@ def test_jacobian_against_difference_quotients(twelve: Calibration) -> None:
     campaign = twelve.campaign
     solve = ("position", "guide", "radius", "scale", "tangent", "axial", "pitch", "attachment")
     model = Model(campaign, unknowns_of(campaign, solve))
-    theta = model.unknowns.nominal
+    theta = model.parameters.nominal
     J = model.jacobian(theta)
     for i in range(len(theta)):
-        step = 1e-4 * max(1.0, abs(theta[i])) if not model.unknowns.names[i].endswith("scale") else 1e-5
+        step = 1e-4 * max(1.0, abs(theta[i])) if not model.parameters.names[i].endswith("scale") else 1e-5
         up, down = theta.copy(), theta.copy()
         up[i] += step
         down[i] -= step
         numeric = (model.residuals(up) - model.residuals(down)) / (2 * step)
-        np.testing.assert_allclose(J[:, i], numeric, atol=1e-5 * max(1.0, np.abs(numeric).max()), err_msg=model.unknowns.names[i])
+        np.testing.assert_allclose(J[:, i], numeric, atol=1e-5 * max(1.0, np.abs(numeric).max()), err_msg=model.parameters.names[i])
 
 
 def test_pose_jacobian_against_difference_quotients(twelve: Calibration) -> None:
@@ -333,7 +334,7 @@ def test_reference_pose_errors_reach_the_covariance(twelve: Calibration) -> None
         moved = rows.copy()
         moved[:, :3] += rng.normal(0, u, (n, 3))
         drawn = replace(campaign, poses=poses_from_rows(moved, campaign.poses.names), counts=np.rint(exact))
-        found = fit(Model(drawn, unknowns), unknowns.nominal, noise, prior_everywhere=False)
+        found = fit(Model(drawn, unknowns, noise), unknowns.nominal)
         error = found.theta - unknowns.nominal
         total += float(error @ np.linalg.solve(found.covariance, error))
     # 5 unknowns a campaign: mean 5, standard deviation of the mean sqrt(2*5/300) = 0.18

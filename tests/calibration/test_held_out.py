@@ -62,9 +62,9 @@ def test_optimum_is_that_of_a_generic_least_squares() -> None:
     campaign = zeroed_exactly(read_campaign(folder))
     result, truth = calibrate(campaign), true_rig(campaign.rig, folder)
     model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
-    width = model.unknowns.width
-    generic = least_squares(lambda z: model.residuals(model.unknowns.nominal + width * z), np.zeros(len(width)), xtol=1e-15, ftol=1e-15)
-    other = rig_with(campaign, model.unknowns, model.unknowns.nominal + width * generic.x, None)
+    width = model.parameters.width
+    generic = least_squares(lambda z: model.residuals(model.parameters.nominal + width * z), np.zeros(len(width)), xtol=1e-15, ftol=1e-15)
+    other = rig_with(campaign, model.parameters, model.parameters.nominal + width * generic.x, None)
     ours, theirs = held_out_errors(result.rig, truth, 3000), held_out_errors(other, truth, 3000)
     assert np.sqrt(np.mean(ours**2)) <= 0.00251
     assert np.sqrt(np.mean(ours**2)) == pytest.approx(np.sqrt(np.mean(theirs**2)), rel=0.01)

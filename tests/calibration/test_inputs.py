@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Settings, calibrate, read_campaign
 from lmeasure.calibration.dwells import mean_variance, noise_of, pooled_scatter, rounding_left
-from lmeasure.calibration.refine import Noise, residual_covariance
+from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.unknowns import Model, unknowns_of
 from lmeasure.errors import CalibrationError, FileFormatError
 from lmeasure.files import read_table, write_table
@@ -44,7 +44,7 @@ def edit(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None
 def covariance_of(folder: Path) -> tuple[FloatArray, Model]:
     campaign = read_campaign(folder)
     model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
-    return residual_covariance(model, model.unknowns.nominal, Noise.of(campaign.poses).bare()), model
+    return model.with_noise(Noise.of(campaign.poses).bare()).covariance(model.start), model
 
 
 AXES = {"u_x_mm": 0.02, "u_y_mm": 0.02, "u_z_mm": 0.02, "u_rx_deg": 0.01, "u_ry_deg": 0.01, "u_rz_deg": 0.01}
@@ -73,14 +73,14 @@ def test_a_tracker_s_covariance_is_that_of_drawn_poses(tmp_path: Path) -> None:
     assert C is not None
     assert C[0, 3, 4] == pytest.approx(-0.8 * 0.01 * 0.06)
     assert C[0, 0, 5] == pytest.approx(0.5 * np.radians(0.005) * 0.05)
-    rng, base, drawn = np.random.default_rng(0), model.residuals(model.unknowns.nominal), []
+    rng, base, drawn = np.random.default_rng(0), model.residuals(model.parameters.nominal), []
     for _ in range(3000):
         error = np.array([rng.multivariate_normal(np.zeros(6), c) for c in C])
         rows = campaign.poses.rows.copy()
         rows[:, :3] += error[:, 3:]
         rows[:, 3:] = (Rotation.from_rotvec(error[:, :3]) * Rotation.from_quat(rows[:, 3:])).as_quat()
-        other = Model(replace(campaign, poses=replace(campaign.poses, rows=rows)), model.unknowns)
-        drawn.append(other.residuals(model.unknowns.nominal) - base)
+        other = Model(replace(campaign, poses=replace(campaign.poses, rows=rows)), model.parameters)
+        drawn.append(other.residuals(model.parameters.nominal) - base)
     counts = 0.012**2 / 12
     assert np.var(drawn, axis=0) / (np.diag(V) - counts) == pytest.approx(1.0, abs=0.15)
     assert read_poses(folder / "reference_poses.csv", "puma-oat").u_position_mm[0] == pytest.approx(np.sqrt((1 + 36 + 25) / 3) * 0.01)

@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.frame import motions, moved
+from lmeasure.calibration.frame import model_of, motions, moved
 from lmeasure.calibration.joint import solve_jointly
-from lmeasure.calibration.joint_model import JointModel
 from lmeasure.calibration.unknown_poses import free_components
 from lmeasure.calibration.unknowns import unknowns_of
 from lmeasure.cli import app
@@ -83,24 +82,24 @@ def free_lengths(result: Calibration, true_rig: Rig, true: FloatArray, count: in
 
 def test_derivatives_and_motions_of_the_whole() -> None:
     campaign, _ = simulated(body_rig(), 8, 5.0, 0.02)
-    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), (0, 1, 2, 3, 4, 5), "rig")
-    theta = model.unknowns.nominal + np.random.default_rng(1).normal(size=len(model.unknowns.names))
+    model = model_of(campaign, unknowns_of(campaign, ("position", "guide")), (0, 1, 2, 3, 4, 5), "rig")
+    theta = model.start + np.random.default_rng(1).normal(size=len(model.names))
     J, h = model.jacobian(theta), 1e-4
     numeric = np.array([(model.residuals(theta + d) - model.residuals(theta - d)) / (2 * h) for d in h * np.eye(len(theta))]).T
     assert pytest.approx(numeric, abs=1e-6) == J
     # no length changes when everything moves together
     assert np.abs(J @ motions(model, theta)).max() < 1e-9
     campaign, _ = simulated(point_rig(offset=(10.0, -30.0, 80.0)), 8, 5.0, 0.0)
-    point = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), (3, 4, 5), "rig")
-    assert np.abs(point.jacobian(point.unknowns.nominal) @ motions(point, point.unknowns.nominal)).max() < 1e-9
+    point = model_of(campaign, unknowns_of(campaign, ("position", "guide")), (3, 4, 5), "rig")
+    assert np.abs(point.jacobian(point.start) @ motions(point, point.start)).max() < 1e-9
 
 
 @pytest.mark.parametrize("rig", [body_rig(), point_rig(), point_rig(offset=(10.0, -30.0, 80.0))])
 def test_moved_as_a_whole_nothing_fits_worse(rig: Rig) -> None:
     campaign, _ = simulated(rig, 8, 5.0, 0.02)
-    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), free_components(campaign, trusted=False), "rig")
-    there = moved(model, model.unknowns.nominal, np.array([0.3, -0.2, 0.5, 100.0, -50.0, 20.0]))
-    assert model.residuals(there) == pytest.approx(model.residuals(model.unknowns.nominal), abs=1e-9)
+    model = model_of(campaign, unknowns_of(campaign, ("position", "guide")), free_components(campaign, trusted=False), "rig")
+    there = moved(model, model.start, np.array([0.3, -0.2, 0.5, 100.0, -50.0, 20.0]))
+    assert model.residuals(there) == pytest.approx(model.residuals(model.start), abs=1e-9)
 
 
 @pytest.mark.parametrize("frame", ["rig", "poses"])

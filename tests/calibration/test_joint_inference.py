@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Campaign, Settings, calibrate
 from lmeasure.calibration.compare import Earlier, compare
-from lmeasure.calibration.frame import condition, in_frame, motions, moved
-from lmeasure.calibration.joint import Joint, fit_jointly, solve_jointly
-from lmeasure.calibration.joint_model import JointModel
-from lmeasure.calibration.refine import residual_covariance
+from lmeasure.calibration.frame import condition, in_frame, model_of, motions, moved
+from lmeasure.calibration.joint import solve_jointly
 from lmeasure.calibration.unknown_poses import counted_poses, free_components
-from lmeasure.calibration.unknowns import unknowns_of
-from lmeasure.calibration.validation import Validation
+from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.validation import deletion_residuals, shifted_lengths
 from lmeasure.calibration_record import CalibrationRecord, Input
 from lmeasure.errors import CalibrationError
+from lmeasure.estimation import Fit, fit
+from lmeasure.estimation.deletion import Deletion
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import read_poses, write_poses
 
@@ -34,13 +34,13 @@ XYZ: dict[str, Any] = {"points": 6, "poses": 36, "oriented": False, "u_position_
 SELF = Settings(self_calibration=True)
 
 
-def solved(drawn: Drawn, frame: Any = "rig", prior: bool = False) -> tuple[JointModel, Joint]:
+def solved(drawn: Drawn, frame: Any = "rig", prior: bool = False) -> tuple[Model, Fit]:
     campaign = drawn.campaign
     return solve_jointly(campaign, ("position", "guide"), prior, free_components(campaign, not campaign.poses.oriented), frame, 0)
 
 
 @pytest.fixture(scope="module")
-def point() -> tuple[JointModel, Joint]:
+def point() -> tuple[Model, Fit]:
     return solved(draw(2, **POINT))
 
 
@@ -49,31 +49,31 @@ def point() -> tuple[JointModel, Joint]:
 def test_frame_is_where_the_shifts_are_least(frame: Any, given: dict[str, Any]) -> None:
     """The condition's derivative against difference quotients, and the sum of squares against motions about the frame."""
     campaign = draw(0, **given).campaign
-    model = JointModel(campaign, unknowns_of(campaign, ("position", "guide")), free_components(campaign, False), frame)
-    weight = np.zeros(len(model.unknowns.names))
+    model = model_of(campaign, unknowns_of(campaign, ("position", "guide")), free_components(campaign, False), frame)
+    weight = np.zeros(len(model.names))
     if frame == "rig":
-        weight[: model.own] = model.rig.width**-2.0
+        weight[: model.own] = model.parameters.width**-2.0
     else:
-        weight[[i for i, n in enumerate(model.unknowns.names) if n.startswith("pose") and n.endswith("_mm")]] = 1.0
+        weight[[i for i, n in enumerate(model.names) if n.startswith("pose") and n.endswith("_mm")]] = 1.0
 
     def six(theta: FloatArray) -> FloatArray:
-        return np.asarray(motions(model, theta).T @ (weight * (theta - model.unknowns.nominal)))
+        return np.asarray(motions(model, theta).T @ (weight * (theta - model.start)))
 
-    theta = model.unknowns.nominal + np.random.default_rng(0).normal(size=len(weight))
+    theta = model.start + np.random.default_rng(0).normal(size=len(weight))
     h = 1e-4
     numeric = np.array([(six(theta + d) - six(theta - d)) / (2 * h) for d in h * np.eye(len(theta))]).T
     np.testing.assert_allclose(condition(model, theta, frame), numeric, atol=1e-7 * np.abs(numeric).max())
     framed = in_frame(model, theta, frame)
-    least = float(np.sum(weight * (framed - model.unknowns.nominal) ** 2))
+    least = float(np.sum(weight * (framed - model.start) ** 2))
     for move in np.vstack([np.diag([1e-4] * 3 + [0.1] * 3), -np.diag([1e-4] * 3 + [0.1] * 3)]):
         there = moved(model, framed, move)
-        assert float(np.sum(weight * (there - model.unknowns.nominal) ** 2)) > least
+        assert float(np.sum(weight * (there - model.start) ** 2)) > least
 
 
-def everything_at_once(model: JointModel, found: Joint) -> tuple[FloatArray, float]:
+def everything_at_once(model: Model, found: Fit) -> tuple[FloatArray, float]:
     """Optimum and chi-squared of SciPy's least squares with all unknowns, the poses' as good as any."""
     W = np.linalg.inv(np.linalg.cholesky(found.V))
-    scale = np.r_[model.rig.width, np.ones(len(found.theta) - model.own)]
+    scale = np.r_[model.parameters.width, np.ones(len(found.theta) - model.own)]
     rng = np.random.default_rng(3)
     start = found.theta + 0.02 * scale * rng.normal(size=len(scale))
     result = scipy.optimize.least_squares(
@@ -124,23 +124,22 @@ def test_a_pose_left_out_is_judged_as_by_a_fit_without_it(given: dict[str, Any],
     fitted with the calibrated rig, its errors and their uncertainties are those that deletion predicts."""
     drawn = draw(6, **given)
     model, found = solved(drawn)
-    validation = Validation(model, found)
-    told = dict(validation.deletion_residuals())
+    deletion, told = Deletion(found), dict(deletion_residuals(model, found))
     left = 6 - model.pose_unknowns
     for pose in poses:
-        judged = validation.shift(np.array([pose]), 0.0)
+        judged = deletion.shift(shifted_lengths(model, np.array([pose])))
         assert judged is not None
         assert judged.freedom == left
         campaign = without(model.campaign, pose)
-        other = JointModel(campaign, model.rig, tuple(model.free.tolist()), model.frame)
-        start = found.theta[np.isin(model.unknowns.names, other.unknowns.names)]
-        assert found.chi2 - fit_jointly(other, start, other.noise(campaign.poses), False).chi2 == pytest.approx(judged.square, rel=0.02)
+        other = model_of(campaign, model.parameters, tuple(model.free.tolist()), model.frame)
+        start = found.theta[np.isin(model.names, other.names)]
+        assert found.chi2 - fit(other, start).chi2 == pytest.approx(judged.square, rel=0.02)
         name = drawn.campaign.poses.names[pose]
         kept = calibrate(drawn.campaign, Settings(hold_out=(name,), self_calibration=drawn.campaign.poses.oriented)).record.validation
         errors = np.array([[p["error_mm"], p["u_mm"]] for p in kept["held_out"]["poses"]])
         assert np.sqrt(np.sum(errors[:, 0] ** 2) / left) == pytest.approx(told[name], rel=0.02)
         rows = model.pose_index == pose
-        values, vectors = np.linalg.eigh(validation._P[np.ix_(rows, rows)])
+        values, vectors = np.linalg.eigh(deletion._P[np.ix_(rows, rows)])
         u = np.sqrt(np.diag((vectors[:, -left:] / values[-left:]) @ vectors[:, -left:].T))
         np.testing.assert_allclose(errors[:, 1], u, rtol=0.02)
 
@@ -226,7 +225,7 @@ def test_what_nothing_can_judge_is_refused() -> None:
         calibrate(replace(campaign, rig=rig), SELF)
 
 
-def test_poses_that_were_not_counted_are_not_found(point: tuple[JointModel, Joint]) -> None:
+def test_poses_that_were_not_counted_are_not_found(point: tuple[Model, Fit]) -> None:
     campaign = draw(2, **POINT).campaign
     result = calibrate(without(campaign, 5), SELF)
     assert "6" not in {p["pose"] for p in result.record.poses}
@@ -280,11 +279,11 @@ def test_visits_of_positions_alone_share_the_stated_error_and_turn_on_their_own(
     assert campaign.u_visit is not None
     turns = np.tile([0.01, 0.01, 0.01, 0.0, 0.0, 0.0], (46, 1))
     free = free_components(campaign, True)
-    model = JointModel(replace(campaign, u_visit=campaign.u_visit + turns), unknowns_of(campaign, ("position", "guide")), free, None)
-    V = residual_covariance(model, model.unknowns.nominal, model.noise(campaign.poses))
+    model = model_of(replace(campaign, u_visit=campaign.u_visit + turns), unknowns_of(campaign, ("position", "guide")), free, None)
+    V = model.covariance(model.start)
     # what is unknown anew at each visit is no uncertainty of it, the stated position's error is common to both
     assert model.campaign.u_visit == pytest.approx(campaign.u_visit)
-    J = model.pose_jacobian(model.unknowns.nominal)[:, :, 3:]
+    J = model.pose_jacobian(model.start)[:, :, 3:]
     shared = np.zeros((len(V), len(V)))
     for i in range(36):
         h = J[:, i] + (J[:, i + 10] if i >= 26 else 0.0)
@@ -304,7 +303,7 @@ def test_poses_found_have_the_uncertainty_of_their_own(tmp_path: Path) -> None:
     write_poses(tmp_path / "poses.csv", result.campaign.poses)
     poses = read_poses(tmp_path / "poses.csv", "puma-oat")
     assert poses.covariance is not None
-    model = JointModel(drawn.campaign, unknowns_of(drawn.campaign, ("position", "guide")), free_components(drawn.campaign, False), "poses")
+    model = model_of(drawn.campaign, unknowns_of(drawn.campaign, ("position", "guide")), free_components(drawn.campaign, False), "poses")
     true = model.poses(true_unknowns(model, drawn))
     turn = (Rotation.from_quat(true[:, 3:]) * Rotation.from_quat(poses.rows[:, 3:]).inv()).as_rotvec()
     error = np.hstack([turn, true[:, :3] - poses.rows[:, :3]])

@@ -15,9 +15,9 @@ from lmeasure.calibration import Campaign, read_campaign
 from lmeasure.calibration.campaign import of_cables
 from lmeasure.calibration.dwells import rounding_left
 from lmeasure.calibration.information import Instrument
-from lmeasure.calibration.refine import Noise, fit, residual_covariance
-from lmeasure.calibration.regions import regions
 from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.estimation import fit
+from lmeasure.estimation.regions import regions
 from lmeasure.files import write_table
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import pose_columns, poses_from_rows
@@ -38,7 +38,7 @@ def model_of(campaign: Campaign) -> Model:
 def at_the_truth(campaign: Campaign, truth: Rig) -> tuple[FloatArray, FloatArray]:
     """(e,) residuals of the true rig, which are the errors of the counts, and (e, e) what is said of them."""
     model = model_of(replace(campaign, rig=truth))
-    return model.residuals(model.unknowns.nominal), model.reading_covariance()
+    return model.residuals(model.parameters.nominal), model.reading_covariance()
 
 
 @pytest.mark.parametrize("zeroed_there", [True, False])
@@ -168,19 +168,19 @@ def test_calibrated_values_err_as_stated_where_counters_stand_anywhere_within_th
     for seed in range(trials):
         drawn = draw(seed, noise="rounded", phased=True)
         model = model_of(drawn.campaign)
-        truth = true_values(drawn, list(model.unknowns.names))
-        found = fit(model, truth, Noise.of(drawn.campaign.poses), False)
+        truth = true_values(drawn, list(model.parameters.names))
+        found = fit(model, truth)
         # to first order: how the result follows what the counts err by
         r = model.residuals(truth)
-        error = found.directions[found.known] @ (found.gain(model) @ r / model.unknowns.width) * found.s[found.known]
+        error = found.directions[found.known] @ (found.gain @ r / model.parameters.width) * found.s[found.known]
         squares += float(error @ error)
         freedom += found.rank
-        where = regions(model, found, seed)
+        where = regions(found, seed)
         d = truth - found.theta
         inside += bool(d @ np.linalg.solve(where.covariance, d) <= where.factor**2)
         sure = model_of(zeroed_exactly(drawn.campaign))
-        gain = fit(sure, truth, Noise.of(drawn.campaign.poses), False)
-        told = gain.directions[gain.known] @ (gain.gain(sure) @ r / model.unknowns.width) * gain.s[gain.known]
+        gain = fit(sure, truth)
+        told = gain.directions[gain.known] @ (gain.gain @ r / model.parameters.width) * gain.s[gain.known]
         other += float(told @ told)
     assert 0.01 < chi2.sf(squares, freedom) < 0.99
     assert inside >= 0.87 * trials
@@ -201,6 +201,6 @@ def test_a_plan_counts_on_phases() -> None:
         poses = replace(poses_from_rows(rows), u_position_mm=np.full(5, 0.02), u_rotation_rad=np.full(5, 1e-4))
         campaign = Campaign(chosen, poses, chosen.cable, counts, np.zeros(6, np.int64))
         model = Model(campaign, instrument.unknowns)
-        V = residual_covariance(model, instrument.unknowns.nominal, Noise.of(poses)).reshape(4, 6, 4, 6)
+        V = model.covariance(instrument.unknowns.nominal).reshape(4, 6, 4, 6)
         root = instrument.zero(rows[0]).root
         np.testing.assert_allclose(root @ root.T, V[0, :, 1], rtol=1e-6, atol=1e-12)

@@ -17,13 +17,14 @@ from lmeasure.calibration import Campaign, calibrate, read_campaign
 from lmeasure.calibration.campaign import extended
 from lmeasure.calibration.exchange import APART, Criterion, Exchange
 from lmeasure.calibration.information import Instrument, estimated_covariance, parameter_information
+from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.planning import Plan, Settings, plan_poses
 from lmeasure.calibration.reach import Limits, Region, Usable
-from lmeasure.calibration.refine import Noise, fit
 from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.cli import app
 from lmeasure.cli import main as command
 from lmeasure.errors import CalibrationError
+from lmeasure.estimation import fit
 from lmeasure.files import read_table, write_table
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.clearance import least_clearances
@@ -67,8 +68,7 @@ def campaign_of(rig: Rig, rows: np.ndarray, u_position_mm: float, u_rotation_rad
 def estimated(campaign: Campaign, instrument: Instrument) -> tuple[np.ndarray, int]:
     """The estimator's own covariance in prior widths and rank, from a fit that starts at its optimum."""
     model = Model(campaign, instrument.unknowns)
-    noise = Noise.of(campaign.poses)
-    found = fit(model, instrument.unknowns.nominal, noise, prior_everywhere=False)
+    found = fit(model, model.start)
     return found.covariance / np.outer(instrument.unknowns.width, instrument.unknowns.width), found.rank
 
 
@@ -246,8 +246,8 @@ def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eig
         rows[:, :3] += u_position_mm * rng.normal(size=(10, 3))
         rows[:, 3:] = (Rotation.from_rotvec(u_rotation_rad * rng.normal(size=(10, 3))) * Rotation.from_quat(rows[:, 3:])).as_quat()
         counts = recorded_from_counts(true, counts_from_poses(true, rows, rows[0]))
-        model = Model(Campaign(RIG, plan.poses, RIG.cable, counts, nominal.zero), instrument.unknowns)
-        found = fit(model, instrument.unknowns.nominal, noise, prior_everywhere=False)
+        model = Model(Campaign(RIG, plan.poses, RIG.cable, counts, nominal.zero), instrument.unknowns, noise)
+        found = fit(model, model.start)
         result = rig_with(nominal, instrument.unknowns, found.theta, None)
         every = np.vstack([CELL.centre, held_out])
         error = span_lengths(result, every) - span_lengths(true, every)

@@ -12,12 +12,13 @@ from real_rig import Flaws
 from real_world import Case, Made, make, score, score_of, told
 from typer.testing import CliRunner
 
-from lmeasure.calibration import Calibration, Settings, calibrate, explanations, misfit, solve
-from lmeasure.calibration.misfit import Explained, Problem, explain_misfit
-from lmeasure.calibration.refine import Fit
+from lmeasure.calibration import Calibration, Settings, calibrate, explanations, solve
+from lmeasure.calibration.misfit import Explained, explain_misfit
+from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Finding
 from lmeasure.cli import app
 from lmeasure.errors import CalibrationError
+from lmeasure.estimation import Fit
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import write_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig
@@ -123,11 +124,11 @@ def test_poses_that_state_nothing() -> None:
 
 def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a gross diagnosis has named is to be mended first: nothing is explained, and the covariance covers the residuals."""
-    seen: list[tuple[Problem, Fit]] = []
+    seen: list[tuple[Model, Fit]] = []
 
-    def first(problem: Problem, found: Fit, blamed: list[str]) -> Explained:
-        seen.append((problem, found))
-        return explain_misfit(problem, found, blamed)
+    def first(model: Model, found: Fit, blamed: list[str]) -> Explained:
+        seen.append((model, found))
+        return explain_misfit(model, found, blamed)
 
     monkeypatch.setattr(solve, "explain_misfit", first)
     for case, codes in (
@@ -135,15 +136,15 @@ def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: p
         (Case(u_mm=0.5, stated=None, poses=30), ["assumed_position", "assumed_rotation", "misfit"]),
     ):
         calibrate(make(case, 1).campaign)
-        problem, found = seen[-1]
-        explained = explain_misfit(problem, found, ["c2", "slip"])
+        model, found = seen[-1]
+        explained = explain_misfit(model, found, ["c2", "slip"])
         assert [w.code for w in explained.findings] == codes
         rms = float(np.sqrt(np.mean(found.residuals**2)))
         assert (
             explained.findings[-1].text == f"residuals of {rms:.3g} mm rms exceed the noise; look first at what is named above (c2, slip)"
         )
         assert explained.findings[-1].value == rms
-        assert explained.problem is problem
+        assert explained.model is model
         excess = found.chi2 / found.freedom
         assert excess > 1.5
         assert explained.fit.excess == excess
@@ -151,8 +152,8 @@ def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: p
         assert explained.estimated
         assert (explained.u_length_mm > 0.02).all()
     # the sizes of errors widen what is stated
-    noise, arm = problem.noise.bare().widened(0.05, 1e-4), explanations.arm_mm(problem.model)
-    channel = problem.model.campaign.cables[1].channel
+    noise, arm = model.noise.bare().widened(0.05, 1e-4), explanations.arm_mm(model)
+    channel = model.campaign.cables[1].channel
     for errors, place, turn, lengths in (
         ([("stated", None, 0.75)], 1.25 * 0.05, 1.25e-4, None),
         ([("stated", None, 0.75), ("position", None, 0.1)], np.hypot(1.25 * 0.05, 0.1), 1.25e-4, None),
@@ -160,8 +161,7 @@ def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: p
         ([("pose", None, 0.2)], np.hypot(0.05, 0.2), np.hypot(1e-4, 0.2 / arm), None),
         ([("length", None, 0.3), ("length", channel, 0.4)], 0.05, 1e-4, [0.3, 0.5, 0.3, 0.3, 0.3, 0.3]),
     ):
-        state = misfit._State(problem, noise, found, (), tuple((n, c) for n, c, _ in errors), tuple(u for *_, u in errors))
-        wide = misfit._widened(state)
+        wide = explanations.Otherwise(noise).widened(model, {(n, c): u for n, c, u in errors}).noise
         np.testing.assert_allclose(wide.u_position_mm, place, rtol=1e-12)
         np.testing.assert_allclose(wide.u_rotation_rad, turn, rtol=1e-12)
         assert (wide.u_length_mm is None) == (lengths is None)
@@ -179,12 +179,12 @@ def blundering(monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], None]:
     no prior holds it."""
 
     def begin(always: bool) -> None:
-        def blunder(problem: Problem, found: Fit, blamed: list[str]) -> Explained:
+        def blunder(model: Model, found: Fit, blamed: list[str]) -> Explained:
             if found.prior_everywhere and not always:
-                return explain_misfit(problem, found, blamed)
-            astray = found.theta + 60.0 * problem.model.unknowns.width * found.directions[2]
-            lost = replace(found, theta=astray, residuals=problem.model.residuals(astray))
-            return Explained(problem, lost, [], False, np.zeros(len(problem.model.campaign.cables)))
+                return explain_misfit(model, found, blamed)
+            astray = found.theta + 60.0 * model.parameters.width * found.directions[2]
+            lost = replace(found, theta=astray, residuals=model.residuals(astray))
+            return Explained(model, lost, [], False, np.zeros(len(model.campaign.cables)))
 
         monkeypatch.setattr(solve, "explain_misfit", blunder)
 

@@ -6,28 +6,29 @@ import scipy.stats
 from random_campaigns import Drawn, draw
 
 from lmeasure.calibration import calibrate
-from lmeasure.calibration.refine import Fit, Noise, fit
-from lmeasure.calibration.regions import Regions, regions, whole_counts
+from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.estimation import Fit, fit
+from lmeasure.estimation.regions import Regions, regions
 
 
 def fitted(drawn: Drawn) -> tuple[Model, Fit]:
     campaign = drawn.campaign
-    model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
     noise = Noise(campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
+    model = Model(campaign, unknowns_of(campaign, ("position", "guide")), noise)
     start = np.array([p.value for p in calibrate(campaign).record.parameters])
-    return model, fit(model, start, noise, prior_everywhere=False)
+    return model, fit(model, start)
 
 
 @pytest.mark.parametrize("seed", [6, 22])
 def test_bent_valley_against_newton_on_the_exact_model(seed: int) -> None:
     """Where the noise says the truth is, solved exactly: U'(r(theta) - r(result)) = xi for drawn xi."""
     model, found = fitted(draw(1_000_000 + seed, poses=10 + seed % 11))
-    where = regions(model, found, 0)
+    where = regions(found, 0)
     assert where.bend > 1
     L = np.linalg.cholesky(found.V)
-    U = np.linalg.solve(L, model.jacobian(found.theta) * model.unknowns.width) @ found.directions.T / found.s
-    scale = model.unknowns.width[:, None] * found.directions.T / found.s
+    U = np.linalg.solve(L, model.jacobian(found.theta) * model.parameters.width) @ found.directions.T / found.s
+    scale = model.parameters.width[:, None] * found.directions.T / found.s
     at_result = np.linalg.solve(L, model.residuals(found.theta))
     rng = np.random.default_rng(1)
     deviations = []
@@ -55,8 +56,8 @@ def test_bent_valley_against_newton_on_the_exact_model(seed: int) -> None:
 
 
 def test_straight_valley_is_chi_squared() -> None:
-    model, found = fitted(draw(1_000_000, poses=30))
-    where: Regions = regions(model, found, 0)
+    _, found = fitted(draw(1_000_000, poses=30))
+    where: Regions = regions(found, 0)
     assert where.bend < 0.05
     np.testing.assert_allclose(where.covariance, found.covariance, rtol=0.01, atol=1e-12)
     assert where.factor**2 == pytest.approx(scipy.stats.chi2.ppf(0.95, 5), rel=0.04)
@@ -66,9 +67,9 @@ def test_straight_valley_is_chi_squared() -> None:
 def test_rounding_has_its_own_region() -> None:
     """Six poses: five rounding errors are five values. Sum of squares of five uniform variables of unit variance, drawn plainly."""
     model, found = fitted(draw(1_000_047, poses=6, noise="rounded"))
-    assert whole_counts(model).all()
+    assert model.whole_counts.all()
     assert found.rank == 5
-    where = regions(model, found, 0)
+    where = regions(found, 0)
     assert where.bend < 0.2
     uniform = np.random.default_rng(0).uniform(-(3**0.5), 3**0.5, (200_000, 5))
     plain = float(np.quantile((uniform**2).sum(axis=1), 0.95))
@@ -78,12 +79,12 @@ def test_rounding_has_its_own_region() -> None:
 
 def test_averaged_counts_are_not_taken_for_rounded_ones() -> None:
     model, _ = fitted(draw(3))
-    assert not whole_counts(model).any()
+    assert not model.whole_counts.any()
 
 
 def test_noise_level_from_few_residuals_widens() -> None:
-    model, found = fitted(draw(1_000_000, poses=30))
-    stated, estimated = regions(model, found, 0), regions(model, found, 0, freedom=6)
+    _, found = fitted(draw(1_000_000, poses=30))
+    stated, estimated = regions(found, 0), regions(found, 0, freedom=6)
     # 95 % point of 5 F(5, 6) against chi-squared with 5
     student = 5 * scipy.stats.f.ppf(0.95, 5, 6) / scipy.stats.chi2.ppf(0.95, 5)
     assert estimated.factor**2 / stated.factor**2 == pytest.approx(student, rel=0.15)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.refine import Noise, fit, residual_covariance
 from lmeasure.calibration.unknowns import Model, unknowns_of
-from lmeasure.calibration.validation import Validation
+from lmeasure.calibration.validation import deletion_residuals
 from lmeasure.errors import FileFormatError
+from lmeasure.estimation import fit
 from lmeasure.files import read_table, write_table
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses
@@ -84,13 +84,12 @@ def test_leaving_a_pose_out_leaves_out_its_visits() -> None:
     stated[4, 0] += 0.2
     campaign = campaign_of(TWICE, rows, stated, 0.01)
     model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
-    noise = Noise.of(campaign.poses)
-    found = fit(model, model.unknowns.nominal, noise, prior_everywhere=False)
-    left_out = dict(Validation(model, found).deletion_residuals())
+    found = fit(model, model.start)
+    left_out = dict(deletion_residuals(model, found))
     kept = np.flatnonzero(campaign.reference_of != 4)
     alone = replace(campaign, counts=np.where(np.isin(np.arange(len(campaign.poses)), kept)[:, None], campaign.counts, np.nan))
-    without = Model(alone, model.unknowns)
-    refit = fit(without, model.unknowns.nominal, noise, prior_everywhere=False)
+    without = Model(alone, model.parameters)
+    refit = fit(without, model.start)
     errors = model.residuals(refit.theta)[np.isin(model.pose_index, np.flatnonzero(campaign.reference_of == 4))]
     assert left_out["5"] == pytest.approx(float(np.sqrt(np.mean(errors**2))), rel=0.02)
     assert left_out["5"] > 0.05
@@ -149,14 +148,16 @@ def test_two_passes_share_a_pose_s_error_and_not_the_robot_s() -> None:
     u_visit = np.repeat([[0.0, 0, 0, own, own, own]], n, axis=0)
     campaign = Campaign(rig, poses, rig.cable, counts, np.zeros(6, np.int64), u_visit=u_visit)
     model = Model(campaign, unknowns_of(campaign, ("position",)))
-    V = residual_covariance(model, model.unknowns.nominal, Noise.of(poses)) - model.reading_covariance()
+    V = model.covariance(model.start) - model.reading_covariance()
     rng, drawn, passage = np.random.default_rng(0), [], np.array([c.passage for c in rig.cable])
     for _ in range(4000):
         stated, errors = rng.normal(0, shared, (n, 3)), {}
         for number in (1, 2):
             moved = rows.copy()
             moved[:, :3] += stated + rng.normal(0, own, (n, 3))
-            errors[number] = Model(replace(campaign, poses=replace(poses, rows=moved)), model.unknowns).residuals(model.unknowns.nominal)
+            errors[number] = Model(replace(campaign, poses=replace(poses, rows=moved)), model.parameters).residuals(
+                model.parameters.nominal
+            )
         drawn.append(np.where(passage[model.cable_index] == 1, errors[1], errors[2]))
     met = np.cov(np.array(drawn).T)
     scale = np.sqrt(np.outer(np.diag(V), np.diag(V)))
@@ -215,6 +216,6 @@ def test_a_second_visit_s_warmth_is_in_its_residual(tmp_path: Path) -> None:
         write_table(tmp_path / "counts.csv", stated)
         campaign = read_campaign(tmp_path)
         model = Model(campaign, unknowns_of(campaign, ("position",)))
-        worst.append(np.abs(model.residuals(model.unknowns.nominal)).max())
+        worst.append(np.abs(model.residuals(model.parameters.nominal)).max())
     assert worst[0] > 0.1
     assert worst[1] < 0.012

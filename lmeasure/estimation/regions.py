@@ -1,9 +1,9 @@
-"""95 % regions of calibrated values: to second order of the model, and from the distribution that the counts' errors really have.
+"""95 % regions of estimated values: to second order of the model, and from the distribution that the errors really have.
 
-A guide angle that the counts see weakly drags the point along a curve: the truth lies in a banana, and the ellipsoid of the
+A value that the data see weakly drags others along a curve: the truth lies in a banana, and the ellipsoid of the
 linearised model is far thinner. Let x be the components of a deviation of the truth from the result along the principal directions of the
 linear covariance, in their standard uncertainties, U the left singular vectors of the whitened Jacobian and H the second derivatives of the
-whitened residuals by x. The truth is the rig at which the residuals are the noise e, so U'e = x + U'H[x, x]/2, hence
+whitened residuals by x. The truth is where the residuals are the noise e, so U'e = x + U'H[x, x]/2, hence
 
     x = xi - U'H[xi, xi]/2 + third order,    xi = U'e.
 
@@ -11,19 +11,17 @@ whitened residuals by x. The truth is the rig at which the residuals are the noi
 it negligible beside the part in the plane, as it is here.) In a silent direction xi is the nominal value's own error, one prior standard
 uncertainty. The mean square of the second-order part is added to the linear covariance; xi and its even part do not correlate.
 
-xi itself is drawn from what the data are (JCGM 101): rounding to whole counts is uniform, as is where within a count a counter was zeroed,
-and a Gaussian 95 % region would hold 97.5 % of three rounding errors and nearly all of six; reference poses are Gaussian; a noise level
-estimated from few residuals makes it Student's.
+xi itself is drawn from what the data are (JCGM 101): rounding is uniform, and a Gaussian 95 % region would hold 97.5 % of three rounding
+errors and nearly all of six; the rest is Gaussian; a noise level estimated from few residuals makes it Student's.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.calibration.joint import Joint
-from lmeasure.calibration.refine import Fit, Whitened
-from lmeasure.calibration.unknowns import Model
+from lmeasure.arrays import FloatArray
+from lmeasure.estimation.fit import Fit
+from lmeasure.estimation.least_squares import Whitened
 
 DRAWS = 4096
 JOINT_DRAWS = 2048
@@ -47,11 +45,11 @@ class Regions:
     bend: float
 
 
-def regions(model: Model, fit: Fit, seed: int, freedom: int | None = None) -> Regions:
+def regions(fit: Fit, seed: int, freedom: int | None = None) -> Regions:
     """The 95 % regions of a fit. freedom: degrees of freedom of a noise level that was estimated from the residuals, None when stated."""
     rng = np.random.default_rng([seed, 11])
-    width = model.rig.width
-    xi, second, axes = _drawn_jointly(model, fit, rng) if isinstance(fit, Joint) else _drawn(model, fit, rng)
+    width = fit.problem.parameters.width
+    xi, second, axes = _drawn(fit, rng) if fit.eliminated is None else _drawn_with_nuisance(fit, *fit.eliminated, rng)
     draws = len(xi)
     second *= np.sqrt(fit.excess)
     inner = np.eye(xi.shape[1]) + second.T @ second / draws
@@ -68,16 +66,17 @@ def regions(model: Model, fit: Fit, seed: int, freedom: int | None = None) -> Re
     )
 
 
-def _drawn(model: Model, fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _drawn(fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n, p) deviations of first and of second order, in units of the axes (p, p) in prior widths."""
-    w = Whitened(model, fit.V)
-    z = (fit.theta - model.unknowns.nominal) / model.unknowns.width
+    w = Whitened(fit.problem, fit.V)
+    parameters = fit.problem.parameters
+    z = (fit.theta - parameters.nominal) / parameters.width
     J = w.jacobian(z)
     # weights of data and prior in each principal direction, and its standard uncertainty in prior widths
     data, prior, sigma = fit.gains
     axes = fit.directions.T * sigma
     U = J @ fit.directions.T / np.where(data > 0, fit.s, 1.0) * (data > 0)
-    xi = (w.whiten(_noise(model, fit, rng)).T @ U) * (data / sigma) + rng.normal(size=(DRAWS, len(z))) * (prior / sigma)
+    xi = (w.whiten(_noise(fit, rng)).T @ U) * (data / sigma) + rng.normal(size=(DRAWS, len(z))) * (prior / sigma)
     second = np.zeros_like(xi)
     by_direction = _second_derivatives(w, z, axes)
     for k in np.flatnonzero(data > 0):
@@ -86,33 +85,28 @@ def _drawn(model: Model, fit: Fit, rng: np.random.Generator) -> tuple[FloatArray
     return xi, second, axes
 
 
-def _drawn_jointly(model: Model, fit: Joint, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same of the rig's values, k of them beside the motions of the whole, where poses were unknown too: axes (p, k).
+def _drawn_with_nuisance(
+    fit: Fit, follows: FloatArray, held: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same of the parameters, k of them beside the motions of the gauge, where there are nuisance parameters: axes (p, k).
 
     With r = e at the truth, d = K e + first order of what is held, and K r = 0 at the result, K J being the projector onto what the data
     determine, the second order is -K H[d, d]/2; H[d, d] = r(x + d) + r(x - d) - 2 r(x) is taken from the residuals themselves.
     """
-    own = len(fit.s)
-    every = fit.follows @ _noise(model, fit, rng)[:, :JOINT_DRAWS] + fit.held @ rng.normal(size=(fit.held.shape[1], JOINT_DRAWS))
-    H = np.array([model.residuals(fit.theta + d) + model.residuals(fit.theta - d) for d in every.T]).T - 2.0 * fit.residuals[:, None]
-    width, k = model.rig.width[:, None], own - fit.motions
-    first, second = every[:own] / width, -0.5 * fit.follows[:own] @ H / width
+    own, residuals = fit.problem.own, fit.problem.residuals
+    every = follows @ _noise(fit, rng)[:, :JOINT_DRAWS] + held @ rng.normal(size=(held.shape[1], JOINT_DRAWS))
+    H = np.array([residuals(fit.theta + d) + residuals(fit.theta - d) for d in every.T]).T - 2.0 * fit.residuals[:, None]
+    width, k = fit.problem.parameters.width[:, None], own - fit.motions
+    first, second = every[:own] / width, -0.5 * follows[:own] @ H / width
     values, vectors = np.linalg.eigh(fit.covariance[:own, :own] / fit.excess / (width * width.T))
     axes = vectors[:, -k:] * np.sqrt(values[-k:])
     back = (vectors[:, -k:] / np.sqrt(values[-k:])).T
     return (back @ first).T, (back @ second).T, axes
 
 
-def whole_counts(model: Model) -> BoolArray:
-    """(e,) whether the recorded count behind each residual is a whole number."""
-    return model.whole(model.pose_index, model.cable_index)
-
-
-def _noise(model: Model, fit: Fit, rng: np.random.Generator) -> FloatArray:
-    """(e, DRAWS) errors of the residuals [mm] with covariance V: uniform where counts are rounded, and, shared by residuals, for where
-    within a count their counters were zeroed; the rest Gaussian."""
-    own, shared, uniform = model.readings
-    rounding, zeros = np.where(whole_counts(model), own, 0.0), shared[:, uniform]
+def _noise(fit: Fit, rng: np.random.Generator) -> FloatArray:
+    """(e, DRAWS) errors of the residuals with covariance V: uniform what is (`Problem.uniform`), the rest Gaussian."""
+    rounding, zeros = fit.problem.uniform()
     rest = fit.V - np.diag(rounding) - zeros @ zeros.T
     out = rng.uniform(-1.0, 1.0, (len(rest), DRAWS)) * np.sqrt(3.0 * rounding)[:, None]
     out += np.sqrt(3.0) * zeros @ rng.uniform(-1.0, 1.0, (zeros.shape[1], DRAWS))

@@ -1,0 +1,123 @@
+"""What groups of residuals say about each other: deletion residuals, and tests of what may be wrong together (Baarda's data snooping; Cook
+and Weisberg, Residuals and Influence in Regression, 1982).
+
+All of it from one matrix, P = V^-1 - V^-1 J (J^T V^-1 J)^-1 J^T V^-1 with J the Jacobian in the directions the data determine: P r are the
+residuals as the fit sees them, and the block of P for some residuals tells how far these are free to disagree with the rest. With
+a prior on every direction P = (V + J J^T)^-1, J in prior widths: then the prior disagrees too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+
+from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.estimation.fit import Fit
+from lmeasure.estimation.problem import Problem
+
+MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
+UNTOLD = 1e10  # condition from which the rest cannot do without these residuals
+
+
+@dataclass(frozen=True)
+class Shift:
+    """What all others say about residuals that may be wrong together: square of their joint misfit in units of its covariance, chi-squared
+    with freedom degrees."""
+
+    square: float
+    freedom: int
+
+
+class Deletion:
+    """Deletion diagnostics of a fit.
+
+    at_start: of what the unknowns were taken for instead, of which nothing is fitted: P = V^-1, which takes the errors that residuals share
+    from one group to the next.
+    """
+
+    def __init__(self, fit: Fit, *, at_start: bool = False) -> None:
+        self._fit, problem = fit, fit.problem
+        self._astray = np.zeros(len(fit.V))
+        if at_start:
+            self._P: FloatArray = np.asarray(np.linalg.inv(fit.V), dtype=np.float64)
+            self._seen = self._P @ problem.residuals(problem.start)
+        elif fit.prior_everywhere and problem.nuisance is None:
+            # with z of unit variance before the data came, r_nominal = J z + e and r = V (V + J J')^-1 r_nominal
+            self._P = np.asarray(np.linalg.inv(fit.V + fit.along @ fit.along.T), dtype=np.float64)
+            self._seen = np.asarray(np.linalg.solve(fit.V, fit.residuals), dtype=np.float64)
+        else:
+            L = np.linalg.cholesky(fit.V)
+            Q, _ = np.linalg.qr(np.linalg.solve(L, fit.determined))
+            left = np.linalg.inv(L) - Q @ np.linalg.solve(L.T, Q).T
+            self._P = np.asarray(left.T @ left, dtype=np.float64)
+            self._seen = self._P @ fit.residuals
+            # what of the residuals the fit could take away and did not: none at an optimum
+            self._astray = fit.residuals - fit.V @ self._seen
+
+    def test(self, fall: float, freedom: int) -> tuple[float, float] | None:
+        """F statistic and log probability of a fall of chi-squared bought with some degrees of freedom; a common noise level cancels. None
+        where too few are left."""
+        left = self._fit.freedom - freedom
+        if left < MIN_FREEDOM:
+            return None
+        rest = max(self._fit.chi2 - fall, 1e-300)
+        value = (fall / freedom) / (rest / left)
+        return value, float(scipy.stats.f.logsf(value, freedom, left))
+
+    def step(self, column: FloatArray) -> tuple[float, float] | None:
+        """What would have to be taken from residuals along a column (e,), and by how much chi-squared would fall; None where
+        nothing tells."""
+        stiffness, pull = float(column @ self._P @ column), float(column @ self._seen)
+        if stiffness < 1e-9 * float(np.trace(self._P)):
+            return None
+        return pull / stiffness, pull * pull / stiffness
+
+    def shift(self, columns: FloatArray, extra: float = 0.0) -> Shift | None:
+        """How all others contradict residuals that columns (e, c) shift together. extra: a variance of each shift that is in V and takes no
+        part in the verdict. None where the others cannot tell."""
+        nuisance = self._fit.problem.nuisance
+        if not columns.shape[1]:
+            return None
+        told = _told(columns.T @ self._P @ columns, 0 if nuisance is None else nuisance.size)
+        if told is None:
+            return None
+        values, vectors = told
+        shift = vectors.T @ (columns.T @ self._seen) / values
+        return Shift(float(np.sum(shift**2 / (1.0 / values - extra))), len(shift))
+
+    def deleted(self, groups: IntArray) -> list[tuple[IntArray, FloatArray]]:
+        """For each group of residuals, numbered by groups (e,), its rows, and these residuals from a fit without it; where they have
+        nuisance parameters of their own, what these leave over of them. Groups that the rest cannot do without are left out."""
+        out, nuisance = [], self._fit.problem.nuisance
+        for group in np.unique(groups):
+            rows = np.flatnonzero(groups == group)
+            lost = 0 if nuisance is None else nuisance.size * len(np.unique(nuisance.of[rows]))
+            told = _told(self._P[np.ix_(rows, rows)], lost)
+            if told is None:
+                continue
+            values, vectors = told
+            out.append((rows, vectors.T @ self._seen[rows] / values + vectors.T @ self._astray[rows]))
+        return out
+
+
+def _told(information: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] | None:
+    """(k,) eigenvalues and (c, k) eigenvectors of what the others say about c residuals: all of it, but for as many combinations as these
+    have nuisance parameters of their own, which can make anything of them. None where the others cannot tell."""
+    values, vectors = np.linalg.eigh(information)
+    values, vectors = values[lost:], vectors[:, lost:]
+    if not len(values) or values[0] * UNTOLD < values[-1]:
+        return None
+    return values, vectors
+
+
+def held_out(whole: Problem, theta: FloatArray, fit: Fit, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) errors and (k, k) their covariance, of what a fit predicts of residuals that it has not seen.
+
+    whole has the fit's unknowns by name, further nuisance parameters of what was kept out perhaps, and the residuals of both; theta: values
+    of all; rows: which residuals the fit has seen.
+    """
+    r, J, V = whole.residuals(theta), whole.jacobian(theta), whole.covariance(theta)
+    own = J[:, np.isin(whole.names, fit.problem.names)]
+    # an error that both share is in the result and in the residual: they correlate
+    shared = V[:, rows] @ (own @ fit.gain).T
+    return r, V + own @ fit.covariance @ own.T - shared - shared.T

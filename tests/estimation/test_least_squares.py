@@ -1,0 +1,164 @@
+"""The estimator by itself: problems of a circle, a line and stations in a plane, against exact results, Monte Carlo and SciPy."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+from numpy.typing import NDArray
+from problems import Circle, Line, Plane, Readings, Stations
+
+from lmeasure.errors import CalibrationError
+from lmeasure.estimation import Fit, Problem, fit
+from lmeasure.estimation.elimination import linear_objective
+from lmeasure.estimation.regions import regions
+
+FloatArray = NDArray[np.float64]
+
+
+def arc(turn: float, count: int, u: float, seed: int) -> Circle:
+    """A circle about (3, -2) of radius 100, seen along an arc."""
+    angle = np.linspace(0.0, turn, count)
+    r = 100.0 + np.random.default_rng(seed).normal(0, u, count)
+    return Circle(np.column_stack([3.0 + r * np.cos(angle), -2.0 + r * np.sin(angle)]), u)
+
+
+def plane(seed: int, *, since_first: bool, u: float = 0.01, hidden: int = 0) -> Stations:
+    """Five stations off by their priors, twelve targets; hidden many of which only the first two stations see."""
+    rng = np.random.default_rng(seed)
+    true = np.array([[0.0, 0.0], [1000.0, 50.0], [900.0, 800.0], [-50.0, 900.0], [400.0, -300.0]])
+    targets = rng.uniform(100, 800, (12, 2))
+    seen = np.ones((12, 5), np.bool_)
+    seen[1 : 1 + hidden, 2:] = False
+    distance = np.linalg.norm(targets[:, None] - true, axis=2) + rng.normal(0, u, (12, 5))
+    nominal = Plane(true + rng.normal(0, 5.0, true.shape), targets + rng.normal(0, 30.0, targets.shape), seen)
+    return Stations(nominal, distance, u, since_first=since_first)
+
+
+@pytest.mark.parametrize("problem", [arc(6.0, 20, 0.1, 0), plane(1, since_first=False), plane(1, since_first=True, hidden=3)])
+def test_derivatives(problem: Problem) -> None:
+    theta = problem.start + np.random.default_rng(0).normal(size=len(problem.names))
+    h = 1e-4
+    numeric = [(problem.residuals(theta + d) - problem.residuals(theta - d)) / (2 * h) for d in h * np.eye(len(theta))]
+    np.testing.assert_allclose(problem.jacobian(theta), np.array(numeric).T, atol=1e-7)
+
+
+def test_a_circle_is_found_and_what_no_point_tells_stays() -> None:
+    """As far as the data decide the result is that of SciPy; the covariance is that of repeated measurements."""
+    problem = arc(6.0, 20, 0.1, 0)
+    found = fit(problem, problem.start)
+    plain = scipy.optimize.least_squares(lambda x: problem.residuals(np.r_[x, 0.0]), [0.0, 0.0, 90.0], xtol=1e-14, ftol=1e-14)
+    np.testing.assert_allclose(found.theta[:3], plain.x, atol=1e-7)
+    assert found.theta[3] == 0.5
+    assert (found.rank, found.freedom) == (3, 17)
+    assert found.chi2 == pytest.approx(2 * plain.cost / 0.1**2)
+    np.testing.assert_allclose(np.abs(found.silent), [[0.0, 0.0, 0.0, 1.0]], atol=1e-12)
+    assert found.covariance[3, 3] == pytest.approx(0.1**2)
+    assert found.held_covariance == pytest.approx(np.diag([0.0, 0.0, 0.0, 0.01]), abs=1e-15)
+    J = problem.jacobian(found.theta)[:, :3]
+    np.testing.assert_allclose(found.covariance[:3, :3], 0.1**2 * np.linalg.inv(J.T @ J), rtol=1e-9, atol=1e-12)
+    drawn = np.array([fit(p, p.start).theta[:3] for p in (arc(6.0, 20, 0.1, seed) for seed in range(300))]) - [3.0, -2.0, 100.0]
+    squares = np.einsum("na,na->n", drawn, np.linalg.solve(found.covariance[:3, :3], drawn.T).T)
+    assert squares.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / 300))
+    # how the result follows errors of the residuals
+    shift = np.random.default_rng(1).normal(0, 1e-4, 20)
+    moved = arc(6.0, 20, 0.1, 0)
+    moved.points = moved.points + shift[:, None] * (moved.points - found.theta[:2]) / 100.0
+    far = np.linalg.norm(problem.points - found.theta[:2], axis=1) / 100.0
+    np.testing.assert_allclose(fit(moved, found.theta).theta - found.theta, -found.gain @ (shift * far), atol=1e-7)
+
+
+def test_where_the_data_say_less_than_the_prior_it_decides() -> None:
+    """Of a short arc the data tell one combination of centre and radius less well than the priors do; along it nominal values stay, with
+    the prior everywhere all is as by Bayes' rule."""
+    problem = arc(0.05, 8, 0.1, 2)
+    found, width = fit(problem, problem.start), problem.parameters.width
+    assert 1 <= found.rank < 3
+    away = found.silent @ ((found.theta - problem.start) / width)
+    assert np.abs(away).max() < 0.01
+    everywhere = fit(problem, problem.start, prior_everywhere=True)
+
+    def both(theta: FloatArray) -> FloatArray:
+        return np.r_[problem.residuals(theta) / 0.1, (theta - problem.start) / width]
+
+    plain = scipy.optimize.least_squares(both, problem.start, x_scale=width, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    np.testing.assert_allclose((everywhere.theta - plain.x) / width, 0.0, atol=1e-4)
+    assert everywhere.objective == pytest.approx(2 * plain.cost)
+    J = problem.jacobian(everywhere.theta)
+    bayes = np.linalg.inv(J.T @ J / 0.1**2 + np.diag(width**-2.0))
+    np.testing.assert_allclose(everywhere.covariance / np.outer(width, width), bayes / np.outer(width, width), atol=1e-9)
+
+
+def whole(problem: Stations, found: Fit, prior: bool) -> tuple[FloatArray, FloatArray]:
+    """The problem solved for everything at once, with the prior everywhere or not, and the information there."""
+    width = np.r_[problem.parameters.width, np.full(len(found.theta) - problem.own, np.inf)]
+    W = np.linalg.inv(np.linalg.cholesky(problem.covariance(found.theta)))
+
+    def both(theta: FloatArray) -> FloatArray:
+        return np.r_[W @ problem.residuals(theta), prior * (theta - problem.start) / width]
+
+    def jacobian(theta: FloatArray) -> FloatArray:
+        return np.vstack([W @ problem.jacobian(theta), prior * np.diag(1.0 / width)])
+
+    solved = scipy.optimize.least_squares(both, found.theta + 0.01, jac=jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    J = jacobian(solved.x)
+    return solved.x, J.T @ J
+
+
+@pytest.mark.parametrize(("since_first", "hidden"), [(False, 0), (False, 3), (True, 0), (True, 3)])
+def test_eliminating_is_solving_for_everything(since_first: bool, hidden: int) -> None:
+    problem = plane(1, since_first=since_first, hidden=hidden)
+    found = fit(problem, problem.start, prior_everywhere=True)
+    theta, information = whole(problem, found, prior=True)
+    u = np.sqrt(np.diag(found.covariance))
+    assert found.converged
+    np.testing.assert_allclose((found.theta - theta) / u, 0.0, atol=2e-3)
+    inverse = np.linalg.inv(information)
+    np.testing.assert_allclose(found.covariance / np.outer(u, u), inverse / np.outer(u, u), atol=1e-6)
+    # a guess from the linear problem is as good as the linearisation
+    assert linear_objective(problem) > 0.0
+
+
+def test_only_motions_of_the_whole_are_left_to_the_priors() -> None:
+    """Shifts and a turn of stations and targets together change no distance: three directions, along which nominal values stay."""
+    problem = plane(1, since_first=False)
+    found = fit(problem, problem.start)
+    z = (found.theta[: problem.own] - problem.parameters.nominal) / problem.parameters.width
+    assert (found.rank, len(found.silent)) == (len(found.theta) - 3, 3)
+    assert np.abs(found.silent @ z).max() < 1e-3
+    theta, _ = whole(problem, found, prior=False)
+    r = problem.residuals(theta)
+    assert found.chi2 == pytest.approx(float(r @ np.linalg.solve(found.V, r)), rel=1e-6)
+    assert found.freedom == 60 - len(found.theta) + 3
+    # together the gains and what is held make the covariance
+    follows, held = found.gain, np.linalg.svd(found.covariance)[0]
+    assert held.shape == found.covariance.shape
+    np.testing.assert_allclose(found.covariance[: problem.own, : problem.own], (follows @ found.V @ follows.T)[: problem.own, : problem.own]
+                               + found.held_covariance, rtol=1e-6, atol=1e-9)  # fmt: skip
+
+
+def test_a_block_that_is_not_told_is_named() -> None:
+    """A target that one station alone sees lies anywhere on a circle."""
+    problem = plane(1, since_first=False)
+    seen = problem.nominal.seen.copy()
+    seen[7, 1:] = False
+    blind = Stations(Plane(problem.nominal.stations, problem.nominal.targets, seen), np.full((12, 5), 500.0), 0.01, since_first=False)
+    with pytest.raises(CalibrationError, match=r"^target 7\.x and what belongs to it: the residuals do not tell it$"):
+        fit(blind, blind.start, prior_everywhere=True)
+
+
+def test_regions_of_a_straight_problem_are_those_of_its_errors() -> None:
+    """Gaussian errors make chi-squared; those of one value of three uniform errors reach less far than a Gaussian of their variance."""
+    x, rng = np.linspace(-1.0, 1.0, 12), np.random.default_rng(0)
+    y = 0.3 + 0.2 * x + rng.normal(0, 0.1, 12)
+    problem = Line(Readings(x, y))
+    found = fit(problem, problem.start)
+    where = regions(found, 0)
+    np.testing.assert_allclose(where.covariance, found.covariance, rtol=1e-9, atol=1e-12)
+    assert where.factor == pytest.approx(2.448, rel=0.04)
+    assert pytest.approx(1.96 * np.sqrt(np.diag(found.covariance)), rel=0.04) == where.U95
+    assert where.bend < 1e-6
+    three = Line(Readings(np.array([-1.0, 0.0, 1.0]), np.array([0.1, 0.0, 0.2]), rounded=True))
+    rounded = regions(fit(three, three.start), 0)
+    # the slope is half the difference of two uniform errors: triangular, which 95 % of it is within 1.9 standard deviations
+    assert rounded.U95[1] == pytest.approx(np.sqrt(6.0) * (1 - np.sqrt(0.05)) * 0.1 / np.sqrt(2.0), rel=0.03)
+    wider = regions(found, 0, freedom=4)
+    assert wider.factor > 1.2 * where.factor
