@@ -1,0 +1,212 @@
+"""What residuals say of groups, of outliers and of what may be wrong, by lines and parabolas through readings."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import scipy.stats
+from numpy.typing import NDArray
+from problems import Line, Readings
+
+from lmeasure.estimation import fit
+from lmeasure.estimation.deletion import Deletion, held_out
+from lmeasure.estimation.explanations import Evidence, Explained, Explanation, embedded, evidence, explained, improbable, settled
+from lmeasure.estimation.robust import EXCLUDED, Group, robust_fit
+
+FloatArray = NDArray[np.float64]
+
+GROUPS = np.repeat(np.arange(10), 3)
+"""Readings are taken three at a place."""
+
+
+def readings(seed: int, *, u: float = 0.1) -> Readings:
+    rng = np.random.default_rng(seed)
+    x = np.repeat(np.linspace(-1.0, 1.0, 10), 3) + rng.uniform(-0.02, 0.02, 30)
+    return Readings(x, 0.3 + 2.0 * x + rng.normal(0, u, 30), u)
+
+
+def columns(group: int) -> FloatArray:
+    """A group errs by one shift."""
+    return np.asarray(group == GROUPS, dtype=np.float64)[:, None]
+
+
+def without(data: Readings, group: int) -> Line:
+    keep = group != GROUPS
+    return Line(Readings(data.x[keep], data.y[keep], data.u))
+
+
+@pytest.mark.parametrize("prior", [False, True])
+def test_deletion_is_a_fit_without_the_group(prior: bool) -> None:
+    data = readings(0)
+    problem = Line(data)
+    deletion = Deletion(fit(problem, problem.start, prior))
+    left_out = deletion.deleted(GROUPS)
+    assert [rows.tolist() for rows, _ in left_out] == [[3 * g, 3 * g + 1, 3 * g + 2] for g in range(10)]
+    for group in (0, 4, 9):
+        other = without(data, group)
+        found = fit(other, other.start, prior)
+        rows, errors = left_out[group]
+        # in an orthonormal basis of its own
+        np.testing.assert_allclose(np.linalg.norm(errors), np.linalg.norm(problem.residuals(found.theta)[rows]), rtol=1e-6)
+
+
+def test_a_shift_is_tested_as_by_solving_for_it() -> None:
+    """The square of a group's shift is the fall of chi-squared when the shift is solved for, and its F test that of regression."""
+    data = readings(1)
+    problem = Line(replace(data, y=data.y + np.where(GROUPS == 6, 0.3, 0.0)))
+    found = fit(problem, problem.start)
+    deletion, column = Deletion(found), columns(6)
+    A = np.hstack([problem.jacobian(found.theta), column])
+    solution, rest, *_ = np.linalg.lstsq(A, problem.readings.y)
+    fall = found.chi2 - float(rest[0]) / 0.1**2
+    judged, step = deletion.shift(column), deletion.step(column[:, 0])
+    assert judged is not None
+    assert step is not None
+    assert judged.freedom == 1
+    assert judged.square == pytest.approx(fall)
+    assert step == pytest.approx((-solution[2], fall))
+    tested = deletion.test(fall, 1)
+    assert tested is not None
+    assert tested[0] == pytest.approx(fall / (float(rest[0]) / 0.1**2 / 27))
+    assert tested[1] == pytest.approx(scipy.stats.f.logsf(tested[0], 1, 27))
+    assert deletion.test(fall, 26) is None
+    # what the line itself explains nobody can contradict, and of nothing nothing is said
+    assert deletion.shift(np.ones((30, 1))) is None
+    assert deletion.step(np.ones(30)) is None
+    assert deletion.shift(np.zeros((30, 0))) is None
+    # an extra variance that the shift was given takes no part in the verdict
+    wide = Line(replace(problem.readings, more=0.5 * column @ column.T))
+    again = Deletion(fit(wide, wide.start)).shift(column, 0.5)
+    assert again is not None
+    assert again.square == pytest.approx(fall, rel=1e-6)
+
+
+def test_before_anything_is_fitted_groups_do_not_speak_about_each_other() -> None:
+    problem = Line(readings(2))
+    found = fit(problem, problem.start)
+    for rows, errors in Deletion(found, at_start=True).deleted(GROUPS):
+        assert np.linalg.norm(errors) == pytest.approx(np.linalg.norm(problem.residuals(problem.start)[rows]))
+
+
+def test_readings_held_out_are_predicted_with_their_covariance() -> None:
+    """The errors are those of a fit without them; they and the result share an error of all readings."""
+    data = readings(3)
+    shared = 0.04 * np.ones((30, 30))
+    whole = Line(replace(data, more=shared))
+    keep = GROUPS != 5
+    other = Line(Readings(data.x[keep], data.y[keep], data.u, more=shared[np.ix_(keep, keep)]))
+    found = fit(other, other.start)
+    r, C = held_out(whole, found.theta, found, np.flatnonzero(keep))
+    np.testing.assert_allclose(r, whole.residuals(found.theta))
+    J, V = whole.jacobian(found.theta), whole.covariance(found.theta)
+    K = np.linalg.inv(J[keep].T @ np.linalg.solve(V[np.ix_(keep, keep)], J[keep])) @ J[keep].T @ np.linalg.inv(V[np.ix_(keep, keep)])
+    error = np.eye(30)
+    error[:, keep] -= J @ K
+    exact = error @ V @ error.T
+    np.testing.assert_allclose(C[np.ix_(~keep, ~keep)], exact[np.ix_(~keep, ~keep)], atol=1e-9)
+
+
+def test_a_robust_loss_takes_back_the_group_that_is_wrong() -> None:
+    """It is named, and the line is that of the others, however far it is off."""
+    data = readings(4)
+    groups = [Group(columns(g), np.flatnonzero(g == GROUPS)) for g in range(10)]
+    for off in (2.0, 2000.0):
+        wrong = replace(data, y=data.y + np.where(GROUPS == 9, off, 0.0))
+
+        def weighted(variance: FloatArray, wrong: Readings = wrong) -> Line:
+            more = sum((v * columns(g) @ columns(g).T for g, v in enumerate(variance)), start=np.zeros((30, 30)))
+            return Line(replace(wrong, more=more, taken=variance[GROUPS]))
+
+        begun = Line(wrong)
+        problem, found, weights = robust_fit(fit(begun, begun.start), groups, weighted)
+        assert weights.weight[9] <= 1.01 * EXCLUDED
+        assert (weights.weight[:9] > 0.5).all()
+        assert weights.scale < 1.6
+        other = without(wrong, 9)
+        clean = fit(other, other.start)
+        u = np.sqrt(np.diag(clean.covariance))
+        assert (np.abs(found.theta - clean.theta) < u).all()
+        assert (np.sqrt(np.diag(found.covariance)) > 0.99 * u).all()
+        assert found.problem is problem
+        # three readings less, and a little for the weights of the others
+        assert 20 <= found.freedom <= 25
+    # of several members more are believed: two groups against one that stands for five
+    two = [Group(columns(g), np.flatnonzero(g == GROUPS), members=1 + 4 * (g == 0)) for g in range(10)]
+    assert robust_fit(fit(begun, begun.start), two, weighted)[2].scale >= 1.0
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """A line's readings may err more than stated, all or those of the right half, or it may be bent."""
+
+    stated: Readings
+
+    @property
+    def values(self) -> tuple[str, ...]:
+        return ("bend",)
+
+    def errors(self, problem: Line, theta: FloatArray) -> list[Explanation]:
+        every = np.eye(30)
+        return [Explanation("noise", every, lasting=True), Explanation("noise", every[:, 15:], "right")]
+
+    def widened(self, problem: Line, sizes: dict[tuple[str, str | None], float]) -> Line:
+        share: dict[str | None, FloatArray] = {None: np.ones(30), "right": np.repeat([0.0, 1.0], 15)}
+        more = np.diag(sum((u**2 * share[label] for (_, label), u in sizes.items()), start=np.zeros(30)))
+        return Line(replace(self.stated, more=more), problem.degree)
+
+    def freed(self, problem: Line, group: str) -> Line | None:
+        return Line(problem.readings, 2) if problem.degree == 1 else None
+
+
+def begun(data: Readings) -> tuple[Explained[Line], Doubts]:
+    problem = Line(data)
+    return Explained(problem, fit(problem, problem.start)), Doubts(data)
+
+
+def test_what_is_wrong_is_found_among_what_could_be() -> None:
+    """A bend is solved for, noise gets its size, and where nothing is wrong nothing is taken."""
+    x, rng = np.linspace(-1.0, 1.0, 30), np.random.default_rng(5)
+    data = Readings(x, 0.3 + 2.0 * x + rng.normal(0, 0.1, 30))
+    sound, doubts = begun(data)
+    assert not improbable(sound.fit)
+    assert explained(sound, doubts) == sound
+    bent, doubts = begun(replace(data, y=data.y + 1.5 * x**2))
+    assert improbable(bent.fit)
+    found = explained(bent, doubts)
+    assert (found.groups, found.sizes, found.doubt) == (("bend",), {}, 0.0)
+    assert found.problem.degree == 2
+    assert found.fit.theta[2] == pytest.approx(1.5, abs=0.3)
+    assert embedded(bent.problem, bent.fit.theta, found.problem).tolist() == [*bent.fit.theta.tolist(), 0.0]
+    half, doubts = begun(replace(data, y=data.y + np.where(x > 0, rng.normal(0, 0.6, 30), 0.0)))
+    found = explained(half, doubts)
+    assert list(found.sizes) == [("noise", "right")]
+    assert found.sizes["noise", "right"] == pytest.approx(0.6, rel=0.5)
+    assert not improbable(found.fit)
+    # the size is the likeliest: restricted likelihood, by brute force
+    J = half.problem.jacobian(half.fit.theta)
+
+    def likelihood(u: float) -> float:
+        V = 0.01 * np.eye(30) + np.diag(np.where(np.arange(30) >= 15, u**2, 0.0))
+        information = J.T @ np.linalg.solve(V, J)
+        solution = np.linalg.solve(information, J.T @ np.linalg.solve(V, half.problem.readings.y))
+        r = half.problem.readings.y - J @ solution
+        return -float(r @ np.linalg.solve(V, r)) - float(np.linalg.slogdet(V)[1]) - float(np.linalg.slogdet(information)[1])
+
+    size, gain = evidence(half.fit, half.fit.V).best(doubts.errors(half.problem, half.fit.theta)[1])
+    assert gain == pytest.approx(likelihood(size) - likelihood(0.0), rel=1e-6)
+    assert likelihood(size) >= max(likelihood(0.98 * size), likelihood(1.02 * size))
+
+
+def test_sizes_are_estimated_together() -> None:
+    """Of two errors of one kind each is found beside the other; one that nothing asks for is nothing."""
+    x, rng = np.linspace(-1.0, 1.0, 30), np.random.default_rng(7)
+    data = Readings(x, 2.0 * x + np.where(x > 0, 1.0, 0.2) * rng.normal(0, 1.0, 30), 0.01)
+    state, doubts = begun(data)
+    both = settled(replace(state, sizes={("noise", "right"): 0.0, ("noise", None): 0.0}), doubts)
+    assert both.sizes["noise", None] == pytest.approx(0.2, rel=0.4)
+    assert both.sizes["noise", "right"] == pytest.approx(1.0, rel=0.4)
+    quiet = Readings(x, 2.0 * x + rng.normal(0, 0.1, 30), 0.1)
+    state, doubts = begun(quiet)
+    assert settled(replace(state, sizes={("noise", None): 0.0}), doubts).sizes == {("noise", None): 0.0}
+    J = state.problem.jacobian(state.fit.theta)
+    assert Evidence(state.fit.residuals, J, 100.0 * state.fit.V).best(Explanation("noise", np.eye(30))) == (0.0, 0.0)
