@@ -99,7 +99,7 @@ def by_numpy(plan: Plan, count: int) -> FloatArray:
             wrapped = phi % (2 * np.pi)
             lengths = R * wrapped + t
             part = out[:, first : first + len(x)]
-            part[0] = np.maximum(part[0], np.arccos(1 / np.linalg.norm(v, axis=-1)).max(axis=1))
+            part[0] = np.maximum(part[0], np.arccos(1 / np.maximum(1.0, np.linalg.norm(v, axis=-1))).max(axis=1))
             part[1] = np.maximum(part[1], radius)
             part[2], part[3] = np.minimum(part[2], lengths.min(axis=1)), np.maximum(part[3], lengths.max(axis=1))
             part[4] = np.maximum(part[4], wrapped.max(axis=1))
