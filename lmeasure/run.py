@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field
 
 from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord, write_calibration_record
+from lmeasure.checked import Strict, checked
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import FileFormatError, TrajectoryError
 from lmeasure.linked import read_linked_rig as read_linked_rig
@@ -17,6 +20,27 @@ from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.start import StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
 
 SCHEMA = "lmeasure.run/1"
+
+
+def _temperature(value: float) -> float:
+    conventions.check_temperature(value, "temperature")
+    return value
+
+
+class _Pass(Strict):
+    counts: str
+
+
+class _RunFile(Strict):
+    """run.toml; what its start and its recordings hold depends on the rig and on what recorded them, and is read with them."""
+
+    schema_: Annotated[Literal["lmeasure.run/1"], Field(alias="schema")]
+    rig: str | None = None
+    passes: Annotated[tuple[_Pass, ...], Field(alias="pass")]
+    temperature_c: Annotated[float, AfterValidator(_temperature)] | None = None
+    start: Any = None
+    note: Any = None
+    recording: Any = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,35 +129,23 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: is not a run folder")
     data = files.read_toml(path)
-    unknown = sorted(set(data) - {"schema", "rig", "start", "pass", "note", "recording", "temperature_c"})
-    if unknown:
-        raise FileFormatError(f"{path}: unknown key {unknown[0]!r}")
-    if data.get("schema") != SCHEMA:
-        raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads {SCHEMA!r}")
-    if not isinstance(data.get("rig"), str) and rig_path is None:
-        raise FileFormatError(f"{path}: rig is missing; it names the rig file inside this folder")
-    rig, calibration = read_linked_rig(rig_path or inside(folder, data["rig"], f"{path}: rig", "the run folder"))
-    passes = data.get("pass")
-    if not isinstance(passes, list) or not passes or not all(isinstance(p, dict) for p in passes):
+    if not isinstance(data.get("pass"), list) or not data["pass"]:
         raise FileFormatError(f"{path}: [[pass]] is missing")
-    if len(passes) < rig.passes:
-        raise FileFormatError(f"{path}: has {len(passes)} [[pass]], but the rig's cables need {rig.passes}")
-    names, counts = [], []
-    for number, entry in enumerate(passes, 1):
-        strange = sorted(set(entry) - {"counts"})
-        if strange:
-            raise FileFormatError(f"{path}: pass {number}: unknown key {strange[0]!r}; known: counts")
-        if not isinstance(entry.get("counts"), str):
-            raise FileFormatError(f"{path}: pass {number}: counts is missing")
-        names.append(entry["counts"])
-        counts.append(inside(folder, entry["counts"], f"{path}: pass {number}: counts", "the run folder"))
+    table = checked(data, _RunFile, str(path), {"pass": _Pass})
+    if table.rig is None and rig_path is None:
+        raise FileFormatError(f"{path}: rig: is missing; it names the rig file inside this folder")
+    rig, calibration = read_linked_rig(rig_path or inside(folder, table.rig or "", f"{path}: rig", "the run folder"))
+    if len(table.passes) < rig.passes:
+        raise FileFormatError(f"{path}: has {len(table.passes)} [[pass]], but the rig's cables need {rig.passes}")
+    names = [one.counts for one in table.passes]
+    counts = [inside(folder, name, f"{path}: pass {n}: counts", "the run folder") for n, name in enumerate(names, 1)]
     recorded = recorded_in(data, path)
     check_digests(recorded, dict(zip(names, counts, strict=True)), path)
     torn = tuple(any(r.early and r.passage == number for r in recorded) for number in range(1, len(counts) + 1))
     stated, where = (start_in(data), str(path)) if start is None else (start.table, start.source)
     pose = None if stated is None else start_of_rig(stated, rig, where)
     u_start = (0.0, 0.0) if stated is None else start_uncertainty(stated, where)
-    return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, _temperature(data, path), recorded)
+    return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, table.temperature_c, recorded)
 
 
 def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
@@ -158,13 +170,3 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
         | {"pass": [{"counts": n} for n in names]}
         | (extra or {}),
     )
-
-
-def _temperature(data: dict[str, Any], path: Path) -> float | None:
-    value = data.get("temperature_c")
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise FileFormatError(f"{path}: temperature_c must be a number")
-    conventions.check_temperature(value, f"{path}: temperature_c")
-    return float(value)

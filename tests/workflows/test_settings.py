@@ -38,7 +38,8 @@ def asked(command: str, **more: Any) -> Any:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_form_can_be_made_of_every_command(command: str) -> None:
     """Its schema tells help, unit and range of each option; nothing in it is of this program's own types."""
-    model = load(command).settings
+    _, text, model, _ = load(command)
+    assert text.endswith(".")
     schema = model.model_json_schema()
     assert set(schema["properties"]) == set(model.model_fields)
     for name, told in schema["properties"].items():
