@@ -15,7 +15,7 @@ from lmeasure.kernels import counter, lanes, least_squares, live, pose_covarianc
 from lmeasure.kernels.layout import TRAVEL
 from lmeasure.observation import CableLength, Solved, predictions, shared_errors, twists
 from lmeasure.observation.channel import values
-from lmeasure.observation.follow import follow
+from lmeasure.observation.continuation import follow
 from lmeasure.observation.parameters import FACTORS
 from lmeasure.status import Status
 from lmeasure.trajectory import screw_numpy

@@ -9,7 +9,8 @@ from rigs import HOME, FloatArray, cables, distance, inclination, path, poses, s
 from lmeasure import se3
 from lmeasure.observation import Observation, predictions, pressure_angles, rows, shared_errors, solve_poses, twists
 from lmeasure.observation.channel import values, variances
-from lmeasure.observation.follow import follow
+from lmeasure.observation.continuation import _side, _until_lost, follow
+from lmeasure.observation.solver import ALL
 from lmeasure.status import Status
 
 EXACT_MM = 1e-9
@@ -148,6 +149,36 @@ def test_a_run_is_followed_over_gaps_and_leaps() -> None:
     assert error_of(found.poses[~gap], truth[~gap]).max() < EXACT_MM
     sparse = follow(channels, readings[::25], HOME)
     np.testing.assert_allclose(sparse.poses, found.poses[::25], rtol=0, atol=1e-9)
+
+
+def test_far_poses_are_gone_to_in_parts() -> None:
+    """A leap of a metre and half a radian, behind a long gap: straight from the start Newton's steps lead elsewhere or nowhere."""
+    for seed in (2, 3, 4, 6, 7):
+        channels, truth = cables(seed % 5), poses(seed, 1, reach_mm=700.0, turn_rad=0.5)
+        readings = predictions(channels, truth)
+        alone = solve_poses(channels, readings, HOME)
+        assert not error_of(alone.poses[alone.status == Status.OK], truth).max(initial=np.inf, where=alone.status[0] == Status.OK) < 1.0
+        assert error_of(follow(channels, readings, HOME).poses, truth).max() < EXACT_MM
+
+
+def test_a_step_turns_by_half_a_radian_at_most() -> None:
+    channels, truth = cables(1, 8), poses(1, 6, reach_mm=100.0, turn_rad=0.3)
+    away = se3.displaced(truth, np.tile([0.8, 0.3, -0.2, 100.0, 0.0, 0.0], (6, 1)))
+    found = solve_poses(channels, predictions(channels, truth), away)
+    assert (np.abs(se3.displacement(found.poses, truth)).max(axis=1) < EXACT_MM).sum() >= 3
+
+
+def test_the_other_side_of_a_singular_pose_is_another_assembly() -> None:
+    """Poses on both sides, each found by itself: those beyond are refused, from the first one on, and the run is lost there."""
+    six = cables(3)
+    sides = se3.displaced(HOME, np.column_stack([np.zeros((5, 2)), [0.0, 0.1, 2.2, 0.2, 0.0], np.zeros((5, 3))]))
+    each = solve_poses(six, predictions(six, sides), sides)
+    assert (each.status == Status.OK).all()
+    found, ended = _until_lost(each, six, ALL, float(_side(six, HOME[None], ALL)[0]))
+    assert ended
+    assert found.status.tolist() == [Status.OK, Status.OK, Status.OTHER_ASSEMBLY]
+    assert np.isnan(found.poses[2]).all()
+    assert np.isnan(found.covariance[2]).all()
 
 
 def test_behind_a_singular_pose_nothing_is_guessed() -> None:
