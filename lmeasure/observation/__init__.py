@@ -7,8 +7,8 @@ compiled: it is the reference, plain to read, that every compiled way is tested 
 
 from lmeasure.observation.cable import CableLength
 from lmeasure.observation.channel import Channels, Observation, arms, by_point, differences, predictions, row_of, rows, values, variances
-from lmeasure.observation.distance import Distance
 from lmeasure.observation.continuation import follow
+from lmeasure.observation.distance import Distance
 from lmeasure.observation.inclination import Inclination
 from lmeasure.observation.parameters import Parameter
 from lmeasure.observation.solver import Solved, pressure_angles, shared_errors, solve_poses, twists
