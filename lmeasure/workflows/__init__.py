@@ -38,6 +38,7 @@ COMMANDS = {
     "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
     "program": "Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads.",
     "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
+    "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
     "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
     "demo": "Calibrate, record, reconstruct and map a simulated cell over a virtual CAN bus, and compare with the truth.",
 }

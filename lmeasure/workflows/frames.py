@@ -1,0 +1,78 @@
+"""From poses of a robot and of an instrument to where they stand to each other."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.settings import Asked, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.robots.frames import GivenPoses
+    from lmeasure.robots.identify import Identified
+
+
+class Settings(Asked):
+    """What `lmeasure frames` is asked."""
+
+    robot: Annotated[
+        Path, option("Poses of the flange in the robot's base: pose, x_mm, y_mm, z_mm, angles or quaternions.", metavar="FILE")
+    ]
+    measured: Annotated[Path, option("Poses of the target in the instrument's frame, under the same names.", metavar="FILE")]
+    out: Annotated[Path, option("Base and tool with their covariance.", metavar="FILE.json")]
+    angles: Annotated[str, option("Convention of angle columns.")] = "puma-oat"
+    u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
+    u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
+    seed: Annotated[int, option("Seed of starts.", ge=0)] = 0
+
+    def paths(self) -> Paths:
+        """Frames from two tables of poses."""
+        return Paths((self.out,), (self.robot, self.measured))
+
+
+@workflow("frames")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[GivenPoses]]":
+    """Find base and tool, and write them."""
+    import math
+
+    import numpy as np
+
+    from lmeasure import files
+    from lmeasure.poses import read_poses
+    from lmeasure.robots.frames import frames
+    from lmeasure.robots.told import unknown_frames
+
+    robot = read_poses(settings.robot, settings.angles)
+    seen = read_poses(settings.measured, settings.angles, positions_alone=True)
+    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    found = frames(robot, seen.with_uncertainty(settings.u_position_mm, turn), settings.seed)
+    progress(0.9, "writing")
+    fit, state = found.fit, found.state
+    u = np.sqrt(np.diag(fit.covariance))
+    parameters: list[dict[str, Any]] = [
+        {"name": name, "value": float(value), "u": float(s), "unit": "deg" if name.endswith("_deg") else "mm"}
+        for name, value, s in zip(fit.problem.names, fit.problem.unknowns.values(fit.x), u, strict=True)
+    ]
+    silent_texts = [s.text for s in unknown_frames(fit)]
+    content: dict[str, Any] = {
+        "schema": "lmeasure.frames/1",
+        "base": _pose(state.base),
+        "tool": _pose(state.targets[0]),
+        "parameters": parameters,
+        "covariance": fit.covariance.tolist(),
+        "chi_squared": fit.chi2,
+        "freedom": fit.freedom,
+        "noise": {"position_mm": found.noise.position_mm, "rotation_deg": math.degrees(found.noise.rotation_rad)},
+        "unobservable": [{"text": text} for text in silent_texts],
+        "warnings": [{"code": f.code, "of": f.of, "value": f.value, "text": f.text} for f in found.findings],
+        "inputs": [{"file": str(p), "sha256": files.sha256(p)} for p in (settings.robot, settings.measured)],
+    }
+    files.write_text(settings.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    lines = [f"{p['name']:12s} {p['value']:14.5f}  u {p['u']:.3g} {p['unit']}" for p in parameters]
+    lines += [f"{found.kept.sum()} poses; residuals {np.linalg.norm(found.errors_mm()[found.kept], axis=1).mean():.4f} mm in the mean"]
+    lines += [*silent_texts, *(f"warning {f.code}: {f.text}" for f in found.findings), f"written: {settings.out}"]
+    return Result(found, tuple(lines), {p["name"]: p["value"] for p in parameters}, tuple(f.text for f in found.findings))
+
+
+def _pose(row: Any) -> dict[str, Any]:
+    return {"position_mm": [float(v) for v in row[:3]], "quaternion_xyzw": [float(v) for v in row[3:]]}
