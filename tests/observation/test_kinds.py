@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.kernels import cable as compiled
-from lmeasure.observation import Observation, differences, predictions
+from lmeasure.observation import Observation, differences, of_rig, predictions
 from lmeasure.observation.channel import values
 from lmeasure.observation.parameters import FACTORS
 
@@ -151,3 +151,14 @@ def test_an_inclination_is_the_angle_above_the_horizontal() -> None:
     for angle in (-1.2, -0.3, 0.0, 0.5, 1.5):
         at = se3.pose([1.0, 2.0, 3.0], Rotation.from_euler("ZYX", [0.7, -angle, 0.4]))[None]
         assert level.predict(at, values(level))[0] == pytest.approx(angle, abs=1e-12)
+
+
+def test_inclinometers_share_the_way_up() -> None:
+    """As stated for a rig: encoders of 3,600 counts, one zero unknown, one stated, and one and the same gravity."""
+    x = of_rig.inclination("ix", (1.0, 0.0, 0.0), counts_per_revolution=3600, up=(0.0, 0.01, 1.0), u_up=1e-3)
+    y = of_rig.inclination("iy", (0.0, 1.0, 0.0), counts_per_revolution=3600, zero_deg=2.0, u_zero_deg=0.1, up=(0.0, 0.01, 1.0), u_up=1e-3)
+    assert {q.name for q in x.parameters} & {q.name for q in y.parameters} == {"up_x", "up_y", "up_z"}
+    assert (x.parameters[-1].prior_u, y.parameters[-1].prior_u) == (of_rig.UNKNOWN_DEG, 0.1)
+    assert x.variance == pytest.approx(np.radians(0.1) ** 2 / 12.0)
+    level = predictions([x, y], HOME[None])[0]
+    np.testing.assert_allclose(level, [0.0, np.arctan(0.01) - np.radians(2.0)], atol=1e-15)
