@@ -43,12 +43,20 @@ EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
 _ZONES = "pivoted or parameter or every_node or definitions or cannot_run or zero_pose"
 _COUNTERS = ["tests/trajectory/test_counter_faults.py", "tests/test_docs.py::test_constants_are_those_of_the_program"]
 _SEALED = [
+    "tests/certification/test_iso_tests.py",
     "tests/certification/test_method.py",
     "tests/certification/test_evaluation.py",
     "tests/certification/test_instants.py",
     "-k",
-    "method_3 or test_evaluation or test_instants",
+    "method_3 or test_evaluation or test_instants or test_iso_tests",
 ]
+_CHANNELS = [
+    "tests/observation/test_kinds.py",
+    "tests/observation/test_parameters.py",
+    "tests/observation/test_solver.py",
+    "tests/observation/test_runs_of_sensors.py",
+]
+_KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
 _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
 CORE = {
@@ -70,6 +78,8 @@ CORE = {
     "estimation/deletion.py": ["tests/estimation/test_judging.py"],
     "estimation/robust.py": ["tests/estimation/test_judging.py"],
     "estimation/explanations.py": ["tests/estimation/test_judging.py"],
+    **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
+    "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
     "calibration/unknowns.py": [
         "tests/calibration/test_recover.py",
         "tests/calibration/test_visits.py",
@@ -237,6 +247,7 @@ class Copy:
         """Whether kernels are compiled without being optimised, since they are compiled often."""
         self.root = folder / "project"
         self.kept = folder / "kept"
+        self._limits: dict[tuple[str, ...], float] = {}
         shutil.copytree(ROOT, self.root, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "*.egg-info", ".*_cache", "build"))
 
     def passes(self, tests: list[str], limit_s: float) -> bool:
@@ -273,6 +284,16 @@ class Copy:
         finally:
             os._exit(code)
 
+    def limit(self, tests: list[str], longest_s: float) -> float:
+        """How long [s] tests may take, by how long they take without a fault once all is compiled; SystemExit where they do not pass."""
+        if tuple(tests) not in self._limits:
+            if not self.passes(tests, longest_s):
+                raise SystemExit(f"tests do not pass without a fault within {longest_s:g} s: {' '.join(tests)}")
+            begun = time.monotonic()
+            assert self.passes(tests, longest_s)
+            self._limits[tuple(tests)] = 20.0 + 5.0 * (time.monotonic() - begun) + (120.0 if self.quick else 0.0)
+        return min(longest_s, self._limits[tuple(tests)])
+
     def killed(self, mutant: Mutant, tests: list[str], limit_s: float) -> bool:
         """Whether the tests see the fault."""
         path = self.root / "lmeasure" / mutant.file
@@ -301,26 +322,19 @@ def equivalents() -> dict[tuple[str, str, str], str]:
     return {(m["file"], m["line"], m["change"]): m["why"] for m in table["mutant"]}
 
 
-def _survivors(file: str, tests: list[str], tried: list[Mutant], longest_s: float) -> list[Mutant]:
+def _survivors(copy: Copy, tests: list[str], tried: list[Mutant], longest_s: float) -> list[Mutant]:
     """Those of the faults that the tests do not see."""
+    limit_s = copy.limit(tests, longest_s)
     out = []
-    with tempfile.TemporaryDirectory() as folder:
-        kernels = file.startswith("kernels/")
-        copy = Copy(Path(folder), kernels)
-        if not copy.passes(tests, longest_s):
-            raise SystemExit(f"{file}: its tests do not pass without a fault within {longest_s:g} s: {' '.join(tests)}")
-        begun = time.monotonic()
-        assert copy.passes(tests, longest_s)
-        limit_s = min(longest_s, 20.0 + 5.0 * (time.monotonic() - begun) + (120.0 if kernels else 0.0))
-        for number, mutant in enumerate(tried, 1):
-            killed = copy.killed(mutant, tests, limit_s)
-            if not killed:
-                out.append(mutant)
-            print(f"{file} {number}/{len(tried)} line {mutant.line}: {mutant.change}: {'killed' if killed else 'SURVIVES'}", flush=True)
+    for number, mutant in enumerate(tried, 1):
+        killed = copy.killed(mutant, tests, limit_s)
+        if not killed:
+            out.append(mutant)
+        print(f"{mutant.file} {number}/{len(tried)} line {mutant.line}: {mutant.change}: {'killed' if killed else 'SURVIVES'}", flush=True)
     return out
 
 
-def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: float, before: str | None = None) -> str:
+def run(copy: Copy, file: str, tests: list[str], sample: int | None, seed: int, longest_s: float, before: str | None = None) -> str:
     """The section of the report about a file. before: the section that stood there, of which only survivors are tried again."""
     text = (ROOT / "lmeasure" / file).read_text(encoding="utf-8")
     every = mutants_of(file, text)
@@ -331,7 +345,7 @@ def run(file: str, tests: list[str], sample: int | None, seed: int, longest_s: f
     survivors, tried = [m for m in chosen if m.key in known], [m for m in chosen if m.key not in known]
     if before is not None:
         tried = [m for m in tried if f"`{m.source}`: `{m.change}`: survives" in before]
-    survivors += _survivors(file, tests, tried, longest_s) if tried else []
+    survivors += _survivors(copy, tests, tried, longest_s) if tried else []
     same = [m for m in survivors if m.key in known]
     told, dead = len(chosen) - len(same), len(chosen) - len(survivors)
     survivors.sort(key=lambda m: m.start)
@@ -387,9 +401,12 @@ def main() -> None:
     for name in LIBRARIES:
         importlib.import_module(name)
     sections = earlier(asked.out)
-    for file in files:
-        sections[file] = run(file, CORE[file], asked.sample, asked.seed, asked.limit_s, sections[file] if asked.again else None)
-        asked.out.write_text(written(sections), encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        copies = {quick: Copy(Path(folder) / str(quick), quick) for quick in {file.startswith("kernels/") for file in files}}
+        for file in files:
+            before = sections[file] if asked.again else None
+            sections[file] = run(copies[file.startswith("kernels/")], file, CORE[file], asked.sample, asked.seed, asked.limit_s, before)
+            asked.out.write_text(written(sections), encoding="utf-8")
 
 
 if __name__ == "__main__":

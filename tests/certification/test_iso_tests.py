@@ -11,6 +11,8 @@ from lmeasure.arrays import FloatArray
 from lmeasure.certification import Settings, evaluate, iso9283
 from lmeasure.certification.attainment import Attainment, attained
 from lmeasure.certification.figure import Figure, Maker, Subject
+from lmeasure.certification.iso9283 import distance
+from lmeasure.certification.iso9283.pose import _reduced
 from lmeasure.certification.iso_test import IsoTest
 from lmeasure.program import Program
 from lmeasure.trajectory.stamps import sound
@@ -70,3 +72,37 @@ def test_what_is_asked_of_a_test_and_when_changes_nothing() -> None:
         assert all(np.array_equal(one[k], other[k]) for k in one)
     assert not np.array_equal(first[0][Subject("pose", "P1")], first[1][Subject("pose", "P1")])
     assert sorted(names) == sorted(f.key for t in iso9283.tests_of(given) for f in t.figures())
+
+
+def test_one_direction_and_one_robot_vary_from_no_other() -> None:
+    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=4)
+    program["pose"][0] |= {"approaches": ["up"] * 4, "units": ["A"] * 4}
+    program["pose"][1] |= {"approaches": ["up", "down"] * 2, "units": ["A", "A", "B", "B"]}
+    program["drift"] = [{"pose": "P1", "group": 4}, {"pose": "P2", "group": 2}]
+    given = attained(trajectory, Program.model_validate(program), Settings(), sound(trajectory.time_s), rig_angles=None)
+    keys = {f.key for t in iso9283.tests_of(given) for f in t.figures()}
+    assert {k.pose for k in keys if k.name in ("vAP_p", "E", "dAP_p", "dRP_l")} == {"P2"}
+
+
+def test_of_exact_positions_the_scatter_is_the_least_that_is_likely_of_as_many() -> None:
+    values, none = np.random.default_rng(2).normal(size=(6, 3)), np.zeros((3, 3))
+    found, mean = _reduced(values, [none, none, none], np.zeros(6, np.int64)), values.mean(axis=0)
+    # nothing is added to the mean; a mean square of five degrees of freedom is known to 1.64 times the root of two fifths
+    np.testing.assert_allclose(found, mean + (values - mean) / np.sqrt(1.0 + 1.6449 * np.sqrt(2.0 / 5.0)), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("names", "ends"), [(("P1", "P3"), ["P1", "P3"]), (("P1", "P3", "P4"), ["P1", "P3"]), (("P1", "P2", "P3", "P4"), ["P2", "P4"])]
+)
+def test_a_distance_that_nobody_asks_for_is_that_of_the_standard(names: tuple[str, ...], ends: list[str]) -> None:
+    """Of the first two poses where those of the standard are missing; none between poses of different numbers of cycles."""
+    trajectory, program = made_campaign(np.zeros(3), 0.05, cycles=2, names=names)
+
+    def found() -> list[list[str]]:
+        given = attained(trajectory, Program.model_validate(program), Settings(), sound(trajectory.time_s), rig_angles=None)
+        return [[end.name for end in t.ends] for t in distance.tests(given)]
+
+    assert found() == [ends]
+    first = next(p for p in program["pose"] if p["name"] == ends[0])
+    first["windows_s"] = first["windows_s"][:1]
+    assert found() == []

@@ -84,7 +84,7 @@ def test_folders_sealed_before_the_method_was_stated_still_open(name: str) -> No
     assert "every byte as sealed; " in done.output
 
 
-@pytest.mark.parametrize("name", ["with-run", "without-run"])
+@pytest.mark.parametrize("name", ["without-run", "with-run"])
 def test_every_figure_of_folders_sealed_by_method_3_is_computed_again(name: str) -> None:
     """All tests of the standard, both laws of errors, exclusions, verdicts and notes; whatever the method's number is by now."""
     folder = METHOD_3 / name
