@@ -18,6 +18,8 @@ from lmeasure import pipeline
 from lmeasure.accuracy.placement import Placement
 from lmeasure.errors import CalibrationError, CertificationError, LMeasureError
 from lmeasure.report.plots import DRAWN
+from lmeasure.robots.measurements import measured
+from lmeasure.robots.robot import shipped
 from lmeasure.shown import Shown
 
 CELL = Path(__file__).parent / "authorities" / "truth" / "cell-run"
@@ -81,12 +83,16 @@ def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         }
     )
     folder = tmp_path_factory.mktemp("api") / "certificate"
+    arm, rng = shipped("ur5").model, np.random.default_rng(3)
+    joints = rng.uniform(-1.5, 1.5, (25, 6))
+    identified = lm.identify(arm, measured(joints, arm.forward(joints)[:, :3] + rng.normal(0.0, 0.02, (25, 3))))
     task = {"low_mm": [-50.0] * 3, "high_mm": [50.0] * 3, "nodes": 2, "tilt_steps": 1}
     mount = [{"points": ["B1"], "low_mm": [p - 1.0 for p in rig.observation_point[0].position_mm],
               "high_mm": [p + 1.0 for p in rig.observation_point[0].position_mm]}]  # fmt: skip
     wanted = Placement.model_validate({"schema": "lmeasure.placement/1", "task": task, "mount": mount})
     poses_alone = program.model_copy(update={"path": ()})
     return {
+        "made": made,
         "rig": rig,
         "poses": calibration.campaign.poses,
         "counts": made.run.run.passes[0],
@@ -99,6 +105,7 @@ def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "plan": lm.plan_poses(rig, poses=2, box=[(-100.0, 100.0)] * 3, tilt_deg=5.0, solve=("position",), further=0),
         "placed": lm.place(rig, wanted, generations=1),
         "program": program,
+        "identified": identified,
         "evaluation": lm.evaluate(trajectory, poses_alone, run=made, rig=calibration, trials=100),
         "certificate": lm.certify(trajectory, poses_alone, folder, run=made, rig=calibration, trials=100),
     }

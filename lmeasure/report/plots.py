@@ -26,9 +26,12 @@ from lmeasure.poses import Poses
 from lmeasure.program import Program
 from lmeasure.report import html
 from lmeasure.report.calibration import residuals_figure
+from lmeasure.report.robot import errors_figure
 from lmeasure.report.zone_html import slices_figure, space_figure
 from lmeasure.rig import Rig
+from lmeasure.robots.identify import Identified
 from lmeasure.run import Run
+from lmeasure.simulation import Simulated
 from lmeasure.trajectory import Trajectory
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -100,6 +103,24 @@ def _trajectory(trajectory: Trajectory, rig: Rig | None) -> go.Figure:
     return figure
 
 
+def _simulated(made: Simulated, rig: Rig | None) -> go.Figure:
+    """The true poses: the way of a run, and reference poses."""
+    figure = _space()
+    if made.run is not None:
+        _add_rig(figure, made.run.run.rig if rig is None else rig, made.run.poses[0])
+        x, y, z = made.run.poses[:: max(1, -(-len(made.run.poses) // MOST_POINTS)), :3].T
+        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", name="tool origin, true")
+    if made.campaign is not None:
+        _add_places(figure, made.campaign.poses[:, :3], made.campaign.measured.names, "reference poses, true")
+    return figure
+
+
+def _identified(found: Identified[Any], rig: Rig | None) -> go.Figure:
+    """Errors of the rows that were used, before and after."""
+    used = found.kept & found.rows.placed
+    return errors_figure(found.rows.position[used], found.nominal_errors_mm()[used], found.errors_mm()[used])[0]
+
+
 def _over_time(passes: Sequence[tuple[FloatArray, Sequence[str], FloatArray]], unit: str) -> go.Figure:
     """(time, names, values (n, m)) of each pass, one under the other."""
     figure = make_subplots(len(passes), 1, shared_xaxes=True)
@@ -149,6 +170,7 @@ DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
     Poses: _poses,
     Counts: lambda counts, rig: _over_time([(counts.time_s, counts.channels, counts.recorded)], "counts"),
     Lengths: lambda lengths, rig: _over_time([(lengths.time_s, lengths.cables, lengths.change_mm)], "change of length, mm"),
+    Simulated: _simulated,
     Run: lambda run, rig: _over_time([(c.time_s, c.channels, c.recorded) for c in run.passes], "counts"),
     Calibration: lambda calibration, rig: residuals_figure(calibration.record),
     CalibrationRecord: lambda record, rig: residuals_figure(record),
@@ -157,6 +179,7 @@ DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
     Plan: lambda plan, rig: _poses(plan.poses, rig),
     Placed: lambda placed, rig: _rig(placed.rig, None),
     Program: _program,
+    Identified: _identified,
     Evaluation: lambda evaluation, rig: _characteristics([c.as_dict() for c in evaluation.characteristics]),
     Certificate: lambda certificate, rig: _characteristics(certificate.content["characteristics"]),
 }

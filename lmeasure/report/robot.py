@@ -42,8 +42,12 @@ def _figures(record: dict[str, Any], before: FloatArray, after: FloatArray) -> l
     if held is not None:
         rows.append(("identified robot, at rows held out", f"{held['mean_mm']:.4f}", f"{held['max_mm']:.4f}"))
     parts = [html.table(("errors [mm]", "mean", "worst"), rows)]
-    noise = f"Robot and instrument scatter by {record['noise']['position_mm']:.4f} mm, one standard deviation of each coordinate, "
-    parts.append(html.paragraph(noise + "beyond what is stated of the instrument."))
+    noise = record["noise"]["position_mm"]
+    told = "The measurements are too few to tell by how much robot and instrument scatter."
+    if noise is not None:
+        told = f"Robot and instrument scatter by {noise:.4f} mm, one standard deviation of each coordinate, beyond what is stated of the "
+        told += "instrument."
+    parts.append(html.paragraph(told))
     if held is not None:
         parts.append(
             html.paragraph(f"{100 * held['within_u95']:.1f} % of the rows held out lie within the u95 that was predicted for them.")
@@ -68,7 +72,8 @@ def _curve(curve: Sequence[dict[str, Any]]) -> list[str]:
     return [html.heading("Error against number of rows"), figure.to_html(full_html=False, include_plotlyjs=True)]
 
 
-def _errors(places: FloatArray, before: FloatArray, after: FloatArray, *, with_code: bool) -> list[str]:
+def errors_figure(places: FloatArray, before: FloatArray, after: FloatArray) -> tuple[go.Figure, float]:
+    """Errors (n, 3) [mm] of the nominal and the identified robot at places (n, 3), and how many times they are enlarged."""
     space = go.Figure()
     extent = float(np.ptp(places, axis=0).max())
     size = ARROWS * extent / max(float(np.linalg.norm(before, axis=1).max()), 1e-9)
@@ -77,6 +82,11 @@ def _errors(places: FloatArray, before: FloatArray, after: FloatArray, *, with_c
         line = np.stack([places, ends, np.full_like(places, np.nan)], axis=1).reshape(-1, 3)
         space.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=name)
     space.update_layout(scene={"aspectmode": "data", "xaxis_title": "x [mm]", "yaxis_title": "y [mm]", "zaxis_title": "z [mm]"})
+    return space, size
+
+
+def _errors(places: FloatArray, before: FloatArray, after: FloatArray, *, with_code: bool) -> list[str]:
+    space, size = errors_figure(places, before, after)
     spread = go.Figure()
     for errors, name in ((before, "nominal"), (after, "identified")):
         spread.add_histogram(x=np.linalg.norm(errors, axis=1), name=name, opacity=0.6)

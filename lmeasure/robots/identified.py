@@ -61,7 +61,7 @@ def record(
         "tool": next(iter(targets.values()), _pose(state.targets[0])),
         "targets": targets,
         "stations": dict(zip(found.rows.stations, state.stations.tolist(), strict=True)),
-        "noise": {"position_mm": found.noise.position_mm, "rotation_deg": _rotation_noise(found)},
+        "noise": {"position_mm": found.noise.position_mm if found.tells_noise else None, "rotation_deg": _rotation_noise(found)},
         "equations": fit.equations,
         "freedom": fit.freedom,
         "unobservable": [{"direction": s.direction, "text": s.text} for s in silent],
@@ -101,9 +101,11 @@ def summary(found: Identified[SerialRobot], held: HeldOut | None, findings: Sequ
         lines.append(f"{found.kept.sum()} rows; errors {before.mean():.4f} mm before, {after.mean():.4f} after, in the mean")
     told = determined(found.fit)[: len(found.fit.problem.unknowns.own)]
     lines.append(f"{told.sum()} of {len(told)} parameters determined by the measurements, the others held by their nominal values")
-    u_noise = found.noise.position_mm
-    lines.append(f"robot{'' if found.rows.stated[0] else ' and instrument'}: {u_noise:.4f} mm (one standard deviation of each coordinate)")
-    if held is not None:
+    size = f"{found.noise.position_mm:.4f} mm (one standard deviation of each coordinate)"
+    lines.append(f"robot{'' if found.rows.stated[0] else ' and instrument'}: {size if found.tells_noise else 'cannot be told'}")
+    if held is None:
+        lines.append("rows held out: none, there are too few")
+    else:
         error = held.error_mm
         said = f"{error.mean():.4f} mm in the mean, {error.max():.4f} at worst, {100 * held.within:.1f} % within their u95"
         lines.append(f"rows held out: {said}")
@@ -111,7 +113,7 @@ def summary(found: Identified[SerialRobot], held: HeldOut | None, findings: Sequ
 
 
 def _rotation_noise(found: Identified[SerialRobot]) -> float | None:
-    return float(np.degrees(found.noise.rotation_rad)) if found.rows.oriented.any() else None
+    return float(np.degrees(found.noise.rotation_rad)) if found.rows.oriented.any() and found.tells_noise else None
 
 
 def _residuals(found: Identified[SerialRobot]) -> list[dict[str, Any]]:

@@ -12,13 +12,18 @@ from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.frame_start import find_frames
-from lmeasure.robots.measurements import POSITION, Measurements, measured, repeated
+from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, repeated
 from lmeasure.robots.problem import LEAST_MM, Fit, Noise, Problem, with_noise
 from lmeasure.robots.unknowns import R, State, Unknowns
+from lmeasure.shown import DataFrame, Shown, framed
 
 OUTLYING = 1e-6
 """Probability, over all rows, with which a row of Gaussian errors would be taken for an outlier."""
 OUTLIER_ROUNDS = 12
+FOREIGN = 0.01
+"""Of the spread of the places: errors left after identification from which on they are not those of this robot."""
+LEAST_SPARE = 2.0
+"""Residuals beyond what they determine, with which they tell how exact robot and instrument are."""
 ENOUGH = 30
 """Rows from which on it is told in which directions errors lie."""
 LINKS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -53,8 +58,8 @@ class Settings:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class Identified(Generic[R]):
+@dataclass(frozen=True, repr=False)
+class Identified(Shown, Generic[R]):
     """What was found. rows: as used, with `kept` of them not set aside; findings: in the order in which they were made."""
 
     nominal: R
@@ -70,10 +75,27 @@ class Identified(Generic[R]):
     def __post_init__(self) -> None:
         object.__setattr__(self, "state", self.fit.problem.unknowns.state(self.fit.x))
 
+    def about(self) -> dict[str, str]:
+        """Of how many rows, and how far they are off before and after."""
+        used = self.kept & self.rows.placed
+        before, after = (float(np.linalg.norm(e[used], axis=1).mean()) for e in (self.nominal_errors_mm(), self.errors_mm()))
+        scatter = f"{self.noise.position_mm:.4f} mm" if self.tells_noise else "cannot be told"
+        return {"rows": f"{self.kept.sum()} of {len(self.rows)}", "errors": f"{before:.4f} mm before, {after:.4f} after", "noise": scatter}
+
+    def to_frame(self) -> DataFrame:
+        """Every unknown with its value and standard uncertainty, in the units of the names."""
+        unknowns, u = self.fit.problem.unknowns, np.sqrt(np.diag(self.fit.covariance))
+        return framed({"name": unknowns.names, "value": unknowns.values(self.fit.x), "u": u})
+
     @property
     def noise(self) -> Noise:
         """What the robot itself adds."""
         return self.fit.problem.noise
+
+    @property
+    def tells_noise(self) -> bool:
+        """Whether the residuals tell it: there are more than what they determine."""
+        return self.fit.spare >= LEAST_SPARE
 
     @property
     def shape(self) -> FloatArray:
@@ -136,7 +158,28 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
         fit, used = _without_outliers(fit, rows, kept)
     findings += _outlying(fit, rows, kept, used)
     nominal = State(robot, frames.base, frames.targets, frames.stations)
-    return Identified(robot, fit, rows, used, tuple(findings), nominal, settings)
+    found = Identified(robot, fit, rows, used, (), nominal, settings)
+    if not found.tells_noise:
+        text = f"{fit.equations} measured values are used up by what they determine: how exact robot and instrument are cannot be told"
+        findings.append(Finding("underdetermined", f"{text}; measure more poses", value=float(fit.equations)))
+    return replace(found, findings=tuple(findings))
+
+
+def check_foreign(found: Identified[R]) -> None:
+    """RobotError where the identified robot misses the rows by so much of their spread that they are not measurements of it."""
+    rows, kept = found.rows, found.kept & found.rows.placed
+    if kept.any():
+        errors, spread = found.errors_mm()[kept], rows.position[kept] - rows.position[kept].mean(axis=0)
+    else:
+        kept = found.kept & rows.ranged
+        errors = found.fit.problem.unknowns.residuals(found.fit.x, rows)[kept, LENGTH]
+        spread = rows.length_mm[kept] - rows.length_mm[kept].mean()
+    off, size = (float(np.sqrt((part**2).sum() / max(len(part), 1))) for part in (errors, spread))
+    if off > FOREIGN * size:
+        raise RobotError(
+            f"the identified robot still misses the measurements by {off:.3g} mm of a spread of {size:.3g} mm: they are not of this "
+            "robot, or joints, axes or units are others than stated"
+        )
 
 
 def far(near: BoolArray, rows: Measurements) -> BoolArray:
@@ -175,7 +218,8 @@ def _copies(rows: Measurements, kept: BoolArray) -> list[Finding]:
     out = []
     for row, earlier in repeated(rows):
         kept[row] = False
-        out.append(Finding("duplicate", f"row {rows.names[row]}: the copy of row {rows.names[earlier]}, and used once", rows.names[row]))
+        of = f"row {row + 1} ({rows.names[row]}): the copy of row {earlier + 1} ({rows.names[earlier]}), and used once"
+        out.append(Finding("duplicate", of, rows.names[row]))
     return out
 
 

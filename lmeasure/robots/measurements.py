@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 COMPONENTS = 6
@@ -143,11 +142,6 @@ def repeated(rows: Measurements) -> list[tuple[int, int]]:
         if earlier != i:
             out.append((i, earlier))
     return out
-
-
-def target_places(flange: FloatArray, rows: Measurements, targets: FloatArray) -> FloatArray:
-    """(N, 7) base_from_target of base_from_flange (N, 7) and flange_from_target (k, 7)."""
-    return se3.compose(flange, targets[rows.target_of])
 
 
 def _numbered(names: Sequence[str] | None, n: int, alone: str) -> tuple[tuple[str, ...], IntArray]:

@@ -103,9 +103,14 @@ class Fit(Generic[R]):
     at: Linear
 
     @property
-    def freedom(self) -> float:
+    def spare(self) -> float:
         """Residuals less what they determine: the trace of information times covariance."""
-        return max(self.equations - float(np.sum(self.information * self.covariance)), 1.0)
+        return self.equations - float(np.sum(self.information * self.covariance))
+
+    @property
+    def freedom(self) -> float:
+        """The same, as degrees of freedom: 1 at least."""
+        return max(self.spare, 1.0)
 
     @property
     def x(self) -> FloatArray:

@@ -63,7 +63,11 @@ def read_measurements(
     u = {key: table.numbers(key, unit) if table.find(key, unit) else None for key, unit in (("u_position", "mm"), ("u_rotation", "deg"))}
     for key, values in u.items():
         if values is not None and (values < 0).any():
-            raise FileFormatError(f"{path}: column {key!r}: a standard uncertainty is negative")
+            column = table.find(key, "mm" if key == "u_position" else "deg")
+            row = int(np.argmax(values < 0))
+            raise FileFormatError(
+                f"{path}: row {names[row]}, column {column.name if column else key!r}: a standard uncertainty is negative"
+            )
     turn = u["u_rotation"]
     return measured(
         joints,

@@ -16,6 +16,7 @@ from lmeasure.conventions import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C
 from lmeasure.poses import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_linked_rig, write_run
+from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD, cell_rig
 from lmeasure.simulation.instrument import Campaign, SimulatedRun, simulate_campaign, simulate_run
 from lmeasure.simulation.motion import Leg, smooth_path
@@ -129,12 +130,23 @@ class Scenario(Strict):
         return out
 
 
-@dataclass(frozen=True)
-class Simulated:
+@dataclass(frozen=True, repr=False)
+class Simulated(Shown):
     """What a scenario gives: a run when it has waypoints, a campaign when it asks for one."""
 
     run: SimulatedRun | None
     campaign: Campaign | None
+
+    def about(self) -> dict[str, str]:
+        """Its parts."""
+        parts = {} if self.run is None else {"run": f"{len(self.run.poses)} samples over {self.run.run.passes[0].time_s[-1]:.6g} s"}
+        return parts if self.campaign is None else parts | {"campaign": f"{len(self.campaign.poses)} reference poses"}
+
+    def to_frame(self) -> DataFrame:
+        """The true poses: of the run's samples with their times, else of the reference poses."""
+        poses = self.run.poses if self.run is not None else self.campaign.poses if self.campaign is not None else np.empty((0, 7))
+        time_s = {} if self.run is None else {"time_s": self.run.run.passes[0].time_s}
+        return framed(time_s | dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True)))
 
     def summary(self) -> str:
         """A line for a person on each part."""

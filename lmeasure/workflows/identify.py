@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.errors import SettingsError
+from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import Asked, Names, Paths, option
 
@@ -26,7 +26,9 @@ class Settings(Asked):
     out: Annotated[Path, option("Folder for identified.json, robot.toml, robot.urdf and report.html.")]
     predict: Annotated[Path | None, option("Joint values of which to predict the places, into predictions.csv.", metavar="FILE")] = None
     harmonics: Annotated[bool, option("Free the joints' errors once and twice per turn too.")] = False
-    free: Annotated[Names, option("What else to free: scale, stiffness, backlash.", metavar="FAMILY,...")] = ()
+    free: Annotated[
+        Names, option("What else to free: once, twice (or harmonics for both), scale, stiffness, backlash.", metavar="FAMILY,...")
+    ] = ()
     columns: Annotated[str, option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar=MAPPING)] = ""
     tip: Annotated[str | None, option("Link of a .urdf at which the chain ends.", metavar="LINK")] = None
     u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
@@ -50,13 +52,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
     from lmeasure.report.robot import write_robot_page
     from lmeasure.robots import identified, judged
     from lmeasure.robots.foreign import columns_of
+    from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict
     from lmeasure.robots.identify import Settings as Chosen
-    from lmeasure.robots.identify import identify, predict
     from lmeasure.robots.mistaken import mended
     from lmeasure.robots.read_measurements import read_measurements
     from lmeasure.robots.robot import write_robot
     from lmeasure.robots.urdf import write_urdf
 
+    unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]
+    if unknown:
+        known = ", ".join((*FAMILIES, "harmonics"))
+        raise SettingsError("free", f"{unknown[0]!r} is nothing that can be freed; known: {known}")
     out, columns = settings.out, columns_of(settings.columns)
     robot = nominal(settings.robot, settings.tip)
     rows = read_measurements(settings.measurements, robot.model, columns)
@@ -72,6 +78,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
     progress(0.2, "identifying")
     families = ("links", *(("harmonics",) if settings.harmonics else ()), *settings.free)
     found = identify(mend.robot.model, mend.rows, Chosen(families, not settings.keep_outliers, settings.seed))
+    try:
+        check_foreign(found)
+    except RobotError as error:
+        raise RobotError(f"{settings.measurements}: robot {robot.name!r}: {error}") from None
     findings = (*mend.findings, *found.findings)
     progress(0.5, "holding rows out")
     held = judged.held_out(found, seed=settings.seed)
@@ -92,7 +102,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
     write_robot_page(out / "report.html", found, record)
     identified.write_record(out / "identified.json", record)
     names = ["identified.json", "robot.toml", "robot.urdf", "report.html", *(["predictions.csv"] if asked is not None else [])]
-    figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": found.noise.position_mm}
+    figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
     told = tuple(f"{f.code}: {f.text}" for f in findings)
     return Result(found, (*identified.summary(found, held, findings), written), figures, told)
@@ -100,10 +110,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
 
 def nominal(name: str, tip: str | None = None) -> "Robot":
     """A robot by the name under which it comes along, or from a robot.toml or .urdf."""
-    from lmeasure.robots.robot import read_robot, shipped
+    from lmeasure.robots.robot import read_robot, shipped, shipped_names
     from lmeasure.robots.urdf import read_urdf
 
     path = Path(name)
     if path.suffix.lower() == ".urdf":
         return read_urdf(path, tip)
+    if not path.suffix and name not in shipped_names():
+        raise SettingsError("robot", f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
     return read_robot(path) if path.suffix else shipped(name)

@@ -1,6 +1,7 @@
 """What six links make of a rig, before anything is built or measured."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,7 +33,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
 
     from lmeasure import files
     from lmeasure.linkage import all_structures, described, read_linkage, told, told_list
-    from lmeasure.poses import poses_from_rows
+    from lmeasure.poses import UNIT_TOLERANCE, poses_from_rows
 
     if settings.listed == (settings.file is not None):
         raise SettingsError("file", "give a file, or --list")
@@ -46,8 +47,11 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     else:
         pose = None
         if settings.position_mm is not None:
-            row = [*settings.position_mm, *(settings.quaternion or (0.0, 0.0, 0.0, 1.0))]
-            pose = poses_from_rows(np.array([row])).rows[0]
+            quaternion = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
+            length = math.hypot(*quaternion)
+            if not abs(length - 1.0) <= UNIT_TOLERANCE:
+                raise SettingsError("quaternion", f"its length is {length:.9g}, not 1")
+            pose = poses_from_rows(np.array([[*settings.position_mm, *quaternion]])).rows[0]
         one = described(read_linkage(settings.file), pose)
         record, lines = [one], told(one)
     progress(1.0, "structure")

@@ -83,8 +83,8 @@ def truth_of_asked() -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["--robot", "kr210"], 1, "is no robot that comes along; known: generic6"),
-        (["--robot", "ur5", "--free", "luck"], 1, "nothing that can be freed; known: links"),
+        (["--robot", "kr210"], 2, "is no robot that comes along; known: generic6"),
+        (["--robot", "ur5", "--free", "luck"], 2, "nothing that can be freed; known: links"),
         (["--robot", "ur5", "--columns", "x=Q"], 1, "column 'Q', which --columns says is x, is missing"),
         (["--robot", "ur5", "--predict", "none.csv"], 1, "none.csv: cannot be read"),
     ],
@@ -98,3 +98,28 @@ def test_refusals_in_one_line(
     err = capsys.readouterr().err
     assert said in err
     assert not (tmp_path / "out" / "identified.json").exists()
+
+
+def test_measurements_of_another_robot_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured = tmp_path / "measurements.csv"
+    measured.write_text(lines(slice(0, 1000, 25), places=True), encoding="utf-8")
+    assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(tmp_path / "out"), "--robot", "puma560") == 1
+    err = capsys.readouterr().err
+    assert "measurements.csv: robot 'puma560': the identified robot still misses the measurements by" in err
+    assert len(err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_few_rows_tell_no_noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    measured, out = tmp_path / "measurements.csv", tmp_path / "out"
+    measured.write_text(lines(slice(0, 1000, 200), places=True), encoding="utf-8")
+    assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(out), "--robot", "ur5") == 0
+    said = capsys.readouterr().out
+    assert "robot and instrument: cannot be told" in said
+    assert "rows held out: none" in said
+    assert "warning underdetermined" in said
+    record = json.loads((out / "identified.json").read_text(encoding="utf-8"))
+    assert record["noise"]["position_mm"] is None
+    assert [w["code"] for w in record["warnings"]] == ["underdetermined"]
