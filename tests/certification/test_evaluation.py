@@ -333,7 +333,10 @@ def test_settling_posing_and_compliance_of_a_trajectory() -> None:
             {"name": "P2", "position_mm": (200.0, 0, 0), "quaternion_xyzw": UNIT, "settling_s": [(0.8, 1.999)], "limit_band_mm": 0.5},
         ],
         "posing": [{"from": "P1", "to": "P2", "windows_s": [(0.2, 1.999)], "limit_band_mm": 0.5}],
-        "compliance": [{"pose": "P1", "windows_s": [(2.1, 2.4), (2.6, 2.9), (3.1, 3.4)], "force_n": [(f, 0.0, 0.0) for f in loads]}],
+        "compliance": [
+            {"pose": "P1", "windows_s": [(2.1, 2.4), (2.6, 2.9), (3.1, 3.4)], "force_n": [(f, 0.0, 0.0) for f in loads]},
+            {"pose": "P2", "force_n": [(1.0, 0.0, 0.0)]},  # not measured yet
+        ],
     }
     found = by_name(evaluate(trajectory_of(time_s, position), Program.model_validate(program), EXACT))
     distance = np.abs(way + swing - 200.0)
@@ -347,9 +350,13 @@ def test_settling_posing_and_compliance_of_a_trajectory() -> None:
     assert ("C_y", "P1") not in found
     # a band that the robot does not come to rest in: the figures are left out, the reader is told
     program["pose"][1]["limit_band_mm"] = 1e-9  # type: ignore[index]
+    program["posing"][0]["limit_band_mm"] = 1e-9  # type: ignore[index]
     left = evaluate(trajectory_of(time_s, position), Program.model_validate(program), EXACT)
-    assert ("t_s", "P2") not in by_name(left)
-    assert any("does not come to rest" in note for note in left.notes)
+    assert {("t_s", "P2"), ("t_min", "P1-P2")}.isdisjoint(by_name(left))
+    assert [note for note in map(str, left.notes) if "1e-09 mm" in note] == [
+        "pose P2, settling 1: the robot does not come to rest within 1e-09 mm in the window [0.8, 1.999] s",
+        "posing P1-P2, cycle 1: the window [0.2, 1.999] s holds no move from rest to rest within 1e-09 mm",
+    ]
 
 
 def test_angles_where_a_convention_is_singular() -> None:

@@ -1,6 +1,8 @@
 """Certificates of trajectories whose time stamps jitter: speeds and times hold it, places and shapes do not feel it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +10,9 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 
 from lmeasure.certification import Characteristic, Settings, evaluate
+from lmeasure.certification.figure import Subject
 from lmeasure.certification.instants import on_times
+from lmeasure.certification.iso9283.velocity import VelocityTest
 from lmeasure.findings import recognised
 from lmeasure.program import Program
 from lmeasure.trajectory import Trajectory
@@ -109,3 +113,17 @@ def test_times_carry_the_instants() -> None:
     assert judged.value == blind.value
     assert judged.u95 == pytest.approx(np.hypot(blind.u95, 1.96 * np.sqrt(2.0) * stamps.u_time_s), rel=1e-3)
     assert abs(judged.value - 119.9 / SPEED) <= judged.u95
+
+
+def test_the_mean_of_ways_over_times_is_more_than_that_over_the_mean_of_times() -> None:
+    """Drawn, each error of an instant with its negative, so that the first order is away."""
+    rng, u = np.random.default_rng(5), 1e-3
+    time_s = np.cumsum(rng.uniform(0.07, 0.1, (20, 3)), axis=0)
+    crossings: Any = SimpleNamespace(time_s=time_s)
+    velocity = VelocityTest(
+        subject=Subject("path", "line"), crossings=crossings, commanded_mm_s=SPEED, stamps=replace(sound(time_s[:, 0]), u_time_s=u)
+    )
+    errors = rng.normal(0.0, u, (2000, 20, 3))
+    longer = [(np.diff(time_s, axis=0) / np.diff(time_s + sign * errors, axis=1)).mean() - 1.0 for sign in (1.0, -1.0)]
+    # of a robot that is three per cent slow
+    assert velocity._of_instants(-3.0).bias == pytest.approx(97.0 * np.mean(longer), rel=0.02)

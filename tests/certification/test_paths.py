@@ -5,14 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_trajectories import StatedErrors, trajectory_of
+from made_trajectories import UNIT, StatedErrors, trajectory_of
 from numpy.typing import NDArray
 
 from lmeasure.certification import Evaluation, Settings, evaluate
 from lmeasure.certification.attainment import attained
 from lmeasure.certification.figure import Subject
+from lmeasure.certification.iso9283.corners import Corner, at_corner
 from lmeasure.certification.iso9283.path import tests as path_tests
-from lmeasure.certification.paths import Line
+from lmeasure.certification.iso9283.weaving import Weave, WeavePart
+from lmeasure.certification.paths import Cycle, Line
 from lmeasure.errors import CertificationError
 from lmeasure.program import CommandedPath, Program
 from lmeasure.trajectory import Trajectory
@@ -120,6 +122,52 @@ def test_corners_cut_and_overshot() -> None:
     outside = replace(trajectory, worst_pressure_angle_deg=np.full(len(trajectory.time_s), 70.0))
     every = evaluate(outside, program_of(SQUARE | {"stabilisation_mm": 0.5}, windows), EXACT, settings=Settings(trials=10))
     assert all(c.excluded is not None and not c.capable for c in every.characteristics)
+    # a cycle that runs a millimetre above the path never comes back to it
+    trajectory, windows = runs(way, [place, place + [0.0, 0.0, 1.0]])
+    above = evaluate(trajectory, program_of(SQUARE | {"stabilisation_mm": 0.5}, windows), EXACT, settings=Settings(trials=10))
+    assert not [c for c in above.characteristics if c.name == "SPL"]
+    assert [note for note in map(str, above.notes) if "half way" in note] == [
+        f"path square, cycle 2: corner {i}: the robot is not back within 0.5 mm half way to the next" for i in (1, 2, 3)
+    ]
+
+
+def test_a_path_that_ends_at_its_corner_has_come_to_it() -> None:
+    """Nothing lies behind the last sample, and the step to it is that of the others."""
+    way = np.arange(-90.0, 1.0, 1.5)
+    corner = Corner(1, np.array([10.0, 20.0, 30.0]), np.eye(3)[0], np.eye(3)[1], way_mm=100.0, before_mm=300.0, after_mm=200.0)
+    poses = np.column_stack([10.0 + way, np.full(len(way), 20.0), np.full(len(way), 30.5), np.tile(UNIT, (len(way), 1))])
+    found = at_corner(Cycle(np.arange(len(way)), way / 250.0, poses, 100.0 + way), corner, "path square, cycle 1")
+    assert found.step_mm == pytest.approx(1.5)
+    np.testing.assert_allclose(found.nearest, [0.0, 0.0, 0.5], atol=1e-9)
+    assert found.behind == slice(len(way) - 2, len(way))
+    np.testing.assert_allclose(found.beyond, [-1.5, 0.0], atol=1e-9)
+    short = Cycle(np.arange(1), way[-1:], poses[-1:], way[-1:] + 100.0)
+    with pytest.raises(CertificationError, match=r"^path square, cycle 1: has 1 samples within half a side of corner 1; at least 2$"):
+        at_corner(short, corner, "path square, cycle 1")
+
+
+def some_weave(y: FloatArray, width: int) -> Weave:
+    """Rows y (4, k) about the farthest places of two strokes along x and of all; the middle is crossed half way between samples."""
+    none, side = np.zeros((2, 2, 3)), np.array([1.0, -1.0, 1.0, -1.0])
+    return Weave(
+        direction=np.eye(3)[0], samples=np.zeros(y.shape, np.int64), positions=np.zeros((*y.shape, 3)), y=y, width=width, side=side,
+        edges=np.zeros((2, 2), np.int64), edge_positions=none, edge_y=np.array([[-1.0, 1.0], [1.0, -1.0]]),
+        edge_s=np.array([[0.0, 1.0], [2.0, 3.0]]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_the_farthest_of_a_stroke_is_looked_for_on_either_side(reduced: bool) -> None:
+    """As far as it may be in truth, and no farther."""
+    errors: Any = None
+    i, peaks = np.arange(15), np.array([13.5, 0.5, 7.0, 7.25])[:, None]
+    y = np.array([1.0, -1.0, 1.0, -1.0])[:, None] * (10.0 - 0.1 * (i - peaks) ** 2)
+    far, times = WeavePart((some_weave(y, 7),), errors).state(np.zeros((64, 6)), reduced)
+    np.testing.assert_allclose(far[0], [10.0, -10.0, 10.0, -10.0], atol=1e-9)
+    np.testing.assert_allclose(times[0], [0.5, 2.5])
+    narrow = some_weave(np.tile(np.arange(-3.0, 4.0), (4, 1)), 1)
+    far, _ = WeavePart((narrow,), errors).state(np.zeros((32, 6)), reduced)
+    np.testing.assert_allclose(far[0], [1.0, -1.0, 1.0, -1.0], atol=1e-9)
 
 
 def test_what_lies_between_samples_is_read() -> None:

@@ -11,7 +11,7 @@ from problems import Line, Readings
 from lmeasure.estimation import fit
 from lmeasure.estimation.deletion import Deletion, held_out
 from lmeasure.estimation.explanations import Evidence, Explained, Explanation, embedded, evidence, explained, improbable, settled
-from lmeasure.estimation.robust import EXCLUDED, Group, robust_fit
+from lmeasure.estimation.robust import EXCLUDED, Group, _normal_deviate, robust_fit
 
 FloatArray = NDArray[np.float64]
 
@@ -48,6 +48,17 @@ def test_deletion_is_a_fit_without_the_group(prior: bool) -> None:
         rows, errors = left_out[group]
         # in an orthonormal basis of its own
         np.testing.assert_allclose(np.linalg.norm(errors), np.linalg.norm(problem.residuals(found.theta)[rows]), rtol=1e-6)
+
+
+def test_from_beside_the_optimum_deletion_stays_beside_it() -> None:
+    data = readings(0)
+    problem = Line(data)
+    found, off = fit(problem, problem.start), np.array([0.05, -0.1])
+    beside = replace(found, theta=found.theta + off, residuals=problem.residuals(found.theta + off))
+    for rows, errors in Deletion(beside).deleted(GROUPS):
+        other = without(data, int(GROUPS[rows[0]]))
+        expected = problem.residuals(fit(other, other.start).theta + off)[rows]
+        assert np.linalg.norm(errors) == pytest.approx(np.linalg.norm(expected), rel=1e-6)
 
 
 def test_a_shift_is_tested_as_by_solving_for_it() -> None:
@@ -128,11 +139,24 @@ def test_a_robust_loss_takes_back_the_group_that_is_wrong() -> None:
         assert (np.abs(found.theta - clean.theta) < u).all()
         assert (np.sqrt(np.diag(found.covariance)) > 0.99 * u).all()
         assert found.problem is problem
+        # a weight is a variance on top of the stated one, in units of the noise that there is
+        believed = weights.weight[:9]
+        taken = 0.1**2 * weights.scale**2 * (1.0 / believed - 1.0)
+        assert problem.readings.taken is not None
+        np.testing.assert_allclose(problem.readings.taken, np.r_[taken, 0.1**2 / EXCLUDED][GROUPS], rtol=1e-9)
         # three readings less, and a little for the weights of the others
         assert 20 <= found.freedom <= 25
     # of several members more are believed: two groups against one that stands for five
     two = [Group(columns(g), np.flatnonzero(g == GROUPS), members=1 + 4 * (g == 0)) for g in range(10)]
     assert robust_fit(fit(begun, begun.start), two, weighted)[2].scale >= 1.0
+
+
+def test_a_misfit_is_told_by_the_normal_deviate_as_improbable() -> None:
+    assert _normal_deviate(4.0, 1) == pytest.approx(2.0)
+    for freedom in (2, 3, 7):
+        assert 2.0 * scipy.stats.norm.sf(_normal_deviate(9.0, freedom)) == pytest.approx(scipy.stats.chi2.sf(9.0, freedom))
+    # beyond doubles' reach
+    assert _normal_deviate(1e6, 3) == pytest.approx(1000.0)
 
 
 @dataclass(frozen=True)

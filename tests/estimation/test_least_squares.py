@@ -8,7 +8,7 @@ from problems import Circle, Line, Plane, Readings, Stations
 
 from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Fit, Problem, fit
-from lmeasure.estimation.elimination import linear_objective
+from lmeasure.estimation.elimination import Eliminated, linear_objective
 from lmeasure.estimation.regions import regions
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +48,7 @@ def test_a_circle_is_found_and_what_no_point_tells_stays() -> None:
     plain = scipy.optimize.least_squares(lambda x: problem.residuals(np.r_[x, 0.0]), [0.0, 0.0, 90.0], xtol=1e-14, ftol=1e-14)
     np.testing.assert_allclose(found.theta[:3], plain.x, atol=1e-7)
     assert found.theta[3] == 0.5
-    assert (found.rank, found.freedom) == (3, 17)
+    assert (found.rank, found.freedom, found.converged) == (3, 17, True)
     assert found.chi2 == pytest.approx(2 * plain.cost / 0.1**2)
     np.testing.assert_allclose(np.abs(found.silent), [[0.0, 0.0, 0.0, 1.0]], atol=1e-12)
     assert found.covariance[3, 3] == pytest.approx(0.1**2)
@@ -74,6 +74,10 @@ def test_where_the_data_say_less_than_the_prior_it_decides() -> None:
     assert 1 <= found.rank < 3
     away = found.silent @ ((found.theta - problem.start) / width)
     assert np.abs(away).max() < 0.01
+    # what only priors tell of the points: how they would lie with it one standard uncertainty off
+    apart, J = found.undetermined, problem.jacobian(found.theta)
+    np.testing.assert_allclose(apart @ apart.T, J @ found.held_covariance @ J.T, atol=1e-12)
+    assert np.abs(apart).max() > 1e-3
     everywhere = fit(problem, problem.start, prior_everywhere=True)
 
     def both(theta: FloatArray) -> FloatArray:
@@ -113,8 +117,20 @@ def test_eliminating_is_solving_for_everything(since_first: bool, hidden: int) -
     np.testing.assert_allclose((found.theta - theta) / u, 0.0, atol=2e-3)
     inverse = np.linalg.inv(information)
     np.testing.assert_allclose(found.covariance / np.outer(u, u), inverse / np.outer(u, u), atol=1e-6)
-    # a guess from the linear problem is as good as the linearisation
-    assert linear_objective(problem) > 0.0
+
+
+def test_the_linear_problem_is_solved_as_for_everything_at_once() -> None:
+    problem = plane(1, since_first=True, hidden=3)
+    own, start = problem.own, problem.start
+    W, J, r = np.linalg.inv(np.linalg.cholesky(problem.covariance(start))), problem.jacobian(start), problem.residuals(start)
+    prior = np.eye(own, len(start)) / problem.parameters.width[:, None]
+    rest = np.linalg.lstsq(np.vstack([W @ J, prior]), -np.r_[W @ r, np.zeros(own)])[1]
+    assert linear_objective(problem) == pytest.approx(float(rest[0]))
+    # with the parameters held only nuisance parameters follow
+    held = float(np.linalg.lstsq(W @ J[:, own:], -W @ r)[1][0])
+    part, z = Eliminated(problem, start, problem.covariance(start), own), np.linspace(-1.0, 2.0, own)
+    assert part.merit(r, z, everywhere=False) == pytest.approx(held)
+    assert part.merit(r, z, everywhere=True) == pytest.approx(held + z @ z)
 
 
 def test_only_motions_of_the_whole_are_left_to_the_priors() -> None:
@@ -124,6 +140,7 @@ def test_only_motions_of_the_whole_are_left_to_the_priors() -> None:
     z = (found.theta[: problem.own] - problem.parameters.nominal) / problem.parameters.width
     assert (found.rank, len(found.silent)) == (len(found.theta) - 3, 3)
     assert np.abs(found.silent @ z).max() < 1e-3
+    np.testing.assert_allclose(found.undetermined, 0.0, atol=1e-8)
     theta, _ = whole(problem, found, prior=False)
     r = problem.residuals(theta)
     assert found.chi2 == pytest.approx(float(r @ np.linalg.solve(found.V, r)), rel=1e-6)

@@ -115,7 +115,7 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     size = -(-len(after) // MOST_BEHIND)
     whole = len(after) // size * size
     beyond = (after[:whole] @ corner.side).reshape(-1, size).mean(axis=1)
-    step = float(np.median(np.linalg.norm(np.diff(after, axis=0), axis=1))) if len(after) > 1 else 0.0
+    step = float(np.median(np.linalg.norm(np.diff(after, axis=0), axis=1)))
     between = (nearest + float(part[nearest])) % FINER / FINER
     behind = slice(int(near[0]) + i, int(near[-1]) + 1)
     return Passing(nearest=feet[nearest], part=between, behind=behind, beyond=beyond, neighbours=size, step_mm=step)
