@@ -57,6 +57,7 @@ _CHANNELS = [
     "tests/observation/test_solver.py",
     "tests/observation/test_runs_of_sensors.py",
 ]
+_ESTIMATED = ["tests/estimation/test_least_squares.py", "tests/estimation/test_judging.py"]
 _KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
 _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
@@ -72,13 +73,13 @@ CORE = {
     "kernels/zone_linked.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_six.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_redundant.py": ["tests/accuracy/test_redundant_zone.py"],
-    "estimation/least_squares.py": ["tests/estimation/test_least_squares.py"],
-    "estimation/fit.py": ["tests/estimation/test_least_squares.py"],
-    "estimation/elimination.py": ["tests/estimation/test_least_squares.py"],
-    "estimation/regions.py": ["tests/estimation/test_least_squares.py", "tests/calibration/test_regions.py"],
-    "estimation/deletion.py": ["tests/estimation/test_judging.py"],
-    "estimation/robust.py": ["tests/estimation/test_judging.py"],
-    "estimation/explanations.py": ["tests/estimation/test_judging.py"],
+    "estimation/least_squares.py": _ESTIMATED,
+    "estimation/fit.py": _ESTIMATED,
+    "estimation/elimination.py": _ESTIMATED,
+    "estimation/regions.py": [*_ESTIMATED, "tests/calibration/test_regions.py"],
+    "estimation/deletion.py": _ESTIMATED,
+    "estimation/robust.py": _ESTIMATED,
+    "estimation/explanations.py": _ESTIMATED,
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
     "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
     "calibration/unknowns.py": [

@@ -106,3 +106,12 @@ def test_a_distance_that_nobody_asks_for_is_that_of_the_standard(names: tuple[st
     first = next(p for p in program["pose"] if p["name"] == ends[0])
     first["windows_s"] = first["windows_s"][:1]
     assert found() == []
+
+
+def test_a_cycle_that_is_a_group_alone_has_no_scatter() -> None:
+    values, law = np.array([[3.0, 0.0, 0.0], [3.2, 0.0, 0.0], [5.0, 0.0, 0.0]]), np.diag([1e-4, 1e-4, 1e-4])
+    found = _reduced(values, [law, law / 3.0, law / 2.0, law], np.array([0, 0, 1]))
+    assert np.isfinite(found).all()
+    # the two scatter less about their mean than they were measured to, the third is moved with its mean alone
+    assert 0.0 < found[1, 0] - found[0, 0] < 0.2
+    assert found[2, 0] == pytest.approx(5.0, abs=0.05)

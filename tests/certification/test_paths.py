@@ -118,6 +118,9 @@ def test_corners_cut_and_overshot() -> None:
     assert found["CO", "corner 2"] == pytest.approx(2.0, abs=0.06)
     # deviation falls from 2 to 0 over 10 mm: 0.5 is left 7.5 mm behind
     assert found["SPL", "corner 2"] == pytest.approx(7.5, abs=0.1)
+    assert found["SPL", "corner 3"] == pytest.approx(0.0, abs=1e-3)
+    # within 1.9 mm it is back at once, half a millimetre behind
+    assert figures(trajectory, program_of(SQUARE | {"stabilisation_mm": 1.9}, windows))["SPL", "corner 2"] == pytest.approx(0.5, abs=0.1)
     assert found["CO", "corner 3"] == pytest.approx(0.0, abs=5e-3)
     outside = replace(trajectory, worst_pressure_angle_deg=np.full(len(trajectory.time_s), 70.0))
     every = evaluate(outside, program_of(SQUARE | {"stabilisation_mm": 0.5}, windows), EXACT, settings=Settings(trials=10))

@@ -234,3 +234,42 @@ def test_sizes_are_estimated_together() -> None:
     assert settled(replace(state, sizes={("noise", None): 0.0}), doubts).sizes == {("noise", None): 0.0}
     J = state.problem.jacobian(state.fit.theta)
     assert Evidence(state.fit.residuals, J, 100.0 * state.fit.V).best(Explanation("noise", np.eye(30))) == (0.0, 0.0)
+
+
+def test_what_is_asked_for_begins_at_the_gains_that_are_stated() -> None:
+    """A size is taken from a gain of 4 on, a value from 20 on where chi-squared is not beyond chance."""
+    x, rng = np.linspace(-1.0, 1.0, 30), np.random.default_rng(7)
+    noise = 0.1 * rng.normal(size=30)
+    taken = {}
+    for scale in np.linspace(1.0, 2.0, 40):
+        state, doubts = begun(Readings(x, scale * noise))
+        gain = evidence(state.fit, state.fit.V).best(doubts.errors(state.problem, state.fit.theta)[0])[1]
+        if gain > 2.0:
+            taken[gain] = settled(replace(state, sizes={("noise", None): 0.0}), doubts).sizes["noise", None] > 0.0
+    assert [gain for gain in taken if 4.0 < gain < 6.0]
+    assert taken == {gain: gain >= 4.0 for gain in taken}
+    bent = {}
+    for size in np.linspace(0.1, 0.3, 21):
+        state, doubts = begun(Readings(x, 0.5 * noise + size * x**2))
+        column = Explanation("bend", 10.0 * x[:, None] ** 2)
+        gain = evidence(state.fit, state.fit.V).best(column)[1]
+        if not improbable(state.fit):
+            bent[gain] = explained(state, doubts).groups == ("bend",)
+    assert [gain for gain in bent if 20.0 < gain < 30.0]
+    assert bent == {gain: gain >= 20.0 for gain in bent}
+
+
+def test_evidence_of_correlated_residuals() -> None:
+    """The gain is that of the restricted likelihood, written out."""
+    i, rng = np.arange(30), np.random.default_rng(9)
+    V = 0.01 * (np.eye(30) + 0.8 ** np.abs(i[:, None] - i))
+    J, F = np.vander(np.linspace(-1.0, 1.0, 30), 2), np.eye(30)[:, 15:]
+    r = np.linalg.cholesky(V) @ rng.normal(size=30) + 0.5 * F @ rng.normal(size=15)
+
+    def likelihood(u: float) -> float:
+        W = np.linalg.inv(V + u**2 * F @ F.T)
+        left = r - J @ np.linalg.solve(J.T @ W @ J, J.T @ W @ r)
+        return float(np.linalg.slogdet(W)[1] - np.linalg.slogdet(J.T @ W @ J)[1] - left @ W @ left)
+
+    size, gain = Evidence(r, J, V).best(Explanation("noise", F))
+    assert gain == pytest.approx(likelihood(size) - likelihood(0.0), rel=1e-6)

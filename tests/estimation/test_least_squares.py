@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.optimize
+import scipy.stats
 from numpy.typing import NDArray
 from problems import Circle, Line, Plane, Readings, Stations
 
@@ -179,3 +180,21 @@ def test_regions_of_a_straight_problem_are_those_of_its_errors() -> None:
     assert rounded.U95[1] == pytest.approx(np.sqrt(6.0) * (1 - np.sqrt(0.05)) * 0.1 / np.sqrt(2.0), rel=0.03)
     wider = regions(found, 0, freedom=4)
     assert wider.factor > 1.2 * where.factor
+
+
+def test_regions_of_what_no_residual_tells_are_those_of_its_prior() -> None:
+    problem = arc(6.0, 20, 0.1, 0)
+    where = regions(fit(problem, problem.start), 0)
+    assert where.U95[3] == pytest.approx(1.96 * 0.1, rel=0.04)
+    assert where.covariance[3] == pytest.approx([0.0, 0.0, 0.0, 0.1**2], abs=1e-9)
+
+
+def test_regions_beside_nuisance_parameters_are_those_of_the_whole() -> None:
+    """What the whole turns by bends less than distances err by, so that the linear covariance is all."""
+    problem = plane(1, since_first=False, u=1.0)
+    found = fit(problem, problem.start, prior_everywhere=True)
+    own, where = problem.own, regions(found, 0)
+    u = np.sqrt(np.diag(found.covariance)[:own])
+    np.testing.assert_allclose(where.covariance / np.outer(u, u), found.covariance[:own, :own] / np.outer(u, u), atol=1e-3)
+    np.testing.assert_allclose(where.U95, 1.96 * u, rtol=0.06)
+    assert where.factor == pytest.approx(np.sqrt(scipy.stats.chi2.ppf(0.95, own)), rel=0.03)
