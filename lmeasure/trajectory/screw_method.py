@@ -11,7 +11,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import lanes, least_squares, screw
-from lmeasure.kernels.layout import CHANGES
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, CHANGES
 from lmeasure.lengths import Lengths, span_lengths
 from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
@@ -56,15 +56,16 @@ class Reconstruction:
         temperature_c: float | None = None,
     ) -> None:
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
-        spans, directions, *_ = span_rows(rig.cable_rows(), start[None])
-        if not np.isfinite(spans).all():
+        rows = rig.cable_rows()
+        on = np.abs(se3.apply(start, rows[:, ATTACHMENT_XYZ]) - rows[:, BASE_XYZ]).max(axis=1) == 0.0
+        if on.any():
+            lost = rig.cable[int(np.argmax(on))]
+            raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
+        if not np.isfinite(span_rows(rows, start[None])[0]).all():
             try:
                 span_lengths(rig, start[None, :])
             except GeometryError as error:
                 raise GeometryError(f"start {error}") from None
-        if not np.isfinite(directions).all():
-            lost = rig.cable[int(np.argmax(~np.isfinite(directions[0]).all(axis=1)))]
-            raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
         self.start = self.scheme.start_of(start)
         self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
         self.budget = Budget(rig, start, self.scheme, calibration, u_start, clocks, repeatability_mm, self.correction, temperature_c)
