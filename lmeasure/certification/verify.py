@@ -67,7 +67,7 @@ def verify(
     """Look at every byte, compute every figure again from the inputs, and print again what people read.
 
     public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate; their bytes are
-    compared where the environment is the same, their texts where the program is. Figures by another method are not compared but listed
+    compared where the environment is the same, else their texts, which another program may word otherwise. Figures by another method are not compared but listed
     beside those of today. CertificationError when there is no certificate to look at.
     """
     folder = Path(folder)
@@ -147,8 +147,9 @@ def _page(
     """Where a file that people read says otherwise than the certificate, and why it could not be compared."""
     if not (folder / name).exists():
         return [], [f"{name}: is not in the folder"] if printer.needed else []
-    if other or any(key in own for key in PROGRAM):
-        return [], [f"{name}: what it prints, since another version of this program prints other texts"]
+    why_not = [f"{name}: what it prints, since another version of this program prints other texts"]
+    if other:
+        return [], why_not
     content, expected = regular_bytes(folder / name), printer(stated, measured)
     if content == expected:
         return [], []
@@ -158,6 +159,9 @@ def _page(
                 return [], []
         except ValueError as error:
             return [Difference(name, f"cannot be read: {error}")], []
+    # other sources may say the same in other words: no difference, but nothing that was compared
+    if any(key in own for key in PROGRAM):
+        return [], why_not
     return [Difference(name, "does not print what certificate.json says")], []
 
 

@@ -182,8 +182,12 @@ def test_texts_are_compared_where_bytes_are_others(copy: Path) -> None:
         assert {"certificate.pdf", "report.html"} == {d.what for d in looked_at(copy).differences}
 
 
-def test_another_program_is_named_as_not_compared(copy: Path) -> None:
+def test_another_program_that_prints_otherwise_is_named_as_not_compared(copy: Path) -> None:
     elsewhere(copy, **{"lmeasure": "0.0"})
+    found = looked_at(copy)
+    # the same words: compared
+    assert (found.differences, found.skipped, found.exit_code) == ((), (), 0)
+    reprinted(copy, {"notes": ["as another program puts it"]})
     found = looked_at(copy)
     assert (found.differences, found.exit_code) == ((), 3)
     assert [text.split(":")[0] for text in found.skipped] == ["certificate.pdf", "report.html"]
