@@ -67,8 +67,8 @@ def verify(
     """Look at every byte, compute every figure again from the inputs, and print again what people read.
 
     public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate; their bytes are
-    compared where the environment is the same, else their texts, which another program may word otherwise. Figures by another method are not compared but listed
-    beside those of today. CertificationError when there is no certificate to look at.
+    compared where the environment is the same, else their texts, which another program may word otherwise. Figures by another method are
+    not compared but listed beside those of today. CertificationError when there is no certificate to look at.
     """
     folder = Path(folder)
     seal = check_seal(folder, public_key)
