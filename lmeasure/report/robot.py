@@ -81,7 +81,8 @@ def errors_figure(places: FloatArray, before: FloatArray, after: FloatArray) -> 
         ends = places + size * errors
         line = np.stack([places, ends, np.full_like(places, np.nan)], axis=1).reshape(-1, 3)
         space.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=name)
-    space.update_layout(scene={"aspectmode": "data", "xaxis_title": "x [mm]", "yaxis_title": "y [mm]", "zaxis_title": "z [mm]"})
+    scene = {"aspectmode": "data", "xaxis_title": "x [mm]", "yaxis_title": "y [mm]", "zaxis_title": "z [mm]"}
+    space.update_layout(scene=scene, height=640, margin={"t": 10, "b": 10})
     return space, size
 
 
