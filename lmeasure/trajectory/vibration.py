@@ -188,13 +188,15 @@ def averaged(errors: PoseErrors, found: Vibration, readings: IntArray) -> FloatA
     varies = 12.0 * np.array([np.einsum("qi,ij,qj->q", c, v, c) for c, v in zip(lengths, covariance, strict=True)])
     ranks = [max(int(np.linalg.matrix_rank(c)), 1) for c in lengths]
     left = np.array([12.0 * np.trace(c @ s.left @ c.T) / r for c, s, r in zip(lengths, found.swings, ranks, strict=True)])
-    keeps = _kept_swinging(found, varies.mean(axis=0))[None, :] if found.frequencies_hz else kept(scatter_counts(left))[:, None]
+    swings = any(s.motion.any() for s in found.swings)
+    keeps = _kept_swinging(found, varies.mean(axis=0))[None, :] if swings else kept(scatter_counts(left))[:, None]
     return np.asarray(keeps + (left / readings)[:, None])
 
 
 def _kept_swinging(found: Vibration, varies: FloatArray) -> FloatArray:
     """(q,) K of lengths whose counts vary by so much (q,), in units of 1/12, as the dwells swing."""
-    curves = [_harmonics(_shape(s)) for s in found.swings[:MOST_SHAPES] if s.motion.any()]
+    moving = [s for s in found.swings[:MOST_SHAPES] if s.motion.any()] or [s for s in found.swings if s.motion.any()][:MOST_SHAPES]
+    curves = [_harmonics(_shape(s)) for s in moving]
     curve = np.mean(curves, axis=0)
     shown = np.maximum.accumulate(12.0 * SIZES**2 + 1.0 - curve)
     size = np.where(varies < shown[-1], np.interp(varies, shown, SIZES), SIZES[-1])
