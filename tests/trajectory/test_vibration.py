@@ -9,7 +9,7 @@ from scipy.special import j0
 from lmeasure.certification import PoseErrors, Settings, evaluate
 from lmeasure.program import Program
 from lmeasure.trajectory.pose_errors import roots
-from lmeasure.trajectory.vibration import Vibration, averaged, vibration, with_rest
+from lmeasure.trajectory.vibration import Swing, Vibration, averaged, vibration, with_rest
 
 FloatArray = NDArray[np.float64]
 
@@ -118,6 +118,17 @@ def test_a_robot_that_stands_still_has_one_reading() -> None:
     still = vibration([(np.arange(50) / 100.0, np.zeros((50, 6)))] * 3)
     single = PoseErrors.of(roots(np.tile(LAW, (3, 1, 1))), np.zeros((3, 6, 0)), rounded=True)
     np.testing.assert_allclose(averaged(single, still, np.ones(3, dtype=np.int64)), 1.0)
+
+
+def test_dwells_of_which_only_later_ones_swing() -> None:
+    """More still ones first than are looked at for the shape of the swing."""
+    wave = np.zeros((50, 6))
+    wave[:, 3] = 0.05 * np.sin(2.0 * np.pi * 8.0 * np.arange(50) / 100.0)
+    swings = tuple(Swing(motion, np.zeros((6, 6)), np.zeros(6)) for motion in [np.zeros((50, 6))] * 60 + [wave] * 3)
+    single = PoseErrors.of(roots(np.tile(LAW, (63, 1, 1))), np.zeros((63, 6, 0)), rounded=True)
+    found = averaged(single, Vibration(swings, np.zeros((6, 6)), (8.0,)), np.full(63, 50))
+    assert np.isfinite(found).all()
+    assert (found[:, 3] < 1.0).all()
 
 
 @pytest.mark.parametrize(("amplitude_mm", "window_s"), [(0.02, 0.4), (0.05, 0.12)])
