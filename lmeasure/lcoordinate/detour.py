@@ -21,7 +21,9 @@ from lmeasure.lcoordinate.singularity import rim_mm
 STEPS = 60
 SETTLED = 1e-8  # of the rim: gradients are differences
 INSIDE = 1e-9  # of the limits' scale: a pose on a limit keeps it
-HALVINGS = 6
+HALVINGS = 3
+TRIES = 4
+BETWEEN = 1e-7  # of the limits' scale: as little as a limit may be missed by between two poses
 APART = 50.0  # times the way of the command between two poses, beyond which they are not neighbours any more
 
 
@@ -41,26 +43,24 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0) -> Detour:
     """The commanded poses (n, 7), and more between them where needed, led around the limits; margin: what limits are kept by beyond 0, in
     their units (`Bounds.values`).
 
-    StructureError where an end is beyond a limit, or no pose near another keeps them, or two neighbours would be led to different sides.
+    StructureError where an end is beyond a limit, or no pose near another keeps them, or they are not kept between two poses however near,
+    or two neighbours would be led to different sides.
     """
     for k in (0, len(poses) - 1):
         if not (bounds.values(poses[k]) >= margin).all():
             worst = bounds.names[int(np.argmin(bounds.values(poses[k])))]
             raise StructureError(f"path: sample {k + 1}, an end, is beyond a limit itself: {worst}")
-    rim = rim_mm(bounds.body)
-    found = [(float(k), led(bounds, pose, margin)) for k, pose in enumerate(poses)]
-    for _ in range(HALVINGS):
-        more: list[tuple[float, FloatArray]] = [found[0]]
-        added = 0
-        for (i, a), (j, b) in pairwise(found):
-            middle = at(np.stack([a, b]), 0.5)
-            if (bounds.values(middle) < margin - INSIDE).any():
-                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle)))
-                added += 1
-            more.append((j, b))
-        found = more
-        if not added:
+    aim = margin
+    for _ in range(TRIES):
+        found = _halved(bounds, poses, margin, aim)
+        short, where = _short(bounds, found, margin)
+        if short <= BETWEEN:
             break
+        # the straight way between two poses on a limit that bends cuts it: those are put so much farther inside
+        aim += 1.5 * short
+    else:
+        raise StructureError(f"path: between samples {where + 1} and {where + 2} a limit cannot be kept: state more samples there")
+    rim = rim_mm(bounds.body)
     parameter, out = np.array([t for t, _ in found]), np.array([p for _, p in found])
     wanted = np.array([at(poses, t) for t in parameter])
     off = se3.displacement(out, wanted)
@@ -75,13 +75,42 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0) -> Detour:
     return Detour(out, parameter, shift, turn, np.hypot(shift, rim * turn))
 
 
-def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None) -> FloatArray:
+def _halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float) -> list[tuple[float, FloatArray]]:
+    """Parameters and poses of the path, each led around, with more of them where the way between two does not keep the limits."""
+    found = [(float(k), led(bounds, pose, margin, aim=aim)) for k, pose in enumerate(poses)]
+    for _ in range(HALVINGS):
+        more: list[tuple[float, FloatArray]] = [found[0]]
+        for (i, a), (j, b) in pairwise(found):
+            middle = at(np.stack([a, b]), 0.5)
+            if (bounds.values(middle) < margin).any():
+                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim)))
+            more.append((j, b))
+        if len(more) == len(found):
+            break
+        found = more
+    return found
+
+
+def _short(bounds: Bounds, found: list[tuple[float, FloatArray]], margin: float) -> tuple[float, int]:
+    """By how much the worst place between the poses falls short of the margin, and after which sample."""
+    worst, where = 0.0, 0
+    for (i, a), (_, b) in pairwise(found):
+        between = np.array([at(np.stack([a, b]), part) for part in (0.25, 0.5, 0.75)])
+        short = margin - float(np.nan_to_num(bounds.values(between), nan=-np.inf).min())
+        if short > worst:
+            worst, where = short, int(i)
+    return worst, where
+
+
+def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, aim: float | None = None) -> FloatArray:
     """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again.
 
-    start (7,): where to begin, by default the pose itself. StructureError where none is found.
+    start (7,): where to begin, by default the pose itself; aim: by how much limits are kept where the pose does not keep the margin, by
+    default that. StructureError where none is found.
     """
     if (bounds.values(pose) >= margin).all():
         return pose
+    aim = margin if aim is None else aim
     rim = rim_mm(bounds.body)
     unit = np.diag(np.repeat([1.0 / rim, 1.0], 3))
     now = np.zeros(6) if start is None else se3.displacement(start, pose) * np.repeat([rim, 1.0], 3)
@@ -91,7 +120,7 @@ def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray
         rates = _rates(bounds, pose, now, unit)
         if not (np.isfinite(values).all() and np.isfinite(rates).all()):
             break
-        then = _least(rates, margin - values + rates @ now)
+        then = _least(rates, aim - values + rates @ now)
         if then is None:
             break
         step = then - now
@@ -100,7 +129,7 @@ def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray
         now = now + step * min(1.0, 0.5 * rim / max(size, 1e-300))
         if size <= SETTLED * rim:
             out = se3.displaced(pose, unit @ now)
-            if (bounds.values(out) >= margin - INSIDE).all():
+            if (bounds.values(out) >= aim - INSIDE).all():
                 return out
             break
     raise StructureError("path: no pose near the commanded one keeps the limits")

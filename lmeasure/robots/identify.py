@@ -159,6 +159,8 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     findings += _outlying(fit, rows, kept, used)
     nominal = State(robot, frames.base, frames.targets, frames.stations)
     found = Identified(robot, fit, rows, used, (), nominal, settings)
+    if not fit.converged:
+        findings.append(Finding("not_converged", "the least squares did not settle; the result is where they stopped"))
     if not found.tells_noise:
         text = f"{fit.equations} measured values are used up by what they determine: how exact robot and instrument are cannot be told"
         findings.append(Finding("underdetermined", f"{text}; measure more poses", value=float(fit.equations)))
