@@ -90,8 +90,9 @@ def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> Vibration:
         hz = found[:most]
         design = np.column_stack([np.ones(len(t)), *(wave for f in hz for wave in (np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t)))])
         fit = np.linalg.lstsq(design, away, rcond=1e-6)[0]
-        motion = design @ fit
-        left = away - motion
+        # exactly nothing where no frequency is
+        motion = design[:, 1:] @ fit[1:]
+        left = away - fit[0] - motion
         freedom = max(len(t) - design.shape[1], 1)
         swings.append(Swing(motion - motion.mean(axis=0), left.T @ left / freedom, -fit[0]))
         for f, pair in zip(hz, fit[1:].reshape(-1, 2, 6), strict=True):
