@@ -85,6 +85,26 @@ def angles_from_rotation(name: str, rotation: Rotation) -> FloatArray:
     return np.asarray(180.0 - np.mod(180.0 - angles, 360.0), dtype=np.float64)
 
 
+def rounded_angles(name: str, angles: ArrayLike) -> FloatArray:
+    """Angles (..., 3) as they are typed into a controller: to 0.01 degrees, of a rotation vector to 0.0001 rad."""
+    return np.round(np.asarray(angles, dtype=np.float64), 4 if convention(name).axes == "rotvec" else 2) + 0.0
+
+
+def from_singular_deg(name: str, rotation: Rotation) -> FloatArray:
+    """(...,) how far [degrees, 0 to 90] rotations are from an orientation whose angles are not unique.
+
+    There the first and the last axis of three turns lie on one line: the distance is the angle between them. A rotation vector is not
+    unique at half a turn; its distance is what the turn lacks of it, 90 at most.
+    """
+    c = convention(name)
+    if c.axes == "rotvec":
+        return np.minimum(180.0 - np.degrees(rotation.magnitude()), 90.0)
+    # turns about fixed axes are turns about carried axes in the other order
+    axes = ["XYZ".index(axis) for axis in (c.axes if c.axes.isupper() else c.axes[::-1]).upper()]
+    cosine = rotation.as_matrix()[..., axes[0], axes[2]]
+    return np.asarray(np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0))))
+
+
 TEMPERATURE_RANGE_C = (-100.0, 200.0)
 
 

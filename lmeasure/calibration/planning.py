@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import qmc
@@ -109,10 +109,12 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
     cables = _cables(rig, settings, recorded)
     sigma = np.repeat([settings.u_rotation_rad, settings.u_position_mm], 3)
     instrument = Instrument(rig, cables, settings.solve, sigma, repeatability(recorded))
-    zone = settings.zone or settings.region
+    zone = settings.zone or replace(settings.region, angles=None)
     targets, checks = (_lengths(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
     start = settings.region.centre if recorded is None else recorded.poses.rows[recorded.zero[0]]
-    usable = Usable(rig, cables, settings.limits, start)
+    # of one orientation alone there is no other to go to
+    limits = settings.limits if settings.region.tilt_rad > 0.0 else replace(settings.limits, singular_deg=0.0)
+    usable = Usable(rig, cables, limits, start)
     rng = np.random.default_rng([settings.seed, 11])
     pool = settings.region.candidates(POOL_LOG2, rng)
     broken = usable.broken(settings.region.rows(pool))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from lmeasure import se3
+from lmeasure import conventions, se3
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.errors import CalibrationError
@@ -30,13 +30,15 @@ class Region:
     """A box of the tool origin and tilts about an orientation.
 
     low, high (3,) [mm, base frame]; each component of the rotation vector of the tilt [base axes] lies within +-tilt_rad; quaternion
-    x, y, z, w (4,) is the orientation that is tilted. CalibrationError when the box is empty or the tilt makes no sense.
+    x, y, z, w (4,) is the orientation that is tilted; angles: the convention in which poses are typed into a controller, to 0.1 mm and
+    0.01 degrees, None where they are not. CalibrationError when the box is empty or the tilt makes no sense.
     """
 
     low: FloatArray
     high: FloatArray
     tilt_rad: float
     quaternion: FloatArray
+    angles: str | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and (self.low <= self.high).all()):
@@ -55,10 +57,19 @@ class Region:
         return self.rows(np.full((1, 6), 0.5))[0]
 
     def rows(self, unit: FloatArray) -> FloatArray:
-        """(n, 7) poses of (n, 6) coordinates in the unit cube: place, then tilt."""
+        """(n, 7) poses of (n, 6) coordinates in the unit cube, place, then tilt, as they can be typed."""
         place = self.low + unit[:, :3] * (self.high - self.low)
         turned = Rotation.from_rotvec((2.0 * unit[:, 3:] - 1.0) * self.tilt_rad) * Rotation.from_quat(self.quaternion)
-        return se3.pose(place, turned)
+        if self.angles is None:
+            return se3.pose(place, turned)
+        typed = conventions.rounded_angles(self.angles, conventions.angles_from_rotation(self.angles, turned))
+        return se3.pose(self._typed(place), conventions.rotation_from_angles(self.angles, typed))
+
+    def _typed(self, place: FloatArray) -> FloatArray:
+        """Positions (n, 3) to 0.1 mm, within the box where it holds such values."""
+        steps = np.rint(10.0 * place)
+        least, most = np.ceil(10.0 * self.low - 1e-6), np.floor(10.0 * self.high + 1e-6)
+        return np.where(least <= most, np.clip(steps, least, most), steps) / 10.0
 
     def unit(self, rows: FloatArray) -> FloatArray:
         """(n, 6) coordinates of (n, 7) poses, outside the unit cube for poses outside; 0.5 where there is no range."""
@@ -87,7 +98,8 @@ class Limits:
     max_wrap_deg: largest angle wrapped on the swivel pulley; beyond 180 the free span turns back across the incoming cable.
     min_span_mm: shortest free span; min and max length_mm: of the way from B to the attachment point, what the drum can take in and pay
     out. clearance_mm: least distance between free spans, and from a free span to another cable's pulley. min_tension_n: least tension at
-    the drum, where the rig states how it goes.
+    the drum, where the rig states how it goes. singular_deg: least distance to orientations whose angles are not unique in the rig's
+    convention, at which controllers show what they like.
     """
 
     max_wrap_deg: float = 170.0
@@ -95,6 +107,7 @@ class Limits:
     max_length_mm: float = math.inf
     clearance_mm: float = 10.0
     min_tension_n: float = 0.0
+    singular_deg: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.max_wrap_deg <= 360.0:
@@ -105,16 +118,25 @@ class Limits:
             raise CalibrationError(f"a clearance of {self.clearance_mm:g} mm: it must not be negative")
         if not self.min_tension_n >= 0.0:
             raise CalibrationError(f"a least tension of {self.min_tension_n:g} N: it must not be negative")
+        if not 0.0 <= self.singular_deg < 90.0:
+            raise CalibrationError(f"{self.singular_deg:g} degrees from singular angles: it must lie in [0, 90)")
 
 
 class Usable:
     """Tells usable poses from those where a cable would be slack, wrapped too far, or crossed."""
 
-    REASONS = ("a cable too short or too long", "a cable near its swivel axis", "wrapped too far", "cables crossing", "a slack cable")
+    REASONS = (
+        "a cable too short or too long",
+        "a cable near its swivel axis",
+        "wrapped too far",
+        "cables crossing",
+        "a slack cable",
+        "angles near singular",
+    )
 
     def __init__(self, rig: Rig, cables: tuple[Cable, ...], limits: Limits, start: FloatArray) -> None:
         """start (7,): the pose at which the drums have the tension that the rig states for k = 0."""
-        self._rows, self._limits = rig.cable_rows(cables), limits
+        self._rows, self._limits, self._angles = rig.cable_rows(cables), limits, rig.angles
         drums = [rig.point(c.from_point).drum for c in cables]
         self._tension = np.array([math.nan if d.cable_tension_n is None else d.cable_tension_n for d in drums])
         self._rise = np.array([(d.cable_tension_n_per_m or 0.0) / 1000.0 for d in drums])
@@ -132,7 +154,7 @@ class Usable:
         self._strangers = np.array(strangers, dtype=np.int64).reshape(-1, 2)
 
     def broken(self, rows: FloatArray) -> BoolArray:
-        """(n, 5) True where a pose (n, 7) breaks the limit that `REASONS` names."""
+        """(n, 6) True where a pose (n, 7) breaks the limit that `REASONS` names."""
         rows = np.ascontiguousarray(rows)
         centre, tangent, attachment, wrap = wrap_geometry(self._rows, rows)
         span = np.linalg.norm(attachment - tangent, axis=2)
@@ -148,6 +170,7 @@ class Usable:
                 ~(wrap <= math.radians(self._limits.max_wrap_deg)).all(axis=1),
                 ~(clearance >= self._limits.clearance_mm),
                 self._slack(rows).any(axis=1),
+                conventions.from_singular_deg(self._angles, se3.rotation(rows)) < self._limits.singular_deg,
             ]
         )
 

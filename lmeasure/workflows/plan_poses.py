@@ -56,7 +56,11 @@ class Settings(Asked):
     max_length_mm: Annotated[float, option("Longest cable from B to the attachment point.", ge=1, panel=LIMITS)] = 1e6
     clearance_mm: Annotated[float, option("Between free spans, and to other pulleys.", ge=0, panel=LIMITS)] = 10.0
     min_tension_n: Annotated[float, option("Least tension at a drum whose tension the rig states.", ge=0, panel=LIMITS)] = 0.0
+    singular_deg: Annotated[float, option("Least distance to where the rig's angles are not unique.", ge=0, le=45, panel=LIMITS)] = 2.0
     further: Annotated[int, option("Poses beyond the plan to weigh in the table.", ge=0, le=50)] = 3
+    rounded: Annotated[
+        bool, option("Plan poses that can be typed: 0.1 mm and 0.01 degrees in the rig's angles.", flag="--rounded/--exact")
+    ] = True
     quaternions: Annotated[bool, option("Write quaternions, not the rig's angles.")] = False
     seed: Annotated[int, option("Seed of candidates and starts.", ge=0)] = 0
     rerun: Annotated[Recording | None, RERUN] = None
@@ -70,10 +74,13 @@ class Settings(Asked):
 @workflow("plan-poses")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Plan]":
     """Plan, and write the poses."""
+    import numpy as np
+
     from lmeasure.calibration import planning
     from lmeasure.calibration.campaign import further_columns
     from lmeasure.calibration.plan_summary import summary
     from lmeasure.calibration.reach import Limits
+    from lmeasure.conventions import convention, rounded_angles
     from lmeasure.files import write_table
     from lmeasure.poses import pose_columns
     from lmeasure.rig import read_rig
@@ -88,19 +95,27 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Plan]":
     recorded = None if extend is None else _recorded(extend, u[0] or 0.0, u[1] or 0.0)
     u_position, u_rotation = _uncertainties(u, recorded)
     tilt, zone_tilt = settings.tilt_deg, settings.zone_tilt_deg
+    region = _region(settings.box, tilt, settings.quaternion, recorded)
     zone = None
     if settings.zone_box is not None or zone_tilt is not None:
         zone = _region(settings.zone_box or settings.box, tilt if zone_tilt is None else zone_tilt, settings.quaternion, recorded)
     chosen = planning.Settings(
         settings.poses,
-        _region(settings.box, tilt, settings.quaternion, recorded),
+        replace(region, angles=rig.angles if settings.rounded else None),
         zone,
         settings.criterion,
         settings.solve,
         u_position,
         u_rotation,
         settings.passes,
-        Limits(settings.max_wrap_deg, settings.min_span_mm, settings.max_length_mm, settings.clearance_mm, settings.min_tension_n),
+        Limits(
+            settings.max_wrap_deg,
+            settings.min_span_mm,
+            settings.max_length_mm,
+            settings.clearance_mm,
+            settings.min_tension_n,
+            settings.singular_deg,
+        ),
         settings.further,
         settings.seed,
     )
@@ -109,7 +124,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Plan]":
     # planned as if exact where nothing is said of it; how exactly they will be known nobody has stated yet
     unsaid = {"position": plan.poses.u_position_mm, "rotation": plan.poses.u_rotation_rad}
     planned = replace(plan.poses, absent=tuple(name for name, u in unsaid.items() if plan.poses.covariance is None and not u.any()))
-    write_table(out, pose_columns(planned, None if settings.quaternions else rig.angles) | more)
+    columns = pose_columns(planned, None if settings.quaternions else rig.angles) | more
+    if settings.rounded and not settings.quaternions:
+        for name in convention(rig.angles).columns:  # as they are typed, not as they come back from a rotation
+            columns[name] = np.concatenate([columns[name][: plan.recorded], rounded_angles(rig.angles, columns[name][plan.recorded :])])
+    write_table(out, columns)
     if settings.rerun is not None:
         from lmeasure.view.stages import write_recording
 

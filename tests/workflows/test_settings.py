@@ -121,7 +121,8 @@ def test_defaults_are_those_of_the_stages() -> None:
     plan = vars(planning.Settings(4, None))  # type: ignore[arg-type]
     assert all(getattr(chosen, name) == plan[name] for name in ("criterion", "solve", "passes", "further", "seed"))
     assert set(exchange.CRITERIA) == {"G", "I", "D"}
-    limits = vars(reach.Limits()) | {"max_length_mm": 1e6}  # a form knows no infinity
+    # a form knows no infinity, and what a person types into a controller is wanted away from its singular angles
+    limits = vars(reach.Limits()) | {"max_length_mm": 1e6, "singular_deg": 2.0}
     assert all(getattr(chosen, name) == value for name, value in limits.items())
     cube, chosen = CubeTests(), asked("program")
     assert (chosen.quaternion, chosen.speed, chosen.path_speed) == (cube.quaternion, cube.speed_mm_s, cube.path_speed_mm_s)
