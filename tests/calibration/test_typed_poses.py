@@ -83,7 +83,7 @@ def test_one_singular_orientation_alone_is_planned_for(tmp_path: Path) -> None:
     """The identity is singular in puma-oat; a box without tilts has nowhere else to go."""
     write_rig(tmp_path / "rig.toml", two_drums("puma-oat"))
     box = ((-300.0, 300.0), (-300.0, 300.0), (-300.0, 300.0))
-    asked: dict[str, Any] = {"rig": tmp_path / "rig.toml", "poses": 3, "criterion": "I", "box": box, "out": tmp_path / "poses.csv", "further": 0}
-    plan = plan_poses.run(plan_poses.Settings(**asked, tilt_deg=0.0, rounded=False)).made
+    asked: dict[str, Any] = {"rig": tmp_path / "rig.toml", "out": tmp_path / "poses.csv", "box": box, "poses": 3, "further": 0}
+    plan = plan_poses.run(plan_poses.Settings(**asked, criterion="I", tilt_deg=0.0, rounded=False)).made
     assert np.abs(plan.poses.rows[:, :3] * 10.0 - np.rint(plan.poses.rows[:, :3] * 10.0)).max() > 0.01  # not asked for
     np.testing.assert_allclose(np.abs(plan.poses.rows[:, 3:]), np.tile(IDENTITY, (3, 1)), atol=1e-9)
