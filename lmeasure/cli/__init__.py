@@ -5,6 +5,7 @@ answer, said in one line; 2 wrong usage.
 """
 
 import errno
+import io
 import os
 import sys
 import traceback
@@ -12,8 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 
+from lmeasure.cli.help import Group, wrong_use
+from lmeasure.cli.words import said
 from lmeasure.errors import CancelledError, LMeasureError, OverwriteError, SettingsError, shortened
 from lmeasure.workflows import COMMANDS
 
@@ -23,7 +25,7 @@ INTERRUPTED = 130
 """Exit code of typer where Ctrl-C ended a command."""
 
 
-class Commands(TyperGroup):
+class Commands(Group):
     """The commands of the workflows, each made when it is asked for."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -38,17 +40,12 @@ class Commands(TyperGroup):
 
         return command(cmd_name)
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Names and first sentences, without a look at what they stand for."""
-        TyperGroup(commands={name: TyperCommand(name, help=text) for name, text in COMMANDS.items()}).format_commands(ctx, formatter)
-
 
 app = typer.Typer(
     name="lmeasure",
     cls=Commands,
     help="Cables, drums and encoders as a 6-DOF metrology instrument: from raw counts to the certificate of a robot.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: drawing it would take three times as long as everything else
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
@@ -74,24 +71,27 @@ def main() -> None:
     """Entry point of the `lmeasure` command."""
     # before numpy is loaded: the matrices here are small, and threads of BLAS only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a letter gets the rest
+            stream.reconfigure(errors="replace" if stream is sys.stdout else "backslashreplace")
     try:
-        app()
-    except SystemExit as end:
-        if end.code == INTERRUPTED:  # typer has caught the interrupt, and says nothing
-            print(f"lmeasure: {CancelledError()}", file=sys.stderr)
-        _end(end.code)
-    except CancelledError as error:
-        _end(INTERRUPTED, str(error))
+        code = app(standalone_mode=False)
+        _end(code if isinstance(code, int) else 0, str(CancelledError()) if code == INTERRUPTED else "")
+    except typer.TyperException as error:
+        print(wrong_use(error), file=sys.stderr)
+        _end(error.exit_code, told=" ".join(error.format_message().split()))
+    except (CancelledError, typer.Abort):
+        _end(INTERRUPTED, str(CancelledError()))
     except (OverwriteError, SettingsError) as error:
         _end(WRONG_USE, str(error))
     except LMeasureError as error:
         _end(NO_ANSWER, str(error))
     except MemoryError as error:
-        _end(NO_ANSWER, f"this machine's memory is not enough for what was asked: {error}")
+        _end(NO_ANSWER, said("this machine's memory is not enough for what was asked: {error}", error=error))
     except OSError as error:
         if error.errno not in FULL or error.filename is not None:
             _unforeseen(error)
-        _end(NO_ANSWER, f"standard output cannot be written: {error.strerror}")
+        _end(NO_ANSWER, said("standard output cannot be written: {error}", error=error.strerror))
     except Exception as error:
         _unforeseen(error)
 
@@ -104,22 +104,33 @@ def _unforeseen(error: Exception) -> NoReturn:
     place = f"{Path(at.filename).name}:{at.lineno}"
     _end(
         NO_ANSWER,
-        f"a fault of this program, {type(error).__name__} in {place}: {shortened(str(error))}; nothing was left half-written. Please "
-        "report this line, the command and its files; with LMEASURE_DEBUG=1 set the command says more",
+        said(
+            "a fault of this program, {fault}; nothing was left half-written. Please report this line, the command and its files; with "
+            "LMEASURE_DEBUG=1 set the command says more",
+            fault=f"{type(error).__name__} in {place}: {shortened(str(error))}",
+        ),
     )
 
 
-def _end(code: "int | str | None", text: str = "") -> NoReturn:
-    """End with that exit code, the text on standard error, and what is still held of the output written, if it can be."""
+def _end(code: "int | str | None", text: str = "", told: str = "") -> NoReturn:
+    """End with that exit code, the text on standard error, and what is still held of the output written, if it can be. The text, or one
+    that was told already, is the error of `--json`."""
+    text = " ".join(text.split())
     if text:
-        print(f"lmeasure: {' '.join(text.split())}", file=sys.stderr)
+        print(f"lmeasure: {text}", file=sys.stderr)
     try:
+        if (text or told) and isinstance(code, int) and sys.stdout is not None:
+            from lmeasure.cli import machine
+
+            if machine.asked():
+                print(machine.written(machine.of_error(code, text or told)))
         if sys.stdout is not None:  # closed by whoever called
             sys.stdout.flush()
     except OSError as error:
         # the interpreter would try again at its end, and say so in its own way
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not text:
-            print(f"lmeasure: standard output cannot be written: {error.strerror}; files are whole", file=sys.stderr)
+            lost = said("standard output cannot be written: {error}; files are whole", error=error.strerror)
+            print(f"lmeasure: {lost}", file=sys.stderr)
         code = code or NO_ANSWER
     raise SystemExit(code) from None

@@ -1,6 +1,8 @@
 """A command made of a workflow: its options from the model of its settings, its work by its face in the terminal."""
 
+import contextlib
 import inspect
+import sys
 import types
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
@@ -9,12 +11,23 @@ import typer
 from annotated_types import Ge, Le
 
 from lmeasure import workflows
-from lmeasure.cli.faces import FACES, Face, with_bar
+from lmeasure.cli import machine
+from lmeasure.cli.faces import FACES, Face, told_of_compiling, with_bar
+from lmeasure.cli.help import Command
+from lmeasure.cli.words import said
 from lmeasure.errors import LMeasureError, SettingsError
 from lmeasure.workflows.settings import Separated, said_of
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
+
+JSON = inspect.Parameter(
+    "as_json",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
+    annotation=Annotated[bool, typer.Option(machine.FLAG, help="Print the result, or the error, as JSON.")],
+)
+"""Of every command."""
 
 
 def command(name: str) -> Any:
@@ -23,28 +36,36 @@ def command(name: str) -> Any:
     face: Face = FACES.get(name, with_bar)
 
     def invoke(**given: Any) -> None:
+        as_json = given.pop(JSON.name)
         try:
             # what was not typed is None, or empty where an option may be repeated
             settings = workflow.settings.model_validate({key: value for key, value in given.items() if value is not None and value != []})
-            result = face(workflow, settings)
+            # a face talks to a person: beside JSON, on standard error
+            with told_of_compiling(), contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+                result = face(workflow, settings)
         except SettingsError as error:
             field = workflow.settings.model_fields.get(error.option)
             raise typer.BadParameter(error.text, param_hint=error.option if field is None else flag_of(error.option, field)) from None
+        for path in result.left_over:
+            typer.echo(said("note: {path} was left by a command that was broken off; nothing needs it", path=path), err=True)
+        if as_json:
+            typer.echo(machine.written(machine.of_result(name, result)))
+            if result.failure:
+                typer.echo(f"lmeasure: {' '.join(result.failure.split())}", err=True)
+            raise typer.Exit(1 if result.failure else result.exit_code)
         for line in result.summary:
             typer.echo(line)
-        for path in result.left_over:
-            typer.echo(f"note: {path} was left by a command that was broken off; nothing needs it", err=True)
         if result.failure:
             raise LMeasureError(result.failure)
         if result.exit_code:
             raise typer.Exit(result.exit_code)
 
-    options = [parameter(key, field) for key, field in workflow.settings.model_fields.items()]
+    options = [*(parameter(key, field) for key, field in workflow.settings.model_fields.items()), JSON]
     invoke.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
     invoke.__annotations__ = {o.name: o.annotation for o in options}
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     made: Callable[..., None] = invoke
-    alone.command(name, help=workflow.help)(made)
+    alone.command(name, help=workflow.help, cls=Command)(made)
     return typer.main.get_command(alone)
 
 

@@ -1,10 +1,14 @@
 """What a person sees while a command works: a bar that vanishes, stages that stay, a table of a recording, questions."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from lmeasure import compiling
+from lmeasure.cli.words import said
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.check import Check
@@ -33,7 +37,7 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
     """With a person who does what is asked, and the table of what came of it."""
 
     def ask(text: str) -> None:
-        typer.prompt(f"{text}, then press Enter", default="", show_default=False, prompt_suffix=" ")
+        typer.prompt(said("{text}, then press Enter", text=text), default="", show_default=False, prompt_suffix=" ")
 
     result: Result[Check] = workflow.run(settings, lambda fraction, text: typer.echo(text), ask=ask)
     _print(result.made)
@@ -57,6 +61,27 @@ FACES: dict[str, Face] = {
 
 
 @contextmanager
+def told_of_compiling() -> Iterator[None]:
+    """Says on a terminal that kernels are being compiled, which takes long once, and afterwards for how long it was."""
+
+    def begun(name: str) -> None:
+        first = "lmeasure: compiling the numerical kernels for this machine, half a minute to two; later calls load them ({name} ...)"
+        print(said(first, name=name), file=sys.stderr, flush=True)
+
+    before = len(compiling.names)
+    compiling.begun = begun if sys.stderr is not None and sys.stderr.isatty() else None
+    try:
+        yield
+    finally:
+        done = compiling.names[before:]
+        if compiling.begun is not None and done:
+            last = "lmeasure: compiled {count} kernels in {seconds} s, kept for later: {names}"
+            names = ", ".join(dict.fromkeys(done))
+            print(said(last, count=len(done), seconds=f"{compiling.seconds:.0f}", names=names), file=sys.stderr, flush=True)
+        compiling.begun = None
+
+
+@contextmanager
 def bar(label: str) -> "Iterator[Progress]":
     """A progress bar on stderr, named by the label until the work names itself.
 
@@ -68,8 +93,8 @@ def bar(label: str) -> "Iterator[Progress]":
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        task = shown.add_task(label, total=None)
-        yield lambda fraction, text: shown.update(task, completed=fraction, total=1.0, description=text)
+        task = shown.add_task(said(label), total=None)
+        yield lambda fraction, text: shown.update(task, completed=fraction, total=1.0, description=said(text))
 
 
 @contextmanager
@@ -85,19 +110,19 @@ def stages() -> "Iterator[Progress]":
         def say(fraction: float, stage: str) -> None:
             if stage not in begun:
                 begun.add(stage)
-                typer.echo(stage, err=True)
+                typer.echo(said(stage), err=True)
 
         yield say
         return
     with Progress(TextColumn("{task.description:34}"), BarColumn(), TimeElapsedColumn(), console=console) as shown:
-        tasks: dict[str, TaskID] = {"load": shown.add_task("load", total=None)}
+        tasks: dict[str, TaskID] = {"load": shown.add_task(said("load"), total=None)}
         current = tasks["load"]
 
         def step(fraction: float, stage: str) -> None:
             nonlocal current
             if stage not in tasks:
                 shown.update(current, completed=1, total=1)
-                tasks[stage] = current = shown.add_task(stage, total=None)
+                tasks[stage] = current = shown.add_task(said(stage), total=None)
             shown.update(current, completed=fraction or None, total=1.0 if fraction else None)
 
         yield step

@@ -15,6 +15,8 @@ from typing import Any
 
 from numba.core import caching
 
+from lmeasure import compiling
+
 _Function: Any = caching.FunctionCache
 _IndexAndData: Any = caching.IndexDataCacheFile
 
@@ -86,15 +88,20 @@ class KeptCode(_Function):  # type: ignore[misc]
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
+        self._name = str(function.__name__)
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kept code for a signature, or None."""
+        kept = None
         with contextlib.suppress(Exception):
-            return super().load_overload(sig, target_context)
-        return None
+            kept = super().load_overload(sig, target_context)
+        if kept is None:
+            compiling.start(self._name)
+        return kept
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep compiled code, if it can be."""
+        compiling.end(self._name)
         with contextlib.suppress(Exception):
             super().save_overload(sig, data)

@@ -1,7 +1,7 @@
 """What each command does, once: settings in, result out; command lines, pages and scripts are faces of it.
 
 A workflow is a module with `Settings`, a model of what it is asked, and `run(settings, progress)`, which reads, calls the stages, writes
-every file, and gives a `Result`. It is known by its line in `COMMANDS`; nothing of it is loaded before it is asked for.
+every file, and gives a `Result`. It is known by its line in `JOBS`; nothing of it is loaded before it is asked for.
 """
 
 from collections.abc import Callable
@@ -12,37 +12,48 @@ if TYPE_CHECKING:
     from lmeasure.workflows.flow import Result
     from lmeasure.workflows.settings import Asked
 
-COMMANDS = {
-    "calibrate": "Find the observation points from recorded counts at reference poses, with what the data can and cannot tell.",
-    "reconstruct": "Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method.",
-    "motion": "Smooth a trajectory by local cubics and write velocity, acceleration and jerk with their uncertainties.",
-    "zone": "Map where every pressure angle stays within the limit, and the 95 % radius of the measured position.",
-    "place": "Search places for observation and attachment points that make the instrument best where the robot works.",
-    "plan-poses": "Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings.",
-    "certify": "Certify a robot by ISO 9283: certificate.json, certificate.pdf, report.html and copies of all inputs in one sealed folder.",
-    "verify": (
-        "Look at every byte of a certificate's folder and compute every figure again.\n\n"
-        "Exit 0: all the same; 1: every difference on a line; 3: nothing differs, but something could not be compared, named."
-    ),
-    "compare": "Compare certificates: what differs beyond the instrument's uncertainty, what has moved, exchangeability.",
-    "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
-    "simulate": "Simulate the instrument along a motion: what its counters would record, with the true poses beside it.",
-    "record": "Record a pass of the motion: every frame as it came, and the counts decoded from it.",
-    "check": "Walk through the self-test: which channel is which cable, direction, counts per turn, stroke and slack.",
-    "import": (
-        "Read log files of CAN frames into a run folder.\n\n"
-        "The start pose, at which the counters were zeroed, stands in no log: give it by --start FILE, or by --position-mm and "
-        "--quaternion-xyzw; without them it is unknown, and poses can be had only when it is stated later."
-    ),
-    "view": "Open a recording in the rerun viewer: the rig in space, and every figure over time.",
-    "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
-    "program": "Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads.",
-    "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
-    "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
-    "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
-    "demo": "Calibrate, record, reconstruct and map a simulated cell over a virtual CAN bus, and compare with the truth.",
+JOBS: dict[str, dict[str, str]] = {
+    "Try it": {
+        "demo": "Calibrate, record, reconstruct and map a simulated cell over a virtual CAN bus, and compare with the truth.",
+        "simulate": "Simulate the instrument along a motion: what its counters would record, with the true poses beside it.",
+    },
+    "Build and calibrate a rig": {
+        "place": "Search places for observation and attachment points that make the instrument best where the robot works.",
+        "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
+        "check": "Walk through the self-test: which channel is which cable, direction, counts per turn, stroke and slack.",
+        "plan-poses": "Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings.",
+        "calibrate": "Find the observation points from recorded counts at reference poses, with what the data can and cannot tell.",
+        "zone": "Map where every pressure angle stays within the limit, and the 95 % radius of the measured position.",
+        "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
+    },
+    "Measure a motion": {
+        "record": "Record a pass of the motion: every frame as it came, and the counts decoded from it.",
+        "import": (
+            "Read log files of CAN frames into a run folder.\n\n"
+            "The start pose, at which the counters were zeroed, stands in no log: give it by --start FILE, or by --position-mm and "
+            "--quaternion-xyzw; without them it is unknown, and poses can be had only when it is stated later."
+        ),
+        "reconstruct": "Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method.",
+        "motion": "Smooth a trajectory by local cubics and write velocity, acceleration and jerk with their uncertainties.",
+        "view": "Open a recording in the rerun viewer: the rig in space, and every figure over time.",
+    },
+    "Test a robot": {
+        "program": "Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads.",
+        "certify": (
+            "Certify a robot by ISO 9283: certificate.json, certificate.pdf, report.html and copies of all inputs in one sealed folder."
+        ),
+        "verify": (
+            "Look at every byte of a certificate's folder and compute every figure again.\n\n"
+            "Exit 0: all the same; 1: every difference on a line; 3: nothing differs, but something could not be compared, named."
+        ),
+        "compare": "Compare certificates: what differs beyond the instrument's uncertainty, what has moved, exchangeability.",
+        "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
+        "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
+        "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
+    },
 }
-"""Commands in the order in which they are listed, with their help."""
+"""Commands by the job that they belong to, in the order in which they are listed, with their help."""
+COMMANDS = {name: text for commands in JOBS.values() for name, text in commands.items()}
 
 
 class Workflow(NamedTuple):

@@ -99,7 +99,7 @@ def test_messages_end_somewhere() -> None:
 
 
 def test_what_no_module_foresaw_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def fails() -> None:
+    def fails(**options: object) -> None:
         raise ZeroDivisionError("by\nnothing " + "x" * 5000)
 
     monkeypatch.setattr(cli, "app", fails)

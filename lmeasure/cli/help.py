@@ -1,0 +1,91 @@
+"""Help as it is printed: commands by the job that they belong to, options by their groups, whole sentences, in the reader's language."""
+
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from lmeasure.cli.words import retold, said
+from lmeasure.workflows import JOBS
+
+
+def _usage(self: Any, ctx: Any, formatter: Any) -> None:
+    formatter.write_usage(ctx.command_path, " ".join(said(piece) for piece in self.collect_usage_pieces(ctx)), said("Usage: "))
+
+
+def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
+    """Lines of all arguments and options, by their group."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for one in self.get_params(ctx):
+        record = one.get_help_record(ctx)
+        if record is None:
+            continue
+        group = "Arguments" if one.param_type_name == "argument" else one.rich_help_panel or "Options"
+        name, text = record
+        # what stands in brackets behind the text is typer's
+        help_text = one.help or ""
+        behind = text.removeprefix(help_text)
+        for word in ("required", "default"):
+            behind = behind.replace(f"[{word}", f"[{said(word)}").replace(f"; {word}", f"; {said(word)}")
+        found.setdefault(group, []).append((name, said(help_text) + behind))
+    return found
+
+
+def _options(self: Any, ctx: Any, formatter: Any) -> None:
+    for group, records in _records(self, ctx).items():
+        with formatter.section(said(group)):
+            formatter.write_dl(records)
+
+
+class Command(TyperCommand):
+    """A command whose help is in the reader's language, its options in their groups."""
+
+    def format_usage(self, ctx: Any, formatter: Any) -> None:
+        """The line of usage."""
+        _usage(self, ctx, formatter)
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """What the command does."""
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(said(self.help or ""))
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments, options, and groups of options."""
+        _options(self, ctx, formatter)
+
+
+class Group(TyperGroup):
+    """The commands by their jobs."""
+
+    def format_usage(self, ctx: Any, formatter: Any) -> None:
+        """The line of usage."""
+        _usage(self, ctx, formatter)
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """What the program is."""
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(said(self.help or ""))
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Options, then the commands."""
+        _options(self, ctx, formatter)
+        self.format_commands(ctx, formatter)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Names and first paragraphs, without a look at what they stand for."""
+        width = max(len(name) for commands in JOBS.values() for name in commands)
+        for job, commands in JOBS.items():
+            with formatter.section(said(job)):
+                formatter.write_dl([(f"{name:{width}}", said(text).split("\n")[0]) for name, text in commands.items()])
+
+
+def wrong_use(error: typer.TyperException) -> str:
+    """What a person is told who typed what cannot be parsed."""
+    lines = []
+    ctx = getattr(error, "ctx", None)
+    if ctx is not None:
+        hint = said("Try '{command} {option}' for help.", command=ctx.command_path, option=ctx.help_option_names[0])
+        lines = [ctx.get_usage(), hint, ""]
+    return "\n".join([*lines, f"{said('Error')}: {retold(error.format_message())}"])

@@ -1,0 +1,76 @@
+"""`--json`: what a command gives for those who do not read lines, in one shape for all (docs/command-line.md)."""
+
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from lmeasure.shown import Shown
+from lmeasure.workflows import COMMANDS
+from lmeasure.workflows.flow import Result
+
+SCHEMA = "lmeasure.result/1"
+FLAG = "--json"
+
+
+def asked(words: Sequence[str] | None = None) -> bool:
+    """Whether the command line asks for JSON."""
+    words = sys.argv[1:] if words is None else words
+    return FLAG in (words[: words.index("--")] if "--" in words else words)
+
+
+def of_result(command: str, result: Result[Any]) -> dict[str, Any]:
+    """What a workflow gave."""
+    return _document(
+        command,
+        1 if result.failure else result.exit_code,
+        result.failure or None,
+        summary=[line for line in result.summary if line],
+        figures=dict(result.figures),
+        warnings=list(result.warnings),
+        files=list(result.files),
+        left_over=list(result.left_over),
+        made=_made(result),
+    )
+
+
+def of_error(exit_code: int, text: str, words: Sequence[str] | None = None) -> dict[str, Any]:
+    """An error in place of a result."""
+    words = sys.argv[1:] if words is None else words
+    return _document(next((word for word in words if word in COMMANDS), ""), exit_code, text)
+
+
+def written(document: Mapping[str, Any]) -> str:
+    """The document as it is printed; what is not a number is null."""
+    return json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def _document(command: str, exit_code: int, error: str | None, **given: Any) -> dict[str, Any]:
+    empty: dict[str, Any] = {"summary": [], "figures": {}, "warnings": [], "files": [], "left_over": [], "made": None}
+    return {"schema": SCHEMA, "command": command, "exit_code": exit_code, "error": error, **empty, **given}
+
+
+def _made(result: Result[Any]) -> Any:
+    """What was made: data as they are, unless a file of the command holds them, objects by what they say of themselves."""
+    made = result.made
+    if isinstance(made, Shown):
+        return made.about()
+    if isinstance(made, dict | list) and not any(path.suffix == ".json" for path in result.files):
+        return made
+    return None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):  # numbers and arrays of numpy
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)

@@ -1,0 +1,152 @@
+"""What every command has: JSON in one shape, help by jobs in the reader's language, a line on what is compiled."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from lmeasure import compiling
+from lmeasure.cli import app, machine, main
+from lmeasure.cli.commands import command
+from lmeasure.cli.faces import told_of_compiling
+from lmeasure.cli.words import language, retold, said
+from lmeasure.workflows import COMMANDS, JOBS
+from lmeasure.workflows.flow import Result
+
+TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
+KEYS = ["schema", "command", "exit_code", "error", "summary", "figures", "warnings", "files", "left_over", "made"]
+
+
+def called(words: list[object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any], str]:
+    """Exit code, the JSON on standard output, and standard error of a command."""
+    monkeypatch.setattr("sys.argv", ["lmeasure", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    done = capsys.readouterr()
+    assert isinstance(end.value.code, int)
+    return end.value.code, json.loads(done.out), done.err
+
+
+def test_every_command_can_answer_in_json() -> None:
+    for name in COMMANDS:
+        assert "--json" in {option for parameter in command(name).params for option in parameter.opts}, name
+
+
+def test_a_result_in_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    code, told, said_besides = called(["structure", TRUTH / "cell-run" / "rig.toml", "--json"], monkeypatch, capsys)
+    assert (code, list(told), said_besides) == (0, KEYS, "")
+    assert told["schema"] == "lmeasure.result/1"
+    assert told["command"] == "structure"
+    assert told["error"] is None
+    assert told["made"]["class"] == told["summary"][0].split()[0].rstrip(":,") or told["made"]["class"] in told["summary"][0]
+    # what a file holds already is named, not said again
+    words = ["structure", TRUTH / "cell-run" / "rig.toml", "--out", tmp_path / "s.json", "--json"]
+    code, told, _ = called(words, monkeypatch, capsys)
+    assert (code, told["files"], told["made"]) == (0, [str(tmp_path / "s.json")], None)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "command_name", "text"),
+    [
+        (["reconstruct", "no-run", "--out", "t.parquet", "--json"], 1, "reconstruct", "no-run: is not a run folder"),
+        (["reconstruct", "no-run", "--json"], 2, "reconstruct", "Missing option '--out'."),
+        (["calibrat", "--json"], 2, "", "No such command 'calibrat'."),
+        (["structure", "--json"], 2, "structure", "Invalid value for FILE: give a file, or --list"),
+    ],
+)
+def test_an_error_in_json(
+    words: list[str], code: int, command_name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    got, told, err = called([*words], monkeypatch, capsys)
+    assert (got, told["exit_code"], told["command"], told["error"]) == (code, code, command_name, text)
+    assert list(told) == KEYS
+    assert text in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_number_and_a_failure_in_json() -> None:
+    made = machine.of_result("zone", Result(None, ("a", ""), {"volume": float("nan")}, failure="too few", files=(Path("z.nc"),)))
+    told = json.loads(machine.written(made))
+    assert (told["exit_code"], told["error"], told["figures"], told["summary"], told["files"]) == (
+        1,
+        "too few",
+        {"volume": None},
+        ["a"],
+        ["z.nc"],
+    )
+    assert not machine.asked(["zone", "--", "--json"])
+
+
+def test_a_process_of_its_own_keeps_messages_from_the_json(tmp_path: Path) -> None:
+    words = ["key", "--out", str(tmp_path / "k.pem"), "--json"]
+    done = subprocess.run([sys.executable, "-m", "lmeasure", *words], capture_output=True, text=True)
+    assert json.loads(done.stdout)["files"] == [str(tmp_path / "k.pem"), str(tmp_path / "k.pem.pub")]
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_help_names_every_command_under_its_job_in_whole_sentences() -> None:
+    # lines break behind hyphens too
+    text = "".join(CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80"}).output.split())
+    assert "..." not in text.partition("Options:")[2]
+    for job, commands in JOBS.items():
+        assert f"{job}:".replace(" ", "") in text
+        for name, said_of in commands.items():
+            assert name + said_of.split("\n")[0].replace(" ", "") in text
+            assert said_of.split("\n")[0].endswith(".")
+
+
+def test_options_stand_in_their_groups() -> None:
+    text = CliRunner().invoke(app, ["zone", "--help"]).output
+    assert text.index("Options:") < text.index("--tilt-rad") < text.index("Limits:") < text.index("--limit-deg")
+    assert text.index("Computing:") < text.index("--workers")
+
+
+@pytest.mark.parametrize(
+    ("environment", "expected"),
+    [
+        ({}, "en"),
+        ({"LANG": "ru_RU.UTF-8"}, "ru"),
+        ({"LANG": "ru_RU.UTF-8", "LC_ALL": "C"}, "en"),
+        ({"LANG": "en_GB.UTF-8", "LC_MESSAGES": "ru_RU"}, "ru"),
+        ({"LANGUAGE": "de:ru:en", "LANG": "de_DE"}, "ru"),
+        ({"LC_ALL": "", "LANG": "ru"}, "ru"),
+        ({"LANG": "de_DE.UTF-8"}, "en"),
+    ],
+)
+def test_the_language_is_that_of_the_environment(environment: dict[str, str], expected: str) -> None:
+    assert language(environment) == expected
+
+
+def test_compiling_is_told_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(compiling, "names", [])
+    for terminal in (False, True):
+        monkeypatch.setattr("sys.stderr.isatty", lambda terminal=terminal: terminal, raising=False)
+        compiling.names.clear()
+        with told_of_compiling():
+            compiling.start("outer")
+            compiling.start("failed")
+            compiling.start("inner")
+            compiling.end("inner")
+            compiling.end("outer")
+        told = capsys.readouterr().err
+        assert compiling.names == ["inner", "outer"]
+        assert ("compiling the numerical kernels" in told) == terminal
+        assert ("compiled 2 kernels in 0 s, kept for later: inner, outer" in told) == terminal
+
+
+def test_completion_knows_the_commands() -> None:
+    environment = {**os.environ, "_LMEASURE_COMPLETE": "complete_bash", "COMP_WORDS": "lmeasure re", "COMP_CWORD": "1"}
+    code = "import sys; sys.argv = ['lmeasure']; from lmeasure.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert {"reconstruct", "record"} <= set(done.stdout.split())
+
+
+def test_words_in_english_are_the_texts() -> None:
+    assert said("compiled {count}", count=3) == "compiled 3"
+    assert retold("Missing option '--out'.") == "Missing option '--out'."
