@@ -1,16 +1,10 @@
-"""What counts at a pose would tell: the calibration's information matrix as a sum over poses.
+"""What counts at a pose would tell: what `estimation.information` sums, for a rig's cables.
 
-The estimator weighs residuals with V = counts + pose errors, where what errs at the zero pose is shared by all equations of its
-cables: the pose, the robot's way of coming to it, where within a count the counters were zeroed. With these shared errors of the cables as
-unknowns of their own, L eta with L L^T their covariance and eta's prior a unit normal, what is left of V is a block per pose, and the
-information of a campaign is a sum over its poses,
-
-    M = I + sum_c A_c^T A_c,    A_c = V_c^{-1/2} [J_c W, L],
-
-J_c the derivatives of the residuals at pose c by the unknowns, W their prior widths, V_c = diag(counts) + P_c U P_c^T. By Woodbury's
-identity the unknowns' block of M^{-1} is the covariance of the generalised least squares with V. I is the prior. Poses already recorded
-may share more than that (visits, several zero poses); with K the covariance of their errors with eta they bring
-[J W, K]^T (V - K K^T)^{-1} [J W, K]. Temperature, stretch and sag are left out: what is uncertain in them no choice of poses cures.
+What errs at the zero pose is shared by all equations of its cables: the pose, the robot's way of coming to it, where within a count the
+counters were zeroed. These shared errors of the cables are L eta, L L^T their covariance; a pose's own are diag(counts) + P_c U P_c^T.
+Poses already recorded may share more than that (visits, several zero poses); with K the covariance of their errors with eta they bring
+[J W, K]^T (V - K K^T)^{-1} [J W, K], W the prior widths. Temperature, stretch and sag are left out: what is uncertain in them no choice
+of poses cures.
 """
 
 from dataclasses import dataclass, replace
@@ -21,6 +15,7 @@ from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.unknowns import Model, unknowns_of
 from lmeasure.estimation import Parameters
+from lmeasure.estimation.information import blocks
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import count_variance, counts_from_poses
 from lmeasure.poses import poses_from_rows
@@ -85,12 +80,12 @@ class Instrument:
             [self.gradients(rows, zero.rows, zero.of, self.cables), np.broadcast_to(zero.root, (n, *zero.root.shape))], axis=2
         )
         if not (self.sigma.any() or self.visit.any()):
-            return np.asarray(A / np.sqrt(self._variance)[:, None])
+            return blocks(A, self._variance)
         kernel_rows = self.rig.cable_rows(self.cables)
         P = np.array([cable_kernels.span_rows(kernel_rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6)
         stated, anew = ((P * u**2) @ P.transpose(0, 2, 1) for u in (self.sigma, self.visit))
         V = np.diag(self._variance) + stated + np.where(self._passage[:, None] == self._passage, anew, 0.0)
-        return np.asarray(np.linalg.solve(np.linalg.cholesky(V), A))
+        return blocks(A, V)
 
     def predicted(self, campaign: Campaign) -> Campaign:
         """The campaign with the counts that the rig predicts at its poses, not rounded; gaps and zero poses are as they are."""
@@ -124,21 +119,3 @@ def _root(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(m, m) eigenvectors of a covariance (m, m), and scaled to its root: as few columns as there are cables, whatever it is made of."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors), np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def parameter_information(M: FloatArray, p: int) -> FloatArray:
-    """(p, p) information about the unknowns alone, from (q, q) without a prior on them: the zero pose's errors eliminated."""
-    if len(M) == p:
-        return M
-    return np.asarray(M[:p, :p] - M[:p, p:] @ np.linalg.solve(M[p:, p:] + np.eye(len(M) - p), M[p:, :p]))
-
-
-def estimated_covariance(information: FloatArray) -> tuple[FloatArray, int]:
-    """(p, p) covariance in units of prior widths as the estimator states it, and how many directions the data determine.
-
-    A direction better known from the data than from the prior is left to the data, any other to the prior (see `estimation.least_squares`).
-    """
-    values, vectors = np.linalg.eigh((information + information.T) / 2)
-    known = values > 1.0
-    variance = np.where(known, 1.0 / np.where(known, values, 1.0), 1.0)
-    return np.asarray((vectors * variance) @ vectors.T), int(known.sum())

@@ -10,13 +10,15 @@ from scipy.stats import qmc
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration import observability
 from lmeasure.calibration.campaign import Campaign, extended
-from lmeasure.calibration.exchange import CRITERIA, Criterion, Design, Exchange
-from lmeasure.calibration.information import Instrument, estimated_covariance, parameter_information
+from lmeasure.calibration.candidates import Candidates, candidates
+from lmeasure.calibration.information import Instrument
 from lmeasure.calibration.reach import Limits, Region, Usable
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Unobservable
 from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Fit, fit
+from lmeasure.estimation.exchange import CRITERIA, Criterion, Design, empty, grown, improved, ordered
+from lmeasure.estimation.information import estimated_covariance, parameter_information
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.poses import Poses, joined, poses_from_rows
 from lmeasure.rig import Cable, Rig
@@ -36,7 +38,7 @@ class Settings:
     """What a plan is for.
 
     poses: how many to choose (the zero pose among them, unless recorded poses are extended); region: where the robot may go; zone: where
-    lengths are to be predicted, default the region; criterion: a key of `exchange.CRITERIA`; u_position_mm, u_rotation_rad: standard
+    lengths are to be predicted, default the region; criterion: a key of `CRITERIA`; u_position_mm, u_rotation_rad: standard
     uncertainty of the reference poses; further: how many poses beyond the plan are weighed.
     """
 
@@ -130,14 +132,16 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
     else:
         before, zero = instrument.recorded(recorded)
         taken = settings.region.unit(recorded.poses.rows)
-    search = Exchange(instrument, settings.region, usable, pool[good], taken, rng)
-    design = _search(search, search.begin(before + np.eye(len(before)), zero), settings, targets, progress)
+    space = candidates(instrument, settings.region, usable, pool[good], taken, zero)
+    design = _search(empty(space, before + np.eye(len(before))), settings, targets, rng, progress)
     chosen = settings.poses - (recorded is None)
-    if len(design.units) < chosen:
-        raise CalibrationError(f"the box has room for {len(design.units) + (recorded is None)} different poses only, not {settings.poses}")
+    if len(design.points) < chosen:
+        raise CalibrationError(f"the box has room for {len(design.points) + (recorded is None)} different poses only, not {settings.poses}")
     criterion = targets.criterion(settings.criterion)
-    design = _ordered(design, criterion)
-    return _described(instrument, settings, recorded, search, design, criterion, checks, (float(good.mean()), parts))
+    # a free zero pose comes first, whatever it brings
+    design = ordered(design, criterion)
+    more = grown(design, settings.further, criterion, rng)
+    return _described(settings, recorded, design, more, checks, (float(good.mean()), parts))
 
 
 def repeatability(recorded: Campaign | None) -> FloatArray:
@@ -191,18 +195,20 @@ def _lengths(instrument: Instrument, zone: Region, log2: int, seed: int) -> _Len
     return _Lengths(out[0], out[1], tuple(c.name for c in cables))
 
 
-def _search(search: Exchange, start: Design, settings: Settings, targets: _Lengths, progress: Progress | None) -> Design:
+def _search(
+    start: Design[Candidates], settings: Settings, targets: _Lengths, rng: np.random.Generator, progress: Progress | None
+) -> Design[Candidates]:
     """The best of a greedy and some random starts, each improved; the largest variance is brought down from the smallest mean."""
     kinds = ("I", "G") if settings.criterion == "G" else (settings.criterion,)
     criteria = [targets.criterion(kind) for kind in kinds]
-    count = settings.poses - start.free_zero
-    best: Design | None = None
+    count = settings.poses - (start.candidates.zero_unit is not None)
+    best: Design[Candidates] | None = None
     for attempt in range(STARTS + 1):
-        design = search.grow(start, count, criteria[0] if attempt == 0 else None)
+        design = grown(start, count, criteria[0] if attempt == 0 else None, rng)
         for stage, criterion in enumerate(criteria):
             if progress:
                 progress(attempt * len(criteria) + stage, (STARTS + 1) * len(criteria))
-            design = search.improve(design, criterion)
+            design = improved(design, criterion, rng)
         value = criteria[-1].value(design.information)
         if best is None or criteria[-1].better(value, criteria[-1].value(best.information)):
             best = design
@@ -212,29 +218,16 @@ def _search(search: Exchange, start: Design, settings: Settings, targets: _Lengt
     return best
 
 
-def _ordered(design: Design, criterion: Criterion) -> Design:
-    """The same poses, after the zero pose the one that brings most, then the next: measuring may stop at any of them."""
-    left = list(range(len(design.units)))
-    order: list[int] = []
-    M = design.before
-    while left:
-        i = left[int(np.argmin(criterion.values(M, design.blocks[left])))]
-        M = M + design.blocks[i].T @ design.blocks[i]
-        order.append(i)
-        left.remove(i)
-    return Design(design.zero, design.zero_unit, design.free_zero, design.units[order], design.blocks[order], design.before)
-
-
 def _described(
-    instrument: Instrument,
     settings: Settings,
     recorded: Campaign | None,
-    search: Exchange,
-    design: Design,
-    criterion: Criterion,
+    design: Design[Candidates],
+    more: Design[Candidates],
     checks: _Lengths,
     usable: tuple[float, tuple[tuple[str, float], ...]],
 ) -> Plan:
+    """The plan; more: the design with the further poses that are weighed, behind its own."""
+    instrument = design.candidates.instrument
     p = len(instrument.unknowns.names)
     prior = np.eye(len(design.before))
 
@@ -243,19 +236,14 @@ def _described(
 
     old, new = _poses(settings, recorded, design)
     poses, first = joined(old, new), len(old)
-    named = poses.names[first + design.free_zero :]
+    start = first + (design.candidates.zero_unit is not None)
     course = []
     M = design.before.copy()
-    start = first + design.free_zero
     if recorded is not None:
         course.append((first, outlook(M)))
-    for i, block in enumerate(design.blocks):
+    for i, block in enumerate(more.blocks):
         M = M + block.T @ block
         course.append((start + i + 1, outlook(M)))
-    more = search.grow(design, settings.further, criterion)
-    for i, block in enumerate(more.blocks[len(design.blocks) :]):
-        M = M + block.T @ block
-        course.append((len(poses) + i + 1, outlook(M)))
     found, model = _predicted_fit(instrument, recorded, new)
     sight = observability.lines_of_sight(instrument.rig, instrument.cables, poses)
     u = np.sqrt(np.diag(found.covariance))
@@ -264,7 +252,7 @@ def _described(
         first,
         outlook(design.information),
         tuple(course),
-        tuple((name, outlook(design.without(k))) for k, name in enumerate(named)),
+        tuple((name, outlook(design.without(k))) for k, name in enumerate(poses.names[start:])),
         tuple(zip(instrument.unknowns.names, u.tolist(), instrument.unknowns.width.tolist(), strict=True)),
         tuple(observability.unobservable_directions(instrument.unknowns, found.directions[~found.known], sight)),
         model.equations,
@@ -279,9 +267,10 @@ def _outlook(information: FloatArray, lengths: _Lengths) -> Outlook:
     return Outlook(math.sqrt(inside.mean()), math.sqrt(worst.max()), lengths.cables[int(np.argmax(worst))], rank)
 
 
-def _poses(settings: Settings, recorded: Campaign | None, design: Design) -> tuple[Poses, Poses]:
+def _poses(settings: Settings, recorded: Campaign | None, design: Design[Candidates]) -> tuple[Poses, Poses]:
     """The recorded reference poses as they are stated, and the new ones, named by the next free numbers."""
-    units = np.vstack([design.zero_unit, design.units]) if design.free_zero else design.units
+    zero = design.candidates.zero_unit
+    units = design.points if zero is None else np.vstack([zero, design.points])
     rows = settings.region.rows(units)
     old = poses_from_rows(np.zeros((0, 7))) if recorded is None else recorded.poses.of(np.unique(recorded.reference_of))
     number = max([0, *(int(n) for n in old.names if n.isascii() and n.isdigit())])

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration.information import Instrument, estimated_covariance, parameter_information
+from lmeasure.calibration.information import Instrument
 from lmeasure.calibration.reach import Region
 from lmeasure.conventions import CONVENTIONS, from_singular_deg, rotation_from_angles
+from lmeasure.estimation.information import estimated_covariance, parameter_information
 from lmeasure.files import read_table
 from lmeasure.poses import read_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig

@@ -8,10 +8,11 @@ import pytest
 from lmeasure import calibration, certification
 from lmeasure.accuracy.limits import Limits
 from lmeasure.accuracy.placement import GENERATIONS
-from lmeasure.calibration import exchange, planning, reach
+from lmeasure.calibration import planning, reach
 from lmeasure.certification.campaign import Tests as CubeTests
 from lmeasure.certification.certificate import LANGUAGES
 from lmeasure.errors import SettingsError
+from lmeasure.estimation.exchange import CRITERIA
 from lmeasure.report.certificate import Choices
 from lmeasure.trajectory.motion import HALF_WIDTH_S
 from lmeasure.workflows import COMMANDS, load
@@ -120,7 +121,7 @@ def test_defaults_are_those_of_the_stages() -> None:
     chosen = asked("plan-poses")
     plan = vars(planning.Settings(4, None))  # type: ignore[arg-type]
     assert all(getattr(chosen, name) == plan[name] for name in ("criterion", "solve", "passes", "further", "seed"))
-    assert set(exchange.CRITERIA) == {"G", "I", "D"}
+    assert set(CRITERIA) == {"G", "I", "D"}
     # a form knows no infinity, and what a person types into a controller is wanted away from its singular angles
     limits = vars(reach.Limits()) | {"max_length_mm": 1e6, "singular_deg": 2.0}
     assert all(getattr(chosen, name) == value for name, value in limits.items())

@@ -1,0 +1,88 @@
+"""Reference poses that may be chosen, in coordinates of the region's unit cube, with the zero pose on which all of them hang."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.calibration.information import Instrument, Zero
+from lmeasure.calibration.reach import Region, Usable
+
+APART = 0.1
+"""Two poses must differ by this part of a coordinate's range: a pose visited twice repeats its rounding, and tells nothing new."""
+
+ZERO_TRIES = 24
+LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
+NUDGES = (-0.06, 0.06)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Usable poses pool (c, 6) for an instrument whose counters are zeroed at `zero`; taken (r, 6): poses already recorded, which no
+    planned pose may repeat. zero_unit (6,): coordinates of a zero pose that may be chosen too, None where it is given."""
+
+    instrument: Instrument
+    region: Region
+    usable: Usable
+    pool: FloatArray
+    taken: FloatArray
+    zero: Zero
+    zero_unit: FloatArray | None
+
+    @cached_property
+    def told(self) -> FloatArray:
+        """(c, m, q) blocks of the pool."""
+        return self.blocks(self.pool)
+
+    def blocks(self, points: FloatArray) -> FloatArray:
+        """(n, m, q) of points (n, 6)."""
+        return self.instrument.blocks(self.region.rows(points), self.zero)
+
+    def apart(self, tried: FloatArray, points: FloatArray) -> BoolArray:
+        """(n,) True for coordinates that repeat none of points, of the recorded poses, nor the zero pose."""
+        return self._apart(tried, points if self.zero_unit is None else np.vstack([points, self.zero_unit]))
+
+    def _apart(self, tried: FloatArray, points: FloatArray) -> BoolArray:
+        every = np.vstack([self.taken, points])
+        gap = np.abs(tried[:, None, :] - every[None, :, :])[:, :, self.region.active]
+        return np.asarray((gap.max(axis=2, initial=0.0) >= APART - 1e-12).all(axis=1))
+
+    def beside(self, point: FloatArray) -> FloatArray:
+        """Usable poses with a single coordinate moved to levels of its range and a little to both sides."""
+        out = []
+        for c in np.flatnonzero(self.region.active):
+            for value in (*LEVELS, *(np.clip(point[c] + NUDGES, 0.0, 1.0))):
+                if value != point[c]:
+                    moved = point.copy()
+                    moved[c] = value
+                    out.append(moved)
+        near = np.array(out).reshape(-1, 6)
+        return near[self.usable(self.region.rows(near))]
+
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterator[Self]:
+        """Zeroed at some of the pool, or beside where they are, if that may be chosen."""
+        if self.zero_unit is None:
+            return
+        tried = self.beside(self.zero_unit) if near else self.pool
+        free = tried[self._apart(tried, points)]
+        if len(free) > ZERO_TRIES:
+            free = free[rng.choice(len(free), ZERO_TRIES, replace=False)]
+        for unit in free:
+            yield self.zeroed(unit)
+
+    def zeroed(self, unit: FloatArray) -> Self:
+        """The same, zeroed at a pose of coordinates unit (6,)."""
+        return replace(self, zero=self.instrument.zero(self.region.rows(unit[None, :])[0]), zero_unit=unit)
+
+
+def candidates(
+    instrument: Instrument, region: Region, usable: Usable, pool: FloatArray, taken: FloatArray, zero: Zero | None
+) -> Candidates:
+    """Zeroed as given, or else, to begin with, at the candidate nearest to the middle of the region."""
+    if zero is not None:
+        return Candidates(instrument, region, usable, pool, taken, zero, None)
+    unit = pool[int(np.argmin(np.sum((pool - 0.5) ** 2, axis=1)))]
+    return Candidates(instrument, region, usable, pool, taken, instrument.zero(region.rows(unit[None, :])[0]), unit)

@@ -1,0 +1,67 @@
+"""Which measurements to make: updates against the criterion itself, the search against trying everything, sums against covariances."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from problems import Line, Readings
+
+from lmeasure.estimation import fit
+from lmeasure.estimation.exchange import Criterion, Numbered, empty, grown, improved, ordered
+from lmeasure.estimation.information import blocks, estimated_covariance, parameter_information
+
+
+@pytest.mark.parametrize("kind", ["I", "G", "D"])
+@given(seed=st.integers(0, 10_000))
+def test_rank_one_style_updates_are_the_criterion_itself(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    p, q, m = 5, 11, 3
+    criterion = Criterion(kind, rng.normal(size=(7, p)))
+    M = np.eye(q) + (root := rng.normal(size=(4, q)) * 10 ** rng.uniform(-1, 2)).T @ root
+    tried = rng.normal(size=(6, m, q)) * 10 ** rng.uniform(-1, 2)
+    direct = [criterion.value(M + A.T @ A) for A in tried]
+    np.testing.assert_allclose(criterion.values(M, tried), direct, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["I", "G", "D"])
+def test_readings_of_a_parabola_are_chosen_as_by_trying_all(kind: str) -> None:
+    """Nothing of cables: 4 of 11 places at which to read, each once; the order is that of what each brings."""
+    x = np.linspace(-1.0, 1.0, 11)
+    parabola = Line(Readings(x, np.zeros(11), u=0.1), degree=2)
+    told = blocks((parabola.jacobian(parabola.start) * parabola.parameters.width)[:, None, :], np.array([0.1**2]))
+    criterion = Criterion(kind, np.vander(np.linspace(-1.0, 1.0, 50), 3, increasing=True) * parabola.parameters.width)
+    rng = np.random.default_rng(1)
+    design = improved(grown(empty(Numbered(told), np.eye(3)), 4, None, rng), criterion, rng)
+    every = {c: criterion.value(np.eye(3) + sum((told[i].T @ told[i] for i in c), np.zeros((3, 3)))) for c in combinations(range(11), 4)}
+    assert len(set(design.points[:, 0])) == 4
+    assert criterion.value(design.information) == pytest.approx(min(every.values()), rel=1e-9, abs=1e-9)
+    steps = ordered(design, criterion)
+    M = np.eye(3)
+    for i, own in enumerate(steps.blocks):
+        left = [criterion.value(M + A.T @ A) for A in steps.blocks[i:]]
+        assert left[0] == pytest.approx(min(left), rel=1e-9)
+        M = M + own.T @ own
+    np.testing.assert_allclose(M, design.information, rtol=1e-12, atol=1e-9)
+
+
+def test_no_more_is_chosen_than_there_is() -> None:
+    told = np.random.default_rng(2).normal(size=(3, 1, 2))
+    criterion = Criterion("I", np.eye(2))
+    design = grown(empty(Numbered(told), np.eye(2)), 5, criterion, np.random.default_rng(0))
+    assert sorted(design.points[:, 0]) == [0.0, 1.0, 2.0]
+
+
+def test_information_of_readings_that_share_an_error_is_the_estimators() -> None:
+    """A zero read once is in all readings: its elimination is the generalised least squares with the full covariance."""
+    x, u, shared = np.linspace(-1.0, 2.0, 8), 0.1, 0.4
+    problem = Line(Readings(x, 0.3 + 0.5 * x, u=u, more=np.full((8, 8), shared**2)))
+    found = fit(problem, problem.start)
+    width = problem.parameters.width
+    derivatives = np.column_stack([problem.jacobian(problem.start) * width, np.full(8, shared)])[:, None, :]
+    A = blocks(derivatives, np.array([[u**2]]))
+    np.testing.assert_allclose(A, blocks(derivatives, np.array([u**2])), rtol=1e-12)
+    covariance, rank = estimated_covariance(parameter_information(np.einsum("nmq,nmr->qr", A, A), 2))
+    assert rank == found.rank == 2
+    np.testing.assert_allclose(covariance * np.outer(width, width), found.covariance, rtol=1e-9)
