@@ -11,8 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.checked import complaint
-from lmeasure.errors import FileFormatError
+from lmeasure.checked import complaints, told
 from lmeasure.shown import DataFrame, Shown, framed
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -230,7 +229,7 @@ def read_calibration_record(path: Path) -> CalibrationRecord:
     except ValidationError as error:
         # what is no JSON has no keys to name
         data = None if error.errors()[0]["type"] == "json_invalid" else json.loads(raw)
-        raise FileFormatError(f"{path}: {complaint(error, data, CalibrationRecord, {})}") from None
+        raise told(str(path), data, complaints(error, data, CalibrationRecord)) from None
 
 
 def write_calibration_record(path: Path, record: CalibrationRecord) -> None:

@@ -148,19 +148,6 @@ class J1939Can(_Bus):
 
 CanTable = Annotated[RawCan | DbcCan | CanOpenCan | J1939Can, Field(discriminator="decoder")]
 
-CAN_TABLES: dict[str, type[Strict]] = {
-    "raw": RawCan,
-    "raw channel": RawChannel,
-    "dbc": DbcCan,
-    "dbc channel": DbcChannel,
-    "cia406": CanOpenCan,
-    "cia406 channel": NodeChannel,
-    "j1939": J1939Can,
-    "j1939 channel": J1939Channel,
-    "start_input": StartInput,
-}
-"""Models by key, for `checked.complaint`."""
-
 
 def default_can(channels: tuple[str, ...]) -> RawCan:
     """The table of a rig without one: the default frames of CiA 406 encoders on nodes 1, 2, ..."""

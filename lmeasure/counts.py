@@ -110,11 +110,15 @@ def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | Non
 
 
 def _counts(table: files.Table) -> Counts:
-    path = table.path
     channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS)
     if not channels:
-        raise FileFormatError(f"{path}: has no count column besides {', '.join(table.columns)}")
-    sync = None
+        raise FileFormatError(f"{table.path}: has no count column besides {', '.join(table.columns)}")
+    with table.every_fault(("time_s", "sync", "u_time_s", "temperature_c"), gaps=channels):
+        return _taken(table, channels)
+
+
+def _taken(table: files.Table, channels: tuple[str, ...]) -> Counts:
+    path, sync = table.path, None
     if "sync" in table.columns:
         sync = table.numbers("sync")
         bad = np.flatnonzero((sync != 0) & (sync != 1))

@@ -25,7 +25,8 @@ from pydantic import Field, model_validator
 from lmeasure import files
 from lmeasure.checked import Name, Strict, Whole, checked
 from lmeasure.errors import FileFormatError, RigError
-from lmeasure.rig import Length, NotNegative, Positive, Rig, rig_from_dict
+from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.rig_tables import Length, NotNegative, Positive
 
 AGREEMENT = 0.01  # of a turn's cable: beyond it the radius and the length of a count cannot be of one drum
 
@@ -177,7 +178,7 @@ def drum_uncertainty(measured: DrumMeasurement) -> tuple[float, float]:
 
 def read_drums(path: Path) -> tuple[DrumMeasurement, ...]:
     """Read a measurements file (schema lmeasure.drum/1, one [[drum]] per observation point); FileFormatError names the file and key."""
-    return checked(files.read_toml(path), _Measurements, str(path), {"drum": DrumMeasurement}).drum
+    return checked(files.read_toml(path), _Measurements, str(path)).drum
 
 
 def choose(measured: tuple[DrumMeasurement, ...], points: list[str], source: str) -> tuple[DrumMeasurement, ...]:

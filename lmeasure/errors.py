@@ -13,11 +13,24 @@ def shortened(text: str) -> str:
 
 
 class LMeasureError(Exception):
-    """The data cannot give the answer. The text is one line and says what to look at."""
+    """The data cannot give the answer. The text is one line and says what to look at; `lines` are all of them, where a file has several
+    faults."""
+
+    complaints: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        # names of files and texts of other libraries may bring line ends along, and characters that turn the line around or hide in it
-        return shortened("".join(c if c.isprintable() else f"\\u{{{ord(c):X}}}" for c in " ".join(super().__str__().split())))
+        others = len(self.complaints) - 1
+        return _one_line(super().__str__()) + (f" (and {others} more)" if others > 0 else "")
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Everything that is wrong, a line each; the first is what the error was raised with."""
+        return tuple(_one_line(text) for text in self.complaints) or (str(self),)
+
+
+def _one_line(text: str) -> str:
+    # names of files and texts of other libraries may bring line ends along, and characters that turn the line around or hide in it
+    return shortened("".join(c if c.isprintable() else f"\\u{{{ord(c):X}}}" for c in " ".join(text.split())))
 
 
 class OverwriteError(LMeasureError):

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.checked import Name, Strict, complaint
+from lmeasure.checked import Name, Strict, checked
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ
 from lmeasure.lcoordinate import singularity, starts, straight
@@ -22,20 +22,17 @@ Coordinate = Annotated[float, Field(ge=-1e7, le=1e7)]
 Points = Annotated[dict[Name, tuple[Coordinate, Coordinate, Coordinate]], Field(min_length=1)]
 
 
-class _Link(Strict):
+class Link(Strict):
     from_point: Annotated[str, Field(alias="from")]
     to_point: Annotated[str, Field(alias="to")]
     length_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
 
 
-class _File(Strict):
+class StructureFile(Strict):
     schema_: Annotated[Literal["lmeasure.structure/1"], Field(alias="schema")]
     base: Points
     platform: Points
-    link: Annotated[tuple[_Link, ...], Field(min_length=1)]
-
-
-_TABLES = {"link": _Link}
+    link: Annotated[tuple[Link, ...], Field(min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -64,10 +61,7 @@ def read_linkage(path: Path) -> Linkage:
 
 
 def _of_file(data: dict[str, Any], path: Path) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    try:
-        table = _File.model_validate(data, by_alias=True, by_name=False)
-    except ValidationError as error:
-        raise FileFormatError(f"{path}: {complaint(error, data, _File, _TABLES)}") from None
+    table = checked(data, StructureFile, str(path))
     ends: dict[str, list[tuple[float, float, float]]] = {"base": [], "platform": []}
     for i, link in enumerate(table.link, 1):
         for side, name, points in (("base", link.from_point, table.base), ("platform", link.to_point, table.platform)):

@@ -154,6 +154,14 @@ def read_poses(path: Path, angles: str, *, positions_alone: bool = False) -> Pos
     such as rho_x_y or rho_z_rx. positions_alone: a file without any column of an orientation is read, and is not `oriented`.
     """
     table = files.read_table(path)
+    columns = conventions.convention(angles).columns
+    known = (*POSITION_COLUMNS, *conventions.QUATERNION_COLUMNS, *columns, "u_position_mm", "u_rotation_deg", *AXIS_COLUMNS)
+    with table.every_fault(known):
+        return _poses_in(table, angles, positions_alone)
+
+
+def _poses_in(table: files.Table, angles: str, positions_alone: bool) -> Poses:
+    path = table.path
     names = table.text("pose")
     if len(names) == 0:
         raise FileFormatError(f"{path}: has no poses")
@@ -222,7 +230,7 @@ def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: F
     least = np.linalg.eigvalsh(correlation)[:, 0]
     if (least < -1e-9).any():
         pose = int(np.argmin(least))
-        raise FileFormatError(f"{path}: line {pose + 2}: no six quantities can have these correlations (rho_...)")
+        raise FileFormatError(f"{path}:{pose + 2}: no six quantities can have these correlations (rho_...)")
     return np.asarray(sigma[:, :, None] * correlation * sigma[:, None, :])
 
 

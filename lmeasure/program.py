@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure import conventions, files
@@ -332,20 +332,9 @@ def _apart(kind: str, parts: Sequence[_Run]) -> None:
             raise ValueError(f"{kind} {other}: a window starts at {start:g} s, before one of {one} ends at {end:g} s")
 
 
-_TABLES: dict[str, type[BaseModel]] = {
-    "pose": CommandedPose,
-    "path": CommandedPath,
-    "distance": Distance,
-    "drift": Drift,
-    "posing": Posing,
-    "compliance": Compliance,
-    "tolerance": Tolerance,
-}
-
-
 def read_program(path: Path) -> Program:
     """Read a program.toml; FileFormatError names the file and the key."""
-    return checked(files.read_toml(path), Program, str(path), _TABLES)
+    return checked(files.read_toml(path), Program, str(path))
 
 
 def write_program(path: Path, program: Program) -> None:

@@ -2,38 +2,27 @@
 
 import difflib
 import math
-from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.can_table import CAN_TABLES, CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
-from lmeasure.checked import Name, Strict, Whole, checked, whole
+from lmeasure.can_table import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
+from lmeasure.checked import Name, Strict, checked, refuse
 from lmeasure.errors import RigError
 from lmeasure.kernels import layout
+from lmeasure.rig_tables import Cable as Cable
+from lmeasure.rig_tables import CableOnDrum, Expansion, Length, NotNegative
+from lmeasure.rig_tables import Drum as Drum
+from lmeasure.rig_tables import ObservationPoint as ObservationPoint
 from lmeasure.shown import DataFrame, Shown, framed
-
-Vector = tuple[float, float, float]
+from lmeasure.toml_lines import Keys
 
 CABLES_FOR_A_POSE = 6
-
-
-def _finite_length(value: float) -> float:
-    if not abs(value) <= conventions.MAX_LENGTH_MM:
-        raise ValueError(f"must be a length of at most {conventions.MAX_LENGTH_MM:.0f} mm")
-    return value
 
 
 def _one_line(value: str) -> str:
@@ -42,167 +31,21 @@ def _one_line(value: str) -> str:
     return value
 
 
-LEAST_SCALE = 1e-6
-
-
-def _scale(value: float) -> float:
-    if value < LEAST_SCALE:
-        raise ValueError(f"is {value:g}; {LEAST_SCALE:g} is the least")
-    return value
-
-
-Length = Annotated[float, AfterValidator(_finite_length)]
-Positive = Annotated[float, Field(gt=0), AfterValidator(_finite_length)]
-NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
-
-
-Expansion = Annotated[float, Field(ge=-1e-3, le=1e-3)]
-Tension = Annotated[float, Field(gt=0, le=1e5)]
-
-
-class CableOnDrum(Strict):
-    """What temperature, tension and weight do to the cable of a drum; nothing where a key is not given. See `kernels.effects`."""
-
-    cable_expansion_per_k: Expansion | None = None
-    drum_expansion_per_k: Expansion | None = None
-    """Of the drum and the swivel pulley."""
-    guide_length_mm: NotNegative | None = None
-    """Cable from the fixed pulley's tangent point to B, which expands with the rest."""
-    cable_stiffness_n: Annotated[float, Field(gt=0, le=1e9)] | None = None
-    """EA: tension over strain."""
-    cable_mass_kg_per_m: Annotated[float, Field(ge=0, le=10)] | None = None
-    cable_tension_n: Tension | None = None
-    """Tension that the drum keeps, at k = 0."""
-    cable_tension_n_per_m: Annotated[float, Field(ge=-1e4, le=1e4)] | None = None
-    """How it rises with the cable paid out."""
-    winding_tension_n: Tension | None = None
-    """Tension with which the cable was wound, when it was not the drum's own."""
-    u_cable_expansion_per_k: NotNegative | None = None
-    u_cable_stiffness_n: NotNegative | None = None
-    u_cable_mass_kg_per_m: NotNegative | None = None
-    u_cable_tension_n: NotNegative | None = None
-    u_cable_tension_change_n: NotNegative | None = None
-    """How far the tension may be from the drum's law at a moment: friction, which turns with the direction of travel."""
-
-    @model_validator(mode="after")
-    def _tension_is_given(self) -> Self:
-        for key in ("cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n_per_m"):
-            if getattr(self, key) is not None and self.cable_tension_n is None:
-                raise ValueError(f"{key}: has an effect only with cable_tension_n, which is missing")
-        if self.winding_tension_n is not None and self.cable_stiffness_n is None:
-            raise ValueError("winding_tension_n: has an effect only with cable_stiffness_n, which is missing")
-        for key in ("cable_expansion_per_k", "cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n"):
-            if getattr(self, f"u_{key}") is not None and getattr(self, key) is None:
-                raise ValueError(f"u_{key}: is the uncertainty of {key}, which is missing")
-        for key in ("cable_stiffness_n", "cable_mass_kg_per_m", "cable_tension_n"):
-            value, u = getattr(self, key), getattr(self, f"u_{key}")
-            if u is not None and u > 0.5 * value:
-                raise ValueError(f"u_{key}: {u:g} is more than half of {key}, {value:g}: then its effect is not known at all")
-        if self.u_cable_tension_change_n is not None and self.cable_stiffness_n is None:
-            raise ValueError("u_cable_tension_change_n: has an effect only with cable_stiffness_n, which is missing")
-        return self
-
-
-class Drum(CableOnDrum):
-    """A grooved drum with its encoder. Lengths in mm; see the contract of rig.toml for each."""
-
-    counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
-    count_length_mm: Positive
-    groove_pitch_mm: Length
-    tangent_length_mm: NotNegative
-    axial_offset_mm: Length
-    count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
-    scale: Annotated[float, Field(gt=0, le=1e6), AfterValidator(_scale)] = 1.0
-    """Decoding factor: recorded count = count_sign * scale * k."""
-    zero_exact: bool = False
-    """Whether k = 0 is exact. A counter is zeroed anywhere within a count: recorded = round(count_sign * scale * k + phase), the phase
-    uniform within half a recorded count and one draw for all rows until the counter is zeroed again."""
-    counter_bits: Annotated[Whole, Field(ge=8, le=64)] | None = None
-    braked: bool = False
-    """Its winch stood still on purpose: a count that never changes is a reading, not a dead encoder."""
-    max_cable_speed_mm_s: Positive = 20000.0
-    max_cable_acceleration_mm_s2: Positive | None = None
-    """Beyond which a cable does not follow the tool: it went slack or is taut again."""
-    u_scale: NotNegative | None = None
-    u_count_length_mm: NotNegative | None = None
-    u_groove_pitch_mm: NotNegative | None = None
-    u_run_out_mm: NotNegative | None = None
-    """Of each of a and b, where the cable paid out errs by a cos(2 pi k/N) + b sin(2 pi k/N): a drum out of round or off its axis."""
-    u_backlash_counts: NotNegative | None = None
-    """Of half the width of the band in which a reading lies by the way it was come from: play between drum and encoder."""
-    u_friction_counts: NotNegative | None = None
-    """The same of friction, which stretches the cable one way or the other."""
-    u_tangent_length_mm: NotNegative | None = None
-    u_axial_offset_mm: NotNegative | None = None
-
-    @model_validator(mode="after")
-    def _groove_is_shallow(self) -> Self:
-        turn = self.counts_per_revolution * self.count_length_mm
-        if abs(self.groove_pitch_mm) >= turn:
-            raise ValueError(f"groove_pitch_mm: must be less than the cable of one turn, {turn:g} mm")
-        if self.u_count_length_mm is not None and self.u_count_length_mm > 0.5 * self.count_length_mm:
-            raise ValueError(
-                f"u_count_length_mm: {self.u_count_length_mm:g} is more than half of count_length_mm, {self.count_length_mm:g}: "
-                "then no length is known at all"
-            )
-        return self
-
-    @model_serializer(mode="wrap")
-    def _without_what_is_so_by_default(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # rigs written before, and digests of them, do not have these keys
-        return {key: value for key, value in handler(self).items() if key not in {"zero_exact", "braked"} or value}
-
-    @property
-    def axial_per_count_mm(self) -> float:
-        """Axial travel of the pay-out point per count [mm]."""
-        return self.groove_pitch_mm / self.counts_per_revolution
-
-
-class ObservationPoint(Strict):
-    """A fixed point B with its swivel pulley and drum. position_mm in the robot's base frame."""
-
-    name: Name
-    position_mm: tuple[Length, Length, Length]
-    guide_alpha_deg: Annotated[float, Field(ge=-90, le=90)]
-    guide_beta_deg: Annotated[float, Field(ge=-360, le=360)]
-    pulley_radius_mm: NotNegative
-    drum: Drum
-    u_position_mm: NotNegative | None = None
-    u_guide_deg: NotNegative | None = None
-    u_pulley_radius_mm: NotNegative | None = None
-    u_pulley_eccentricity_mm: NotNegative | None = None
-    """Of each of two components of the way from the swivel pulley's axle to the centre of its groove."""
-
-    @model_validator(mode="after")
-    def _turns_about_an_axle(self) -> Self:
-        if self.u_pulley_eccentricity_mm and self.u_pulley_eccentricity_mm > 0.5 * self.pulley_radius_mm:
-            raise ValueError(
-                f"u_pulley_eccentricity_mm: {self.u_pulley_eccentricity_mm:g} is more than half of pulley_radius_mm, "
-                f"{self.pulley_radius_mm:g}: no pulley turns so"
-            )
-        return self
-
-
-class Cable(Strict):
-    """A cable from an observation point to an attachment point, counted by a channel in one pass of the motion."""
-
-    name: Name
-    channel: Name
-    from_point: Annotated[str, Field(alias="from")]
-    to_point: Annotated[str, Field(alias="to")]
-    passage: Annotated[Whole, Field(alias="pass", ge=1, le=1000)] = 1
-
-
 class Rig(Shown, Strict):
     """A rig as rig.toml states it. Frozen; `cable_rows` gives the kernels' arrays."""
 
     schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
+    """What the file is, and in which version."""
     name: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
-    angles: str = conventions.DEFAULT
+    """By which reports call the rig."""
+    angles: Annotated[str, Field(json_schema_extra={"enum": list(conventions.CONVENTIONS)})] = conventions.DEFAULT
+    """The controller's convention of angles, in which reference poses and start poses are written."""
     assumed: tuple[str, ...] = ()
+    """Values of this file that nobody measured, such as `B1.pulley_radius_mm` or `P1`: they have wide priors and are named in reports."""
     calibration: str | None = None
+    """Record beside this file that `calibrate` wrote, and links here; it brings the covariance."""
     constraint: Literal["planar", "vertical-axis"] | None = None
-    """What holds the tool where fewer than six cables measure it; see `trajectory.scheme`."""
+    """What holds the tool where fewer than six cables measure it."""
     side: tuple[float, float, float] | None = None
     """Direction in which the tool lies from the middle of the observation points: tells assemblies apart where a run gives lengths."""
     frame_expansion_per_k: Expansion | None = None
@@ -210,14 +53,19 @@ class Rig(Shown, Strict):
     reference_temperature_c: Annotated[float, Field(ge=-100, le=200)] | None = None
     """Temperature at which the rig has the dimensions stated here; 20 where it is not given (ISO 1)."""
     u_frame_expansion_per_k: NotNegative | None = None
+    """Standard uncertainty of `frame_expansion_per_k`."""
     u_temperature_k: NotNegative | None = None
     """Standard uncertainty of a temperature: of the parts against the thermometer."""
     u_attachment_mm: NotNegative | None = None
     """Of each coordinate of every attachment point in the tool frame."""
     observation_point: Annotated[tuple[ObservationPoint, ...], Field(min_length=1)]
+    """The observation points, a table `[[observation_point]]` each."""
     tool: Annotated[dict[Name, tuple[Length, Length, Length]], Field(min_length=1)]
+    """Attachment points by their names, in the tool frame [mm]."""
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
+    """The cables, a table `[[cable]]` each."""
     can: CanTable | None = None
+    """Which frames of the bus carry the counters; absent: the default frames of CiA 406 encoders on nodes 1, 2, ..."""
 
     def about(self) -> dict[str, str]:
         """Name, cables, points, calibration."""
@@ -242,37 +90,21 @@ class Rig(Shown, Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        cables = [{"name": c.name, "channel": c.channel, "from": c.from_point, "to": c.to_point, "pass": c.passage} for c in self.cable]
+        refuse(_references({"observation_point": [{"name": p.name} for p in self.observation_point], "tool": self.tool, "cable": cables}))
         if self.angles not in conventions.CONVENTIONS:
             raise ValueError(f"angles: {self.angles!r} is not one of {', '.join(conventions.CONVENTIONS)}")
-        for kind, names in (
-            ("observation_point", [p.name for p in self.observation_point]),
-            ("cable", [c.name for c in self.cable]),
-        ):
-            for name, times in Counter(names).items():
-                if times > 1:
-                    raise ValueError(f"{kind}: the name {name!r} is given {times} times")
-        points = [p.name for p in self.observation_point]
-        for c in self.cable:
-            if c.channel in conventions.RESERVED_COLUMNS:
-                raise ValueError(f"cable {c.name}: channel = {c.channel!r} is the name of another column of counts files")
-            if c.from_point not in points:
-                raise ValueError(f"cable {c.name}: from = {c.from_point!r} is no observation_point ({', '.join(points)})")
-            if c.to_point not in self.tool:
-                raise ValueError(f"cable {c.name}: to = {c.to_point!r} is no point of [tool] ({', '.join(self.tool)})")
-        for (channel, passage), times in Counter((c.channel, c.passage) for c in self.cable).items():
-            if times > 1:
-                raise ValueError(f"cable: channel = {channel!r} serves {times} cables in pass {passage}; one cable per pass")
         passes = {c.passage for c in self.cable}
         if passes != set(range(1, len(passes) + 1)):
             raise ValueError(f"cable: the passes are {sorted(passes)}; they must be numbered from 1 without a hole")
         if self.can is not None:
             check_channels(self.can, set(self.channels))
         known = set(self.parameter_names())
-        for name in self.assumed:
-            if name not in known:
-                close = difflib.get_close_matches(name, known, n=1)
-                hint = f"; did you mean {close[0]!r}?" if close else ""
-                raise ValueError(f"assumed: {name!r} names no value of this rig{hint}")
+        hints = {name: difflib.get_close_matches(name, known, n=1) for name in self.assumed if name not in known}
+        refuse(
+            (("assumed",), f"{name!r} names no value of this rig" + (f"; did you mean {hints[name][0]!r}?" if hints[name] else ""))
+            for name in hints
+        )
         return self
 
     def parameter_names(self) -> list[str]:
@@ -378,14 +210,35 @@ class Rig(Shown, Strict):
         return self.model_dump(by_alias=True, exclude_none=True, mode="json")
 
 
-_TABLES: dict[str, type[BaseModel]] = {"observation_point": ObservationPoint, "drum": Drum, "cable": Cable, **CAN_TABLES}
+def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
+    """What contradicts itself in the names of a rig.toml's content, whatever else is wrong with it: (keys, what is wrong)."""
+    lists = {key: data.get(key) for key in ("observation_point", "cable")}
+    tables = {key: [t for t in value if isinstance(t, dict)] if isinstance(value, list) else [] for key, value in lists.items()}
+    points, tool = [str(p.get("name")) for p in tables["observation_point"]], data.get("tool")
+    for kind, named in tables.items():
+        for i, table in enumerate(named):
+            if isinstance(name := table.get("name"), str) and name in [t.get("name") for t in named[:i]]:
+                yield (kind, i, "name"), f"the name {name!r} is given {sum(t.get('name') == name for t in named)} times"
+    served: set[tuple[str, int]] = set()
+    for i, c in enumerate(tables["cable"]):
+        channel, start, end, passage = c.get("channel"), c.get("from"), c.get("to"), c.get("pass", 1)
+        if isinstance(channel, str) and channel in conventions.RESERVED_COLUMNS:
+            yield ("cable", i, "channel"), f"{channel!r} is the name of another column of counts files"
+        if isinstance(start, str) and start not in points:
+            yield ("cable", i, "from"), f"{start!r} is no observation_point ({', '.join(map(str, dict.fromkeys(points)))})"
+        if isinstance(end, str) and isinstance(tool, dict) and end not in tool:
+            yield ("cable", i, "to"), f"{end!r} is no point of [tool] ({', '.join(tool)})"
+        if isinstance(channel, str) and isinstance(passage, int) and not isinstance(passage, bool):
+            if (channel, passage) in served:
+                yield ("cable", i, "channel"), f"{channel!r} serves another cable too in pass {passage}; one cable per pass"
+            served.add((channel, passage))
 
 
 def rig_from_dict(data: dict[str, Any], source: str = "rig") -> Rig:
     """A checked rig; RigError names the source and the key."""
     if "schema" not in data:
         raise RigError(f"{source}: schema: is missing; this program reads 'lmeasure.rig/1'")
-    return checked(data, Rig, source, _TABLES, RigError)
+    return checked(data, Rig, source, RigError, also=_references)
 
 
 def read_rig(path: Path) -> Rig:

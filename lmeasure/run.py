@@ -131,7 +131,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     data = files.read_toml(path)
     if not isinstance(data.get("pass"), list) or not data["pass"]:
         raise FileFormatError(f"{path}: [[pass]] is missing")
-    table = checked(data, _RunFile, str(path), {"pass": _Pass})
+    table = checked(data, _RunFile, str(path))
     if table.rig is None and rig_path is None:
         raise FileFormatError(f"{path}: rig: is missing; it names the rig file inside this folder")
     rig, calibration = read_linked_rig(rig_path or inside(folder, table.rig or "", f"{path}: rig", "the run folder"))

@@ -45,11 +45,11 @@ REFUSALS = [
     ({"covariance": [[0.01, 0.005], [0.006, 0.04]]}, "covariance: is not symmetric"),
     ({"covariance": [[-0.01, 0], [0, 0.04]]}, "covariance: is not symmetric with variances on its diagonal"),
     ({"covariance": [[0.01, 0.03], [0.03, 0.04]]}, "covariance: is not positive semidefinite"),
-    ({"covariance": [["x", 0], [0, 1]]}, "covariance [0] [0]: must be a number (got 'x')"),
+    ({"covariance": [["x", 0], [0, 1]]}, "number 1 must be a number, is 'x'"),
     ({"schema": "lmeasure.calibration/2"}, "schema"),
     ({"rank": "two"}, "rank"),
     ({"rank": True}, "rank"),
-    ({"parameters": [{"name": "a"}]}, "parameters a value: is missing"),
+    ({"parameters": [{"name": "a"}]}, "[parameters a].value: is missing"),
     ({"parameters": [{"name": "B1.x_mm", "value": 1, "u": 0.1, "prior_u": 1}] * 2}, "parameters: the name 'B1.x_mm' is given 2 times"),
 ]
 

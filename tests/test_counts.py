@@ -54,11 +54,11 @@ FILES = [
     ("time_s,ch1\n", "has no samples"),
     ("time_s,ch1\n0,1\n1,2\n0.5,3\n", "sample 2: time_s = 0.5 does not follow 1.0"),
     ("time_s,ch1\n0,1\n0,2\n", "sample 1: time_s = 0.0 does not follow 0.0"),
-    ("time_s,ch1\n0,1\n,2\n", "line 3, column 'time_s' is empty"),
-    ("time_s,ch1\n0,1\nnan,2\n", "line 3, column 'time_s' is nan"),
-    ("time_s,ch1\n0,1\n1,12abc\n", "line 3, column 'ch1': '12abc' is not a number"),
+    ("time_s,ch1\n0,1\n,2\n", ":3: time_s: is empty"),
+    ("time_s,ch1\n0,1\nnan,2\n", ":3: time_s: must be a finite number, is nan"),
+    ("time_s,ch1\n0,1\n1,12abc\n", ":3: ch1: must be a number, is '12abc'"),
     ("time_s,ch1,sync\n0,1,0\n1,1,2\n", "sample 1: sync = 2; it must be 0 or 1"),
-    ("time_s,ch1,sync\n0,1,0\n1,1,\n", "line 3, column 'sync' is empty"),
+    ("time_s,ch1,sync\n0,1,0\n1,1,\n", ":3: sync: is empty"),
     ("time_s,ch1,ch1\n0,1,2\n", "column 'ch1' stands twice"),
 ]
 
@@ -69,7 +69,7 @@ def test_one_line_names_the_row(tmp_path: Path, text: str, line: str) -> None:
     path.write_text(text)
     with pytest.raises(FileFormatError) as caught:
         read_counts(path)
-    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).startswith(f"{path}:")
     assert line in str(caught.value)
 
 

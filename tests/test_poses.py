@@ -60,10 +60,10 @@ FILES = [
     (f"{HEAD}\n1,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n", "pose '1' is given 2 times"),
     (f"{HEAD}\n1,0,0,0,0,0,0,1\n2,0,0,0,0,0,0,0.99\n", "pose 2: the quaternion's length is 0.99, not 1"),
     (f"{HEAD}\n1,0,0,0,0,0,0,0\n", "pose 1: the quaternion's length is 0, not 1"),
-    (f"{HEAD}\n1,0,,0,0,0,0,1\n", "line 2, column 'y_mm' is empty"),
-    (f"{HEAD}\n1,0,nan,0,0,0,0,1\n", "line 2, column 'y_mm' is nan"),
-    (f"{HEAD}\n1,0,1e400,0,0,0,0,1\n", "line 2, column 'y_mm' is inf"),
-    (f"{HEAD}\n1,0,x,0,0,0,0,1\n", "line 2, column 'y_mm': 'x' is not a number"),
+    (f"{HEAD}\n1,0,,0,0,0,0,1\n", ":2: y_mm: is empty"),
+    (f"{HEAD}\n1,0,nan,0,0,0,0,1\n", ":2: y_mm: must be a finite number, is nan"),
+    (f"{HEAD}\n1,0,1e400,0,0,0,0,1\n", ":2: y_mm: must be a finite number, is inf"),
+    (f"{HEAD}\n1,0,x,0,0,0,0,1\n", ":2: y_mm: must be a number, is 'x'"),
     (f"{HEAD},u_position_mm\n1,0,0,0,0,0,0,1,-0.1\n", "column 'u_position_mm': a standard uncertainty is negative"),
     (f"{HEAD}\n,0,0,0,0,0,0,1\n", "pose number 1 has no name"),
 ]
@@ -75,7 +75,7 @@ def test_one_line_names_the_pose(tmp_path: Path, text: str, line: str) -> None:
     path.write_text(text)
     with pytest.raises(FileFormatError) as caught:
         read_poses(path, "puma-oat")
-    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).startswith(f"{path}:")
     assert line in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -75,11 +75,11 @@ def test_a_run_comes_back(tmp_path: Path, suffix: str) -> None:
 
 
 REFUSALS = [
-    ("schema", 'schema = "lmeasure.run/1"', 'schema = "lmeasure.run/2"', "schema: must be 'lmeasure.run/1' (got 'lmeasure.run/2')"),
+    ("schema", 'schema = "lmeasure.run/1"', 'schema = "lmeasure.run/2"', "schema: must be 'lmeasure.run/1', is 'lmeasure.run/2'"),
     ("no schema", 'schema = "lmeasure.run/1"', "", "schema: is missing"),
     ("unknown key", 'rig = "rig.toml"', 'rig = "rig.toml"\nrigg = 1', "unknown key 'rigg'; did you mean 'rig'?"),
     ("no rig", 'rig = "rig.toml"', "", "rig: is missing"),
-    ("rig is a number", 'rig = "rig.toml"', "rig = 5", "rig: must be text (got 5)"),
+    ("rig is a number", 'rig = "rig.toml"', "rig = 5", "rig: must be text, is 5"),
     ("rig outside", 'rig = "rig.toml"', 'rig = "../rig.toml"', "rig = '../rig.toml' lies outside the run folder"),
     ("rig absolute", 'rig = "rig.toml"', 'rig = "/etc/passwd"', "rig = '/etc/passwd' lies outside the run folder"),
     ("rig not there", 'rig = "rig.toml"', 'rig = "other.toml"', "other.toml: cannot be read: No such file"),
@@ -99,8 +99,8 @@ REFUSALS = [
     ("wrong angles", "quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]", "a_b_c_deg = [0, 0, 0]", "start: unknown key 'a_b_c_deg'"),
     ("one pass short", '[[pass]]\ncounts = "pass2.csv"', "", "has 1 [[pass]], but the rig's cables need 2"),
     ("pass is no array", '[[pass]]\ncounts = "pass1.csv"\n[[pass]]\ncounts = "pass2.csv"', "note = 3", "[[pass]] is missing"),
-    ("counts missing", 'counts = "pass2.csv"', 'count = "pass2.csv"', "pass number 2 count: unknown key 'count'; did you mean 'counts'?"),
-    ("counts empty", 'counts = "pass2.csv"', "", "pass number 2 counts: is missing"),
+    ("counts missing", 'counts = "pass2.csv"', 'count = "pass2.csv"', "[pass 2].count: unknown key 'count'; did you mean 'counts'?"),
+    ("counts empty", 'counts = "pass2.csv"', "", "[pass 2].counts: is missing"),
     ("counts outside", "pass2.csv", "../pass2.csv", "pass 2: counts = '../pass2.csv' lies outside the run folder"),
     ("counts not there", "pass2.csv", "pass3.csv", "pass3.csv: cannot be read: No such file"),
     ("counts of another kind", "pass2.csv", "rig.toml", "rig.toml: is neither .csv nor .parquet"),

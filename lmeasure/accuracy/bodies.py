@@ -45,7 +45,7 @@ class _File(Strict):
 
 def read_bodies(path: Path) -> tuple[Body, ...]:
     """Read `schema = "lmeasure.bodies/1"` and [[body]] tables; FileFormatError names the file and the key."""
-    return checked(files.read_toml(path), _File, str(path), {"body": Body}).body
+    return checked(files.read_toml(path), _File, str(path)).body
 
 
 def body_rows(bodies: Sequence[Body]) -> FloatArray:

@@ -91,7 +91,7 @@ class Placement(Strict):
 
 def read_placement(path: Path) -> Placement:
     """Read a placement file; FileFormatError names the file and the key."""
-    return checked(files.read_toml(path), Placement, str(path), {"task": Work, "mount": Where, "attachment": Where, "keep_out": Box})
+    return checked(files.read_toml(path), Placement, str(path))
 
 
 @dataclass(frozen=True, repr=False)

@@ -97,6 +97,30 @@ def summary(zone: xr.Dataset) -> str:
     return "\n".join([*lines, f"the 95 % radius covers {zone.attrs['u95_covers']}"])
 
 
+def goes_on(zone: xr.Dataset) -> list[str]:
+    """Directions, such as +X, in which the zone reaches the scanned box's face."""
+    inside = zone["in_zone"].values.astype(bool)
+    out = []
+    for axis, name in enumerate("XYZ"):
+        for sign, end in (("-", 0), ("+", -1)):
+            if inside.shape[axis] > 1 and inside.take(end, axis).any():
+                out.append(f"{sign}{name}")
+    return out
+
+
+def advice(zone: xr.Dataset, rig: Path) -> list[str]:
+    """What can be done where no node is in the zone."""
+    because = zone["rejected_because"].values
+    alone = {reason: int((because == 1 << bit).sum()) for bit, reason in enumerate(REASONS)}
+    reason, nodes = max(alone.items(), key=lambda item: item[1])
+    why = f": {nodes} nodes are kept out by {reason.replace('_', ' ')} alone" if nodes else ""
+    return [
+        f"nothing of the box is in the zone{why}",
+        f"try another box or other limits, or let `lmeasure place {rig} --task placement.toml --out placed` look for better places of the",
+        "points; `lmeasure init` writes a placement.toml to begin with",
+    ]
+
+
 def write_zone(path: Path, zone: xr.Dataset) -> None:
     """Write netCDF-4, whole or not at all."""
     # the image in memory first: on a full disk HDF5 does not end, it crashes

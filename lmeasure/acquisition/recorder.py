@@ -208,7 +208,7 @@ class _Writer:
     def _manifest(self, start: FloatArray | None, devices: list[dict[str, Any]], beside: Mapping[str, bytes]) -> dict[str, Any]:
         path = self.folder / "run.toml"
         if self.passage > 1:
-            table = files.read_toml(path)
+            table: dict[str, Any] = files.read_toml(path)
             earlier = read_rig(self.folder / "rig.toml")
             if earlier.model_copy(update={"can": None}) != self.rig.model_copy(update={"can": None}):
                 raise AcquisitionError(f"{self.folder / 'rig.toml'}: is another rig than that of pass {self.passage}")

@@ -10,6 +10,7 @@ from lmeasure import conventions, files
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.calibration_record import Input
+from lmeasure.checked import gathered
 from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
 from lmeasure.lengths import counts_from_poses
@@ -169,9 +170,9 @@ def read_campaign(folder: Path) -> Campaign:
     if not names:
         raise FileFormatError(f"{path}: has no rows")
     index = {name: i for i, name in enumerate(poses.names)}
-    for row, name in enumerate(names):
-        if name not in index:
-            raise FileFormatError(f"{path}: line {row + 2}: pose {name!r} is not in reference_poses.csv")
+    lost = [(row + 2, name) for row, name in enumerate(names) if name not in index]
+    if lost:
+        raise gathered(str(path), [f"{path}:{line}: pose: {name!r} is not in reference_poses.csv" for line, name in lost])
     passage = table.numbers("pass") if "pass" in table.columns else np.ones(len(names))
     cables = tuple(c for c in rig.cable if c.passage in set(passage.tolist()))
     if not cables:
@@ -195,7 +196,7 @@ def read_campaign(folder: Path) -> Campaign:
         for i in dict.fromkeys(place[visit_of[row], pose_of[row]] for row in rows.tolist()):
             own = [row for row in rows.tolist() if place[visit_of[row], pose_of[row]] == i and np.isfinite(recorded[row])]
             if own:
-                readings[i] = _dwell(recorded[own], drum, f"{path}: line {own[0] + 2}: channel {c.channel}")
+                readings[i] = _dwell(recorded[own], drum, f"{path}:{own[0] + 2}: channel {c.channel}")
                 counted[i, j] = own[0]
                 if warm is not None:
                     temperature[i, j] = warm[own].mean()
@@ -209,7 +210,7 @@ def read_campaign(folder: Path) -> Campaign:
         if not (drum.zero_exact and not read.any()) or (scatter > 0.0 and len(read) > 1):
             at_zero[j] = variance[zero[j], j]
         if not np.isfinite(counts[zero[j], j]):
-            raise FileFormatError(f"{path}: line {rows[0] + 2}: channel {c.channel} has no count at its zero pose {names[rows[0]]!r}")
+            raise FileFormatError(f"{path}:{rows[0] + 2}: channel {c.channel} has no count at its zero pose {names[rows[0]]!r}")
     campaign = Campaign(
         rig,
         poses,

@@ -8,7 +8,7 @@ import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from lmeasure import files
 from lmeasure.checked import Strict, checked
@@ -137,20 +137,9 @@ class Details(Strict):
         return {key: value for key, value in self.model_dump(by_alias=True, exclude_none=True).items() if value != {}}
 
 
-_TABLES: dict[str, type[BaseModel]] = {
-    "laboratory": Party,
-    "customer": Party,
-    "item": Item,
-    "dates": Dates,
-    "conditions": Conditions,
-    "authoriser": Authoriser,
-    "accreditation": Accreditation,
-}
-
-
 def read_details(path: Path) -> Details:
     """Read a details file; FileFormatError names the file and the key."""
     data = files.read_toml(path)
     if data.get("schema") != SCHEMA:
         raise FileFormatError(f"{path}: schema = {data.get('schema')!r}; this program reads {SCHEMA!r}")
-    return checked(data, Details, str(path), _TABLES)
+    return checked(data, Details, str(path))

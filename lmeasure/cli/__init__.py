@@ -83,9 +83,9 @@ def main() -> None:
     except (CancelledError, typer.Abort):
         _end(INTERRUPTED, str(CancelledError()))
     except (OverwriteError, SettingsError) as error:
-        _end(WRONG_USE, str(error))
+        _end(WRONG_USE, *error.lines)
     except LMeasureError as error:
-        _end(NO_ANSWER, str(error))
+        _end(NO_ANSWER, *error.lines)
     except MemoryError as error:
         _end(NO_ANSWER, said("this machine's memory is not enough for what was asked: {error}", error=error))
     except OSError as error:
@@ -112,24 +112,24 @@ def _unforeseen(error: Exception) -> NoReturn:
     )
 
 
-def _end(code: "int | str | None", text: str = "", told: str = "") -> NoReturn:
-    """End with that exit code, the text on standard error, and what is still held of the output written, if it can be. The text, or one
-    that was told already, is the error of `--json`."""
-    text = " ".join(text.split())
-    if text:
-        print(f"lmeasure: {text}", file=sys.stderr)
+def _end(code: "int | str | None", *texts: str, told: str = "") -> NoReturn:
+    """End with that exit code, the texts on standard error, a line each, and what is still held of the output written, if it can be. The
+    texts, or one that was told already, are the error of `--json`."""
+    lines = [line for line in (" ".join(text.split()) for text in texts) if line]
+    for line in lines:
+        print(f"lmeasure: {line}", file=sys.stderr)
     try:
-        if (text or told) and isinstance(code, int) and sys.stdout is not None:
+        if (lines or told) and isinstance(code, int) and sys.stdout is not None:
             from lmeasure.cli import machine
 
             if machine.asked():
-                print(machine.written(machine.of_error(code, text or told)))
+                print(machine.written(machine.of_error(code, lines or [told])))
         if sys.stdout is not None:  # closed by whoever called
             sys.stdout.flush()
     except OSError as error:
         # the interpreter would try again at its end, and say so in its own way
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not text:
+        if not lines:
             lost = said("standard output cannot be written: {error}; files are whole", error=error.strerror)
             print(f"lmeasure: {lost}", file=sys.stderr)
         code = code or NO_ANSWER

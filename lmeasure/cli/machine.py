@@ -36,10 +36,10 @@ def of_result(command: str, result: Result[Any]) -> dict[str, Any]:
     )
 
 
-def of_error(exit_code: int, text: str, words: Sequence[str] | None = None) -> dict[str, Any]:
-    """An error in place of a result."""
+def of_error(exit_code: int, lines: Sequence[str], words: Sequence[str] | None = None) -> dict[str, Any]:
+    """An error in place of a result; where a file has several faults, the others are the warnings."""
     words = sys.argv[1:] if words is None else words
-    return _document(next((word for word in words if word in COMMANDS), ""), exit_code, text)
+    return _document(next((word for word in words if word in COMMANDS), ""), exit_code, lines[0], warnings=list(lines[1:]))
 
 
 def written(document: Mapping[str, Any]) -> str:
@@ -49,7 +49,7 @@ def written(document: Mapping[str, Any]) -> str:
 
 def _document(command: str, exit_code: int, error: str | None, **given: Any) -> dict[str, Any]:
     empty: dict[str, Any] = {"summary": [], "figures": {}, "warnings": [], "files": [], "left_over": [], "made": None}
-    return {"schema": SCHEMA, "command": command, "exit_code": exit_code, "error": error, **empty, **given}
+    return {"schema": SCHEMA, "command": command, "exit_code": exit_code, "error": error} | empty | given
 
 
 def _made(result: Result[Any]) -> Any:

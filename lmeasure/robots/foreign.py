@@ -126,7 +126,7 @@ def _read(path: Path) -> files.Table:
         )
     for line, row in numbered:
         if len(row) < len(header) or any(row[len(header) :]):
-            raise FileFormatError(f"{path}: line {line} has {len(row)} cells, the header {len(header)}")
+            raise FileFormatError(f"{path}:{line}: has {len(row)} cells, the first line {len(header)}")
     if separator != ",":
         numbered = [(line, [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row]) for line, row in numbered]
     columns = {name: pa.array([row[i] or None for _, row in numbered], pa.string()) for i, name in enumerate(header)}

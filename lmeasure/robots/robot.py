@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
@@ -200,14 +200,11 @@ class Robot(Strict):
         return self.model_copy(update={"joint": tuple(j.model_copy(update=of.get(j.name, {})) for j in self.joint)})
 
 
-_TABLES: dict[str, type[BaseModel]] = {"base": Place, "tool": Place, "payload": Payload, "joint": Revolute}
-
-
 def robot_from_dict(data: dict[str, Any], source: str = "robot") -> Robot:
     """A checked robot; RobotError names the source and the key."""
     if "schema" not in data:
         raise RobotError(f"{source}: schema: is missing; this program reads {SCHEMA!r}")
-    return checked(data, Robot, source, _TABLES, RobotError)
+    return checked(data, Robot, source, RobotError)
 
 
 def read_robot(path: Path) -> Robot:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
@@ -162,14 +162,6 @@ class Simulated(Shown):
         return "\n".join(lines)
 
 
-_TABLES: dict[str, type[BaseModel]] = {
-    "start": Start,
-    "motion": Motion,
-    "waypoint": Waypoint,
-    "reference_poses": ReferencePoses,
-}
-
-
 def read_scenario(path: Path) -> tuple[Scenario, Rig]:
     """Read scenario.toml and the rig it names; FileFormatError names the file and the key."""
     return scenario_from_dict(files.read_toml(path), str(path), Path(path).parent)
@@ -178,7 +170,7 @@ def read_scenario(path: Path) -> tuple[Scenario, Rig]:
 def scenario_from_dict(data: Mapping[str, Any], source: str = "scenario", folder: Path | None = None) -> tuple[Scenario, Rig]:
     """The scenario of a scenario.toml's content, and the rig it names, in the folder if not in the working directory; source is named in
     errors."""
-    scenario = checked(data, Scenario, source, _TABLES)
+    scenario = checked(data, Scenario, source)
     if scenario.rig is None:
         return scenario, cell_rig(scenario.seed)
     if isinstance(scenario.rig, str):

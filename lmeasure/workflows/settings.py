@@ -19,7 +19,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
-from lmeasure.checked import complaint
+from lmeasure.checked import complaints
 from lmeasure.errors import SettingsError
 
 BOX = "X0:X1,Y0:Y1,Z0:Z1"
@@ -57,7 +57,7 @@ class Asked(BaseModel):
             elif first["type"] == "value_error":
                 text = str(first["ctx"]["error"])
             else:
-                text = complaint(error, data, cls, {}).removeprefix(f"{name}: ")
+                text = complaints(error, data, cls)[0][1]
             raise SettingsError(name, text) from None
 
 

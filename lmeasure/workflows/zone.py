@@ -24,10 +24,13 @@ class Settings(Asked):
     """What `lmeasure zone` is asked; see `lmeasure.accuracy.limits.Limits` for the limits and `accuracy.zone.Scan` for the computing."""
 
     rig: Annotated[Path, option("The rig; a linked calibration enters the uncertainty.", metavar="RIG.toml", positional=True)]
-    x: Annotated[Range, option("Nodes of the tool origin along X [mm], both ends included.", metavar=RANGE, unit="mm")]
-    y: Annotated[Range, option("The same along Y.", metavar=RANGE, unit="mm")]
-    z: Annotated[Range, option("The same along Z.", metavar=RANGE, unit="mm")]
     out: Annotated[Path, option("netCDF file to write.")]
+    x: Annotated[
+        Range | None,
+        option("Nodes of the tool origin along X [mm], both ends included; a box around the rig without it.", metavar=RANGE, unit="mm"),
+    ] = None
+    y: Annotated[Range | None, option("The same along Y.", metavar=RANGE, unit="mm")] = None
+    z: Annotated[Range | None, option("The same along Z.", metavar=RANGE, unit="mm")] = None
     tilt_rad: Annotated[float, option("Largest component of the rotation vector [rad].", within=(0.0, math.pi))] = 0.0
     tilt_steps: Annotated[int, option("Equal steps from -tilt to +tilt; 1 means no tilt.", ge=1)] = 3
     quaternion: Annotated[UnitQuaternion | None, option("Orientation that is tilted.", metavar="X,Y,Z,W")] = None
@@ -74,22 +77,28 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     from lmeasure.accuracy.bodies import read_bodies
     from lmeasure.accuracy.guard import columns, guard
     from lmeasure.accuracy.limits import Limits
+    from lmeasure.accuracy.surroundings import box_around
     from lmeasure.accuracy.zone import Scan, map_zone
-    from lmeasure.accuracy.zone_dataset import summary, write_zone
+    from lmeasure.accuracy.zone_dataset import advice, goes_on, summary, write_zone
     from lmeasure.program import read_program
     from lmeasure.run import read_linked_rig
 
-    nodes = _axis("x", settings.x), _axis("y", settings.y), _axis("z", settings.z)
     rotations = _rotations(settings)
+    given = {name: getattr(settings, name) for name in "xyz"}
+    for name, span in given.items():
+        if span is not None:
+            _axis(name, span)
     kept = ("u95_mm", "u95_rotation_deg", "u95_attachment_mm", "wrap_deg", "clearance_mm", "one_assembly", "singularity")
     limits = Limits(settings.limit_deg, settings.length_mm, **{name: getattr(settings, name) for name in kept})
     rig, calibration = read_linked_rig(settings.rig)
+    ranges = {name: span or chosen for (name, span), chosen in zip(given.items(), box_around(rig), strict=True)}
+    nodes = _axis("x", ranges["x"]), _axis("y", ranges["y"]), _axis("z", ranges["z"])
     program = None if settings.path is None else read_program(settings.path)
     scan = Scan(
         limits=limits,
         full=settings.full or settings.report is not None,
         bodies=() if settings.bodies is None else tuple(read_bodies(settings.bodies)),
-        spacing_mm=(settings.x[2], settings.y[2], settings.z[2]),
+        spacing_mm=(ranges["x"][2], ranges["y"][2], ranges["z"][2]),
         workers=settings.workers,
         scheduler=settings.scheduler,
         checkpoint=settings.checkpoint,
@@ -105,7 +114,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         from lmeasure.view.stages import write_recording
 
         write_recording(settings.rerun, rig, zone=data)
-    lines = summary(data).splitlines()
+    chosen = " ".join(f"--{name} {':'.join(f'{v:g}' for v in ranges[name])}" for name, span in given.items() if span is None)
+    lines = [*([f"no range was given: the box is {chosen}, around the rig"] if chosen else []), *summary(data).splitlines()]
+    if chosen and (over := goes_on(data)):
+        lines.append(f"the zone goes on beyond the box along {', '.join(over)}")
+    if not data["in_zone"].values.any():
+        lines += advice(data, settings.rig)
     if program is not None:
         parts = guard(rig, calibration, data, program, rotations.mean())
         files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))

@@ -5,14 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 from zone_rigs import cell, published
 
 from lmeasure.accuracy import read_zone
+from lmeasure.accuracy.surroundings import box_around
 from lmeasure.cli import app
 from lmeasure.errors import LMeasureError
-from lmeasure.rig import write_rig
+from lmeasure.rig import rig_from_dict, write_rig
 
 
 @pytest.fixture
@@ -47,6 +49,46 @@ def test_thesis_scan_by_its_own_angles(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     assert "0 of 245 nodes are in the zone (27 orientations each" in result.output
+
+
+def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> None:
+    out = rig_file.with_name("zone.nc")
+    result = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    (x, y, z), rig = box_around(cell()), cell()
+    written = " ".join(f"--{name} {a:g}:{b:g}:{step:g}" for name, (a, b, step) in zip("xyz", (x, y, z), strict=True))
+    assert result.output.startswith(f"no range was given: the box is {written}, around the rig\n")
+    zone, points = read_zone(out), np.array([p.position_mm for p in rig.observation_point])
+    for axis, name in enumerate("xyz"):
+        nodes = zone[name].values
+        assert nodes[0] <= min(points[:, axis].min(), 0.0)
+        assert nodes[-1] >= max(points[:, axis].max(), 0.0)
+        assert 5 < len(nodes) < 40
+    # what it says is what does it again
+    again = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *written.split(), "--out", str(out)])
+    assert result.output.splitlines()[1:3] == again.output.splitlines()[:2]
+    assert "no range" not in again.output
+
+
+@pytest.mark.parametrize("places", [[(0, 0, 0)], [(10, 20, 3000), (900, -700, 3000)], [(1e5, 0, 0), (0, 1, 0)]])
+def test_a_box_around_points_of_any_shape(places: list[tuple[float, float, float]]) -> None:
+    data = cell().to_dict()
+    for i, p in enumerate(data["observation_point"]):
+        p["position_mm"] = [float(v) for v in places[i % len(places)]]
+    ranges = box_around(rig_from_dict(data))
+    counts = [(b - a) / step for a, b, step in ranges]
+    assert all(abs(n - round(n)) < 1e-9 for n in counts)
+    assert max(counts) <= 24
+    assert min(counts) >= 5
+    for axis, (a, b, _) in enumerate(ranges):
+        assert all(a <= p[axis] <= b for p in (*places, (0, 0, 0)))
+
+
+def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
+    result = CliRunner().invoke(app, ["zone", str(rig_file), *box("-100:100:100"), "--limit-deg", "1", "--out", str(rig_file.parent / "z.nc")])
+    assert result.exit_code == 0, result.output
+    assert "nothing of the box is in the zone: 27 nodes are kept out by pressure angle alone" in result.output
+    assert f"lmeasure place {rig_file} --task placement.toml --out placed" in result.output
 
 
 @pytest.mark.parametrize(

@@ -326,8 +326,8 @@ def test_without_two_cables_the_covariance_is_that_of_the_others(tmp_path: Path)
 
 
 def test_from_file_to_file_the_same_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.files.PIECE_ROWS", 257)
-    monkeypatch.setattr("lmeasure.files.PIECE_BYTES", 20_000)
+    monkeypatch.setattr("lmeasure.tables.PIECE_ROWS", 257)
+    monkeypatch.setattr("lmeasure.tables.PIECE_BYTES", 20_000)
     run = record(rig_of(EIGHT), *motion(2000, rate_hz=250.0))
     recorded = run.passes[0].recorded.copy()
     recorded[700:, 5] += 90.0

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from cells import FloatArray, cell, motion, record, with_recorded
 
-from lmeasure import files
+from lmeasure import tables
 from lmeasure.errors import FileFormatError
 from lmeasure.rig import Rig
 from lmeasure.run import Run, read_run, read_run_head, write_run
@@ -19,8 +19,8 @@ N = 3000
 
 @pytest.fixture(autouse=True)
 def _small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "PIECE_ROWS", 257)
-    monkeypatch.setattr(files, "PIECE_BYTES", 10_000)
+    monkeypatch.setattr(tables, "PIECE_ROWS", 257)
+    monkeypatch.setattr(tables, "PIECE_BYTES", 10_000)
 
 
 def difficult(rig: Rig, reach_mm: float = 520.0) -> Run:

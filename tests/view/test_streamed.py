@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 
-from lmeasure import cli, files
+from lmeasure import cli, tables
 from lmeasure.counts import Counts
 from lmeasure.errors import FileFormatError
 from lmeasure.lengths import Lengths
@@ -32,7 +32,7 @@ PLACE = np.array([120.0, -80.0, 60.0, 0.0, 0.0, 0.0, 1.0])
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "PIECE_ROWS", PIECE)
+    monkeypatch.setattr(tables, "PIECE_ROWS", PIECE)
     for module in (space, trajectory):
         monkeypatch.setattr(module, "MAX_FRAMES", 200)
         monkeypatch.setattr(module, "MAX_PATH_POINTS", 400)

@@ -62,21 +62,21 @@ def test_units_and_ranges_are_told_also_where_the_stage_checks_them() -> None:
 @pytest.mark.parametrize(
     ("command", "wrong", "line"),
     [
-        ("calibrate", {"neighbourhood_mm": 0.0}, "neighbourhood_mm: must be greater than or equal to 0.001 (got 0.0)"),
+        ("calibrate", {"neighbourhood_mm": 0.0}, "neighbourhood_mm: must be at least 0.001, is 0.0"),
         ("calibrate", {"frame": "robot"}, "frame: 'robot' is not one of rig, poses"),
         ("calibrate", {"rerun": Path("a.txt")}, "rerun: 'a.txt' does not end in .rrd"),
         ("calibrate", {"sead": 1}, "sead: unknown key 'sead'; did you mean 'seed'?"),
-        ("plan-poses", {"poses": 0}, "poses: must be greater than or equal to 1 (got 0)"),
+        ("plan-poses", {"poses": 0}, "poses: must be at least 1, is 0"),
         ("plan-poses", {"box": "0:1,0:1"}, "box: '0:1,0:1' is not X0:X1,Y0:Y1,Z0:Z1"),
         ("plan-poses", {"passes": "1,x"}, "passes: '1,x' is not some whole numbers with ',' between them"),
         ("zone", {"x": "0:1"}, "x: '0:1' is not three numbers with ':' between them"),
         ("zone", {"quaternion": (1.0, 1.0, 0.0, 0.0)}, "quaternion: '1,1,0,0' is not a unit quaternion x,y,z,w"),
-        ("certify", {"capability": 2.0}, "capability: must be less than or equal to 1 (got 2.0)"),
+        ("certify", {"capability": 2.0}, "capability: must be at most 1, is 2.0"),
         ("certify", {"tool_offset_mm": "0,0,nan"}, "tool_offset_mm: '0,0,nan' is not three numbers with ',' between them"),
         ("certify", {"language": "de"}, "language: 'de' is not one of en, ru"),
         ("import", {"logs": ()}, "logs: must not be empty"),
-        ("record", {"passage": 0}, "passage: must be greater than or equal to 1 (got 0)"),
-        ("motion", {"out": 3}, "out: must be a path (got 3)"),
+        ("record", {"passage": 0}, "passage: must be at least 1, is 0"),
+        ("motion", {"out": 3}, "out: must be a path, is 3"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(command: str, wrong: dict[str, Any], line: str) -> None:
