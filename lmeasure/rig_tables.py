@@ -19,7 +19,7 @@ LEAST_SCALE = 1e-6
 
 def _scale(value: float) -> float:
     if value < LEAST_SCALE:
-        raise ValueError(f"is {value:g}; {LEAST_SCALE:g} is the least")
+        raise ValueError(f"must be at least {LEAST_SCALE:g}")
     return value
 
 

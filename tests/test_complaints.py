@@ -16,7 +16,6 @@ from lmeasure.poses import read_poses
 from lmeasure.rig import read_rig
 from lmeasure.toml_lines import Document, Keys
 
-
 WEATHER, FROM = 'weather = "fine"', 'from = "B7"'
 
 

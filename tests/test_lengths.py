@@ -227,7 +227,7 @@ def test_lengths_come_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
 def test_what_is_no_lengths_file(tmp_path: Path) -> None:
     path = tmp_path / "l.csv"
     path.write_text("time_s,c1_mm,c1_count,status,cause,cable\n0,1,2,fine,,\n")
-    with pytest.raises(FileFormatError, match=r"line 2: status 'fine' is not one of ok, singular"):
+    with pytest.raises(FileFormatError, match=r":2: status: 'fine' is not one of ok, singular"):
         read_lengths(path)
     path.write_text("time_s\n0\n")
     with pytest.raises(FileFormatError, match="has no column <cable>_mm"):

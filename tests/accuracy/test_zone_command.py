@@ -85,7 +85,9 @@ def test_a_box_around_points_of_any_shape(places: list[tuple[float, float, float
 
 
 def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
-    result = CliRunner().invoke(app, ["zone", str(rig_file), *box("-100:100:100"), "--limit-deg", "1", "--out", str(rig_file.parent / "z.nc")])
+    result = CliRunner().invoke(
+        app, ["zone", str(rig_file), *box("-100:100:100"), "--limit-deg", "1", "--out", str(rig_file.parent / "z.nc")]
+    )
     assert result.exit_code == 0, result.output
     assert "nothing of the box is in the zone: 27 nodes are kept out by pressure angle alone" in result.output
     assert f"lmeasure place {rig_file} --task placement.toml --out placed" in result.output

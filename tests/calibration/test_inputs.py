@@ -92,7 +92,7 @@ def test_a_tracker_s_covariance_is_that_of_drawn_poses(tmp_path: Path) -> None:
         ({"u_x_mm": 0.1}, "column 'u_y_mm' is missing; 'u_x_mm' is there"),
         (AXES | {"u_position_mm": 0.1}, "has 'u_x_mm' and 'u_position_mm'; one of them"),
         (AXES | {"u_rx_deg": -0.1}, "column 'u_rx_deg': a standard uncertainty is negative"),
-        (AXES | {"rho_x_y": 1.5}, "line 2: no six quantities can have these correlations"),
+        (AXES | {"rho_x_y": 1.5}, ":2: no six quantities can have these correlations"),
         (AXES | {"rho_x_x": 0.5}, "column 'rho_x_x': a correlation is named by two of rx, ry, rz, x, y, z"),
         ({"u_repeatability_mm": -1.0}, "column 'u_repeatability_mm': a standard uncertainty is negative"),
         ({"temperature_c": 500.0}, "column 'temperature_c' = 500; a temperature is between"),

@@ -52,7 +52,7 @@ def test_an_observation_point_on_its_attachment_point(run: Path, radius: float) 
 
 def test_a_scale_that_no_decoder_has(run: Path) -> None:
     edit(run / "rig.toml", r"^count_sign = 1", "count_sign = 1\nscale = 1e-300")
-    refused(run, "observation_point B1 drum scale: is 1e-300; 1e-06 is the least")
+    refused(run, "[observation_point B1].drum.scale: must be at least 1e-06, is 1e-300")
 
 
 def test_an_angle_of_1e20(run: Path) -> None:

@@ -224,7 +224,7 @@ def test_files_of_others_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("a,0,0,0,0,0,0,1,2,", "line 2.*cells|one of x, y, z is empty"),
+        ("a,0,0,0,0,0,0,1,2,", ":2: has . cells|one of x, y, z is empty"),
         ("a,0,0,0,0,0,x,1,2,3", ":2: joint_6_deg: must be a number, is 'x'"),
         ("a,0,0,0,0,0,0,,,", "row a has neither x, y, z nor length"),
         ("a,0,0,0,0,0,1e9,1,2,3", "an angle of"),

@@ -100,7 +100,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "no pass": (edit("run.toml", lambda d: d.pop("pass")), "[[pass]]"),
     "counts outside the folder": (edit("run.toml", lambda d: d["pass"][0].update(counts="../pass1.csv")), "outside"),
     "a channel is missing": (text("pass1.csv", lambda s: s.replace("ch6", "ch7", 1)), "'ch6'"),
-    "a cell is no number": (text("pass1.csv", lambda s: s.replace("\n0.03,", "\n0.03,x", 1)), "line 32"),
+    "a cell is no number": (text("pass1.csv", lambda s: s.replace("\n0.03,", "\n0.03,x", 1)), ":32: ch1: must be a number"),
     "time goes back": (text("pass1.csv", lambda s: s.replace("\n0.03,", "\n0.003,", 1)), "sample 30"),
     "only a header": (text("pass1.csv", lambda s: s.split("\n", maxsplit=1)[0] + "\n"), "no samples"),
     "empty file": (text("pass1.csv", lambda s: ""), "empty"),

@@ -86,8 +86,8 @@ def test_a_width_that_is_not_stated_is_found_in_the_whole_file_first(kind: str, 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("\n2.5,", "\n2.5,x", "line 2502"),
-        ("\n2.5,", "\n2.5,nan,", "line 2502"),
+        ("\n2.5,", "\n2.5,x", ":2502: ch1: must be"),
+        ("\n2.5,", "\n2.5,nan,", ":2502: ch1: must be"),
         ("\n2.5,", "\n0.5,", "sample 2500"),
         ("\n2.5,", "\n2.5,1,2,3,", "pass1.csv"),
     ],
