@@ -17,8 +17,7 @@ from lmeasure.lengths import counts_from_poses, length_residuals, span_lengths
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import Run, read_run, read_run_head, write_run
 from lmeasure.simulation import Leg, cell_rig, read_scenario, simulate, simulate_run, smooth_path, write_simulated
-from lmeasure.trajectory import reconstruct, reconstruct_stream
-from lmeasure.trajectory.record import read_trajectory
+from lmeasure.trajectory import read_trajectory, reconstruct, reconstruct_stream
 
 FloatArray = NDArray[np.float64]
 

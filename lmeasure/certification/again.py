@@ -44,7 +44,7 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, exact: bool) -> tu
         other = new.get(name, figure)
         for key in sorted({*figure, *other}):
             a, b = figure.get(key), other.get(key)
-            part = _relative(a, b, max(abs(figure["value"]), abs(figure["u95"]))) if canonical(a) != canonical(b) else 0.0
+            part = _relative(a, b, max(abs(figure["value"]), abs(figure["u95"] or 0.0))) if canonical(a) != canonical(b) else 0.0
             largest = max(largest, part)
             if part > (0.0 if exact else RELATIVE):
                 out.append(Difference(name, f"{key} is certified as {_shown(a)}, computed again {_shown(b)}"))
@@ -130,6 +130,8 @@ def _relative(a: Any, b: Any, size: float) -> float:
 def _figure(figure: Mapping[str, Any] | None) -> str:
     if figure is None:
         return "none"
+    if figure["u95"] is None:
+        return f"{figure['value']:.6g} {figure['unit']}, uncertainty not stated"
     value, u95 = with_u95(float(figure["value"]), float(figure["u95"]))
     return f"{value} ± {u95} {figure['unit']}, {'capable' if figure['capable'] else 'not capable'}"
 

@@ -6,11 +6,13 @@ Written to certificate.json as
      "characteristics": [{"name": "AP_p", "pose": "P1", "value": .., "unit": "mm", "u95": .., "capable": true, ...}, ...]}
 
 one table per characteristic, as `Characteristic.as_dict` gives it: keys that do not apply are left out (a path's characteristic has `path`
-and no `pose`), `value` and `u95` are always there. Deviations of speed (AV, RV) are in percent.
+and no `pose`), `value`, `u95` and `capable` are always there, the last two null where nobody states how uncertain the
+measurement is. Deviations of speed (AV, RV) are in percent.
 """
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, NamedTuple
 
 from lmeasure.findings import Finding
@@ -73,7 +75,8 @@ class Characteristic:
     the unit. capable_alone: of a signed component, which has the verdict of its vector or of a tolerance, whether it is small enough
     beside the component itself; None of others. conformity: None unless a tolerance is stated. angles: convention of a component-wise
     angle. extension: not in the standard. excluded: why no verdict is given though there is a value (outside the instrument's zone);
-    capable is then false.
+    capable is then false. stated: False where nobody
+    states how uncertain the measurement is: u95 is then NaN, there is no verdict, and files have null.
     """
 
     name: str
@@ -96,6 +99,7 @@ class Characteristic:
     extension: bool = False
     excluded: Finding | None = None
     note: Finding | None = None
+    stated: bool = True
 
     @property
     def key(self) -> CharacteristicKey:
@@ -107,6 +111,13 @@ class Characteristic:
         """Pose or path, and the part of it, for a person."""
         return self.key.where
 
+    def unstated(self) -> "Characteristic":
+        """The same of a measurement whose uncertainty nobody states: the value alone."""
+        return replace(
+            self, u95=math.nan, capable=False, capable_alone=None, u_random=None, u_systematic=None, coverage_factor=None, limit_u95=None,
+            conformity=None, stated=False,
+        )  # fmt: skip
+
     def as_dict(self) -> dict[str, Any]:
         """The table of certificate.json; see the module's text."""
         order = ["name", "pose", "path", "part", "value", "unit", "u95", "capable", "capable_alone"]
@@ -114,4 +125,6 @@ class Characteristic:
         out = {name: getattr(self, name) for name in names}
         if self.conformity is not None:
             out["conformity"] = {k: v for k, v in vars(self.conformity).items() if v is not None}
-        return {k: str(v) if isinstance(v, Finding) else v for k, v in out.items() if v is not None}
+        del out["stated"]
+        told = {k: str(v) if isinstance(v, Finding) else v for k, v in out.items() if v is not None}
+        return told if self.stated else told | {"u95": None, "capable": None}

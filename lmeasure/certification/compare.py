@@ -115,6 +115,9 @@ def _compared(certificates: Sequence[tuple[str, dict[str, Any]]]) -> Comparison:
     twice = [name for name, content in certificates if sum(content["id"] == c["id"] for _, c in certificates) > 1]
     if twice:
         raise CertificationError(f"{twice[0]}: is given twice")
+    bare = [name for name, content in certificates if any(c["u95"] is None for c in content["characteristics"])]
+    if bare:
+        raise CertificationError(f"{bare[0]}: states no uncertainty: whether it differs from another cannot be told")
     ordered = sorted(certificates, key=lambda c: (_day(c[1]), c[1]["created"]))
     (first_name, first), *others = ordered
     pairs = tuple(_pair(first_name, first, name, content) for name, content in others)

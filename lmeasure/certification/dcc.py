@@ -21,6 +21,7 @@ UNITS = {
     "mm/s": r"\milli\metre\second\tothe{-1}", "mm/N": r"\milli\metre\newton\tothe{-1}",
 }  # fmt: skip
 NOT_STATED = "not stated"
+NO_VERDICT = "without a stated uncertainty, and so without a verdict,"
 OWN = "en"
 """The language of what this module writes; texts of the laboratory carry none, since nobody says which they are in."""
 
@@ -189,7 +190,8 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
     for figure in certificate["characteristics"]:
         result = _add(parent, "result")
         where = " ".join(str(figure[key]) for key in ("pose", "path", "part") if figure.get(key) is not None)
-        verdict = "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable"
+        stated = figure["u95"] is not None
+        verdict = "excluded" if figure.get("excluded") else "capable" if figure["capable"] else "not capable" if stated else NO_VERDICT
         _named(result, f"{figure['name']} {where}".strip())
         alone = figure.get("capable_alone", figure["capable"])
         besides = "" if alone == figure["capable"] else f"; {'' if alone else 'not '}capable of the component alone"
@@ -200,10 +202,11 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
         real = _add(quantity, "si:real")
         _add(real, "si:value", _number(figure["value"]))
         _add(real, "si:unit", UNITS.get(figure["unit"], figure["unit"]))
-        expanded = _add(real, "si:expandedUnc")
-        _add(expanded, "si:uncertainty", _number(figure["u95"]))
-        _add(expanded, "si:coverageFactor", _number(figure.get("coverage_factor") or 1.96))
-        _add(expanded, "si:coverageProbability", "0.95")
+        if stated:
+            expanded = _add(real, "si:expandedUnc")
+            _add(expanded, "si:uncertainty", _number(figure["u95"]))
+            _add(expanded, "si:coverageFactor", _number(figure.get("coverage_factor") or 1.96))
+            _add(expanded, "si:coverageProbability", "0.95")
         if figure.get("conformity"):
             _conformity(_add(_add(quantity, "measurementMetaData"), "metaData"), figure)
 

@@ -21,7 +21,7 @@ from lmeasure.certification.readings import Motion
 from lmeasure.certification.settings import Settings as Settings
 from lmeasure.certification.uncertainty import Spread, propagate
 from lmeasure.errors import CertificationError
-from lmeasure.findings import Finding
+from lmeasure.findings import Finding, finding
 from lmeasure.program import Program
 from lmeasure.run import Run
 from lmeasure.shown import DataFrame, Shown, framed
@@ -138,8 +138,10 @@ def evaluate(
     read = [(test, test.read(motion, known)) for test in tests]
     found += [replace(c, excluded=excluded.reason(test.needs)) for test, told in read for c in told.characteristics]
     vectors = {f.key: f.key._replace(name=f.vector) for f in figures if f.vector is not None}
+    judged = with_verdicts(found, vectors=vectors, signed=SIGNED, tolerances=program.tolerance, settings=settings)
+    unstated = () if covariances is not None or run is not None else _unstated(trajectory, settings)
     return Evaluation(
-        characteristics=with_verdicts(found, vectors=vectors, signed=SIGNED, tolerances=program.tolerance, settings=settings),
+        characteristics=tuple(c.unstated() if "position" in unstated or c.unit in unstated else c for c in judged),
         excluded=tuple(Excluded(subject.kind, subject.name, why) for subject, why in excluded.reasons.items()),
         poses=tuple(given.poses.values()),
         paths=tuple(_attained_path(name, crossed) for name, crossed in given.paths.items()),
@@ -148,11 +150,12 @@ def evaluate(
         covers=laws[0].covers,
         settings=settings,
         findings=(
+            *((finding("uncertainty.unstated", what=trajectory.absent),) if unstated else ()),
             *((stamps.note,) if stamps.note else ()),
             *found_windows,
-            *(finding for test in tests for finding in test.findings),
+            *(said for test in tests for said in test.findings),
             *excluded.findings,
-            *(finding for _, told in read for finding in told.findings),
+            *(said for _, told in read for said in told.findings),
         ),
     )
 
@@ -199,6 +202,15 @@ def _drawn(
         of = [f.of for f in figures]
         spreads.append(propagate(parts, of, trials=settings.trials, seed=settings.seed, fitted=fitted, progress=step))
     return values, spreads
+
+
+def _unstated(trajectory: Trajectory, settings: Settings) -> tuple[str, ...]:
+    """What of a trajectory from elsewhere has no stated uncertainty and what that leaves without a verdict: "position" everything, "deg"
+    figures in that unit."""
+    moves = any(settings.tool_offset_mm) or settings.align
+    if "position" in trajectory.absent or ("rotation" in trajectory.absent and moves):
+        return ("position",)
+    return ("deg",) if "rotation" in trajectory.absent else ()
 
 
 def _check(trajectory: Trajectory, program: Program, settings: Settings) -> None:

@@ -1,7 +1,8 @@
 """From the files of a measurement to its evaluation: what `certify` does once, and `verify` again from the copies."""
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -17,12 +18,13 @@ from lmeasure.certification.details import Details, read_details
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError
+from lmeasure.foreign import columns_of
 from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import Program, read_program
 from lmeasure.rig import Rig
 from lmeasure.run import Run, read_run, read_run_head
-from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
+from lmeasure.trajectory import Stated, Trajectory, read_trajectory, reconstruct
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.pose_errors import ErrorsOfRun
 
@@ -31,6 +33,8 @@ Progress = Callable[[int, int], None]
 SAME_POSITION_MM = 1e-6
 SAME_QUATERNION = 1e-9
 SAME_TIME_S = 1e-9
+_BESIDE = ("columns", "u_position_mm", "u_rotation_deg")
+"""What `Inputs.stated` keeps of a trajectory from elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,17 @@ class Inputs:
     details: Path | None = None
     constraint: str | None = None
     repeatability_mm: float = 0.0
+    columns: str = ""
+    """Which column of the trajectory is which, where another instrument measured it, as `--columns` has it."""
+    u_position_mm: float | None = None
+    u_rotation_deg: float | None = None
+    """Standard uncertainties of the trajectory, instead of the file's."""
+
+    @property
+    def beside(self) -> Stated:
+        """What is said of the trajectory's file beside it."""
+        turn = None if self.u_rotation_deg is None else math.radians(self.u_rotation_deg)
+        return Stated(columns_of(self.columns), self.u_position_mm, turn)
 
     def copies(self) -> dict[str, Path]:
         """Every file that is read, by its name in the bundle. CertificationError when one lies where no copy of the folder can keep it."""
@@ -88,12 +103,13 @@ class Inputs:
             "details": None if self.details is None else f"{INPUTS}/details.toml",
             "constraint": self.constraint,
             "repeatability_mm": self.repeatability_mm,
+            **{name: getattr(self, name) for name in _BESIDE if getattr(self, name) not in (None, "")},
         }
 
 
 def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
     """The inputs of a bundle, from what `Inputs.stated` gave; CertificationError when that is not what it wrote."""
-    places: dict[str, Path] = {}
+    places: dict[str, Any] = {}
     for key in ("trajectory", "program", "run", "rig", "details"):
         name = stated.get(key)
         if isinstance(name, str):
@@ -103,7 +119,10 @@ def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
     constraint, repeatability = stated.get("constraint"), stated.get("repeatability_mm")
     if not isinstance(constraint, str | None) or not isinstance(repeatability, float):
         raise CertificationError("certificate.json: measurement: constraint or repeatability_mm is not what this program writes")
-    return Inputs(**places, constraint=constraint, repeatability_mm=repeatability)
+    beside = {name: stated[name] for name in _BESIDE if name in stated}
+    if not all(isinstance(value, str if name == "columns" else float) for name, value in beside.items()):
+        raise CertificationError("certificate.json: measurement: columns or uncertainties are not what this program writes")
+    return replace(Inputs(**places), constraint=constraint, repeatability_mm=repeatability, **beside)
 
 
 def settings_from(stated: Any, *, earlier: bool = False) -> Settings:
@@ -187,7 +206,7 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
 def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Progress | None) -> Measured:
     details = Details() if inputs.details is None else read_details(inputs.details)
     if inputs.run is None:
-        trajectory = read_trajectory(inputs.trajectory)
+        trajectory = read_trajectory(inputs.trajectory, inputs.beside)
         evaluation = evaluate(trajectory, program, settings=settings, progress=progress)
         return Measured(evaluation, trajectory, program, details)
     run = read_run(inputs.run, inputs.rig)

@@ -197,7 +197,8 @@ def read_certificate(path: Path) -> dict[str, Any]:
     for figure in content["characteristics"]:
         if not isinstance(figure, dict) or not {"name", "value", "unit", "u95", "capable"} <= set(figure):
             raise CertificationError(f"{path}: a characteristic lacks its name, value, unit, u95 or capable")
-        if not all(isinstance(figure[key], int | float) and math.isfinite(figure[key]) for key in ("value", "u95")):
+        numbers = [figure["value"], *([] if figure["u95"] is None and figure["capable"] is None else [figure["u95"]])]
+        if not all(isinstance(number, int | float) and math.isfinite(number) for number in numbers):
             raise CertificationError(f"{path}: {label(figure)}: value and u95 must be finite numbers")
     if canonical(content) != raw:
         raise CertificationError(f"{path}: is not written as lmeasure writes it: a name stands there twice, or the digits are others")

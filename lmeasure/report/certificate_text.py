@@ -98,7 +98,8 @@ def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
     conformity = any("conformity" in c for c in certificate["characteristics"])
     out: dict[str, Rows] = {}
     for figure in certificate["characteristics"]:
-        value, u95 = with_u95(float(figure["value"]), float(figure["u95"]))
+        stated = figure["u95"] is not None
+        value, u95 = with_u95(float(figure["value"]), float(figure["u95"])) if stated else (f"{figure['value']:.6g}", "")
         name = characteristic_name(language, str(figure["name"]))
         part = f" {visible(figure['part'])}" if figure.get("part") else ""
         extension = f" ({word(language, 'extension')})" if figure.get("extension") else ""
@@ -106,7 +107,7 @@ def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
             f"{visible(figure['name'])}{part}" + (f" – {name}" if name else "") + extension,
             visible(figure.get("clause", "")),
             number(language, value),
-            f"±\u00a0{number(language, u95)}",
+            f"±\u00a0{number(language, u95)}" if stated else word(language, "not stated"),
             unit(language, visible(figure["unit"])),
             str(figure.get("cycles", "")),
             verdict(language, figure),
@@ -121,6 +122,8 @@ def verdict(language: str, figure: dict[str, Any]) -> str:
     """Whether the instrument was good enough to say the figure; of a component also what it is alone, where that is another."""
     if figure.get("excluded"):
         return word(language, "excluded")
+    if figure["capable"] is None:
+        return word(language, "no verdict")
     told = word(language, "capable" if figure["capable"] else "not capable")
     alone = figure.get("capable_alone", figure["capable"])
     return told if alone == figure["capable"] else f"{told}; {word(language, 'alone capable' if alone else 'alone not capable')}"

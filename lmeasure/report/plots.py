@@ -155,7 +155,7 @@ def _characteristics(rows: Sequence[dict[str, Any]]) -> go.Figure:
         figure.add_scatter(
             x=labels,
             y=[r["value"] for r in own],
-            error_y={"type": "data", "array": [r["u95"] for r in own]},
+            error_y={"type": "data", "array": [r["u95"] or 0.0 for r in own]},
             mode="markers",
             marker={"symbol": ["circle" if r["capable"] else "circle-open" for r in own], "size": 9},
             showlegend=False,

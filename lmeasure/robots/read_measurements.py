@@ -8,7 +8,7 @@ import numpy as np
 from lmeasure import conventions
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-from lmeasure.robots.foreign import Column, ForeignTable
+from lmeasure.foreign import Column, ForeignTable
 from lmeasure.robots.measurements import Measurements, measured
 from lmeasure.robots.model import RobotModel
 

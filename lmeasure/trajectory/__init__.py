@@ -1,7 +1,8 @@
 """Where the gripper went: trajectories from runs."""
 
 from lmeasure.trajectory.budget import PoseCovariances
-from lmeasure.trajectory.record import Summary, Trajectory, read_trajectory
+from lmeasure.trajectory.elsewhere import Stated, read_trajectory
+from lmeasure.trajectory.record import Summary, Trajectory
 from lmeasure.trajectory.run_covariances import covariances
 from lmeasure.trajectory.runs import reconstruct
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -11,6 +12,7 @@ from lmeasure.trajectory.written import write_trajectory
 __all__ = [
     "PoseCovariances",
     "Reconstruction",
+    "Stated",
     "Summary",
     "Trajectory",
     "can_stream",

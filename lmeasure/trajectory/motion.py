@@ -88,21 +88,29 @@ def motion_of(trajectory: Trajectory, half_width_s: float = HALF_WIDTH_S, stamps
     """Motion of a trajectory by cubics over +- half_width_s, or wider where even times found for stamps that jitter need it; stamps: as
     judged already, else by the motion itself.
 
-    TrajectoryError when the orientation is not measured or no window is full.
+    Where the orientation is not measured, nothing is said of rotations; where no uncertainty is stated, none is said. TrajectoryError when
+    no window is full.
     """
     if not half_width_s > 0:
         raise TrajectoryError(f"half width of the window: {half_width_s:g} s is not positive")
-    if np.isnan(trajectory.poses[:, 3:]).all() and not np.isnan(trajectory.poses[:, :3]).all():
-        raise TrajectoryError("motion: the trajectory has no orientation")
+    placed = np.asarray(~np.isnan(trajectory.poses[:, :3]).any(axis=1))
+    turned = not (np.isnan(trajectory.poses[:, 3:]).all() and placed.any())
+    given = np.ascontiguousarray(trajectory.poses) if turned else np.where(placed[:, None], trajectory.poses, np.nan)
+    if not turned:
+        given[placed, 3:] = (0.0, 0.0, 0.0, 1.0)
     stamps = stamps or stamps_of(trajectory)
     time_s = stamps.time_s
     if stamps.kind == "even":
         # a window that ends at a sample holds it or not by the last digit of the period
         half_width_s = max(half_width_s, FULL * float(np.median(np.diff(time_s))))
-    poses, derivatives, factors = kernels.local_cubics(time_s, np.ascontiguousarray(trajectory.poses), half_width_s)
+    poses, derivatives, factors = kernels.local_cubics(time_s, given, half_width_s)
     if np.isnan(poses[:, 0]).all():
         raise TrajectoryError(f"motion: no window of +-{half_width_s:g} s holds {kernels.LEAST} poses")
+    if not turned:
+        poses[:, 3:] = derivatives[:, :, :3] = np.nan
     u = np.sqrt(np.einsum("nii->ni", trajectory.random))
+    u[:, :3] += np.nan if not turned or "rotation" in trajectory.absent else 0.0
+    u[:, 3:] += np.nan if "position" in trajectory.absent else 0.0
     steps = np.diff(poses[~np.isnan(poses[:, 0]), :3], axis=0)
     path = np.full(len(poses), np.nan)
     path[~np.isnan(poses[:, 0])] = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 from lmeasure.shown import DataFrame, Shown, framed
 
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
+COLUMNS_OF_OURS = (
+    "time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS, "residual_mm", "iterations", "status", "cause", "cable", "worst_pressure_angle_deg",
+    *UNCERTAINTY_COLUMNS,
+)  # fmt: skip
+"""What every table of a trajectory has that this program wrote."""
 SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
 """The part of those that the whole run has in common."""
 NAMES = ", "
@@ -60,6 +65,8 @@ class Trajectory(Shown):
     chi_squared: FloatArray | None = None
     taken_as_exact: tuple[Taken, ...] = ()
     """What nobody stated and nothing has solved, and what usual sizes of it would add."""
+    absent: tuple[str, ...] = ()
+    """Which of "position" and "rotation" have no uncertainty stated, as in a file of another instrument: not known, and no zero."""
 
     def about(self) -> dict[str, str]:
         """Samples, worst angle, uncertainty and what it covers."""
@@ -182,7 +189,7 @@ class Summary:
         return "\n".join(lines)
 
 
-def read_trajectory(path: Path) -> Trajectory:
+def read_own(path: Path) -> Trajectory:
     """Read what `written.write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
     table = files.read_table(path)
     u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
@@ -201,8 +208,8 @@ def read_trajectory(path: Path) -> Trajectory:
         table.labels("cause"),
         table.labels("cable"),
         table.numbers("worst_pressure_angle_deg", gaps=True),
-        _diagonal(np.maximum(u**2 - common**2, 0.0)),
-        _diagonal(common**2),
+        diagonal(np.maximum(u**2 - common**2, 0.0)),
+        diagonal(common**2),
         "as the file says",
         chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
     )
@@ -220,6 +227,6 @@ def _variances(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("nii->ni", covariance)[:, _PLACES])
 
 
-def _diagonal(variances: FloatArray) -> FloatArray:
+def diagonal(variances: FloatArray) -> FloatArray:
     """(n, 6, 6) covariances with (n, 6) variances in the order of `UNCERTAINTY_COLUMNS`."""
     return np.asarray(variances[:, _PLACES, None] * np.eye(6))

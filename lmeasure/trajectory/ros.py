@@ -1,7 +1,9 @@
 """A trajectory as ROS 2 messages in an MCAP file: geometry_msgs/PoseWithCovarianceStamped, metres and radians (REP 103)."""
 
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure import files
-from lmeasure.arrays import IntArray
-from lmeasure.errors import TrajectoryError
+from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.errors import FileFormatError, TrajectoryError
 from lmeasure.extras import how_to_install
+from lmeasure.opened import open_regular
 from lmeasure.trajectory.record import Trajectory
 
 TOPIC = "/lmeasure/pose"
 FRAME = "base"
+POSES = {"PoseStamped": 7, "PoseWithCovarianceStamped": 43}
+"""Messages that are read, and how many numbers stand behind their header."""
 
 SCHEMA = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _PARTS = {
@@ -87,3 +92,62 @@ def mcap_writer(path: Path, covers: str) -> Iterator[Callable[[Trajectory], None
 
         yield write
         writer.finish()  # type: ignore[no-untyped-call]
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Poses of a topic: time_s (n,), poses (n, 7) mm, covariance (n, 6, 6) of (rotation [rad]; position [mm]) or None of poses without."""
+
+    time_s: FloatArray
+    poses: FloatArray
+    covariance: FloatArray | None
+
+
+def read_messages(path: Path, topic: str | None = None) -> Messages:
+    """The poses of an MCAP file, of ROS 1 or 2: PoseStamped or PoseWithCovarianceStamped, by the stamps in the messages.
+
+    FileFormatError where the file is none, or where there are none or several such topics and none is named.
+    """
+    try:
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+    except ImportError as error:
+        raise TrajectoryError(f"{path}: MCAP needs the package mcap: {how_to_install('ros')}") from error
+    found: dict[str, list[tuple[float, FloatArray]]] = {}
+    try:
+        with open_regular(path) as file:
+            for schema, channel, message in make_reader(file).iter_messages():
+                kind = "" if schema is None else schema.name.rsplit("/", 1)[-1]
+                if kind in POSES and channel.message_encoding in ("cdr", "ros1"):
+                    found.setdefault(channel.topic, []).append(_pose_in(message.data, channel.message_encoding == "cdr", POSES[kind]))
+    except (McapError, struct.error, ValueError, EOFError) as error:
+        raise FileFormatError(f"{path}: cannot be read as MCAP with poses: {' '.join(str(error).split())[:200]}") from None
+    if topic is None and len(found) == 1:
+        topic = next(iter(found))
+    if topic not in found:
+        have = ", ".join(sorted(found)) or "none"
+        asked = "--columns topic=/NAME says which" if topic is None else f"{topic} is none of them"
+        raise FileFormatError(f"{path}: topics with PoseStamped or PoseWithCovarianceStamped: {have}; {asked}")
+    rows = sorted(found[topic], key=lambda each: each[0])
+    values = np.array([row for _, row in rows])
+    time_s, poses = np.array([t for t, _ in rows]), values[:, :7] * np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0, 1.0])
+    if values.shape[1] == 7:
+        return Messages(time_s, poses, None)
+    unit = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
+    covariance = (values[:, 7:].reshape(-1, 6, 6) * unit[:, None] * unit)[:, _ORDER][:, :, _ORDER]
+    return Messages(time_s, poses, covariance)
+
+
+def _pose_in(data: bytes, cdr: bool, numbers: int) -> tuple[float, FloatArray]:
+    """Time [s] and the doubles of a message: in CDR values are aligned to their size from behind the first four bytes, in ROS 1 they are
+    not, and a number of the message comes first."""
+    order = "<" if not cdr or data[1] & 1 else ">"
+    begin = 4
+    seconds, part, length = struct.unpack_from(f"{order}iII", data, begin)
+    at = begin + 12 + length
+    if cdr:
+        at += -(at - begin) % 8
+    values = np.frombuffer(data, f"{order}f8", numbers, at).astype(np.float64)
+    if not np.isfinite(values[:7]).all():
+        raise ValueError("a pose holds a number that is not finite")
+    return seconds + 1e-9 * part, values

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import Asked, Paths, Point, option
+from lmeasure.workflows.settings import COLUMNS, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, Point, option
 
 CHOICES = "What is certified"
 
@@ -13,13 +13,16 @@ CHOICES = "What is certified"
 class Settings(Asked):
     """What `lmeasure certify` is asked; what is certified is chosen as in `lmeasure.CertificationSettings`."""
 
-    trajectory: Annotated[Path, option("Trajectory as `reconstruct` writes it.", metavar="TRAJECTORY", positional=True)]
+    trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
     program: Annotated[Path, option("Commanded poses and paths with their windows.", metavar="program.toml")]
     out: Annotated[Path, option("Folder to write: a new one, or that of an earlier certificate.", metavar="DIR")]
     run: Annotated[Path | None, option("Run folder of the trajectory: its counts are certified and copied too.")] = None
     rig: Annotated[Path | None, option("Rig the trajectory was reconstructed with, if not the run's own.")] = None
     constraint: Annotated[str | None, option("The constraint it was reconstructed with.")] = None
     repeatability_mm: Annotated[float, option("Of the robot between passes, as at `reconstruct`.", ge=0.0)] = 0.0
+    columns: Annotated[str, COLUMNS] = ""
+    u_position_mm: Annotated[float | None, U_POSITION] = None
+    u_rotation_deg: Annotated[float | None, U_ROTATION] = None
     details: Annotated[Path | None, option("Laboratory, customer, item, dates, traceability ...", metavar="details.toml")] = None
     language: Annotated[Literal["en", "ru"], option("en or ru.")] = "en"
     key: Annotated[Path | None, option("Sign with this private key (`lmeasure key`).", metavar="FILE")] = None
@@ -58,11 +61,15 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     of_run["repeatability_mm"] = settings.repeatability_mm != 0.0
     if settings.run is None and any(of_run.values()):
         raise SettingsError(next(name for name, given in of_run.items() if given), "goes with --run")
+    beside = ("columns", "u_position_mm", "u_rotation_deg")
+    told = next((name for name in beside if getattr(settings, name) not in (None, "")), None)
+    if settings.run is not None and told is not None:
+        raise SettingsError(told, "is said of a trajectory from elsewhere; with --run the poses are those of its counts")
     if settings.angles is not None and settings.angles not in CONVENTIONS:
         raise SettingsError("angles", f"{settings.angles!r} is not one of {', '.join(CONVENTIONS)}")
     same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "rule", "still_mm", "trials", "seed")
     chosen = stage.Settings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
-    measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm")
+    measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
     choices = Choices(settings.language, settings.key, settings.dcc, settings.xsd, settings.zipped)
     content = write_certificate(settings.out, inputs, chosen, choices, steps(progress, "certify"))

@@ -49,9 +49,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
     import numpy as np
 
     from lmeasure import files
+    from lmeasure.foreign import columns_of
     from lmeasure.report.robot import write_robot_page
     from lmeasure.robots import identified, judged
-    from lmeasure.robots.foreign import columns_of
     from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict
     from lmeasure.robots.identify import Settings as Chosen
     from lmeasure.robots.mistaken import mended

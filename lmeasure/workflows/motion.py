@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, option
+from lmeasure.workflows.settings import COLUMNS, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.motion import Motion
@@ -13,8 +13,11 @@ if TYPE_CHECKING:
 class Settings(Asked):
     """What `lmeasure motion` is asked."""
 
-    trajectory: Annotated[Path, option("Trajectory as `reconstruct` writes it.", metavar="TRAJECTORY", positional=True)]
+    trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
     out: Annotated[Path, option("Motion to write, .parquet or .csv.")]
+    columns: Annotated[str, COLUMNS] = ""
+    u_position_mm: Annotated[float | None, U_POSITION] = None
+    u_rotation_deg: Annotated[float | None, U_ROTATION] = None
     half_width_s: Annotated[float, option("Half width of the window of the local cubics.", within=(0.0, 60.0))] = 0.02
 
     def paths(self) -> Paths:
@@ -25,21 +28,33 @@ class Settings(Asked):
 @workflow("motion")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     """Smooth the trajectory and write its motion."""
+    import math
+
     import numpy as np
 
-    from lmeasure.trajectory import read_trajectory
+    from lmeasure.foreign import columns_of
+    from lmeasure.trajectory import Stated, read_trajectory
     from lmeasure.trajectory.motion import motion_of, write_motion
 
     progress(0.0, "motion")
-    found = motion_of(read_trajectory(settings.trajectory), settings.half_width_s)
+    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    stated = Stated(columns_of(settings.columns), settings.u_position_mm, turn)
+    trajectory = read_trajectory(settings.trajectory, stated)
+    found = motion_of(trajectory, settings.half_width_s)
     progress(1.0, "motion")
     write_motion(settings.out, found)
-    u = np.nanmedian(np.linalg.norm(found.u_velocity[:, 3:], axis=1))
     largest, u95 = found.largest_speed()
     way = float(np.nanmax(found.path_mm))
-    told = (
-        f"{len(found.time_s)} samples, window +-{found.half_width_s:g} s: path {way:.3f} mm, "
-        f"speed up to {largest:.3f} +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s, of independent errors)"
-    )
-    notes = (f"note: {found.stamps.note}",) if found.stamps.note else ()
-    return Result(found, (told, *notes), {"path_mm": way, "largest_speed_mm_s": largest, "u95_mm_s": u95}, notes)
+    told = f"{len(found.time_s)} samples, window +-{found.half_width_s:g} s: path {way:.3f} mm, speed up to {largest:.3f}"
+    figures = {"path_mm": way, "largest_speed_mm_s": largest}
+    if "position" in trajectory.absent:
+        told += " mm/s; no uncertainty is stated: state it by columns or --u-position-mm"
+    else:
+        u = np.nanmedian(np.linalg.norm(found.u_velocity[:, 3:], axis=1))
+        told += f" +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s, of independent errors)"
+        figures["u95_mm_s"] = u95
+    turned = not np.isnan(found.poses[:, 3:]).all()
+    notes = [found.stamps.note] if found.stamps.note else []
+    notes += [] if turned else ["the orientation is not measured: nothing is said of rotations"]
+    lines = tuple(f"note: {note}" for note in notes)
+    return Result(found, (told, *lines), figures, lines)

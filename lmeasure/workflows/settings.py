@@ -176,3 +176,7 @@ UnitQuaternion = Annotated[tuple[float, float, float, float], AfterValidator(_un
 Names = Annotated[tuple[str, ...], Words(",", str)]
 Recording = Annotated[Path, AfterValidator(_recording)]
 RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")
+TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, .mcap."
+COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")
+U_POSITION = option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)
+U_ROTATION = option("Standard uncertainty of a measured orientation about each axis.", ge=0)

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.errors import LMeasureError, RobotError
+from lmeasure.foreign import columns_of
 from lmeasure.robots import judged, mistaken
-from lmeasure.robots.foreign import columns_of
 from lmeasure.robots.frame_start import find_frames
 from lmeasure.robots.identify import Settings, identify, predict
 from lmeasure.robots.measurements import Measurements, measured

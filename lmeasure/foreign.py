@@ -9,16 +9,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
+from lmeasure.conventions import CONVENTIONS, QUATERNION_COLUMNS, check_angles, rotation_from_angles
 from lmeasure.errors import FileFormatError
 from lmeasure.opened import read_regular
 
 LARGEST = 1 << 28
-UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "in": 25.4, "deg": 1.0, "rad": 57.29577951308232}
-"""Millimetres or degrees in one."""
+KINDS = {
+    "mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "in": 25.4},
+    "deg": {"deg": 1.0, "rad": 57.29577951308232},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+}
+"""Units of lengths, angles and times: how many of ours are in one."""
+UNITS = {unit: size for kind in KINDS.values() for unit, size in kind.items()}
+UNIT_TOLERANCE = 1e-3
+"""Of a quaternion's length: other programs write four digits."""
 _MAPPED = re.compile(r"\s*([^=\s]+)\s*=\s*(.+?)\s*(?:\[\s*(\w+)\s*\])?\s*")
 _HEADED = re.compile(r"(.+?)\s*[\[(]\s*(\w+)\s*[\])]")
 _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -52,10 +61,20 @@ class ForeignTable:
     def __init__(self, path: Path, columns: Mapping[str, Column] | None = None) -> None:
         self.path = Path(path)
         self._columns = dict(columns or {})
-        self._table = files.read_table(self.path) if self.path.suffix.lower() == ".parquet" else _read(self.path)
+        self.lines: list[int] = []
+        """Where its rows stand in a text file."""
+        if self.path.suffix.lower() == ".parquet":
+            self._table = files.read_table(self.path)
+        else:
+            self._table, self.lines = _read(self.path)
         for name, column in self._columns.items():
             if column.name not in self._table.columns:
                 raise FileFormatError(f"{path}: column {column.name!r}, which --columns says is {name}, is missing; it has {self.has}")
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of its columns, as the file has them."""
+        return self._table.columns
 
     @property
     def has(self) -> str:
@@ -70,8 +89,7 @@ class ForeignTable:
         if name in self._columns:
             column = self._columns[name]
             return Column(column.name, column.unit or unit)
-        lengths, angles = ("mm", "m", "cm", "um", "in"), ("deg", "rad")
-        for other in lengths if unit == "mm" else angles if unit == "deg" else ():
+        for other in KINDS.get(unit, {}):
             if f"{name}_{other}" in self._table.columns:
                 return Column(f"{name}_{other}", other)
         for own in self._table.columns:
@@ -80,14 +98,41 @@ class ForeignTable:
                 return Column(own, headed[2])
         return Column(name, "") if name in self._table.columns and not unit else None
 
+    def orientation(self, *, gaps: bool = False) -> FloatArray | None:
+        """(n, 4) quaternions x, y, z, w of unit length, from `qx` ... `qw` or the angles of any controller's convention, NaN in a row
+        without one where gaps are allowed; None where there is no such column. FileFormatError names a row whose quaternion is none."""
+        if all(self.find(name) for name in QUATERNION_COLUMNS):
+            out = np.column_stack([self.numbers(name, gaps=gaps) for name in QUATERNION_COLUMNS])
+            length = np.linalg.norm(out, axis=1)
+            bad = np.abs(length - 1.0) > UNIT_TOLERANCE
+            if bad.any():
+                i = int(np.argmax(bad))
+                raise FileFormatError(f"{self.row(i)}: the quaternion's length is {length[i]:.9g}, not 1")
+            return np.asarray(out / length[:, None])
+        # a and rx stand in several: only a set that is there whole counts, the longest names first
+        for each in CONVENTIONS.values():
+            columns = [tuple(name.rsplit("_", 1)) for name in each.columns]
+            if all(name in self._columns or f"{name}_{unit}" in self._table.columns for name, unit in columns):
+                values = np.column_stack([self.numbers(name, "deg", gaps=gaps) for name, _ in columns])
+                check_angles(values[~np.isnan(values)], f"{self.path}: {', '.join(each.columns)}")
+                known = ~np.isnan(values).any(axis=1)
+                out = np.full((len(values), 4), np.nan)
+                of = np.radians(values[known]) if each.axes == "rotvec" else values[known]
+                out[known] = rotation_from_angles(each.name, of).as_quat()
+                return out
+        return None
+
+    def row(self, index: int) -> str:
+        """Which row that is, for a complaint: file and line."""
+        return f"{self.path}: line {self.lines[index]}" if self.lines else f"{self.path}: row {index + 1}"
+
     def numbers(self, name: str, unit: str = "", *, gaps: bool = False) -> FloatArray:
         """(n,) floats [mm, deg, or none] of a quantity; FileFormatError where the file has it not, or not with a unit of its kind."""
         column = self.find(name, unit)
         if column is None:
             shown = f"{name}_{unit}" if unit else name
             raise FileFormatError(f"{self.path}: column {shown!r} is missing; it has {self.has}; --columns says which column is which")
-        kinds = ("mm", "m", "cm", "um", "in"), ("deg", "rad")
-        if unit and column.unit not in next(kind for kind in kinds if unit in kind):
+        if unit and column.unit not in KINDS[unit]:
             raise FileFormatError(f"{self.path}: column {column.name!r}: {column.unit!r} is no unit of {name}")
         return self._table.numbers(column.name, gaps=gaps) * (UNITS[column.unit] if unit else 1.0)
 
@@ -99,10 +144,15 @@ class ForeignTable:
         return self._table.text(column.name)
 
 
-def _read(path: Path) -> files.Table:
-    """A text file of any usual separator, code page and decimal mark; comments (#, %) and blank lines before the header are left out."""
-    raw = read_regular(path, LARGEST)
-    text = _decoded(raw, path)
+def text_of(path: Path) -> str:
+    """A text file in UTF-8, UTF-16 or cp1252; FileFormatError where it is none."""
+    return decoded(read_regular(Path(path), LARGEST), path)
+
+
+def _read(path: Path) -> tuple[files.Table, list[int]]:
+    """A text file of any usual separator, code page and decimal mark, and the lines of its rows; comments (#, %) and blank lines before the
+    header are left out."""
+    text = text_of(path)
     lines = text.splitlines()
     first = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"), None)
     if first is None:
@@ -130,10 +180,11 @@ def _read(path: Path) -> files.Table:
     if separator != ",":
         numbered = [(line, [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row]) for line, row in numbered]
     columns = {name: pa.array([row[i] or None for _, row in numbered], pa.string()) for i, name in enumerate(header)}
-    return files.Table(path, pa.table(columns), first)
+    return files.Table(path, pa.table(columns), first), [line for line, _ in numbered]
 
 
-def _decoded(raw: bytes, path: Path) -> str:
+def decoded(raw: bytes, path: Path) -> str:
+    """Text in UTF-8, UTF-16 or cp1252; FileFormatError where it is none."""
     code = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     for attempt in (code, "cp1252"):
         try:

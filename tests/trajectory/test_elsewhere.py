@@ -1,0 +1,172 @@
+"""Trajectories of other instruments: each format read without editing, what is missing said, and what cannot be read named."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_trajectories import made_campaign
+from mcap.writer import Writer
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from lmeasure.cli import app
+from lmeasure.errors import LMeasureError
+from lmeasure.files import write_toml
+from lmeasure.foreign import columns_of
+from lmeasure.status import Status
+from lmeasure.trajectory import Stated, Trajectory, read_trajectory, write_trajectory
+
+FloatArray = NDArray[np.float64]
+U = ("--u-position-mm", "0.01", "--u-rotation-deg", "0.001")
+
+
+@pytest.fixture(scope="module")
+def ours() -> tuple[Trajectory, dict[str, object]]:
+    return made_campaign(np.array([0.2, -0.1, 0.3]), 0.02)
+
+
+def run(arguments: list[str]) -> int:
+    done = CliRunner().invoke(app, arguments)
+    assert done.exception is None or isinstance(done.exception, SystemExit | LMeasureError), done.exception
+    return 1 if isinstance(done.exception, LMeasureError) else done.exit_code
+
+
+def as_tum(path: Path, found: Trajectory) -> None:
+    rows = np.column_stack([found.time_s, found.poses[:, :3] / 1e3, found.poses[:, 3:]])
+    lines = [" ".join(map(repr, row)) for row in rows.tolist()]
+    path.write_text("\n".join(["# timestamp tx ty tz qx qy qz qw", *lines, ""]), encoding="utf-8")
+
+
+def as_euroc(path: Path, found: Trajectory) -> None:
+    head = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+    lines = [
+        f"{round(t * 1e9)}," + ",".join(map(repr, [*(p[:3] / 1e3).tolist(), float(p[6]), *p[3:6].tolist()]))
+        for t, p in zip(found.time_s, found.poses, strict=True)
+    ]
+    path.write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+def as_mcap(path: Path, found: Trajectory, ros: int = 2) -> None:
+    """PoseStamped by hand: CDR aligns doubles to eight behind its first four bytes, ROS 1 packs them."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        name, encoding = ("geometry_msgs/msg/PoseStamped", "cdr") if ros == 2 else ("geometry_msgs/PoseStamped", "ros1")
+        schema = writer.register_schema(name=name, encoding="ros2msg" if ros == 2 else "ros1msg", data=b"")
+        channel = writer.register_channel(topic="/pose", message_encoding=encoding, schema_id=schema)
+        for i, (t, p) in enumerate(zip(found.time_s, found.poses, strict=True)):
+            nanoseconds = round(t * 1e9)
+            frame = b"world\0" if ros == 2 else b"world"
+            head = b"\0\1\0\0" if ros == 2 else struct.pack("<I", i)
+            body = struct.pack("<iII", *divmod(nanoseconds, 10**9), len(frame)) + frame
+            body += b"\0" * (-len(body) % 8) if ros == 2 else b""
+            writer.add_message(channel, nanoseconds, head + body + struct.pack("<7d", *(p[:3] / 1e3), *p[3:]), nanoseconds)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize("kind", ["tum", "euroc", "mcap", "mcap of ROS 1"])
+def test_formats_of_others_give_the_same_poses(kind: str, ours: tuple[Trajectory, object], tmp_path: Path) -> None:
+    found, _ = ours
+    path = tmp_path / {"tum": "t.tum", "euroc": "data.csv"}.get(kind, "t.mcap")
+    if kind in ("tum", "euroc"):
+        {"tum": as_tum, "euroc": as_euroc}[kind](path, found)
+    else:
+        as_mcap(path, found, ros=1 if kind.endswith("1") else 2)
+    read = read_trajectory(path)
+    assert read.time_s == pytest.approx(found.time_s, abs=1e-9)
+    assert read.poses == pytest.approx(found.poses, abs=1e-9)
+    assert read.absent == ("position", "rotation")
+    assert (read.status == Status.OK).all()
+    told = read_trajectory(path, Stated(u_position_mm=0.02, u_rotation_rad=1e-4))
+    assert told.absent == ()
+    assert told.u[5] == pytest.approx([0.02] * 3 + [1e-4] * 3)
+
+
+def test_our_own_messages_bring_their_covariances(ours: tuple[Trajectory, object], tmp_path: Path) -> None:
+    found, _ = ours
+    root = np.random.default_rng(3).normal(size=(6, 6)) * np.repeat([1e-4, 0.02], 3)[:, None]
+    object.__setattr__(found, "random", np.tile(root @ root.T, (len(found.time_s), 1, 1)))
+    write_trajectory(tmp_path / "t.mcap", found)
+    read = read_trajectory(tmp_path / "t.mcap")
+    assert read.absent == ()
+    assert read.random[7] == pytest.approx(found.random[7], rel=1e-12)
+    object.__setattr__(found, "random", np.zeros_like(found.random))
+    write_trajectory(tmp_path / "u.mcap", found)
+    assert read_trajectory(tmp_path / "u.mcap").absent == ("position", "rotation")  # ROS: zeros are not known
+
+
+def test_a_table_under_other_names_units_and_marks(ours: tuple[Trajectory, object], tmp_path: Path) -> None:
+    found, _ = ours
+    lines = ["Zeit;X (m);Y (m);Z (m);Größe"]
+    for t, p in zip(found.time_s[:50], found.poses, strict=False):
+        lines.append(";".join(f"{v:.9f}".replace(".", ",") for v in (1e3 * t, *(p[:3] / 1e3))) + ";ä")
+    lines[11] = lines[11].split(";")[0] + ";;;;"
+    path = tmp_path / "tracker.csv"
+    path.write_bytes("\r\n".join(lines).encode("cp1252"))
+    stated = Stated(columns_of("time=Zeit[ms],x=X (m)[m],y=Y (m)[m],z=Z (m)[m]"), 0.03)
+    read = read_trajectory(path, stated)
+    assert read.time_s == pytest.approx(found.time_s[:50], abs=1e-9)
+    assert np.delete(read.poses[:, :3], 10, axis=0) == pytest.approx(np.delete(found.poses[:50, :3], 10, axis=0), abs=1e-6)
+    assert np.isnan(read.poses[:, 3:]).all()
+    assert read.status[10] == Status.GAP
+    assert read.absent == ()  # no rotation is measured of which an uncertainty could be missing
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("a.tum", "0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0\n", "line 2: is not time x y z qx qy qz qw"),
+        ("a.tum", "0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", "line 2: its time is not after"),
+        ("a.tum", "0 1 2 3 0 0 0 2\n", "line 1: its quaternion is not of length 1"),
+        ("a.csv", "time_s,x_mm,y_mm\n0,1,2\n", "column 'z_mm' is missing"),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3e9\n", "line 2: lies more than"),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm,u_position_mm\n0,1,2,3,-1\n", "line 2: a standard uncertainty of the position is negative"),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,,,\n", "no row has a whole pose"),
+        ("a.csv", "time_s,x_mm,y_mm,z_mm\n", "has no rows"),
+        ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3\n", "line 2: has 3 numbers, the header 4"),
+        ("a.mcap", "no such thing", "cannot be read as MCAP"),
+    ],
+)
+def test_what_cannot_be_read_is_named(name: str, text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(LMeasureError, match=told):
+        read_trajectory(path)
+
+
+def test_certificates_of_other_instruments(ours: tuple[Trajectory, dict[str, object]], tmp_path: Path) -> None:
+    """Without uncertainties values and no verdict; with them the verdicts of our own files; the original and the mapping are sealed."""
+    found, program = ours
+    write_toml(tmp_path / "program.toml", program)
+    table = pd.DataFrame({"t": found.time_s, "X[m]": found.poses[:, 0] / 1e3, "Y": found.poses[:, 1] / 25.4, "Z": found.poses[:, 2]})
+    table.to_csv(tmp_path / "seen.csv", index=False)
+    mapping = ("--columns", "time=t[s],x=X[m][m],y=Y[in],z=Z[mm]")
+    common = ("--program", str(tmp_path / "program.toml"))
+    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, "--out", str(tmp_path / "bare")]) == 0
+    bare = json.loads((tmp_path / "bare" / "certificate.json").read_text())
+    assert {(c["u95"], c["capable"]) for c in bare["characteristics"]} == {(None, None)}
+    assert bare["measurement"]["columns"] == mapping[1]
+    assert (tmp_path / "bare" / "inputs" / "trajectory.csv").read_bytes() == (tmp_path / "seen.csv").read_bytes()
+    assert "no verdict" in (tmp_path / "bare" / "report.html").read_text()
+    assert run(["verify", str(tmp_path / "bare")]) == 0
+    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, *U[:2], "--dcc", "--out", str(tmp_path / "told")]) == 0
+    told = {c["name"]: c for c in json.loads((tmp_path / "told" / "certificate.json").read_text())["characteristics"]}
+    assert told["AP_p"]["value"] == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), abs=0.02)
+    assert told["AP_p"]["capable"]
+    assert run(["verify", str(tmp_path / "told")]) == 0
+    assert run(["compare", str(tmp_path / "bare"), str(tmp_path / "told")]) == 1
+
+
+def test_motion_of_places_alone(tmp_path: Path) -> None:
+    time_s = np.arange(400) / 100.0
+    table = pd.DataFrame({"time_s": time_s, "x_mm": 50.0 * time_s**2, "y_mm": 0.0 * time_s, "z_mm": 5.0})
+    table.to_csv(tmp_path / "seen.csv", index=False)
+    assert run(["motion", str(tmp_path / "seen.csv"), "--half-width-s", "0.1", "--out", str(tmp_path / "m.csv")]) == 0
+    made = pd.read_csv(tmp_path / "m.csv")
+    assert made["speed_mm_s"].to_numpy() == pytest.approx(100.0 * time_s, abs=1e-6)
+    assert made[["u_speed_mm_s", "wx_rad_s", "qx"]].isna().all(axis=None)
+    assert run(["motion", str(tmp_path / "seen.csv"), *U[:2], "--half-width-s", "0.1", "--out", str(tmp_path / "m.csv")]) == 0
+    assert (pd.read_csv(tmp_path / "m.csv")["u_speed_mm_s"] > 0.0).all()
