@@ -27,6 +27,7 @@ What stands where in the rows of a cable and of a pose: `kernels.layout`.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,34 +45,35 @@ def guide_direction(alpha: float, beta: float) -> Vec3:
     return -math.cos(alpha) * math.sin(beta), -math.cos(alpha) * math.cos(beta), math.sin(alpha)
 
 
+class Leaving(NamedTuple):
+    """How a cable leaves its swivel pulley: phi, wrapped angle in [0, 2 pi); t, straight length; e, unit vector of the free span; cosine
+    and sine of phi; n, unit vector away from the swivel axis; slope q/p."""
+
+    phi: float
+    t: float
+    e: Vec3
+    cosine: float
+    sine: float
+    n: Vec3
+    slope: float
+
+
 @inline
-def wrap_plane(d: Vec3, u: Vec3) -> tuple[float, float, Vec3]:
-    """(q, p, n) of the point d from B: coordinate along u, distance from the axis, unit vector away from it; NaN on the axis."""
+def leaving(d: Vec3, u: Vec3, radius: float) -> Leaving:
+    """Of the cable to the point d from B, by two divisions and no branch; what is not asked for is left out by the compiler. NaN inside
+    the pulley, and on its axis, even of a pulley of radius 0: the length would be finite, but the pulley has no plane to turn into."""
     q = dot(d, u)
     across = sub(d, scale(q, u))
     p = norm(across)
-    if p < ON_AXIS_MM:
-        p = math.nan  # the length would be finite, but the pulley has no plane to turn into
-    return q, p, scale(1.0 / p, across)
-
-
-@inline
-def wrap(q: float, p: float, radius: float) -> tuple[float, float]:
-    """(phi, t): wrapped angle in [0, 2 pi) and straight length. NaN inside the pulley."""
+    p = p if p >= ON_AXIS_MM else math.nan
     x = p - radius
-    t = math.sqrt(q * q + x * x - radius * radius)
-    return angle(q * radius + x * t, q * t - x * radius), t
-
-
-@inline
-def wrapped_span(d: Vec3, u: Vec3, radius: float) -> tuple[float, Vec3]:
-    """`span` to the point d from B, without a branch; NaN on the axis even of a pulley of radius 0."""
-    q, p, n = wrap_plane(d, u)
-    phi, t = wrap(q, p, radius)
-    # cos phi and sin phi from the two equations above, which spares their series
-    x = p - radius
-    k = 1.0 / (q * q + x * x)
-    return radius * phi + t, add(scale(k * (q * t - x * radius), u), scale(k * (q * radius + x * t), n))
+    square = x * x + q * q
+    t = math.sqrt(square - radius * radius)
+    # the two equations above solved for phi, times square
+    sine, cosine = q * radius + x * t, q * t - x * radius
+    k = 1.0 / (p * square)
+    e = add(scale(cosine * p * k, u), scale(sine * k, across))
+    return Leaving(angle(sine, cosine), t, e, cosine * p * k, sine * p * k, scale(square * k, across), q * (square * k))
 
 
 @inline
@@ -84,7 +86,8 @@ def span(point: Vec3, base: Vec3, u: Vec3, radius: float) -> tuple[float, Vec3]:
     if radius == 0.0:
         length = norm(d)
         return length, scale(1.0 / length, d)
-    return wrapped_span(d, u, radius)
+    s = leaving(d, u, radius)
+    return radius * s.phi + s.t, s.e
 
 
 @inline
@@ -173,21 +176,20 @@ def wrap_geometry(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, Fl
     (n, m) wrapped angles [rad]."""
     n, m = poses.shape[0], cables.shape[0]
     centre, tangent, attachment = np.empty((n, m, 3)), np.empty((n, m, 3)), np.empty((n, m, 3))
-    angle = np.zeros((n, m))
+    wrapped = np.zeros((n, m))
     for i in range(n):
         for j in range(m):
             base, u, radius = vec(cables[j], layout.BASE), vec(cables[j], layout.GUIDE), cables[j, layout.RADIUS]
             point = add(vec(poses[i], layout.PLACE), rotate(orientation(poses[i]), vec(cables[j], layout.ATTACHMENT)))
             o, t = base, base
             if radius > 0.0:
-                q, p, normal = wrap_plane(sub(point, base), u)
-                phi, _ = wrap(q, p, radius)
-                o = add(base, scale(radius, normal))
-                t = add(o, add(scale(radius * math.sin(phi), u), scale(-radius * math.cos(phi), normal)))
-                angle[i, j] = phi
+                s = leaving(sub(point, base), u, radius)
+                o = add(base, scale(radius, s.n))
+                t = add(o, add(scale(radius * s.sine, u), scale(-radius * s.cosine, s.n)))
+                wrapped[i, j] = s.phi
             for c in range(3):
                 centre[i, j, c], tangent[i, j, c], attachment[i, j, c] = o[c], t[c], point[c]
-    return centre, tangent, attachment, angle
+    return centre, tangent, attachment, wrapped
 
 
 @kernel
@@ -234,15 +236,13 @@ def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor:
         phi = math.acos(cosine)
         out[layout.BY_RADIUS] = phi - math.sin(phi)
     else:
-        q, p, n = wrap_plane(d, u)
-        phi, _ = wrap(q, p, radius)
-        cosine, sine = math.cos(phi), math.sin(phi)
-        e = add(scale(cosine, u), scale(sine, n))
+        s = leaving(d, u, radius)
+        e = s.e
         # dq = d.du and, as p^2 = |d|^2 - q^2, dp = -(q/p) dq
-        by_u = cosine - sine * q / p
+        by_u = s.cosine - s.sine * s.slope
         out[layout.BY_ALPHA] = by_u * dot(d, (math.sin(alpha) * math.sin(beta), math.sin(alpha) * math.cos(beta), math.cos(alpha)))
         out[layout.BY_BETA] = by_u * dot(d, (-math.cos(alpha) * math.cos(beta), math.cos(alpha) * math.sin(beta), 0.0))
-        out[layout.BY_RADIUS] = phi - sine
+        out[layout.BY_RADIUS] = s.phi - s.sine
     for c in range(3):
         out[layout.BY_BASE + c] = -e[c]
     tangent, axial, travel = cable[layout.TANGENT], cable[layout.AXIAL], cable[layout.TRAVEL]

@@ -29,7 +29,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline, kernel, layout
-from lmeasure.kernels.cable import drum_change, orientation, span, vec, wrap, wrap_plane
+from lmeasure.kernels.cable import drum_change, leaving, orientation, span, vec
 from lmeasure.kernels.vector import Vec3, add, norm, rotate, scale, sub
 
 _ARC_STEPS = 30
@@ -68,13 +68,12 @@ def material_length(cable: FloatArray, effect: FloatArray, point: Vec3, k: float
     )
     base, u, radius = scale(f, vec(cable, layout.BASE)), vec(cable, layout.GUIDE), d * cable[layout.RADIUS]
     away = sub(point, base)
-    _, way = span(point, base, u, radius)
     if radius == 0.0:
         wrapped, straight = 0.0, norm(away)
+        way = scale(1.0 / straight, away)
     else:
-        q, p, _ = wrap_plane(away, u)
-        phi, straight = wrap(q, p, radius)
-        wrapped = radius * phi
+        s = leaving(away, u, radius)
+        wrapped, straight, way = radius * s.phi, s.t, s.e
     rise = straight * way[2]
     tension = effect[layout.TENSION] + effect[layout.TENSION_RISE] * cable[layout.COUNT_LENGTH] * k
     middle = tension + 0.5 * effect[layout.WEIGHT] * rise

@@ -14,7 +14,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import span_at, vec, wrapped_span
+from lmeasure.kernels.cable import leaving, span_at, vec
 from lmeasure.kernels.layout import ATTACHMENT, BASE, CHANGES, GUIDE, ORIENTATION, PLACE, POSE_COLUMNS, RADIUS
 from lmeasure.kernels.screw import CABLES, LOST, OK, TOLERANCE_MM, copy, invert, platform_size, resume
 from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
@@ -62,8 +62,8 @@ def _move(S: FloatArray, i: int, place: Vec3, turned: Quat) -> None:
 def _row(position: Vec3, A: tuple[Vec3, Vec3, Vec3], cable: Constants, target: float) -> Row:
     """(e, arm x e, residual) of a cable at a pose."""
     arm = (dot(A[0], cable[2]), dot(A[1], cable[2]), dot(A[2], cable[2]))
-    length, e = wrapped_span(sub(add(position, arm), cable[0]), cable[1], cable[3])
-    return e, cross(arm, e), target - length
+    s = leaving(sub(add(position, arm), cable[0]), cable[1], cable[3])
+    return s.e, cross(arm, s.e), target - (cable[3] * s.phi + s.t)
 
 
 @inline

@@ -6,7 +6,7 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.cable import guide_direction, span, wrapped_span
+from lmeasure.kernels.cable import guide_direction, leaving, span
 from lmeasure.kernels.vector import Vec3, norm, sine_cosine, sub
 
 WIDTH = 32  # candidates tried at a time
@@ -108,7 +108,8 @@ def _length(place: FloatArray, way: FloatArray, radius: float, point: Vec3, lane
     d = sub(point, (place[0, lane], place[1, lane], place[2, lane]))
     if radius == 0.0:
         return norm(d)
-    return wrapped_span(d, (way[0, lane], way[1, lane], way[2, lane]), radius)[0]
+    s = leaving(d, (way[0, lane], way[1, lane], way[2, lane]), radius)
+    return radius * s.phi + s.t
 
 
 @kernel

@@ -38,28 +38,28 @@ def norm(a: Vec3) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
+# arctan(f)/f = 1 + z (c0 + c1 z + ...), z = f^2 <= tan^2(22.5 deg): interpolated at Chebyshev's points; errs by less than 1.4e-16
+ARCTANGENT = (
+    -0.3333333333333325, 0.19999999999898407, -0.1428571426609662, 0.11111109636534361, -0.09090852557176049,
+    0.0769105515839315, -0.06649613695291669, 0.05736332165907643, -0.04483334622272886, 0.02275052699336167,
+)  # fmt: skip
+
+
 @inline
 def angle(y: float, x: float) -> float:
-    """atan2(y, x) in [0, 2 pi) without a branch, so that a loop over samples vectorises; NaN where both are zero.
-
-    The arctangent is Cephes' rational approximation on [0, 0.66] after reduction (Moshier, Methods and Programs for Mathematical
-    Functions, 1989; atan.c): within two units in the last place.
-    """
+    """atan2(y, x) in [0, 2 pi) by a single division and no branch, so that a loop over samples vectorises; NaN where both are zero."""
     ay, ax = abs(y), abs(x)
     steep = ay > 2.414213562373095 * ax
-    middle = ay > 0.66 * ax
+    middle = ay > 0.41421356237309503 * ax
     numerator = -ax if steep else (ay - ax if middle else ay)
     denominator = ay if steep else (ay + ax if middle else ax)
     offset = 0.5 * math.pi if steep else (0.25 * math.pi if middle else 0.0)
     f = numerator / denominator
     z = f * f
-    p = -8.750608600031904122785e-1 * z - 1.615753718733365076637e1
-    p = (p * z - 7.500855792314704667340e1) * z - 1.228866684490136173410e2
-    p = p * z - 6.485021904942025371773e1
-    r = (z + 2.485846490146142306297e1) * z + 1.650270098316988542046e2
-    r = (r * z + 4.328810604912902668951e2) * z + 4.853903996359136964868e2
-    r = r * z + 1.945506571482613964425e2
-    a = offset + (f + f * (z * p / r))
+    c = ARCTANGENT
+    p = c[6] + z * (c[7] + z * (c[8] + z * c[9]))
+    p = c[0] + z * (c[1] + z * (c[2] + z * (c[3] + z * (c[4] + z * (c[5] + z * p)))))
+    a = offset + (f + f * (z * p))
     a = a if x >= 0.0 else math.pi - a
     return a if y >= 0.0 else 2.0 * math.pi - a
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel, layout
-from lmeasure.kernels.cable import drum_count, length_gradient, orientation, span_at, vec, wrap, wrap_plane
+from lmeasure.kernels.cable import drum_count, leaving, length_gradient, orientation, span_at, vec
 from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.least_squares import length_twists
@@ -124,20 +124,18 @@ def clearance_at(cables: FloatArray, pose: FloatArray, pairs: IntArray, bodies: 
 def _free_span(cable: FloatArray, pose: FloatArray) -> tuple[Vec3, Vec3, float]:
     """(attachment point, unit direction, straight part) of a cable."""
     point = add(vec(pose, layout.PLACE), rotate(orientation(pose), vec(cable, layout.ATTACHMENT)))
-    length, e, _ = span_at(cable, pose)
     if cable[layout.RADIUS] == 0.0:
+        length, e, _ = span_at(cable, pose)
         return point, e, length
-    q, p, _ = wrap_plane(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE))
-    _, t = wrap(q, p, cable[layout.RADIUS])
-    return point, e, t
+    s = leaving(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE), cable[layout.RADIUS])
+    return point, s.e, s.t
 
 
 @inline
 def _wrapped(cable: FloatArray, pose: FloatArray) -> float:
     """Wrapped angle [rad]; for a straight cable the angle between its guide and the cable, the limit of a vanishing pulley."""
     point = add(vec(pose, layout.PLACE), rotate(orientation(pose), vec(cable, layout.ATTACHMENT)))
-    q, p, _ = wrap_plane(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE))
-    return wrap(q, p, cable[layout.RADIUS])[0]
+    return leaving(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE), cable[layout.RADIUS]).phi
 
 
 @inline

@@ -17,6 +17,7 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import inline, strict_kernel
+from lmeasure.kernels.cable import leaving, vec
 from lmeasure.kernels.clearance import span_clearance
 from lmeasure.kernels.gaussian import radius_95
 from lmeasure.kernels.layout import BASE, BODY_LENGTH, BODY_OF_TOOL, BODY_RADIUS, GUIDE, RADIUS
@@ -40,10 +41,8 @@ from lmeasure.kernels.zone_rows import (
     WORST,
     at,
     least,
-    leaving,
     most,
     put,
-    vec,
 )  # fmt: skip
 from lmeasure.kernels.zone_six import inverse_twists
 
@@ -54,13 +53,13 @@ LEAST_SOUND = 1e-3
 def _spans(B: FloatArray, S: FloatArray, offset: Vec3, u: Vec3, radius: float) -> None:
     """Direction and straight part of a cable's free span into S; extremes of its length and wrap. offset = arm - base point."""
     for lane in range(LANES):
-        phi, t, e, _, _, _ = leaving(add(at(B, PLACE, lane), offset), u, radius)
-        put(S, SPAN, lane, e)
-        S[STRAIGHT * LANES + lane] = t
-        length = radius * phi + t
+        s = leaving(add(at(B, PLACE, lane), offset), u, radius)
+        put(S, SPAN, lane, s.e)
+        S[STRAIGHT * LANES + lane] = s.t
+        length = radius * s.phi + s.t
         least(B, WORST + SHORTEST, lane, length)
         most(B, WORST + LONGEST, lane, length)
-        most(B, WORST + WRAP, lane, phi)
+        most(B, WORST + WRAP, lane, s.phi)
 
 
 @inline

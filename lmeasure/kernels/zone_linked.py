@@ -17,9 +17,9 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.kernels import inline, layout, strict_kernel
-from lmeasure.kernels.cable import drum_count, length_gradients, span_lengths
+from lmeasure.kernels.cable import drum_count, leaving, length_gradients, span_lengths, vec
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
-from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, PLACE, at, leaving, put, vec
+from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, PLACE, at, put
 
 BLOCK = 5
 BLOCKS = -(-layout.WIDTH // BLOCK)
@@ -115,13 +115,13 @@ def _gradient(
     )
     for lane in range(LANES):
         d = add(at(B, PLACE, lane), offset)
-        phi, t, e, cosine, sine, slope = leaving(d, u, radius)
-        by_guide = bent * (cosine - sine * slope)
-        put(H, layout.BY_BASE, lane, scale(-1.0, e))
+        s = leaving(d, u, radius)
+        by_guide = bent * (s.cosine - s.sine * s.slope)
+        put(H, layout.BY_BASE, lane, scale(-1.0, s.e))
         H[layout.BY_ALPHA * LANES + lane], H[layout.BY_BETA * LANES + lane] = by_guide * dot(d, by_alpha), by_guide * dot(d, by_beta)
-        H[layout.BY_RADIUS * LANES + lane] = phi - sine
-        put(H, layout.BY_ATTACHMENT, lane, (dot(e, x_axis), dot(e, y_axis), dot(e, z_axis)))
-        H[LENGTH * LANES + lane] = radius * phi + t
+        H[layout.BY_RADIUS * LANES + lane] = s.phi - s.sine
+        put(H, layout.BY_ATTACHMENT, lane, (dot(s.e, x_axis), dot(s.e, y_axis), dot(s.e, z_axis)))
+        H[LENGTH * LANES + lane] = radius * s.phi + s.t
 
 
 @inline

@@ -12,9 +12,10 @@ import math
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline
+from lmeasure.kernels.cable import vec
 from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
 from lmeasure.kernels.zone import NORM2
-from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, MOVE, SOUND, SPAN, TURN, WORST, at, least, most, put, vec
+from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, MOVE, SOUND, SPAN, TURN, WORST, at, least, most, put
 
 # rows: A and C by xx, yy, zz, xy, xz, yz, B row by row; the same places then hold S^-1, C^-1 and K^T
 _A, _B, _C, NORMAL_ROWS = 0, 6, 15, 21

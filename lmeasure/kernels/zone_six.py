@@ -10,9 +10,10 @@ Without pivots this needs three first cables whose directions are far from copla
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline
+from lmeasure.kernels.cable import vec
 from lmeasure.kernels.vector import Vec3, add, cross, dot, scale, sub
 from lmeasure.kernels.zone import DET_HIGH, DET_LOW, NORM2
-from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, MOVE, SOUND, SPAN, TURN, WORST, at, least, most, put, vec
+from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, MOVE, SOUND, SPAN, TURN, WORST, at, least, most, put
 
 
 @inline

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from lmeasure.kernels import kernel, strict_kernel
 from lmeasure.kernels.clearance import square_distance
-from lmeasure.kernels.vector import dot
-from lmeasure.kernels.zone_rows import ARCTANGENT, angle
+from lmeasure.kernels.vector import ARCTANGENT, angle, dot
 
 FloatArray = NDArray[np.float64]
 
@@ -43,10 +42,10 @@ def nested(values: FloatArray) -> FloatArray:
 
 
 @strict_kernel
-def angles(y: FloatArray, x: FloatArray, over: FloatArray) -> FloatArray:
-    out = np.empty((len(y), 2))
+def angles(y: FloatArray, x: FloatArray) -> FloatArray:
+    out = np.empty(len(y))
     for i in range(len(y)):
-        out[i, 0], out[i, 1] = angle(y[i], x[i], over[i])
+        out[i] = angle(y[i], x[i])
     return out
 
 
@@ -61,20 +60,16 @@ def test_products_are_rounded_before_they_are_added_even_where_others_may_fuse_t
     assert (nested(values) == square).all()
 
 
-def test_angle_and_reciprocal_by_one_division() -> None:
+def test_angle_by_one_division() -> None:
     turn = np.concatenate([np.linspace(0.0, 2.0 * np.pi, 20_001)[:-1], np.pi / 8 * np.arange(16) + 1e-9])
     size = np.tile([1e-3, 1.0, 1e6, 4e12], len(turn) // 4)
     y, x = size * np.sin(turn), size * np.cos(turn)
-    over = np.linspace(0.5, 1e9, len(turn))
-    found = angles(y, x, over)
-    expected = np.mod(np.arctan2(y, x), 2.0 * np.pi)
-    assert found[:, 0] == pytest.approx(expected, abs=1e-15, rel=4e-16)
-    assert found[:, 1] == pytest.approx(1.0 / over, rel=1e-15)
+    assert angles(y, x) == pytest.approx(np.mod(np.arctan2(y, x), 2.0 * np.pi), abs=1e-15, rel=4e-16)
 
 
 def test_nothing_is_told_where_there_is_no_direction() -> None:
     for y, x in itertools.product([0.0, np.nan], repeat=2):
-        assert np.isnan(angles(np.array([y]), np.array([x]), np.ones(1))).all()
+        assert np.isnan(angles(np.array([y]), np.array([x]))).all()
 
 
 def test_the_arctangent_is_good_to_a_unit_in_the_last_place() -> None:
