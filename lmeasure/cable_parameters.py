@@ -8,17 +8,17 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels.layout import PARAMETERS
 from lmeasure.observation.cable_effects import DIMENSIONS
 from lmeasure.observation.parameters import parameter_names
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Cable, Drum, Observed, Rig
 
 
-def cable_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+def cable_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(13 m, 13 m) covariance of the cables' parameters, mm and rad, in the kernels' order: of the record, and of dimensions that the rig
     states to be uncertain (`unsolved_columns`); zero where there is neither."""
     rest, columns = solved_covariance(rig, record, cables), unsolved_columns(rig, record, cables)
     return rest + columns @ columns.T if columns.shape[1] else rest
 
 
-def solved_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+def solved_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(13 m, 13 m) covariance of the cables' parameters by what the calibration solved, without what they have from `unsolved_columns`."""
     m = len(rig.cable if cables is None else cables)
     if record is None:
@@ -43,7 +43,7 @@ def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
     return np.ascontiguousarray(unit[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of the dimensions that
     the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them.
 
@@ -53,7 +53,8 @@ def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[C
     names = parameter_names(rig, chosen)
     known = () if record is None else record.dimensions
     solved = () if record is None else record.names
-    stated = {n: v.u for v in unsolved.stated(rig, chosen, solved, DIMENSIONS) for n in v.names}
+    drawn = tuple(c for c in chosen if isinstance(c, Cable))
+    stated = {n: v.u for v in unsolved.stated(rig, drawn, solved, DIMENSIONS) for n in v.names}
     own = _selected(rig, chosen, tuple(stated)) * np.array(list(stated.values()))
     if record is None or not known:
         return own
@@ -61,14 +62,14 @@ def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[C
     return np.column_stack([_selected(rig, chosen, tuple(d.name for d in known)) @ of_dimensions + followed, own])
 
 
-def _selected(rig: Rig, cables: tuple[Cable, ...], dimensions: tuple[str, ...]) -> FloatArray:
+def _selected(rig: Rig, cables: tuple[Observed, ...], dimensions: tuple[str, ...]) -> FloatArray:
     """(13 m, s) the kernels' parameters by these dimensions of the rig."""
     names = parameter_names(rig, cables)
     out = np.zeros((len(cables), len(PARAMETERS), len(dimensions)))
     for j, c in enumerate(cables):
-        drum = rig.point(c.from_point).drum
+        drum = rig.counter(c)
         for s, name in enumerate(dimensions):
-            if name == f"{c.from_point}.count_length_mm":
+            if isinstance(drum, Drum) and name == f"{c.from_point}.count_length_mm":
                 # a longer count is a recorded count that stands for more: f changes by k c/scale and by -k
                 out[j, PARAMETERS.index("scale"), s] = -drum.scale / drum.count_length_mm
             elif name in names[j]:

@@ -161,4 +161,4 @@ def check_channels(table: RawCan | DbcCan | CanOpenCan | J1939Can, wanted: set[s
             raise ValueError(f"can: channel {name!r} is given {times} times")
     missing = sorted(wanted - {c.channel for c in table.channel})
     if missing:
-        raise ValueError(f"can: channel {missing[0]!r} of the cables is missing")
+        raise ValueError(f"can: channel {missing[0]!r} of the rig is missing")

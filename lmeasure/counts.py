@@ -157,13 +157,30 @@ class Unwrapped:
     inferred_bits: int | None
 
 
-def unwrap(recorded: FloatArray, time_s: FloatArray, max_rate: float, bits: int | None, state: FloatArray | None = None) -> Unwrapped:
-    """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find what cannot be a motion.
+def unwrap(
+    recorded: FloatArray,
+    time_s: FloatArray,
+    max_rate: float,
+    bits: int | None,
+    state: FloatArray | None = None,
+    codes: int | None = None,
+) -> Unwrapped:
+    """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find what cannot be a motion; codes: how many values an
+    absolute encoder has instead, 0 .. codes - 1, whose counts are whole turns off at most, wherever it was meanwhile.
 
     recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second. See `kernels.counter.follow`; a state is that
     of `kernels.counter.resume`, and then nothing is inferred: a piece does not show the whole counter.
     """
     inferred = None
+    if codes is not None:
+        strange = ~((recorded > -0.5) & (recorded < codes)) & np.isfinite(recorded)
+        centred = np.where(strange, np.nan, recorded - codes * (recorded >= codes / 2))
+        state = np.zeros(counter.STATE) if state is None else state
+        counts, what = counter.resume(centred, time_s, max_rate, float(codes), state, _usual(time_s))
+        # an absolute code is sure after any pause
+        what[what == counter.UNSURE], state[counter.UNSURE_AT] = counter.FOLLOWED, 0.0
+        what[strange] = counter.FOREIGN
+        return Unwrapped(counts, what, None)
     if bits is None and state is None:
         seen = WidthEvidence(max_rate)
         seen.add(recorded, time_s)

@@ -12,14 +12,17 @@ from lmeasure import files
 from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.counts import Unwrapped, unwrap
 from lmeasure.effects import effects_of, zero_at
+from lmeasure.encoder_table import AngleEncoder, Swivel
 from lmeasure.errors import FileFormatError, GeometryError
 from lmeasure.interpolation import OtherTimes
 from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels import counter as counter_kernels
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
-from lmeasure.rig import Cable, Drum, Rig
+from lmeasure.rig import Cable, Drum, Observed, Rig
 from lmeasure.run import Run
 from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.status import WORDS, Status, words
+from lmeasure.unsolved import last_travel
 
 SLACK_S = 0.5  # a cable that lost the tool is taut again before
 HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
@@ -27,6 +30,8 @@ SMOOTH_MM = 0.2
 """By which a later pass may bend otherwise before and after an interval, and still be taken for smooth there: where a counter stepped or a
 cable was jerked nothing is to be spread over the samples about."""
 
+ARM_MM = 1000.0
+"""Of an angle, to hold it against a length."""
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
 
@@ -43,10 +48,11 @@ Reasons = tuple[Reason, ...]
 
 @dataclass(frozen=True, repr=False)
 class Lengths(Shown):
-    """Changes of the free cables since the counters were zeroed.
+    """Changes of the free cables since the counters were zeroed, and what the other channels of the rig (`Rig.observed`) show.
 
-    time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose; counts (n, m) true
-    counts k; flags (n,) of `Status` (ok, gap or jump), cause (n,) and cable (n,) say why and which; notes for the reader.
+    time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose, of encoders of angles
+    their angle [rad] less that where the count is 0; counts (n, m) true counts k; flags (n,) of `Status` (ok, gap or jump), cause (n,) and
+    cable (n,) say why and which; notes for the reader.
     """
 
     time_s: FloatArray
@@ -65,18 +71,46 @@ class Lengths(Shown):
     """(n, m) true counts of whatever a channel showed, those included that are not used because its origin is in doubt."""
     reasons: tuple[Reasons, ...] = ()
     """Of each cable."""
+    encoders: int = 0
+    """How many of the channels, behind the cables, are encoders of angles."""
     missed_mm: FloatArray | None = None
     """(n, m) by about how much lengths are off that were read off straight lines between samples of a later pass; None where none was."""
 
     def about(self) -> dict[str, str]:
         """Samples, cables, how far they were drawn."""
-        farthest = np.nanmax(np.abs(self.change_mm), initial=0.0)
+        farthest = np.nanmax(np.abs(self.change_mm[:, : self.lengths]), initial=0.0)
         ok = int((self.flags == Status.OK).sum())
         return {"samples": f"{len(self.time_s)}, {ok} ok", "cables": ", ".join(self.cables), "largest change": f"{farthest:.6g} mm"}
 
     def to_frame(self) -> DataFrame:
         """The columns of a lengths file."""
         return framed(self.columns())
+
+    @property
+    def lengths(self) -> int:
+        """How many of the channels are cables: the first ones."""
+        return len(self.cables) - self.encoders
+
+    def of_cables(self) -> "Lengths":
+        """The same of the cables alone."""
+        if not self.encoders:
+            return self
+
+        def some(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[:, : self.lengths]
+
+        return replace(
+            self,
+            cables=self.cables[: self.lengths],
+            change_mm=self.change_mm[:, : self.lengths],
+            counts=self.counts[:, : self.lengths],
+            u_time_s=some(self.u_time_s),
+            temperature_c=some(self.temperature_c),
+            gone_on=some(self.gone_on),
+            missed_mm=some(self.missed_mm),
+            reasons=self.reasons[: self.lengths],
+            encoders=0,
+        )
 
     @property
     def u_mm(self) -> FloatArray | None:
@@ -97,7 +131,7 @@ class Lengths(Shown):
     def columns(self) -> dict[str, Any]:
         """Columns of a lengths file."""
         out: dict[str, Any] = {"time_s": self.time_s}
-        out |= {f"{name}_mm": self.change_mm[:, i] for i, name in enumerate(self.cables)}
+        out |= {f"{name}_mm" if i < self.lengths else f"{name}_rad": self.change_mm[:, i] for i, name in enumerate(self.cables)}
         out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
         return out | {"status": words(self.flags), "cause": self.cause, "cable": self.cable}
 
@@ -110,27 +144,32 @@ def write_lengths(path: Path, lengths: Lengths) -> None:
 def read_lengths(path: Path) -> Lengths:
     """Read what `write_lengths` wrote."""
     table = files.read_table(path)
-    names = tuple(c.removesuffix("_mm") for c in table.columns if c.endswith("_mm"))
+    columns = [c for c in table.columns if c.endswith("_mm")] + [c for c in table.columns if c.endswith("_rad")]
+    names = tuple(c.rsplit("_", 1)[0] for c in columns)
     if not names:
         raise FileFormatError(f"{path}: has no column <cable>_mm")
     return Lengths(
         table.numbers("time_s"),
         names,
-        table.matrix([f"{n}_mm" for n in names], gaps=True),
+        table.matrix(columns, gaps=True),
         table.matrix([f"{n}_count" for n in names], gaps=True),
         table.choices("status", WORDS),
         table.labels("cause"),
         table.labels("cable"),
+        encoders=sum(c.endswith("_rad") for c in columns),
     )
 
 
-def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, at (n, 7) poses; GeometryError names pose and cable."""
+def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(n, m) lengths [mm] from B over the swivel pulley to the attachment point, of other channels their angles [rad], at (n, 7) poses;
+    GeometryError names pose and cable."""
     chosen = rig.cable if cables is None else cables
     out = cable_kernels.span_lengths(rig.cable_rows(chosen), np.ascontiguousarray(rows))
     bad = np.argwhere(~np.isfinite(out))
     if len(bad):
         i, j = (int(x) for x in bad[0])
+        if not chosen[j].from_point:
+            raise GeometryError(f"pose {i + 1}: inclination {chosen[j].name}: its axis is upright: how far it leans has no direction there")
         raise GeometryError(
             f"pose {i + 1}: cable {chosen[j].name}: {chosen[j].to_point} lies on the axis of {chosen[j].from_point} or inside its pulley"
         )
@@ -141,26 +180,31 @@ def counts_from_poses(
     rig: Rig,
     rows: FloatArray,
     zero: FloatArray,
-    cables: tuple[Cable, ...] | None = None,
+    cables: tuple[Observed, ...] | None = None,
     temperature_c: FloatArray | None = None,
     zero_temperature_c: float | None = None,
 ) -> FloatArray:
-    """(n, m) true counts k, not rounded, at (n, 7) poses when the counters were zeroed at the pose zero (7,).
+    """(n, m) true counts k, not rounded, at (n, 7) poses when the counters were zeroed at the pose zero (7,), of cables first and then of
+    other channels, absolute ones from their own zero, and without the play of any.
 
     temperature_c (n,) at the poses and zero_temperature_c at the zero pose, the rig's reference where not given, matter only to rigs that
     state effects (`lmeasure.effects`). GeometryError names a cable that cannot run, or carries no tension.
     """
     chosen = rig.cable if cables is None else cables
-    lengths = span_lengths(rig, np.vstack([zero[None, :], rows]), chosen)
-    cable_rows = rig.cable_rows(chosen)
-    changes = lengths[1:] - lengths[0]
-    counts = np.asarray(cable_kernels.counts_from_changes(cable_rows, changes))
-    effects = effects_of(rig, chosen)
+    every = span_lengths(rig, np.vstack([zero[None, :], rows]), chosen)
+    channel_rows, m = rig.cable_rows(chosen), sum(isinstance(c, Cable) for c in chosen)
+    absolute = np.array([rig.counter(c).codes is not None for c in chosen])
+    # readings of angles go on along the motion, beyond half a turn too
+    every[:, m:] = np.unwrap(every[:, m:], axis=0)
+    all_counts = np.asarray(cable_kernels.counts_from_changes(channel_rows, every[1:] - np.where(absolute, 0.0, every[0])))
+    cables = tuple(c for c in chosen if isinstance(c, Cable))
+    effects = effects_of(rig, cables)
     if effects is None:
-        return counts
-    start = zero_at(zero, len(chosen), effects.reference_c if zero_temperature_c is None else zero_temperature_c)
+        return all_counts
+    changes, counts, cable_rows = every[1:, :m] - every[0, :m], all_counts[:, :m], channel_rows[:m]
+    start = zero_at(zero, m, effects.reference_c if zero_temperature_c is None else zero_temperature_c)
     warm = np.full(len(rows), effects.reference_c) if temperature_c is None else np.asarray(temperature_c, dtype=np.float64)
-    warm = np.repeat(warm[:, None], len(chosen), axis=1)
+    warm = np.repeat(warm[:, None], m, axis=1)
     # the excess hardly depends on the count: each round gains three digits or more
     for _ in range(MAX_ROUNDS):
         before = counts
@@ -169,11 +213,11 @@ def counts_from_poses(
         )
         if not np.abs(counts - before).max(initial=0.0) > 1e-9:
             break
-    return counts
+    return np.column_stack([counts, all_counts[:, m:]])
 
 
 def recorded_from_counts(
-    rig: Rig, counts: FloatArray, cables: tuple[Cable, ...] | None = None, phase: FloatArray | None = None
+    rig: Rig, counts: FloatArray, cables: tuple[Observed, ...] | None = None, phase: FloatArray | None = None
 ) -> FloatArray:
     """(n, m) counts as the encoders record them: whole, with sign and scale, wrapped to signed counters of the stated width; phase (m,) as
     `zeroing.drawn_phases` has it, zero by default."""
@@ -181,43 +225,54 @@ def recorded_from_counts(
     within = np.zeros(len(chosen)) if phase is None else phase
     out = np.empty_like(counts)
     for j, c in enumerate(chosen):
-        drum = rig.point(c.from_point).drum
-        values = np.rint(drum.count_sign * drum.scale * counts[:, j] + within[j])
-        if drum.counter_bits is not None:
+        drum = rig.counter(c)
+        values = np.rint(drum.count_sign * drum.scale * (counts[:, j] + _play(drum, counts[:, j])) + within[j])
+        if drum.codes is not None:
+            values = values % drum.codes
+        elif drum.counter_bits is not None:
             half = 2.0 ** (drum.counter_bits - 1)
             values = (values + half) % (2 * half) - half
         out[:, j] = values
     return out
 
 
-def changes_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(n, m) changes of the free cables [mm] from (n, m) true counts."""
+def changes_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(n, m) changes of the free cables [mm] from (n, m) true counts, of encoders of angles [rad]."""
     return np.asarray(cable_kernels.changes_from_counts(rig.cable_rows(cables), np.ascontiguousarray(counts)))
 
 
-def count_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-    """(m,) variance [mm^2] of a length read in whole counts: independent, uniform within half a recorded count."""
+def count_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(m,) variance [mm^2, rad^2] of a length or angle read in whole counts: independent, uniform within half a recorded count."""
     chosen = rig.cable if cables is None else cables
-    drums = [rig.point(c.from_point).drum for c in chosen]
-    return np.array([(d.count_length_mm / d.scale) ** 2 / 12.0 for d in drums])
+    return np.array([(rig.counter(c).per_count / rig.counter(c).scale) ** 2 / 12.0 for c in chosen])
 
 
-def counter_rate(drum: Drum) -> float:
-    """Largest rate of a recorded count [1/s] at the drum's largest cable speed."""
-    return drum.max_cable_speed_mm_s / drum.count_length_mm * drum.scale
+def _play(counter: Drum | AngleEncoder, counts: FloatArray, state: FloatArray | None = None) -> FloatArray:
+    """(n,) counts that a swivel's reading is off by its play, by the way it turned last in true counts (n,); state as that of
+    `last_travel`."""
+    width = counter.backlash_deg if isinstance(counter, Swivel) else None
+    if not width:
+        return np.zeros(len(counts))
+    half = width / 720.0 * counter.counts_per_revolution
+    return np.asarray(half * last_travel(counts[:, None], np.ones(1), state)[:, 0])
+
+
+COUNTER_STATE = counter_kernels.STATE + 2
+"""Of a counter from one piece of a run to the next: as the kernel has it, and which way it turned last."""
 
 
 def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths:
     """The run's counts as changes of its cables, on the time base of pass 1.
 
-    counters (m, `kernels.counter.STATE`), zeros at first and moved on in place, carries the counters from one piece of a run of one pass to
+    counters (m, `COUNTER_STATE`), zeros at first and moved on in place, carries the counters from one piece of a run of one pass to
     the next; without it the run is whole.
 
     A sample with a gap, a jump or an unsure counter on any cable is flagged with that cable; nothing is filled in. Later passes, which
     must be on the clock of pass 1 (`trajectory.passes.align`), are read between their samples (`interpolation.OtherTimes`).
     """
     time_s = run.passes[0].time_s
-    n, m = len(time_s), len(run.rig.cable)
+    observed = run.rig.observed
+    n, m = len(time_s), len(observed)
     gone_on = np.full((n, m), np.nan)
     reasons: list[Reasons] = []
     notes: list[str] = []
@@ -226,32 +281,34 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     skewed = any(p.u_time_s is not None for p in run.passes)
     u_time = np.zeros((n, m)) if skewed else None
     warm = np.empty((n, m)) if any(p.temperature_c is not None for p in run.passes) else None
-    for j, c in enumerate(run.rig.cable):
+    for j, c in enumerate(observed):
         counts = run.passes[c.passage - 1]
-        drum = run.rig.point(c.from_point).drum
+        drum = run.rig.counter(c)
         state = None if counters is None else counters[j]
-        counter = unwrap(counts.of(c.channel), counts.time_s, counter_rate(drum), drum.counter_bits, state)
+        counter = unwrap(counts.of(c.channel), counts.time_s, drum.rate, drum.counter_bits, state, drum.codes)
         if counter.inferred_bits is not None:
             notes.append(
                 f"{counts.source}: channel {c.channel}: counter_bits is not stated; its jumps are those of {counter.inferred_bits} bits"
             )
-        values, why = counter.counts * drum.count_sign / drum.scale, _reasons(counter, c.channel, drum, counts.time_s)
+        values = counter.counts * drum.count_sign / drum.scale
+        values -= _play(drum, values, None if state is None else state[None, counter_kernels.STATE :])
+        why = _reasons(counter, c.channel, drum, counts.time_s)
         if c.passage > 1:
             if c.passage not in others:
                 others[c.passage] = _other_times(counts.time_s, time_s)
             times = others[c.passage]
             if times is not None:
                 values, missed, why = _on_time_base(c.passage, times, values, why, drum)
-                missed_mm[:, j] = missed * drum.count_length_mm
+                missed_mm[:, j] = missed * drum.per_count
         gone_on[:, j] = values
         reasons.append(why)
         if u_time is not None and counts.u_time_s is not None:
             u_time[:, j] = counts.u_time_s if c.passage == 1 else np.interp(time_s, counts.time_s, counts.u_time_s)
         if warm is not None:
             warm[:, j] = np.nan if counts.temperature_c is None else np.interp(time_s, counts.time_s, counts.temperature_c)
-    cables, nothing = tuple(c.name for c in run.rig.cable), np.zeros(n, np.int64)
-    none = np.full(n, "", dtype=np.object_)
-    whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on)
+    cables, nothing = tuple(c.name for c in observed), np.zeros(n, np.int64)
+    none, encoders = np.full(n, "", dtype=np.object_), m - len(run.rig.cable)
+    whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on, encoders=encoders)
     return with_reasons(run.rig, replace(whole, missed_mm=missed_mm if missed_mm.any() else None), tuple(reasons))
 
 
@@ -261,25 +318,31 @@ def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Le
     n, k = len(lengths.time_s), lengths.gone_on.copy()
     flags = np.zeros(n, np.int64)
     cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
-    for j, (c, why) in enumerate(zip(rig.cable, reasons, strict=True)):
+    for j, (c, why) in enumerate(zip(rig.observed, reasons, strict=True)):
         for mask, flag, text in why:
             k[mask, j] = np.nan
             first = mask & (flags == Status.OK)
             flags[first], cause[first], where[first] = flag, text, c.name
-    return replace(lengths, change_mm=changes_from_counts(rig, k), counts=k, flags=flags, cause=cause, cable=where, reasons=reasons)
+    return replace(
+        lengths, change_mm=changes_from_counts(rig, k, rig.observed), counts=k, flags=flags, cause=cause, cable=where, reasons=reasons
+    )
 
 
-def _reasons(counter: Unwrapped, channel: str, drum: Drum, time_s: FloatArray) -> Reasons:
+def _reasons(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time_s: FloatArray) -> Reasons:
     """Why samples of a channel, at times (n,), are not used."""
-    speed, bits = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}", drum.counter_bits
+    if isinstance(drum, Drum):
+        speed, shown = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}", f"a counter of {drum.counter_bits} bits"
+    else:
+        speed = f"max_speed_deg_s = {drum.max_speed_deg_s:g}"
+        shown = f"a counter of {drum.counter_bits} bits" if drum.codes is None else f"an encoder of {drum.codes} codes"
     every = [
         Reason(counter.what == JUMPED, Status.JUMP, f"channel {channel} jumped faster than {speed} allows"),
         Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, f"channel {channel} went on after a jump: its origin is lost"),
-        Reason(counter.what == FOREIGN, Status.JUMP, f"channel {channel} shows a value that a counter of {bits} bits does not have"),
+        Reason(counter.what == FOREIGN, Status.JUMP, f"channel {channel} shows a value that {shown} does not have"),
         Reason(counter.what == UNSURE, Status.GAP, f"channel {channel} may have wrapped unseen at {speed}"),
         Reason(counter.what == EMPTY, Status.GAP, f"channel {channel} has no count"),
     ]
-    if drum.max_cable_acceleration_mm_s2 is not None:
+    if isinstance(drum, Drum) and drum.max_cable_acceleration_mm_s2 is not None:
         limit = drum.max_cable_acceleration_mm_s2
         values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) / drum.scale
         slack = slack_samples(values, time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
@@ -343,6 +406,7 @@ class LengthResiduals:
 
     def of(self, lengths: Lengths, poses: FloatArray) -> FloatArray:
         """(n, m) residuals [mm] at the piece's (n, 7) poses."""
+        lengths = lengths.of_cables()
         modelled = cable_kernels.span_lengths(self._rows, np.ascontiguousarray(poses)) - self._begun
         effects = self._effects
         if effects is not None:
@@ -361,14 +425,15 @@ def _other_times(time_s: FloatArray, base_s: FloatArray) -> OtherTimes | None:
 
 
 def _on_time_base(
-    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, drum: Drum
+    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, drum: Drum | AngleEncoder
 ) -> tuple[FloatArray, FloatArray, Reasons]:
     """Counts of a later pass at pass 1's times and by how much they may miss there, in counts; what lies outside it, in a hole of it, or
     next to a sample that is not good, is flagged."""
     good = np.isfinite(values)
     for reason in reasons:
         good &= ~reason.mask
-    out, missed = times.read(values, good, 1.0 / drum.scale, SMOOTH_MM / drum.count_length_mm)
+    mm = drum.per_count * (1.0 if isinstance(drum, Drum) else ARM_MM)
+    out, missed = times.read(values, good, 1.0 / drum.scale, SMOOTH_MM / mm)
     moved = (
         *(Reason(times.either(mask), flag, text) for mask, flag, text in reasons),
         Reason(times.outside, Status.GAP, f"pass {passage} does not cover this time"),

@@ -2,7 +2,9 @@
 
 import difflib
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -13,6 +15,8 @@ from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.can_table import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
 from lmeasure.checked import Name, Strict, checked, refuse
+from lmeasure.encoder_table import AngleEncoder as AngleEncoder
+from lmeasure.encoder_table import Inclination, Swivel
 from lmeasure.errors import RigError
 from lmeasure.kernels import layout
 from lmeasure.rig_tables import Cable as Cable
@@ -29,6 +33,33 @@ def _one_line(value: str) -> str:
     if not value.isprintable():
         raise ValueError("must be one line of printable text")
     return value
+
+
+@dataclass(frozen=True)
+class Turned:
+    """An angle encoder as a channel of one pass: from an observation point and to an attachment point as the cable that turns it, both
+    empty of an inclinometer."""
+
+    encoder: Swivel | Inclination
+    passage: int = 1
+    from_point: str = ""
+    to_point: str = ""
+
+    @property
+    def name(self) -> str:
+        """That of its column."""
+        return self.encoder.channel
+
+    channel = name
+
+
+Observed = Cable | Turned
+"""What a channel of readings belongs to."""
+
+
+def noun(observed: Observed) -> str:
+    """What a message calls it."""
+    return f"cable {observed.name}" if isinstance(observed, Cable) else f"{type(observed.encoder).__name__.lower()} {observed.name}"
 
 
 class Rig(Shown, Strict):
@@ -64,6 +95,10 @@ class Rig(Shown, Strict):
     """Attachment points by their names, in the tool frame [mm]."""
     cable: Annotated[tuple[Cable, ...], Field(min_length=1)]
     """The cables, a table `[[cable]]` each."""
+    swivel: tuple[Swivel, ...] = ()
+    """Encoders on swivel pulleys, a table `[[swivel]]` each."""
+    inclination: tuple[Inclination, ...] = ()
+    """Axes of inclinometers on the tool, a table `[[inclination]]` each."""
     can: CanTable | None = None
     """Which frames of the bus carry the counters; absent: the default frames of CiA 406 encoders on nodes 1, 2, ..."""
 
@@ -73,7 +108,9 @@ class Rig(Shown, Strict):
         assumed = {"assumed": ", ".join(self.assumed)} if self.assumed else {}
         linked = "none" if self.calibration is None else self.calibration
         points = ", ".join(p.name for p in self.observation_point)
-        return {"name": self.name, "cables": f"{len(self.cable)}{passes}", "observation points": points, "calibration": linked} | assumed
+        beside = {kind: ", ".join(e.channel for e in of) for kind, of in self._encoders().items() if of}
+        cables = f"{len(self.cable)}{passes}"
+        return {"name": self.name, "cables": cables, "observation points": points, "calibration": linked} | beside | assumed
 
     def to_frame(self) -> DataFrame:
         """A row for each cable: its ends, its observation point, guide and pulley."""
@@ -97,8 +134,9 @@ class Rig(Shown, Strict):
         passes = {c.passage for c in self.cable}
         if passes != set(range(1, len(passes) + 1)):
             raise ValueError(f"cable: the passes are {sorted(passes)}; they must be numbered from 1 without a hole")
+        self._check_encoders()
         if self.can is not None:
-            check_channels(self.can, set(self.channels))
+            check_channels(self.can, {*self.channels, *(e.channel for e in self.encoders)})
         known = set(self.parameter_names())
         hints = {name: difflib.get_close_matches(name, known, n=1) for name in self.assumed if name not in known}
         refuse(
@@ -106,6 +144,38 @@ class Rig(Shown, Strict):
             for name in hints
         )
         return self
+
+    def _check_encoders(self) -> None:
+        points = [p.name for p in self.observation_point]
+        taken = Counter([*self.channels, *(e.channel for e in self.encoders)])
+        found: list[tuple[Keys, str]] = []
+        for kind, of in self._encoders().items():
+            for i, e in enumerate(of):
+                at = (kind, i, "channel")
+                if e.channel in conventions.RESERVED_COLUMNS:
+                    found.append((at, f"{e.channel!r} is the name of another column of counts files"))
+                if taken[e.channel] > 1:
+                    found.append((at, f"{e.channel!r} is the channel of something else as well"))
+        for i, s in enumerate(self.swivel):
+            if s.point not in points:
+                found.append((("swivel", i, "point"), f"{s.point!r} is no observation_point ({', '.join(points)})"))
+                continue
+            leaving = [c for c in self.cable if c.from_point == s.point]
+            told = ", ".join(c.name for c in leaving) or "there is none"
+            if s.cable is not None and s.cable not in [c.name for c in leaving]:
+                found.append((("swivel", i, "cable"), f"{s.cable!r} is no cable from {s.point} ({told})"))
+            several = max(Counter(c.passage for c in leaving).values(), default=0) > 1
+            if not leaving or (s.cable is None and several):
+                found.append((("swivel", i), f"say by cable which of the cables from {s.point} turns {s.channel} ({told})"))
+        refuse(found)
+
+    def _encoders(self) -> dict[str, tuple[AngleEncoder, ...]]:
+        return {"swivel": self.swivel, "inclination": self.inclination}
+
+    @property
+    def encoders(self) -> tuple[AngleEncoder, ...]:
+        """Its angle encoders: of swivels, then of inclinometers."""
+        return (*self.swivel, *self.inclination)
 
     def parameter_names(self) -> list[str]:
         """Names that `assumed` may hold: `<observation point>.<key>`, drum keys included, and `<attachment point>`."""
@@ -132,35 +202,70 @@ class Rig(Shown, Strict):
         return {c.channel: self.point(c.from_point).drum for c in self.cables_of(passage)}
 
     @property
+    def observed(self) -> tuple[Observed, ...]:
+        """All channels of readings, of all passes: the cables, the swivels that they turn, the inclinometers' axes."""
+        swivels = [
+            Turned(s, c.passage, c.from_point, c.to_point)
+            for s in self.swivel
+            for c in self.cable
+            if c.from_point == s.point and s.cable in (None, c.name)
+        ]
+        leaning = [Turned(e, passage) for e in self.inclination for passage in range(1, self.passes + 1)]
+        return (*self.cable, *swivels, *leaning)
+
+    def counter(self, observed: Observed) -> Drum | Swivel | Inclination:
+        """What counts a channel."""
+        return observed.encoder if isinstance(observed, Turned) else self.point(observed.from_point).drum
+
+    def counters_of(self, passage: int = 1) -> dict[str, Drum | Swivel | Inclination]:
+        """What each column of a pass's counts shows."""
+        return {o.channel: self.counter(o) for o in self.observed if o.passage == passage}
+
+    @property
     def can_table(self) -> RawCan | DbcCan | CanOpenCan | J1939Can:
         """The `[can]` table, or the default frames of CiA 406 encoders."""
-        return self.can or default_can(self.channels)
+        return self.can or default_can((*self.channels, *(e.channel for e in self.encoders)))
 
     def cables_of(self, passage: int) -> tuple[Cable, ...]:
         """The cables measured in one pass."""
         return tuple(c for c in self.cable if c.passage == passage)
 
-    def cable_rows(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-        """(m, columns) rows of the kernels (`lmeasure.kernels.layout`) for the given cables, default all: mm and rad, B and u in the base
-        frame, P in the tool frame."""
-        rows = np.empty((len(self.cable if cables is None else cables), layout.CABLE_COLUMNS))
-        for row, c in zip(rows, self.cable if cables is None else cables, strict=True):
-            p = self.point(c.from_point)
+    def cable_rows(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+        """(m, columns) rows of the kernels (`lmeasure.kernels.layout`) for the given channels, default all cables: mm and rad, B and u in
+        the base frame, P in the tool frame."""
+        chosen = self.cable if cables is None else cables
+        return np.array([self._row(o) for o in chosen]).reshape(len(chosen), layout.CABLE_COLUMNS)
+
+    def _row(self, o: Observed) -> FloatArray:
+        row = np.zeros(layout.CABLE_COLUMNS)
+        counter = self.counter(o)
+        row[layout.COUNT_LENGTH], row[layout.TURN_COUNTS] = counter.per_count, counter.counts_per_revolution
+        if o.from_point:
+            p = self.point(o.from_point)
             a, b = math.radians(p.guide_alpha_deg), math.radians(p.guide_beta_deg)
-            row[layout.BASE_XYZ] = p.position_mm
+            row[layout.BASE_XYZ], row[layout.ATTACHMENT_XYZ] = p.position_mm, self.tool[o.to_point]
             row[layout.GUIDE_XYZ] = (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
+            row[layout.ALPHA], row[layout.BETA] = a, b
+        if isinstance(counter, Drum):
             row[layout.RADIUS] = p.pulley_radius_mm
-            row[layout.ATTACHMENT_XYZ] = self.tool[c.to_point]
-            row[layout.TANGENT], row[layout.AXIAL] = p.drum.tangent_length_mm, p.drum.axial_offset_mm
-            row[layout.TRAVEL], row[layout.COUNT_LENGTH] = p.drum.axial_per_count_mm, p.drum.count_length_mm
-            row[layout.ALPHA], row[layout.BETA], row[layout.TURN_COUNTS] = a, b, p.drum.counts_per_revolution
-        return rows
+            row[layout.TANGENT], row[layout.AXIAL] = counter.tangent_length_mm, counter.axial_offset_mm
+            row[layout.TRAVEL] = counter.axial_per_count_mm
+            return row
+        row[layout.ANGLE_ZERO] = math.radians(counter.zero_deg or 0.0)
+        if isinstance(counter, Swivel):
+            row[layout.KIND], row[layout.ECCENTRICITY] = layout.SWIVEL, math.radians(counter.eccentricity_deg or 0.0)
+            row[layout.ECCENTRIC_PHASE] = math.radians(counter.eccentricity_phase_deg or 0.0)
+            return row
+        row[layout.KIND] = layout.INCLINATION
+        row[layout.BASE_XYZ] = np.array(counter.up) / math.hypot(*counter.up)
+        row[layout.ATTACHMENT_XYZ] = np.array(counter.axis) / math.hypot(*counter.axis)
+        return row
 
-    def scales(self, cables: tuple[Cable, ...] | None = None) -> FloatArray:
-        """(m,) decoding scales of the cables' counters."""
-        return np.array([self.point(c.from_point).drum.scale for c in (self.cable if cables is None else cables)])
+    def scales(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+        """(m,) decoding scales of the channels' counters, default of all cables."""
+        return np.array([self.counter(o).scale for o in (self.cable if cables is None else cables)])
 
-    def zeroings(self, cables: tuple[Cable, ...] | None = None) -> IntArray:
+    def zeroings(self, cables: tuple[Observed, ...] | None = None) -> IntArray:
         """(m,) which zeroing of a counter each cable is counted from, numbered from 0 in the order of the cables, default all.
 
         A channel that leads the same cable, from and to, in passes that follow one another on it is taken not to be zeroed again between
@@ -168,7 +273,7 @@ class Rig(Shown, Strict):
         """
         zeroing: dict[tuple[str, int], int] = {}
         led: dict[str, tuple[str, str, int]] = {}
-        for c in sorted(self.cable, key=lambda c: c.passage):
+        for c in sorted(self.observed, key=lambda c: c.passage):
             before = led.get(c.channel)
             same = before is not None and before[:2] == (c.from_point, c.to_point)
             led[c.channel] = c.from_point, c.to_point, before[2] if before is not None and same else c.passage
@@ -207,7 +312,9 @@ class Rig(Shown, Strict):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of rig.toml, optional keys left out where they are not set."""
-        return self.model_dump(by_alias=True, exclude_none=True, mode="json")
+        data = self.model_dump(by_alias=True, exclude_none=True, mode="json")
+        # rigs without encoders, and digests of them, do not have these keys
+        return {key: value for key, value in data.items() if value or key not in self._encoders()}
 
 
 def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:

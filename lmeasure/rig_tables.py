@@ -145,6 +145,20 @@ class Drum(CableOnDrum):
         return {key: value for key, value in handler(self).items() if key not in {"zero_exact", "braked"} or value}
 
     @property
+    def rate(self) -> float:
+        """Largest rate of its recorded count [1/s], at the largest cable speed."""
+        return self.max_cable_speed_mm_s / self.count_length_mm * self.scale
+
+    @property
+    def per_count(self) -> float:
+        """Length of a true count [mm]."""
+        return self.count_length_mm
+
+    @property
+    def codes(self) -> None:
+        """It has no absolute codes."""
+
+    @property
     def axial_per_count_mm(self) -> float:
         """Axial travel of the pay-out point per count [mm]."""
         return self.groove_pitch_mm / self.counts_per_revolution

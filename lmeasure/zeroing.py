@@ -9,15 +9,16 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.lengths import count_variance
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Observed, Rig
 
 
-def zeroed_exactly(rig: Rig, cables: tuple[Cable, ...] | None = None) -> BoolArray:
-    """(m,) whether a recorded count of zero is k = 0 exactly."""
-    return np.array([rig.point(c.from_point).drum.zero_exact for c in (rig.cable if cables is None else cables)], dtype=np.bool_)
+def zeroed_exactly(rig: Rig, cables: tuple[Observed, ...] | None = None) -> BoolArray:
+    """(m,) whether a recorded count of zero is k = 0 exactly; an absolute encoder is not zeroed at all."""
+    chosen = rig.cable if cables is None else cables
+    return np.array([rig.counter(c).zero_exact or rig.counter(c).codes is not None for c in chosen], dtype=np.bool_)
 
 
-def drawn_phases(rig: Rig, rng: np.random.Generator, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+def drawn_phases(rig: Rig, rng: np.random.Generator, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(m,) where within a recorded count the cables' counters were zeroed: one draw within +-1/2 for each zeroing, 0 for one that is
     exact."""
     of = rig.zeroings(cables)
@@ -25,18 +26,18 @@ def drawn_phases(rig: Rig, rng: np.random.Generator, cables: tuple[Cable, ...] |
     return np.where(zeroed_exactly(rig, cables), 0.0, drawn)
 
 
-def phase_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+def phase_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(m,) variance [mm^2] of a length by where within a count its counter was zeroed: uniform within half a recorded count, the same for
     all rows counted from one zeroing (`Rig.zeroings`); 0 where the zero is exact."""
     return np.where(zeroed_exactly(rig, cables), 0.0, count_variance(rig, cables))
 
 
-def phase_columns(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+def phase_columns(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(m, z) what one standard deviation of the phase of each zeroing, none that is exact, makes of the lengths [mm]."""
     u_mm, of = np.sqrt(phase_variance(rig, cables)), rig.zeroings(cables)
     return np.where(of[:, None] == np.unique(of[u_mm > 0.0]), u_mm[:, None], 0.0)
 
 
-def length_variance(rig: Rig, cables: tuple[Cable, ...] | None = None) -> FloatArray:
+def length_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(m,) variance [mm^2] of a single length: of the count and of where it was zeroed."""
     return count_variance(rig, cables) + phase_variance(rig, cables)

@@ -118,14 +118,15 @@ def test_defaults_are_those_of_the_contract() -> None:
 
 def test_rows_of_the_kernels() -> None:
     rows = rig_from_dict(data()).cable_rows()
-    assert rows.shape == (3, 17)
+    assert rows.shape == (3, 20)
     a, b = math.radians(47), math.radians(183)
     assert rows[0, :3].tolist() == [159.05, -1642.2, 1381.81]
     # the way from B to the fixed pulley points down by alpha and from +Y by beta towards +X; the cable comes the other way
     way = [math.cos(a) * math.sin(b), math.cos(a) * math.cos(b), -math.sin(a)]
     assert rows[0, 3:6] == pytest.approx([-x for x in way], abs=1e-15)
     assert np.linalg.norm(rows[:, 3:6], axis=1) == pytest.approx(np.ones(3), abs=1e-15)
-    assert rows[1, 6:].tolist() == [0, 100, 0, 0, 0, -25, -1.5 / 4096, 0.02, math.radians(30), math.radians(-10), 4096]
+    assert rows[1, 6:17].tolist() == [0, 100, 0, 0, 0, -25, -1.5 / 4096, 0.02, math.radians(30), math.radians(-10), 4096]
+    assert not rows[:, 17:].any()
     assert rig_from_dict(data()).scales().tolist() == [1, 0.5, 1]
 
 

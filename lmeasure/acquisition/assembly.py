@@ -32,12 +32,13 @@ class Assembled:
 
 def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) -> Assembler:
     """An assembler for the timing that the rig's `[can]` table states."""
-    drums = rig.drums_of(passage)
+    known = rig.counters_of(passage)
     counters = tuple(
         CounterState(
             f,
-            drums[f.channel].max_cable_speed_mm_s / drums[f.channel].count_length_mm * drums[f.channel].scale / f.scale,
-            wraps_later=drums[f.channel].counter_bits is not None,
+            known[f.channel].rate / f.scale,
+            wraps_later=known[f.channel].counter_bits is not None or known[f.channel].codes is not None,
+            codes=known[f.channel].codes is not None,
         )
         for f in fields
     )
@@ -80,12 +81,16 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, or
     Six cables have no redundancy: a stuck counter gives a plausible pose. That a cable keeps its length to the count while the others
     are moved by centimetres does not happen by itself. origin_s: where the counts' times start by the frames' clock.
     """
-    if len(counts.channels) < 2:
+    drums = rig.drums_of(passage)
+    given = counts
+    # a swivel may well stand still while cables are moved
+    own = [j for j, channel in enumerate(given.channels) if channel in drums]
+    counts = replace(given, channels=tuple(given.channels[j] for j in own), recorded=given.recorded[:, own])
+    if len(own) < 2:
         return None
     still = [rests(counts.time_s, column, STALL_S) for column in counts.recorded.T]
     if not any(len(stretches) for stretches in still):
         return None
-    drums = rig.drums_of(passage)
     mm = np.array([drums[c].count_length_mm / drums[c].scale for c in counts.channels])
     moves = np.diff(counts.recorded, axis=0, prepend=counts.recorded[:1])
     for j, channel in enumerate(counts.channels):
@@ -106,4 +111,8 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, or
             span = f"for {counts.time_s[last] - counts.time_s[begin]:.6g} s, the others were moved by {np.median(others):.1f} mm"
             events.add(Event(begin, origin_s + float(counts.time_s[begin]), channel, "stall", span))
             found = True
-    return replace(counts, recorded=recorded) if found else None
+    if not found:
+        return None
+    marked = given.recorded.copy()
+    marked[:, own] = recorded
+    return replace(given, recorded=marked)

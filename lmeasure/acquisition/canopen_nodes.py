@@ -13,7 +13,7 @@ from lmeasure.acquisition.canopen_objects import Objects, check_identity, positi
 from lmeasure.acquisition.decoders import ALL_BITS, CounterField, field_at
 from lmeasure.can_table import CanOpenCan, NodeChannel
 from lmeasure.errors import AcquisitionError
-from lmeasure.rig import Drum, Rig
+from lmeasure.rig import AngleEncoder, Drum, Rig
 
 if TYPE_CHECKING:
     import can
@@ -82,7 +82,7 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Pa
     if not isinstance(table, CanOpenCan):
         raise AcquisitionError(f"rig {rig.name!r}: its decoder is {table.decoder!r}, not 'cia406'")
     channels = {c.channel: c for c in table.channel}
-    drums = rig.drums_of(passage)
+    drums = rig.counters_of(passage)
     network = canopen.Network(bus)
     network.notifier = can.Notifier(bus, network.listeners, timeout=0.05)
     try:
@@ -112,7 +112,7 @@ def scan(network: Any) -> list[int]:
     return sorted(network.scanner.nodes)
 
 
-def _device(network: Any, wanted: NodeChannel, drum: Drum, table: CanOpenCan) -> Device:
+def _device(network: Any, wanted: NodeChannel, drum: Drum | AngleEncoder, table: CanOpenCan) -> Device:
     node = _Node(network, wanted.node, wanted.channel)
     device_type = node.need(0x1000)
     if device_type & 0xFFFF != ENCODER_PROFILE:
@@ -145,7 +145,7 @@ def _device(network: Any, wanted: NodeChannel, drum: Drum, table: CanOpenCan) ->
         heartbeat_ms=node.read(0x1017),
         error_register=node.read(0x1001),
         alarms=node.read(0x6503),
-        field=field_at(ranged, place, drum.counter_bits),
+        field=field_at(ranged, place, drum),
     )
 
 

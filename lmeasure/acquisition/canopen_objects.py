@@ -109,8 +109,8 @@ def fields_in_log(rig: Rig, passage: int, folder: Path, seen: Collection[int]) -
     if not isinstance(table, CanOpenCan):
         raise AcquisitionError(f"rig {rig.name!r}: its decoder is {table.decoder!r}, not 'cia406'")
     channels = {c.channel: c for c in table.channel}
-    drums = rig.drums_of(passage)
-    return tuple(field_at(channels[n], _place_in_log(channels[n], table, folder, seen), drum.counter_bits) for n, drum in drums.items())
+    drums = rig.counters_of(passage)
+    return tuple(field_at(channels[n], _place_in_log(channels[n], table, folder, seen), drum) for n, drum in drums.items())
 
 
 def _place_in_log(channel: NodeChannel, table: CanOpenCan, folder: Path, seen: Collection[int]) -> Place:

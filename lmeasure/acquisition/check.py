@@ -110,7 +110,8 @@ def check(rig: Rig, link: Link, ask: Callable[[str], None], *, passage: int = 1,
     spread = {c: float(np.nanmax(column) - np.nanmin(column)) for c, column in zip(channels, rest.T, strict=True)}
     faults = [f"channel {c}: moves by {s:g} counts at rest" for c, s in spread.items() if s > QUIET_COUNTS]
     drums = rig.drums_of(passage)
-    mm = np.array([drums[c].count_length_mm / drums[c].scale for c in channels])
+    # of encoders no length: no pull is one of theirs
+    mm = np.array([drums[c].count_length_mm / drums[c].scale if c in drums else 0.0 for c in channels])
     results = tuple(_cable(rig, watch, ask, cable, drums[cable.channel], channels, mm, turns, settle_s) for cable in rig.cables_of(passage))
     moved = [c.moved for c in results if c.moved is not None]
     faults += [f"channel {c} moves with {moved.count(c)} cables" for c in dict.fromkeys(moved) if moved.count(c) > 1]

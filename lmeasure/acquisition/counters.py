@@ -24,6 +24,8 @@ class CounterState:
     field: CounterField
     max_rate: float
     wraps_later: bool = False
+    codes: bool = False
+    """Whether it shows its angle within a revolution, from 0 on."""
     value: int = 0
     total: int = 0
     time_s: float = float("nan")
@@ -71,6 +73,8 @@ class CounterState:
         if not self.wraps_later:
             return counts
         full = self.field.scale * self.field.modulus
+        if self.codes:
+            return counts % full
         raised = counts + full / 2
         return (raised if ((raised >= 0) & (raised < full)).all() else raised % full) - full / 2
 

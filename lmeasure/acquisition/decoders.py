@@ -20,7 +20,7 @@ from lmeasure.can_table import CounterChannel, DbcCan, DbcChannel, J1939Can, Raw
 from lmeasure.errors import AcquisitionError, FileFormatError
 from lmeasure.kernels.frames import FIELD_COLUMNS, extract
 from lmeasure.opened import read_regular
-from lmeasure.rig import Drum, Rig
+from lmeasure.rig import AngleEncoder, Drum, Rig
 
 ALL_BITS = 0x1FFFFFFF
 STANDARD_IDENTIFIERS = 0x800
@@ -98,7 +98,7 @@ def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[C
     FileFormatError when the DBC file does not say what the table expects of it.
     """
     table = rig.can_table
-    drums = rig.drums_of(passage)
+    drums = rig.counters_of(passage)
     known = {c.channel: c for c in table.channel}
     places: dict[str, Place]
     if isinstance(table, RawCan):
@@ -112,24 +112,26 @@ def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[C
         return _dbc_fields(table, folder, drums)
     else:
         raise AcquisitionError("can: decoder 'cia406' asks the encoders where they put their counts")
-    return tuple(field_at(known[channel], places[channel], drum.counter_bits) for channel, drum in drums.items())
+    return tuple(field_at(known[channel], places[channel], drum) for channel, drum in drums.items())
 
 
 Place = tuple[int, int, bool, int, int, Literal["little", "big"], bool]
 """identifier, mask, extended, first bit, bits, byte order, signed."""
 
 
-def field_at(channel: CounterChannel, place: Place, counter_bits: int | None) -> CounterField:
-    """The field of a channel at a place; its device counts the stated range, else the drum's counter_bits, else all values of the field."""
+def field_at(channel: CounterChannel, place: Place, counter: Drum | AngleEncoder) -> CounterField:
+    """The field of a channel at a place; its device counts the stated range, else the codes of an absolute encoder, else the counter's
+    bits, else all values of the field."""
     identifier, mask, extended, first_bit, bits, byte_order, signed = place
-    modulus = channel.range or 2 ** (counter_bits or bits)
+    values = counter.codes if counter.counter_bits is None else 2**counter.counter_bits
+    modulus = channel.range or 2 ** (counter.counter_bits or bits)
+    if counter.codes is not None and channel.range is None:
+        modulus = round(counter.codes / channel.scale)
     if modulus > 2**bits:
         raise AcquisitionError(f"can: channel {channel.channel}: its device counts {modulus} units, more than {bits} bits can carry")
-    if counter_bits is not None and channel.scale * modulus != 2**counter_bits:
-        raise AcquisitionError(
-            f"can: channel {channel.channel}: its device counts {channel.scale * modulus:g} counts, but its drum says "
-            f"counter_bits = {counter_bits}"
-        )
+    if values is not None and channel.scale * modulus != values:
+        said = f"its drum says counter_bits = {counter.counter_bits}" if counter.codes is None else f"its encoder has {values} codes"
+        raise AcquisitionError(f"can: channel {channel.channel}: its device counts {channel.scale * modulus:g} counts, but {said}")
     return CounterField(
         channel.channel, identifier, mask, extended, first_bit, bits, byte_order, signed, modulus, channel.start, channel.scale
     )
@@ -147,7 +149,7 @@ def _parameter_group(pgn: int, source_address: int | None) -> tuple[int, int]:
     return ((pgn << 8) | (source_address or 0)) & mask, mask
 
 
-def _dbc_fields(table: DbcCan, folder: Path, drums: Mapping[str, Drum]) -> tuple[CounterField, ...]:
+def _dbc_fields(table: DbcCan, folder: Path, drums: Mapping[str, Drum | AngleEncoder]) -> tuple[CounterField, ...]:
     path = folder / table.dbc
     database = dbc_file(path)
     known = {c.channel: c for c in table.channel}
@@ -186,7 +188,7 @@ def _of_signals(message: Any, wanted: list[str]) -> Any:
     return Message(message.frame_id, message.name, message.length, chosen, is_extended_frame=message.is_extended_frame, strict=True)
 
 
-def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Path, drum: Drum) -> CounterField:
+def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Path, drum: Drum | AngleEncoder) -> CounterField:
     """The field of a signal: compiled where it is a plain integer, by cantools where it is multiplexed or a floating-point number."""
     from cantools.database.errors import Error
 
@@ -208,7 +210,7 @@ def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Pat
     order: Literal["little", "big"] = "little" if signal.byte_order == "little_endian" else "big"
     place: Place = (message.frame_id, ALL_BITS, message.is_extended_frame, first, signal.length, order, signal.is_signed)
     if not signal.conversion.is_float:
-        field = field_at(c, place, drum.counter_bits)
+        field = field_at(c, place, drum)
         return replace(field, reader=_reader(message, signal.name, 1.0)) if signal.multiplexer_ids else field
     if drum.counter_bits is not None:
         raise AcquisitionError(

@@ -300,9 +300,9 @@ class _Writer:
             if span > 0:
                 rates = (self._latest.recorded[-1] - self._latest.recorded[0]) / span
         latency = self._latency if self._latency is not None and 0 <= self._latency < 60 else None
-        drums = self.rig.drums_of(self.passage)
+        known = self.rig.counters_of(self.passage)
         channels = tuple(f.channel for f in self.fields)
-        speeds = rates * np.array([drums[c].count_sign * drums[c].count_length_mm / drums[c].scale for c in channels])
+        speeds = rates * np.array([known[c].count_sign * known[c].per_count / known[c].scale for c in channels])
         return Progress(
             seconds, self.frames, self.samples, dict(self.assembler.events.tally), channels, counts, rates, speeds, latency, self._origin
         )

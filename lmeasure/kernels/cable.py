@@ -33,7 +33,10 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import inline, kernel, layout
-from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, norm, rotate, rotate_back, scale, sub
+from lmeasure.kernels.angles import NOWHERE, angle_gradient, inclination_at, swivel_at
+from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotate, rotate_back, scale, sub
+from lmeasure.kernels.vector import orientation as orientation
+from lmeasure.kernels.vector import vec as vec
 
 ON_AXIS_MM = 1e-9  # nearer to the swivel axis than this the side is a matter of rounding
 
@@ -116,16 +119,6 @@ def drum_count(change: float, tangent: float, axial: float, travel: float, count
 
 
 @inline
-def vec(row: FloatArray, i: int) -> Vec3:
-    return row[i], row[i + 1], row[i + 2]
-
-
-@inline
-def orientation(pose: FloatArray) -> Quat:
-    return pose[layout.ORIENTATION], pose[layout.ORIENTATION + 1], pose[layout.ORIENTATION + 2], pose[layout.ORIENTATION + 3]
-
-
-@inline
 def span_at(cable: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
     """(length, e, arm): the arm is the attachment point from the tool origin, in base axes."""
     arm = rotate(orientation(pose), vec(cable, layout.ATTACHMENT))
@@ -133,26 +126,33 @@ def span_at(cable: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
     return length, e, arm
 
 
+@inline
+def seen_at(channel: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec3]:
+    """(reading, moment, force) of a channel of any kind: a length [mm] or an angle [rad], and its rates by a turn about the tool origin and
+    by a shift, base axes."""
+    if channel[layout.KIND] == layout.INCLINATION:
+        leaning, moment = inclination_at(channel, pose)
+        return leaning, moment, NOWHERE
+    value, e, arm = swivel_at(channel, pose) if channel[layout.KIND] == layout.SWIVEL else span_at(channel, pose)
+    return value, cross(arm, e), e
+
+
+@inline
+def way_round(difference: float, kind: float) -> float:
+    """A difference of readings, the shortest way around for angles."""
+    if kind == layout.CABLE:
+        return difference
+    return difference - 2.0 * math.pi * math.floor(difference / (2.0 * math.pi) + 0.5)
+
+
 @kernel
 def span_lengths(cables: FloatArray, poses: FloatArray) -> FloatArray:
-    """(n, m) lengths F [mm] from B to the attachment point, for m cables at n poses; NaN where no cable can run."""
+    """(n, m) lengths F [mm] from B to the attachment point, for m cables at n poses; NaN where no cable can run. Of channels of another
+    kind their readings."""
     out = np.empty((poses.shape[0], cables.shape[0]))
     for i in range(poses.shape[0]):
         for j in range(cables.shape[0]):
-            out[i, j] = span_at(cables[j], poses[i])[0]
-    return out
-
-
-@kernel
-def span_rows(cables: FloatArray, pose: FloatArray) -> FloatArray:
-    """(m, 6) rows (arm x e ; e): rate of each length by the twist (omega; v), v at the tool origin, base axes."""
-    out = np.empty((cables.shape[0], 6))
-    for j in range(cables.shape[0]):
-        _, e, arm = span_at(cables[j], pose)
-        moment = cross(arm, e)
-        for c in range(3):
-            out[j, c] = moment[c]
-            out[j, 3 + c] = e[c]
+            out[i, j] = seen_at(cables[j], poses[i])[0]
     return out
 
 
@@ -162,12 +162,17 @@ def span_rows_of(cables: FloatArray, poses: FloatArray) -> FloatArray:
     out = np.empty((poses.shape[0], cables.shape[0], 6))
     for i in range(poses.shape[0]):
         for j in range(cables.shape[0]):
-            _, e, arm = span_at(cables[j], poses[i])
-            moment = cross(arm, e)
+            _, moment, e = seen_at(cables[j], poses[i])
             for c in range(3):
                 out[i, j, c] = moment[c]
                 out[i, j, 3 + c] = e[c]
     return out
+
+
+@kernel
+def span_rows(cables: FloatArray, pose: FloatArray) -> FloatArray:
+    """(m, 6) rows (arm x e ; e): rate of each length by the twist (omega; v), v at the tool origin, base axes."""
+    return span_rows_of(cables, pose.reshape(1, -1))[0]
 
 
 @kernel
@@ -271,5 +276,8 @@ def length_gradients(cables: FloatArray, poses: FloatArray, counts: FloatArray, 
     out = np.empty((poses.shape[0], cables.shape[0], layout.WIDTH))
     for i in range(poses.shape[0]):
         for j in range(cables.shape[0]):
-            length_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
+            if cables[j, layout.KIND] == layout.CABLE:
+                length_gradient(cables[j], poses[i], counts[i, j], scales[j], out[i, j])
+            else:
+                angle_gradient(cables[j], poses[i], out[i, j])
     return out

@@ -13,6 +13,8 @@ STATE = 9
 # what a counter's state holds: whether there is a sample; continuous and recorded count and time of the last one; the same of the last one
 # before its origin was lost; whether it is lost; whether it is unsure
 _ANY, _COUNT, _SEEN, _SEEN_TIME, _GOOD_COUNT, _GOOD, _GOOD_TIME, _LOST, _UNSURE = range(STATE)
+UNSURE_AT = _UNSURE
+"""Where a state has whether its counter is unsure."""
 
 
 @inline

@@ -9,7 +9,11 @@ PLACE, ORIENTATION, POSE_COLUMNS = 0, 3, 7
 # a cable [mm, rad]: B and the direction of travel u at B (base frame), radius of the swivel pulley, P (tool frame), drum to fixed pulley
 # t_d and a0, axial travel of the pay-out point per count g/N, length of a count c, the angles alpha and beta of u, counts per turn N
 BASE, GUIDE, RADIUS, ATTACHMENT, TANGENT, AXIAL, TRAVEL, COUNT_LENGTH, ALPHA, BETA, TURN_COUNTS = 0, 3, 6, 7, 10, 11, 12, 13, 14, 15, 16
-CABLE_COLUMNS = 17
+# what kind of channel it is, and what the encoder of an angle has: its length of a count is an angle [rad], its zero stands where a cable
+# has the pulley's radius; an inclination has its axis for the attachment point, and the way up for B
+KIND, ECCENTRICITY, ECCENTRIC_PHASE, CABLE_COLUMNS = 17, 18, 19, 20
+CABLE, SWIVEL, INCLINATION = 0, 1, 2
+ANGLE_ZERO = RADIUS
 BASE_XYZ, GUIDE_XYZ, ATTACHMENT_XYZ = slice(BASE, BASE + 3), slice(GUIDE, GUIDE + 3), slice(ATTACHMENT, ATTACHMENT + 3)
 
 PARAMETERS = (
@@ -29,6 +33,7 @@ PARAMETERS = (
 )
 """What a length is differentiated by, in this order: observation point, guide, pulley, counter, drum, attachment point."""
 BY_BASE, BY_ALPHA, BY_BETA, BY_RADIUS, BY_SCALE, BY_TANGENT, BY_AXIAL, BY_ATTACHMENT, BY_PITCH = 0, 3, 4, 5, 6, 7, 8, 9, 12
+BY_ANGLE_ZERO = BY_RADIUS
 WIDTH = len(PARAMETERS)
 
 # what temperature, tension and weight do to a cable (`kernels.effects`): expansion of cable, drum and frame [1/K], 1/EA [1/N], weight

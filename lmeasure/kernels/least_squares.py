@@ -12,8 +12,8 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import orientation, span_at, vec
-from lmeasure.kernels.layout import ATTACHMENT, CHANGES, POSE_COLUMNS
+from lmeasure.kernels.cable import orientation, seen_at, vec, way_round
+from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS
 from lmeasure.kernels.screw import (
     MAX_ITERATIONS,
     NOT_CONVERGED,
@@ -53,13 +53,12 @@ def _fill(
             A[j, c] = 0.0
         if weights[j] == 0.0:
             continue
-        length, e, arm = span_at(cables[j], pose)
-        moment = cross(arm, e)
+        length, moment, e = seen_at(cables[j], pose)
         for c in range(3):
             full[c], full[3 + c] = moment[c] / size, e[c]
         for c in range(len(free)):
             A[j, c] = weights[j] * full[free[c]]
-        r[j] = weights[j] * (targets[j] - length)
+        r[j] = weights[j] * way_round(targets[j] - length, cables[j, KIND])
         fine = fine and math.isfinite(r[j])
     return fine
 
@@ -139,11 +138,19 @@ def length_twists(
 
 @kernel
 def _fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
-    """Largest speed of an attachment point per unit rate of its own cable."""
+    """Largest speed of an attachment point per unit rate of its own cable; of an angle likewise, by the speed that turns it by that rate
+    where it is seen best."""
     fastest = 1.0
     for j in range(cables.shape[0]):
+        turn = (G[0, j], G[1, j], G[2, j])
+        if cables[j, KIND] == INCLINATION:
+            fastest = max(fastest, norm(turn))
+            continue
         arm = rotate(orientation(pose), vec(cables[j], ATTACHMENT))
-        fastest = max(fastest, norm(add((G[3, j], G[4, j], G[5, j]), cross((G[0, j], G[1, j], G[2, j]), arm))))
+        moved = norm(add((G[3, j], G[4, j], G[5, j]), cross(turn, arm)))
+        if cables[j, KIND] != CABLE:
+            moved *= norm(seen_at(cables[j], pose)[2])
+        fastest = max(fastest, moved)
     return fastest
 
 
@@ -160,6 +167,7 @@ def new_state(start: FloatArray, m: int) -> FloatArray:
 def follow(
     cables: FloatArray,
     start: FloatArray,
+    zero: FloatArray,
     state: FloatArray,
     changes: FloatArray,
     flags: IntArray,
@@ -168,23 +176,27 @@ def follow(
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
     """Poses of a run by continuation, from m >= f cables and f free components of the twist.
 
-    cables (m, columns); start (7,); state (8 + m,), moved on in place; changes (n, m) [mm], NaN where a cable has no count: the others
-    are used as long as f are left, else the sample keeps its flag of flags (n,); u (m,) standard uncertainties of the lengths [mm]; free
-    (f,) indices into the twist.
+    cables (m, columns), channels of any kind; start (7,); zero (m,) what each reads where its change is 0; state (8 + m,), moved on in
+    place; changes (n, m) [mm, rad], NaN where a channel has no count: the others are used as long as f are left, else the sample keeps its
+    flag of flags (n,); u (m,) standard uncertainties of the readings; free (f,) indices into the twist.
 
-    Returns poses (n, 7), largest absolute residual (n,) [mm], iterations (n,), status (n,), worst pressure angle (n,) [rad], chi squared
-    (n,) of the residuals by u alone.
+    Returns poses (n, 7), largest absolute residual of a length (n,) [mm], iterations (n,), status (n,), worst pressure angle (n,) [rad],
+    chi squared (n,) of the residuals by u alone.
     """
     n, m, f = changes.shape[0], cables.shape[0], len(free)
     poses, residual, angle, chi = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     iterations, status = np.zeros(n, np.int64), np.zeros(n, np.int64)
     size, lost = platform_size(cables), CHANGES + m
-    zero, targets, weights, pose = np.empty(m), np.empty(m), np.empty(m), np.empty(POSE_COLUMNS)
+    targets, weights, pose, reach = np.empty(m), np.empty(m), np.empty(POSE_COLUMNS), np.empty(m)
     G, r = np.empty((6, m)), np.empty(m)
-    smallest = u.min()
+    smallest = math.inf
     for j in range(m):
-        zero[j] = span_at(cables[j], start)[0]
-        targets[j], weights[j] = zero[j], smallest / u[j]
+        targets[j], _, e = seen_at(cables[j], start)
+        # what is moved about per unit of it [mm]
+        reach[j] = 1.0 if cables[j, KIND] == CABLE else size if cables[j, KIND] == INCLINATION else 1.0 / norm(e)
+        smallest = min(smallest, u[j] * reach[j])
+    for j in range(m):
+        weights[j] = smallest / u[j]
     _, side = length_twists(cables, start, weights, free, size, targets, G, r)
     for i in range(n):
         counted, longest = 0, 0.0
@@ -193,7 +205,7 @@ def follow(
             weights[j] = smallest / u[j] if good else 0.0
             if good:
                 counted += 1
-                longest = max(longest, abs(changes[i, j] - state[CHANGES + j]))
+                longest = max(longest, reach[j] * abs(way_round(changes[i, j] - state[CHANGES + j], cables[j, KIND])))
         outcome = OK if counted >= f else flags[i]
         # more cables than there were when it was lost tell the pose again
         if outcome == OK and state[lost] > 0.0 and counted <= state[lost]:
@@ -204,7 +216,10 @@ def follow(
             copy(state[:CHANGES], pose)
             for part in range(1, parts + 1):
                 for j in range(m):
-                    way = changes[i, j] if part == parts else state[CHANGES + j] + part / parts * (changes[i, j] - state[CHANGES + j])
+                    way = changes[i, j]
+                    if part < parts:
+                        gone = way_round(way - state[CHANGES + j], cables[j, KIND])
+                        way = state[CHANGES + j] + part / parts * gone
                     targets[j] = zero[j] + way
                 outcome, steps = _solve(cables, pose, targets, weights, free, size, STEP_MM if part == parts else ON_THE_WAY_MM)
                 iterations[i] += steps
@@ -231,9 +246,10 @@ def follow(
             worst, chi[i] = 0.0, 0.0
             for j in range(m):
                 # a cable without a count is taken up again where it stands by the pose
-                state[CHANGES + j] = changes[i, j] if weights[j] > 0.0 else span_at(cables[j], pose)[0] - zero[j]
+                state[CHANGES + j] = changes[i, j] if weights[j] > 0.0 else seen_at(cables[j], pose)[0] - zero[j]
                 if weights[j] > 0.0:
-                    worst = max(worst, abs(r[j]))
+                    if cables[j, KIND] == CABLE:
+                        worst = max(worst, abs(r[j]))
                     chi[i] += (r[j] / u[j]) ** 2
             residual[i] = worst
     return poses, residual, iterations, status, angle, chi

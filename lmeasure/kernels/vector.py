@@ -2,10 +2,21 @@
 
 import math
 
-from lmeasure.kernels import inline
+from lmeasure.arrays import FloatArray
+from lmeasure.kernels import inline, layout
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
+
+
+@inline
+def vec(row: FloatArray, i: int) -> Vec3:
+    return row[i], row[i + 1], row[i + 2]
+
+
+@inline
+def orientation(pose: FloatArray) -> Quat:
+    return pose[layout.ORIENTATION], pose[layout.ORIENTATION + 1], pose[layout.ORIENTATION + 2], pose[layout.ORIENTATION + 3]
 
 
 @inline

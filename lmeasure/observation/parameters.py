@@ -15,7 +15,7 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import CalibrationError, RigError
 from lmeasure.kernels import layout
 from lmeasure.kernels.cable import guide_direction
-from lmeasure.rig import Cable, Drum, ObservationPoint, Rig, rig_from_dict
+from lmeasure.rig import Cable, Drum, ObservationPoint, Observed, Rig, rig_from_dict
 
 EXACT = 1e-9
 """Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same."""
@@ -155,9 +155,21 @@ _PER_REVOLUTION = np.array([p.per_revolution for p in TABLE])
 _UNSIGNED = np.array([p.unsigned for p in TABLE])
 
 
-def parameter_names(rig: Rig, cables: tuple[Cable, ...] | None = None) -> list[list[str]]:
-    """For each cable the calibration record's names of the kernels' parameters (`kernels.layout.PARAMETERS`)."""
-    return [[p.name(c) for p in TABLE] for c in (rig.cable if cables is None else cables)]
+def parameter_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> list[list[str]]:
+    """For each channel, default all cables, the calibration record's names of the kernels' parameters (`kernels.layout.PARAMETERS`); empty
+    where an encoder of angles does not have one."""
+    return [_names(o) for o in (rig.cable if cables is None else cables)]
+
+
+def _names(observed: Observed) -> list[str]:
+    if isinstance(observed, Cable):
+        return [p.name(observed) for p in TABLE]
+    names = [""] * len(TABLE)
+    names[layout.BY_ANGLE_ZERO] = f"{observed.name}.zero_deg"
+    if observed.from_point:
+        names[layout.BY_BASE : layout.BY_BETA + 1] = [f"{observed.from_point}.{key}" for key in (*PLACE, *GUIDE)]
+        names[layout.BY_ATTACHMENT : layout.BY_ATTACHMENT + 3] = attachment_names(observed.to_point)
+    return names
 
 
 def attachment_names(point: str) -> tuple[str, ...]:

@@ -9,7 +9,24 @@ from numpy.typing import ArrayLike
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels.cable import ON_AXIS_MM
-from lmeasure.kernels.layout import ATTACHMENT_XYZ, AXIAL, BASE_XYZ, COUNT_LENGTH, GUIDE_XYZ, RADIUS, TANGENT, TRAVEL
+from lmeasure.kernels.layout import (
+    ALPHA,
+    ANGLE_ZERO,
+    ATTACHMENT_XYZ,
+    AXIAL,
+    BASE_XYZ,
+    BETA,
+    CABLE,
+    COUNT_LENGTH,
+    ECCENTRIC_PHASE,
+    ECCENTRICITY,
+    GUIDE_XYZ,
+    KIND,
+    RADIUS,
+    SWIVEL,
+    TANGENT,
+    TRAVEL,
+)
 from lmeasure.lcoordinate.pluecker import pluecker_rows
 
 NEWTON_STEPS = 50
@@ -58,10 +75,33 @@ def arms(cables: FloatArray, poses: FloatArray) -> FloatArray:
 
 
 def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, m) lengths from B to the attachment point and (n, m, 6) rows (arm x e ; e) about the tool origin, at (n, 7) poses."""
+    """(n, m) lengths from B to the attachment point and (n, m, 6) rows (arm x e ; e) about the tool origin, at (n, 7) poses; of channels of
+    another kind their readings [rad], as `kernels.angles` has them."""
     arm = arms(cables, poses)
     found = spans(cables, poses, arm)
-    return found.length, pluecker_rows(arm, found.direction)
+    readings, rows = found.length, pluecker_rows(arm, found.direction)
+    for j in np.flatnonzero(cables[:, KIND] != CABLE):
+        readings[:, j], rows[:, j] = (_swivel if cables[j, KIND] == SWIVEL else _inclination)(cables[j], poses, arm[:, j])
+    return readings, rows
+
+
+def _swivel(channel: FloatArray, poses: FloatArray, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    frame = guide(channel[ALPHA], channel[BETA])
+    way = poses[:, :3] + arm - channel[BASE_XYZ]
+    x, y = way @ frame[1], way @ frame[2]
+    theta, phase = np.arctan2(y, x), channel[ECCENTRIC_PHASE]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gain = (1.0 + channel[ECCENTRICITY] * np.cos(theta - phase)) / (x * x + y * y)
+        gradient = gain[:, None] * (x[:, None] * frame[2] - y[:, None] * frame[1])
+    return theta + channel[ECCENTRICITY] * np.sin(theta - phase) - channel[ANGLE_ZERO], pluecker_rows(arm, gradient)
+
+
+def _inclination(channel: FloatArray, poses: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    across = np.cross(axis, channel[BASE_XYZ])
+    size = np.linalg.norm(across, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        omega = across / size[:, None]
+    return np.arctan2(axis @ channel[BASE_XYZ], size) - channel[ANGLE_ZERO], np.concatenate([omega, np.zeros((len(poses), 3))], axis=1)
 
 
 def guide(alpha: float, beta: float) -> FloatArray:

@@ -169,7 +169,9 @@ DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
     Rig: _rig,
     Poses: _poses,
     Counts: lambda counts, rig: _over_time([(counts.time_s, counts.channels, counts.recorded)], "counts"),
-    Lengths: lambda lengths, rig: _over_time([(lengths.time_s, lengths.cables, lengths.change_mm)], "change of length, mm"),
+    Lengths: lambda lengths, rig: _over_time(
+        [(lengths.time_s, lengths.cables, lengths.change_mm)], f"change of length, mm{'; of angles, rad' if lengths.encoders else ''}"
+    ),
     Simulated: _simulated,
     Run: lambda run, rig: _over_time([(c.time_s, c.channels, c.recorded) for c in run.passes], "counts"),
     Calibration: lambda calibration, rig: residuals_figure(calibration.record),

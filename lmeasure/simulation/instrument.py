@@ -1,5 +1,6 @@
 """The instrument as a forward model: poses in, recorded counts out. It shares no inverse with the solvers."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.counts import Counts
 from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.poses import Poses, poses_from_rows
-from lmeasure.rig import Rig
+from lmeasure.rig import Cable, Rig
 from lmeasure.run import Run
 from lmeasure.simulation.motion import scattered_poses
 from lmeasure.zeroing import drawn_phases
@@ -45,22 +46,23 @@ def simulate_run(
     noise_mm: float,
     rng: np.random.Generator,
     temperature_c: FloatArray | None = None,
+    noise_deg: float = 0.0,
 ) -> SimulatedRun:
     """Every pass of the rig along the same motion, zeroed at its first pose, anywhere within a count unless the drum's zero is exact.
 
-    noise_mm: standard deviation of each length at each sample, independent. temperature_c (n,), the first at the zero pose, has the effects
-    that the rig states. GeometryError when a cable cannot run at a pose.
+    noise_mm, noise_deg: standard deviation of each length and angle at each sample, independent. temperature_c (n,), the first at the
+    zero pose, has the effects that the rig states. GeometryError when a cable cannot run at a pose.
     """
     warm = None if temperature_c is None else float(temperature_c[0])
     start = poses[0]
     # of its own stream: what else is drawn does not depend on it
-    phase, passes = drawn_phases(rig, rng.spawn(1)[0]), []
+    phase, passes = drawn_phases(rig, rng.spawn(1)[0], rig.observed), []
     for number in range(1, rig.passes + 1):
-        cables = rig.cables_of(number)
+        cables = tuple(c for c in rig.observed if c.passage == number)
         true = counts_from_poses(rig, poses, start, cables, temperature_c, warm)
-        length = np.array([rig.point(c.from_point).drum.count_length_mm for c in cables])
-        noisy = true + rng.normal(0.0, 1.0, true.shape) * noise_mm / length if noise_mm else true
-        recorded = recorded_from_counts(rig, noisy, cables, phase[[c.passage == number for c in rig.cable]])
+        scatter = np.array([(noise_mm if isinstance(c, Cable) else math.radians(noise_deg)) / rig.counter(c).per_count for c in cables])
+        noisy = true + rng.normal(0.0, 1.0, true.shape) * scatter if scatter.any() else true
+        recorded = recorded_from_counts(rig, noisy, cables, phase[[c.passage == number for c in rig.observed]])
         passes.append(
             Counts(time_s, tuple(c.channel for c in cables), recorded, source=f"simulated pass {number}", temperature_c=temperature_c)
         )
@@ -111,7 +113,7 @@ def campaign_at(
     temperature_c (n,) at the poses has the effects that the rig states. The counters are zeroed at the first pose, anywhere within a count
     unless the drum's zero is exact.
     """
-    count, cables = len(poses), rig.cables_of(1)
+    count, cables = len(poses), tuple(c for c in rig.observed if c.passage == 1)
     warm = None if temperature_c is None else float(temperature_c[0])
     counts = counts_from_poses(rig, poses, poses[0], cables, temperature_c, warm)
     recorded = recorded_from_counts(rig, counts, cables, drawn_phases(rig, rng.spawn(1)[0], cables))

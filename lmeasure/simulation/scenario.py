@@ -83,6 +83,8 @@ class Scenario(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     rate_hz: Annotated[float, Field(gt=0, le=1e6)] = 1000.0
     noise_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
+    noise_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """Of encoders of angles."""
     temperature_c: Temperature | None = None
     """At the start; recorded when it is given."""
     end_temperature_c: Temperature | None = None
@@ -184,7 +186,7 @@ def simulate(scenario: Scenario, rig: Rig) -> Simulated:
     run, campaign = None, None
     if scenario.waypoint:
         time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz)
-        run = simulate_run(rig, time_s, poses, scenario.noise_mm, rng, scenario.temperatures(len(time_s)))
+        run = simulate_run(rig, time_s, poses, scenario.noise_mm, rng, scenario.temperatures(len(time_s)), scenario.noise_deg)
     if scenario.reference_poses is not None:
         asked = scenario.reference_poses
         campaign = simulate_campaign(

@@ -27,7 +27,7 @@ from lmeasure.rig import Rig
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.corrections import Correction
 from lmeasure.trajectory.scheme import Scheme
-from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, zero_phase
+from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, unknown_zeros, zero_phase
 from lmeasure.unsolved import CALIBRATIONS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
 
@@ -94,13 +94,18 @@ class Budget:
             for v in exact(rig, None, () if calibration is None else calibration.names)
             if scheme.point is None or v.kind is not ATTACHMENT
         ]
-        self.scheme, self.scales, self.variance = scheme, rig.scales(), count_variance(rig)
-        self.length_variance = length_variance(rig)
-        """(m,) [mm^2] of a single length, the zero phase included: what lengths are weighed and told apart by."""
+        observed, self._cables = rig.observed, len(rig.cable)
+        self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
+        self.length_variance = length_variance(rig, observed)
+        """(m,) [mm^2, rad^2] of a single reading, the zero phase included: what readings are weighed and told apart by."""
+        self.weights = np.sqrt(self.length_variance[: self._cables].min() / self.length_variance)
+        """(m,) of readings against each other, about 1 of lengths."""
+        self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
+        """(m,) whether a channel's readings are counted from no pose."""
         # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
-        width = np.sqrt(np.diag(cable_covariance(rig, calibration)))
-        solved = covariance_root(_without_point(scheme, _without_point(scheme, solved_covariance(rig, calibration)).T), width)
-        dimensions = _without_point(scheme, unsolved_columns(rig, calibration))
+        width = np.sqrt(np.diag(cable_covariance(rig, calibration, observed)))
+        solved = covariance_root(_without_point(scheme, _without_point(scheme, solved_covariance(rig, calibration, observed)).T), width)
+        dimensions = _without_point(scheme, unsolved_columns(rig, calibration, observed))
         dimensions = dimensions[:, dimensions.any(axis=0)]
         self.parameters = np.column_stack([solved, dimensions])
         self.start = start
@@ -108,18 +113,19 @@ class Budget:
         # what a constraint holds is exact, and a point's place has a part in all
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
-        self._start_lengths = (span_rows(rig.cable_rows(), start[None])[1][0] * self._u_start)[:, self._u_start > 0.0]
+        at_start = span_rows(rig.cable_rows(observed), start[None])[1][0]
+        self._start_lengths = self._from_start(at_start * self._u_start)[:, self._u_start > 0.0]
         # a start that came from lengths errs with the rig: then nothing cancels where counting began
         self._u_length = u_start[2] if len(u_start) > 2 else None
         if self._u_length:
-            self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(rig.cable))])
-        self._passage = np.array([c.passage for c in rig.cable], dtype=np.int64)
+            self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(observed), len(rig.cable))])
+        self._passage = np.array([c.passage for c in observed], dtype=np.int64)
         self._clocks, self._repeatability_mm = clocks, repeatability_mm if rig.passes > 1 else 0.0
         late = tuple(f"clock of pass {p}" for p, clock in enumerate(clocks, 1) for _ in range(clock.variables))
         places = tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
         physical = (PHYSICAL,) * (0 if correction is None else correction.sources)
         self.unsolved = Unsolved(rig, stated(rig, kinds=OTHERS))
-        self._begun, self._quantum = zero_at(self._zero, len(scheme.rows), 0.0), 1.0 / self.scales
+        self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
         of_drums = self.unsolved.sources + self.unsolved.play_sources
         self._phase = zero_phase(rig)
         parameters = (CALIBRATION,) * solved.shape[1] + (DIMENSIONS,) * dimensions.shape[1]
@@ -133,6 +139,7 @@ class Budget:
             Source(physical, (PHYSICAL,), self._physical_lengths),
             Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
             own_lengths(rig, calibration),
+            unknown_zeros(rig, calibration),
         )
         self.by_length = tuple(source for source in by_length if source.names)
         """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""
@@ -254,7 +261,7 @@ class Budget:
         factor = self.parameters.reshape(m, len(PARAMETERS), -1)
         gradients = length_gradients(rows, poses, counts, self.scales)
         if self._u_length is None:
-            gradients -= length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)
+            gradients -= self._from_start(length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)[0])
         return -np.swapaxes(np.swapaxes(gradients, 0, 1) @ factor, 0, 1)
 
     def _pass_lengths(self, at: Situation) -> FloatArray:
@@ -272,13 +279,29 @@ class Budget:
         """(n, m, q) errors of the lengths per variable of temperature, stretch and sag."""
         assert self.correction is not None
         # a modelled cable that is longer has a shorter measured length to agree with
-        return -self.correction.shifts(at.poses, at.counts, at.temperature_c)
+        return self._padded(-self.correction.shifts(*self._of_cables(at)))
 
     def _drum_lengths(self, at: Situation) -> FloatArray:
         """(n, m, k) errors of the lengths per variable of drums and pulleys that run out, and of play."""
-        played = self.unsolved.play(np.ones(at.counts.shape) if at.travel is None else at.travel)
+        poses, counts, _ = self._of_cables(at)
+        played = self.unsolved.play(np.ones(counts.shape) if at.travel is None else at.travel[:, : self._cables])
         # a modelled cable that is longer has a shorter measured length to agree with
-        return -np.concatenate([self.unsolved.shifts(self.scheme.rows, self._begun, at.poses, at.counts), played], axis=2)
+        shifts = self.unsolved.shifts(self.scheme.rows[: self._cables], self._begun, poses, counts)
+        return self._padded(-np.concatenate([shifts, played], axis=2))
+
+    def _from_start(self, values: FloatArray) -> FloatArray:
+        """Values (m, ...) of the channels that count from the start pose, zero of the others."""
+        return np.where(self.absolute.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
+
+    def _of_cables(self, at: Situation) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        warm = None if at.temperature_c is None else at.temperature_c[:, : self._cables]
+        return at.poses, at.counts[:, : self._cables], warm
+
+    def _padded(self, lengths: FloatArray) -> FloatArray:
+        """(n, m, k) errors of all channels from those (n, cables, k) of the cables."""
+        if self._cables == len(self.scheme.rows):
+            return lengths
+        return np.pad(lengths, ((0, 0), (0, len(self.scheme.rows) - self._cables), (0, 0)))
 
     def taken_as_exact(self, poses: FloatArray, lengths: Lengths) -> tuple[Taken, ...]:
         """What nobody stated and nothing has solved, and what it would add at some of the (n, 7) poses of a run."""
@@ -289,9 +312,10 @@ class Budget:
         few = np.ascontiguousarray(poses[at])
         if self.scheme.point is not None:
             few[:, 3:] = (0.0, 0.0, 0.0, 1.0)
-        counts = lengths.counts[at]
-        twists = self.twists(few, counts, None, compiled=False)
-        return taken_as_exact(self.rig, self._exact, self.scheme.rows, self._begun, few, counts, twists, self._warmth(lengths))
+        counts, drawn = lengths.counts[at], slice(0, self._cables)
+        twists = self.twists(few, counts, None, compiled=False)[:, :, drawn]
+        rows = self.scheme.rows[drawn]
+        return taken_as_exact(self.rig, self._exact, rows, self._begun, few, counts[:, drawn], twists, self._warmth(lengths))
 
     def _warmth(self, lengths: Lengths) -> Warmth:
         """What is known of the run's temperature: at its start and at these samples."""
@@ -309,7 +333,7 @@ class Budget:
         """(n, 6, m) what the poses move by per mm of each length."""
         if self.scheme.six:
             return np.asarray((pose_covariance if compiled else screw_numpy).twists(self.scheme.rows, poses))
-        weights = np.where(np.isnan(counts), 0.0, np.sqrt(self.length_variance.min() / self.length_variance))
+        weights = np.where(np.isnan(counts), 0.0, self.weights)
         if unused is not None:
             weights[unused] = 0.0
         return np.asarray(least_squares.twists(self.scheme.rows, poses, weights, self.scheme.free_index))

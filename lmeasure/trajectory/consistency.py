@@ -20,7 +20,7 @@ from scipy.stats import chi2
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.lengths import Lengths
-from lmeasure.rig import Rig
+from lmeasure.rig import Rig, noun
 from lmeasure.status import Status
 from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.redundancy import Epochs, Parities, Redundancy
@@ -200,7 +200,7 @@ class Consistency:
         return out
 
     def _inconsistent(self, cables: tuple[int, ...], alarms: IntArray, parities: Parities) -> list[Doubt]:
-        names = [self._rig.cable[j].name for j in cables]
+        names = [self._rig.observed[j].name for j in cables]
         m = self._epochs.change_mm.shape[1]
         if not cables:
             text = "the cables contradict each other, and no single one explains it"
@@ -277,7 +277,7 @@ def _notes(rig: Rig, every: list[Doubt]) -> list[str]:
     for doubt in sorted((d for d in every if d.status == Status.INCONSISTENT), key=lambda d: d.after_s):
         begin = "the beginning" if np.isinf(doubt.after_s) else f"{doubt.after_s:.6g} s"
         end = "the end" if np.isinf(doubt.until_s) else f"{doubt.until_s:.6g} s"
-        whose = "" if doubt.cable == EVERY else f"cable {rig.cable[doubt.cable].name} "
+        whose = "" if doubt.cable == EVERY else f"{noun(rig.observed[doubt.cable])} "
         notes.append(f"from {begin} to {end}: {whose}{doubt.text}")
     return notes
 

@@ -35,15 +35,17 @@ class Correction:
         """
         if self._temperature_c is None:
             self._temperature_c = zero_temperature(lengths, None)
-        zero, warm = self._situation(lengths.counts, lengths.temperature_c)
-        rows, change = self._scheme.rows, lengths.change_mm
+        m = lengths.lengths
+        counts = lengths.counts[:, :m]
+        zero, warm = self._situation(counts, None if lengths.temperature_c is None else lengths.temperature_c[:, :m])
+        rows, change = self._scheme.rows[:m], lengths.change_mm
         excess = np.zeros_like(change)
         for _ in range(MAX_ROUNDS):
             poses = solve(change - excess)
-            found = self._effects.checked_excess(rows, zero, poses, lengths.counts, warm)
-            moved = np.abs(found - excess)
+            found = self._effects.checked_excess(rows, zero, poses, counts, warm)
+            moved = np.abs(found - excess[:, :m])
             # where no pose was found the last one stays: the sample has its status from what its neighbours say
-            excess = np.where(np.isfinite(found), found, excess)
+            excess[:, :m] = np.where(np.isfinite(found), found, excess[:, :m])
             if not np.nanmax(moved, initial=0.0) > SETTLED_MM:
                 break
         return replace(lengths, change_mm=change - excess)
@@ -59,9 +61,10 @@ class Correction:
         """(n, m, q) changes of the modelled lengths by one standard uncertainty of each property, of the temperature at the start and
         later, and of each cable's tension, at (n, 7) poses, counts (n, m) and temperatures (n, m)."""
         zero, warm = self._situation(counts, temperature_c)
-        given = self._scheme.rows, zero, poses, counts, warm
+        rows = self._scheme.rows[: counts.shape[1]]
+        given = rows, zero, poses, counts, warm
         out = [*self._effects.property_shifts(*given), *(self._effects.temperature_shifts(*given) or ())]
-        friction = self._effects.tension_shift(self._scheme.rows, poses)
+        friction = self._effects.tension_shift(rows, poses)
         if friction is not None:
             out += [friction * own for own, u in zip(np.eye(friction.shape[1]), self._effects.u_tension_change_n, strict=True) if u > 0.0]
         return np.moveaxis(np.array(out).reshape(len(out), *counts.shape), 0, 2)
@@ -72,7 +75,7 @@ class Correction:
         warm = np.full(counts.shape, start)
         if temperature_c is not None:
             warm = np.where(np.isfinite(temperature_c), temperature_c, start)
-        return zero_at(self._start, len(self._scheme.rows), start), warm
+        return zero_at(self._start, counts.shape[1], start), warm
 
 
 def correction_of(rig: Rig, scheme: Scheme, start: FloatArray, temperature_c: float | None) -> Correction | None:

@@ -68,7 +68,9 @@ class Doubts:
         reasons = []
         for j, before in enumerate(lengths.reasons):
             mine = [Reason(d.mask(lengths.time_s), d.status, d.text) for d in here if d.cable == j]
-            reasons.append((*(r for r in before if r.status != Status.ORIGIN_LOST), *(r for r in mine if r.mask.any())))
+            # whether an encoder of angles lost its origin nothing else tells
+            kept = [r for r in before if r.status != Status.ORIGIN_LOST or j >= lengths.lengths]
+            reasons.append((*kept, *(r for r in mine if r.mask.any())))
         lengths = with_reasons(rig, lengths, tuple(reasons))
         for doubt in here:
             if doubt.cable == EVERY:

@@ -120,6 +120,7 @@ class EvidenceFinder:
 
     def add(self, lengths: Lengths) -> None:
         """Take the next piece into account."""
+        lengths = lengths.of_cables()
         assert lengths.gone_on is not None
         self._finder.add(lengths.time_s, lengths.gone_on * self._mm)
         self._continuity.add(lengths)

@@ -9,7 +9,6 @@ from lmeasure.acquisition.samples import Samples
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels import counter, live, screw
-from lmeasure.lengths import counter_rate
 from lmeasure.rig import Rig
 from lmeasure.status import WORDS
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -43,10 +42,7 @@ class LivePose:
         self._u = np.sqrt(reconstruction.budget.length_variance)
         drums = [rig.point(c.from_point).drum for c in rig.cable]
         self._channels = np.array(
-            [
-                (d.count_sign / d.scale, counter_rate(d), 0.0 if d.counter_bits is None else 2.0**d.counter_bits, d.count_length_mm)
-                for d in drums
-            ]
+            [(d.count_sign / d.scale, d.rate, 0.0 if d.counter_bits is None else 2.0**d.counter_bits, d.count_length_mm) for d in drums]
         )
         self._reset()
         self.update(0.0, np.zeros(len(drums)))

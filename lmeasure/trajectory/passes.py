@@ -107,7 +107,7 @@ def _stamps(run: Run, number: int) -> Stamps:
     """The stamps of a pass, judged by the lengths of its cables as places."""
     cables = tuple(c.model_copy(update={"passage": 1}) for c in run.rig.cables_of(number))
     alone = replace(run, rig=run.rig.model_copy(update={"cable": cables}), passes=(run.passes[number - 1],))
-    lengths = lengths_from_counts(alone).change_mm
+    lengths = lengths_from_counts(alone).of_cables().change_mm
     return judged(run.passes[number - 1].time_s, lengths, np.full(len(lengths), np.sqrt(count_variance(alone.rig).mean())))
 
 

@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.kernels.cable import span_lengths, span_rows_of
+from lmeasure.kernels.layout import CABLE, KIND
 from lmeasure.kernels.screw import platform_size
 from lmeasure.lengths import Lengths, changes_from_counts
 from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.sources import Situation
 
 CHUNK = 2048  # samples whose systematic errors are in memory at once
+TURN = 2.0 * np.pi
 UNCONTROLLED = 1e-6
 """Of a cable's variance that the others must be able to show."""
 
@@ -90,21 +92,28 @@ class Redundancy:
     def __init__(self, budget: Budget) -> None:
         self._budget, self._rows = budget, budget.scheme.rows
         self.free, self._size = budget.scheme.free_index, platform_size(budget.scheme.rows)
-        self._zero = span_lengths(self._rows, budget.scheme.start_of(budget.start)[None])
+        at_start = span_lengths(self._rows, budget.scheme.start_of(budget.start)[None])[0]
+        self._zero = np.where(budget.absolute, 0.0, at_start)
+        angles = self._rows[:, KIND] != CABLE
+        # of what readings are compared in: lengths as they are, angles as lengths of about the same scatter
+        self._unit = np.where(angles, 1.0 / budget.weights, 1.0)
 
     def epochs(self, lengths: Lengths, travel: FloatArray | None) -> Epochs:
         """A piece of the run; its changes may be set to NaN. travel (n, m) as `Budget.travel` gives it."""
         budget, used = self._budget, np.isfinite(lengths.change_mm)
         gone_on = lengths.counts if lengths.gone_on is None else lengths.gone_on
         speed = budget.speed_mm_s(lengths)
-        gone_on_mm = np.where(used, lengths.change_mm, changes_from_counts(budget.rig, gone_on))
+        gone_on_mm = np.where(used, lengths.change_mm, changes_from_counts(budget.rig, gone_on, budget.rig.observed))
         variance = np.broadcast_to(budget.variance + (0.0 if lengths.u_mm is None else lengths.u_mm**2), speed.shape)
         warm = lengths.temperature_c
         return Epochs(lengths.time_s, lengths.change_mm.copy(), gone_on_mm, gone_on, speed, variance, warm, travel)
 
     def residuals(self, poses: FloatArray, change_mm: FloatArray) -> FloatArray:
-        """(n, m) [mm] of changes (n, m) at poses (n, 7)."""
-        return np.asarray(change_mm - (span_lengths(self._rows, np.ascontiguousarray(poses)) - self._zero))
+        """(n, m) [mm, rad] of changes (n, m) at poses (n, 7)."""
+        residual = change_mm - (span_lengths(self._rows, np.ascontiguousarray(poses)) - self._zero)
+        angles = self._rows[:, KIND] != CABLE
+        residual[:, angles] -= TURN * np.round(residual[:, angles] / TURN)
+        return np.asarray(residual)
 
     def parities(self, epochs: Epochs, poses: FloatArray, used: BoolArray | None = None) -> Parities:
         """Of epochs at poses (n, 7) near the true ones, by the cables used (n, m), those that have a change by default; where there is no
@@ -122,7 +131,7 @@ class Redundancy:
             residual[part] = np.where(mine, self.residuals(placed, at.gone_on_mm), 0.0)
             basis, shared = self.basis(placed, mine), self.shared(at, placed, mine)
             within = np.swapaxes(basis, 1, 2) @ self._covariance(at, shared, mine) @ basis
-            weight[part] = basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2))
+            weight[part] = basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2)) / np.outer(self._unit, self._unit)
         both = used[:, :, None] & used[:, None, :]
         weight = np.where(both, weight, 0.0)
         # rounding alone, where as many cables are left as there are unknowns
@@ -132,20 +141,21 @@ class Redundancy:
         return Parities(residual, used, weight, np.maximum(used.sum(axis=1) - len(self.free), 0))
 
     def basis(self, poses: FloatArray, used: BoolArray) -> FloatArray:
-        """(n, m, m - f) orthonormal basis of errors of the lengths that no motion makes; of a cable that is not used the unit vector is
-        in it."""
+        """(n, m, m - f) orthonormal basis of errors of the readings, in units of about the same scatter, that no motion makes; of a cable
+        that is not used the unit vector is in it."""
         rows = span_rows_of(self._rows, np.ascontiguousarray(poses))
         rows[:, :, :3] /= self._size
+        rows /= self._unit[:, None]
         scaled = np.where(used[:, :, None], rows[:, :, self.free], 0.0)
         return np.asarray(np.linalg.qr(scaled, mode="complete")[0][:, :, len(self.free) :])
 
     def shared(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> FloatArray:
-        """(n, m, K) errors of the lengths that the whole run has in common [mm], by variables of unit variance."""
+        """(n, m, K) errors of the readings, as `basis` has them, that the whole run has in common, by variables of unit variance."""
         lengths = self._budget.lengths_of(epochs.situation(poses), self._budget.every)
-        return np.where(used[:, :, None] & np.isfinite(lengths), lengths, 0.0)
+        return np.where(used[:, :, None] & np.isfinite(lengths), lengths, 0.0) / self._unit[:, None]
 
     def _covariance(self, epochs: Epochs, shared: FloatArray, used: BoolArray) -> FloatArray:
-        own = np.where(used, epochs.variance_mm2, 1.0)
+        own = np.where(used, epochs.variance_mm2 / self._unit**2, 1.0)
         return np.asarray(shared @ np.swapaxes(shared, 1, 2) + own[:, :, None] * np.eye(own.shape[1]))
 
     def jointly(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> tuple[float, FloatArray, int]:
@@ -153,10 +163,10 @@ class Redundancy:
         epoch; the same cables are used at all of them."""
         basis = self.basis(poses, used)
         basis = basis[:, :, : int(used[0].sum()) - len(self.free)] if used.all() else _without_unused(basis, used)
-        residual = np.where(used, self.residuals(poses, epochs.gone_on_mm), 0.0)
+        residual = np.where(used, self.residuals(poses, epochs.gone_on_mm), 0.0) / self._unit
         parity = np.einsum("njr,nj->nr", basis, residual)
         shared = np.swapaxes(basis, 1, 2) @ self.shared(epochs, poses, used)
-        own = np.swapaxes(basis, 1, 2) @ (np.where(used, epochs.variance_mm2, 0.0)[:, :, None] * basis)
+        own = np.swapaxes(basis, 1, 2) @ (np.where(used, epochs.variance_mm2 / self._unit**2, 0.0)[:, :, None] * basis)
         n, r = parity.shape
         each = shared @ np.swapaxes(shared, 1, 2) + own
         alone = np.einsum("nr,nr->n", parity, np.linalg.solve(each, parity[:, :, None])[:, :, 0])

@@ -74,7 +74,8 @@ def closure_factors(
 ) -> FloatArray:
     """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
     G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled)
-    return np.asarray(G @ evidence.closure_lengths(time_s))
+    lengths = evidence.closure_lengths(time_s)
+    return np.asarray(G[:, :, : lengths.shape[1]] @ lengths)
 
 
 def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArray:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lmeasure.kernels.layout import KIND
 from lmeasure.lengths import Lengths
 from lmeasure.recorded import notes_of
 from lmeasure.run import Run, RunHead
@@ -85,15 +86,16 @@ def with_evidence(
 def said_of_redundancy(reconstruction: Reconstruction) -> str:
     """What the number of cables lets a run tell of its own faults, in words."""
     scheme = reconstruction.scheme
-    cables = f"{len(scheme.rows)} cables for {len(scheme.free)} unknowns"
+    noun = "channel" if scheme.rows[:, KIND].any() else "cable"
+    cables = f"{len(scheme.rows)} {noun}s for {len(scheme.free)} unknowns"
     if scheme.redundancy == 0:
         return (
             f"no redundancy, {cables}: what is wrong from the beginning or errs slowly is never seen: channels swapped, a sign, a scale, a "
             "channel that is late, a cable that hangs, counts lost a few at a time"
         )
     if scheme.redundancy == 1:
-        return f"one cable to spare, {cables}: that lengths contradict each other is seen, but not which of them is wrong"
-    return f"{scheme.redundancy} cables to spare, {cables}: one that contradicts the others is seen and left out"
+        return f"one {noun} to spare, {cables}: that lengths contradict each other is seen, but not which of them is wrong"
+    return f"{scheme.redundancy} {noun}s to spare, {cables}: one that contradicts the others is seen and left out"
 
 
 def covered(covers: str, evidence: Evidence) -> str:

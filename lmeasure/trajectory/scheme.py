@@ -8,7 +8,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import RigError
 from lmeasure.kernels.cable import span_rows
-from lmeasure.kernels.layout import ATTACHMENT_XYZ
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, KIND
 from lmeasure.rig import Rig
 
 FREEDOMS = ("rx", "ry", "rz", "x", "y", "z")
@@ -24,8 +24,8 @@ CABLES_FOR_A_POINT = 3
 class Scheme:
     """What is solved for.
 
-    rows (m, columns) of the kernels; free: the components of the twist that can change; point: the one attachment point whose position
-    is measured when orientation is not, else None; held: what a constraint keeps, in words.
+    rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can change; point: the one
+    attachment point whose position is measured when orientation is not, else None; held: what a constraint keeps, in words.
     """
 
     rows: FloatArray
@@ -37,8 +37,8 @@ class Scheme:
 
     @property
     def six(self) -> bool:
-        """Six cables to a free body: as many equations as unknowns, the screw method proper."""
-        return len(self.rows) == len(self.free) == len(FREEDOMS)
+        """Six cables to a free body and nothing else: as many equations as unknowns, the screw method proper."""
+        return len(self.rows) == len(self.free) == len(FREEDOMS) and not self.rows[:, KIND].any()
 
     @property
     def free_index(self) -> IntArray:
@@ -54,7 +54,7 @@ class Scheme:
 
     @property
     def redundancy(self) -> int:
-        """Cables beyond the least number."""
+        """Channels beyond the least number."""
         return len(self.rows) - len(self.free)
 
 
@@ -64,26 +64,28 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
     RigError when the cables cannot tell the pose: too few, naming the freedoms, or to attachment points on one line.
     """
     held = constraint or rig.constraint
-    rows, used = rig.cable_rows(), sorted({c.to_point for c in rig.cable})
+    rows, used = rig.cable_rows(rig.observed), sorted({c.to_point for c in rig.cable})
     m = len(rows)
+    channels = "cables" if m == len(rig.cable) else "channels"
     if held is not None:
         if held not in CONSTRAINTS:
             raise RigError(f"constraint = {held!r} is not one of {', '.join(CONSTRAINTS)}")
         free = CONSTRAINTS[held]
         if m < len(free):
-            raise RigError(f"rig {rig.name!r}: has {m} cables; constraint = {held!r} leaves {len(free)} freedoms, {', '.join(free)}")
+            raise RigError(f"rig {rig.name!r}: has {m} {channels}; constraint = {held!r} leaves {len(free)} freedoms, {', '.join(free)}")
         return Scheme(rows, free, held=f"{', '.join(f for f in FREEDOMS if f not in free)} held as at the start by constraint = {held!r}")
-    if len(used) == 1:
+    if len(used) == 1 and not rig.inclination:
         if m < CABLES_FOR_A_POINT:
-            raise RigError(f"rig {rig.name!r}: has {m} cables to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")
+            raise RigError(f"rig {rig.name!r}: has {m} {channels} to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")
         rows[:, ATTACHMENT_XYZ] = 0.0
         return Scheme(rows, FREEDOMS[3:], point=used[0], place=rig.tool[used[0]])
     if m < len(FREEDOMS):
         raise RigError(
-            f"rig {rig.name!r}: has {m} cables and leaves {len(FREEDOMS) - m} of six freedoms unmeasured, at the start "
+            f"rig {rig.name!r}: has {m} {channels} and leaves {len(FREEDOMS) - m} of six freedoms unmeasured, at the start "
             f"{_unmeasured(rows, start)}; hold them by constraint = {' or '.join(repr(c) for c in CONSTRAINTS)}, or add cables or a pass"
         )
-    rig.require_spread()
+    if not rig.inclination:
+        rig.require_spread()
     return Scheme(rows, FREEDOMS)
 
 

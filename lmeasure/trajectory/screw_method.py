@@ -56,26 +56,26 @@ class Reconstruction:
         temperature_c: float | None = None,
     ) -> None:
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
-        rows = rig.cable_rows()
-        on = np.abs(se3.apply(start, rows[:, ATTACHMENT_XYZ]) - rows[:, BASE_XYZ]).max(axis=1) == 0.0
+        rows = rig.cable_rows(rig.observed)
+        drawn = rows[: len(rig.cable)]
+        on = np.abs(se3.apply(start, drawn[:, ATTACHMENT_XYZ]) - drawn[:, BASE_XYZ]).max(axis=1) == 0.0
         if on.any():
             lost = rig.cable[int(np.argmax(on))]
             raise GeometryError(f"start: cable {lost.name}: {lost.to_point} lies on {lost.from_point}: the cable has no direction there")
         if not np.isfinite(span_rows(rows, start[None])[0]).all():
             try:
-                span_lengths(rig, start[None, :])
+                span_lengths(rig, start[None, :], rig.observed)
             except GeometryError as error:
                 raise GeometryError(f"start {error}") from None
         self.start = self.scheme.start_of(start)
         self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
         self.budget = Budget(rig, start, self.scheme, calibration, u_start, clocks, repeatability_mm, self.correction, temperature_c)
         self.covers = self.budget.covers
-        m = len(self.scheme.rows)
         self.redundancy = Redundancy(self.budget) if self.scheme.redundancy else None
         self._state = self._new_state(self.start)
         self._many = False
-        self._travelled = np.zeros((m, 2))
-        (_, _, _, status, angle, *_), _ = self._next(np.zeros((1, m)), np.zeros(1, np.int64))
+        self._travelled = np.zeros((len(self.scheme.rows), 2))
+        (_, _, _, status, angle, *_), _ = self._next(self._at_start(self.start)[None], np.zeros(1, np.int64))
         if status[0] != Status.OK:
             raise TrajectoryError(f"start: {_CAUSES[Status(status[0])]}{self._lost_at(self.start)}")
         self._start_angle = float(angle[0])
@@ -165,7 +165,17 @@ class Reconstruction:
 
     def _new_state(self, start: FloatArray) -> FloatArray:
         """Where a run has got to at its start, without compiling: the start pose, no change of the cables, not lost."""
-        return np.concatenate([start, np.zeros(len(self.scheme.rows) + 1)])
+        return np.concatenate([start, self._at_start(start), [0.0]])
+
+    def _at_start(self, start: FloatArray) -> FloatArray:
+        """(m,) the changes at the start: none but of absolute channels."""
+        if not self.budget.absolute.any():
+            return np.zeros(len(self.scheme.rows))
+        return np.where(self.budget.absolute, span_rows(self.scheme.rows, start[None])[0][0], 0.0)
+
+    def _zero(self, rows: FloatArray, start: FloatArray) -> FloatArray:
+        """(m,) what channels, rows (m, columns), read where their change is 0."""
+        return np.where(self.budget.absolute, 0.0, span_rows(rows, start[None])[0][0])
 
     def _next(self, changes: FloatArray, flags: IntArray) -> tuple[tuple[Any, ...], bool]:
         """The next samples, and whether by the compiled kernels: not as long as they are few and plain."""
@@ -182,7 +192,7 @@ class Reconstruction:
         if self.scheme.six:
             follow = lanes.follow if len(changes) >= COMPILING_PAYS else screw.resume
             return tuple(follow(rows, start, state, changes, flags, u))
-        return tuple(least_squares.follow(rows, start, state, changes, flags, u, self.scheme.free_index))
+        return tuple(least_squares.follow(rows, start, self._zero(rows, start), state, changes, flags, u, self.scheme.free_index))
 
     def _remarks(
         self, lengths: Lengths, status: IntArray, left_out: BoolArray, cause: TextArray, cable: TextArray

@@ -5,6 +5,7 @@ at a sample. Whatever can be said so is a source: `budget.Budget` takes a tuple 
 certificate's draws follow.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,11 +13,15 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.encoder_table import AngleEncoder
 from lmeasure.kernels.layout import TURN_COUNTS
 from lmeasure.rig import Rig
 from lmeasure.zeroing import phase_columns
 
 PHASE = "zero phase"
+ZERO = "zero"
+ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)
+"""Standard uncertainty [rad] of an angle that may be anywhere on the circle."""
 LENGTHS = "lengths of their own"
 
 
@@ -75,8 +80,24 @@ def zero_phase(rig: Rig) -> Source:
     The lengths are those of the zero pose and what was counted since. So the phase stays in all of them, whether the zero pose was stated
     or came from lengths (`[start] lengths_mm`): nothing takes it out.
     """
-    shifts = phase_columns(rig)
+    shifts = phase_columns(rig, rig.observed)
     return Source((PHASE,) * shifts.shape[1], (f"the {PHASE}",), lambda _: shifts, uniform=True)
+
+
+def unknown_zeros(rig: Rig, record: CalibrationRecord | None) -> Source:
+    """What an absolute encoder reads too little at every sample, by where its zero is: of the uncertainty that the rig states, or anywhere
+    where it states none, but for those that a calibration has solved."""
+    solved = () if record is None else record.names
+    u = np.zeros(len(rig.observed))
+    for j, o in enumerate(rig.observed):
+        encoder = rig.counter(o)
+        if isinstance(encoder, AngleEncoder) and encoder.absolute and f"{o.name}.zero_deg" not in solved:
+            u[j] = ANYWHERE if encoder.zero_deg is None else math.radians(encoder.u_zero_deg or 0.0)
+    # an encoder that is read in several passes has one zero
+    names = [o.channel for o in rig.observed]
+    shared = [name for name in dict.fromkeys(names) if any(u[j] for j in range(len(u)) if names[j] == name)]
+    columns = np.array([[u[j] * (names[j] == name) for name in shared] for j in range(len(u))]).reshape(len(u), len(shared))
+    return Source((ZERO,) * len(shared), (f"the {ZERO}s of encoders",) * bool(shared), lambda _: columns)
 
 
 def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:

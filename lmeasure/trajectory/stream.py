@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lmeasure.counts import Counts, WidthEvidence, read_counts_in_pieces
-from lmeasure.kernels import counter
-from lmeasure.lengths import Lengths, counter_rate, lengths_from_counts
+from lmeasure.lengths import COUNTER_STATE, Lengths, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
 from lmeasure.trajectory.consistency import consistent
@@ -44,7 +43,7 @@ def reconstruct_stream(
     """
     rig, notes = _with_widths(head)
     reconstruction = _reconstruction(head, rig, constraint)
-    counters = np.zeros((len(rig.cable), counter.STATE))
+    counters = np.zeros((len(rig.observed), COUNTER_STATE))
     summary = Summary()
     evidence = _evidence(head, rig)
     evidence = replace(evidence, doubts=consistent(_reconstruction(head, rig, constraint), _pieces(head, rig, evidence), evidence.doubts))
@@ -63,7 +62,7 @@ def reconstruct_stream(
 
 def _evidence(head: RunHead, rig: Rig) -> Evidence:
     """What the whole run tells of its counters: a step may show only at the end of the file."""
-    finder, counters = EvidenceFinder(rig, head.recorded), np.zeros((len(rig.cable), counter.STATE))
+    finder, counters = EvidenceFinder(rig, head.recorded), np.zeros((len(rig.observed), COUNTER_STATE))
     for piece in read_counts_in_pieces(head.counts[0]):
         finder.add(lengths_from_counts(Run(rig, head.start, (piece,)), counters))
     return finder.found()
@@ -75,7 +74,7 @@ def _reconstruction(head: RunHead, rig: Rig, constraint: str | None) -> Reconstr
 
 def _pieces(head: RunHead, rig: Rig, evidence: Evidence) -> Iterator[Lengths]:
     """Lengths of one piece after the other, without what is in doubt by itself."""
-    counters = np.zeros((len(rig.cable), counter.STATE))
+    counters = np.zeros((len(rig.observed), COUNTER_STATE))
     for piece in read_counts_in_pieces(head.counts[0]):
         yield evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
 
@@ -85,7 +84,7 @@ def _with_widths(head: RunHead) -> tuple[Rig, list[str]]:
     unknown = {c.channel: c for c in head.rig.cable if head.rig.point(c.from_point).drum.counter_bits is None}
     if not unknown:
         return head.rig, []
-    evidence = {name: WidthEvidence(counter_rate(head.rig.point(c.from_point).drum)) for name, c in unknown.items()}
+    evidence = {name: WidthEvidence(head.rig.counter(c).rate) for name, c in unknown.items()}
     for piece in read_counts_in_pieces(head.counts[0]):
         for name, seen in evidence.items():
             seen.add(piece.of(name), piece.time_s)

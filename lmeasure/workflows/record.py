@@ -101,7 +101,7 @@ def _pose(settings: Settings) -> "PoseWatch | str":
         live = LivePose(measured, pose_from_text(settings.start))
     except (RigError, GeometryError, TrajectoryError) as error:
         return f"no pose: {error}"
-    if live.channels != tuple(measured.drums_of(settings.passage)):
+    if live.channels != tuple(measured.counters_of(settings.passage)):
         return "no pose: the channels are not those of the cables"
     return PoseWatch(live)
 
@@ -113,4 +113,4 @@ def _growing(settings: Settings) -> "AbstractContextManager[Callable[[Samples], 
     from lmeasure.rig import read_rig
     from lmeasure.view.live import growing_counts
 
-    return growing_counts(settings.rerun, tuple(read_rig(settings.rig).drums_of(settings.passage)), settings.passage)
+    return growing_counts(settings.rerun, tuple(read_rig(settings.rig).counters_of(settings.passage)), settings.passage)

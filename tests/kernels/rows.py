@@ -17,7 +17,7 @@ HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 def row_of(c: oracles.Cable) -> FloatArray:
     """The kernels' row of an oracle's cable, in doubles."""
-    row = np.empty(CABLE_COLUMNS)
+    row = np.zeros(CABLE_COLUMNS)
     row[0:3] = [float(v) for v in c.base]
     a, b = float(c.alpha), float(c.beta)
     row[3:6] = [-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a)]

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.kernels import counter, lanes, least_squares, live, pose_covariance, screw
+from lmeasure.kernels.cable import span_lengths
 from lmeasure.kernels.layout import TRAVEL
 from lmeasure.observation import CableLength, Solved, predictions, shared_errors, twists
 from lmeasure.observation.channel import values
@@ -79,7 +80,16 @@ def test_any_number_of_cables(seed: int, m: int, radius: float | None, missing: 
     channels, rows, changes = a_run(seed, m, 200, radius, missing)
     reference = follow(channels, changes, HOME)
     flags = np.full(200, int(Status.GAP))
-    found = least_squares.follow(rows, HOME, least_squares.new_state(HOME, m), changes, flags, np.full(m, COUNT_MM / np.sqrt(12.0)), ALL)
+    found = least_squares.follow(
+        rows,
+        HOME,
+        span_lengths(rows, HOME[None])[0],
+        least_squares.new_state(HOME, m),
+        changes,
+        flags,
+        np.full(m, COUNT_MM / np.sqrt(12.0)),
+        ALL,
+    )
     assume(not (reference.angle > np.radians(80.0)).any())
     assert_same(found, reference)
     np.testing.assert_allclose(found[5], reference.chi2, rtol=1e-6, atol=1e-6)
@@ -97,7 +107,9 @@ def test_constrained_motions() -> None:
     truth = se3.pose(np.column_stack([80.0 * np.sin(3.0 * t), 50.0 * t, 0.0 * t]), Rotation.from_rotvec(np.outer(0.2 * t, [0.0, 0.0, 1.0])))
     changes = COUNT_MM * np.round(predictions(channels, truth) / COUNT_MM)
     state, u = least_squares.new_state(HOME, 4), np.full(4, COUNT_MM / np.sqrt(12.0))
-    found = least_squares.follow(rows_of(channels), HOME, state, changes, np.zeros(200, np.int64), u, free)
+    found = least_squares.follow(
+        rows_of(channels), HOME, span_lengths(rows_of(channels), HOME[None])[0], state, changes, np.zeros(200, np.int64), u, free
+    )
     assert_same(found, follow(channels, changes, HOME, free))
 
 
