@@ -55,13 +55,8 @@ def nearness(matrices: FloatArray, units: FloatArray | float = 1.0) -> FloatArra
 
 
 def singular(jacobians: Jacobians, output_units: FloatArray | float = 1.0, near: float = NEAR) -> IntArray:
-    """(...) `Singular` of mechanisms. A drive of its own in every equation is at a dead point where its entry is small beside what its
-    equation has of the output; drives that stand together in equations are judged by the rank of their matrix."""
-    a, b = jacobians
-    size = np.linalg.norm(a * output_units, axis=-1)
-    if a.shape[-2] == b.shape[-1] and not (b * (1.0 - np.eye(b.shape[-1]))).any():
-        drives = (np.abs(np.diagonal(b, axis1=-2, axis2=-1)) <= near * size).any(axis=-1)
-    else:
-        drives = nearness(b) <= near
-    output = nearness(a, output_units) <= near
+    """(...) `Singular` of mechanisms. Drives are of one kind, and judged by the rank of their columns beside the largest of them."""
+    values = np.linalg.svd(jacobians.drives, compute_uv=False)
+    drives = values[..., -1] <= near * values[..., 0]
+    output = nearness(jacobians.output, output_units) <= near
     return np.asarray(Singular.DRIVES * drives + Singular.OUTPUT * output, dtype=np.int64)

@@ -1,0 +1,91 @@
+"""The forward problem of the crank platform by virtual points, nine equations in place of eighteen (source 003).
+
+The six upper hinges lie on the sides of an equilateral triangle W1 W2 W3, whose corners are the unknowns:
+
+    W = 2 r sin(60 - v/2) + 4 r sin(v/2),   K = sin(v/2) / (2 sin(v/2) + sin(60 - v/2)),
+    b1 = W1 + K (W3 - W1), b2 = W1 + K (W2 - W1), b3 = W2 + K (W1 - W2), b4 = W2 + K (W3 - W2), b5 = W3 + K (W2 - W3),
+    b6 = W3 + K (W1 - W3)                                                                       (b6 is missing in print)
+
+with v the angle of a pair and r the circle's radius. Three sides |Wi - Wj| = W and six rods |b_i - c_i| = l_i close the loops. All are
+quadratic; Newton's method is one product with a constant matrix per step.
+"""
+
+import math
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.robots.mechanisms.crank import CrankPlatform
+from lmeasure.robots.mechanisms.legs import Placed
+
+_SIDES = ((0, 1), (1, 2), (2, 0))
+_HINGES = ((0, 2), (0, 1), (1, 0), (1, 2), (2, 1), (2, 0))
+"""Each hinge: the corner it is near and the corner its side leads to."""
+
+
+def side_and_part(radius: float, pair: float) -> tuple[float, float]:
+    """W [the radius' unit] and K for a platform of this radius and angle of a pair [rad]."""
+    half, rest = math.sin(0.5 * pair), math.sin(math.pi / 3.0 - 0.5 * pair)
+    return 2.0 * radius * rest + 4.0 * radius * half, half / (2.0 * half + rest)
+
+
+def hinges(corners: FloatArray, part: float) -> FloatArray:
+    """(..., 6, 3) upper hinges of triangles (..., 3, 3)."""
+    return np.stack([corners[..., i, :] + part * (corners[..., j, :] - corners[..., i, :]) for i, j in _HINGES], axis=-2)
+
+
+def pose(corners: FloatArray) -> FloatArray:
+    """(..., 7) base_from_platform of triangles (..., 3, 3): the origin in their centre, x towards W1, z across the plane."""
+    centre = corners.mean(axis=-2)
+    x, z = corners[..., 0, :] - centre, np.cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
+    x, z = x / np.linalg.norm(x, axis=-1, keepdims=True), z / np.linalg.norm(z, axis=-1, keepdims=True)
+    matrix = np.stack([x, np.cross(z, x), z], axis=-1)
+    return se3.pose(centre.reshape(-1, 3), Rotation.from_matrix(matrix.reshape(-1, 3, 3))).reshape(*centre.shape[:-1], 7)
+
+
+def corners_at(mechanism: CrankPlatform, poses: FloatArray) -> FloatArray:
+    """(..., 3, 3) corners at poses (..., 7): where the sides that the hinges lie on meet, W1 on the platform's x axis."""
+    far = _side(mechanism)[0] / math.sqrt(3.0)
+    azimuth = 2.0 * np.pi / 3.0 * np.arange(3)
+    own = far * np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)])
+    return np.asarray(poses[..., None, :3] + np.einsum("...ij,nj->...ni", se3.matrices(poses), own))
+
+
+def forward(mechanism: CrankPlatform, drives: FloatArray, start: FloatArray, iterations: int = 30) -> Placed:
+    """Poses at crank angles (n, 3) [rad] from the pose start (7,), for a platform whose hinges lie on a circle in equal pairs."""
+    side, part = _side(mechanism)
+    ends = mechanism.legs(drives).ends
+    w = np.array(np.broadcast_to(corners_at(mechanism, start), (len(drives), 3, 3)))
+    # differences of corners, and hinges, as products of constant matrices with the corners
+    edge, rod = np.zeros((3, 3)), np.zeros((6, 3))
+    for k, (i, j) in enumerate(_SIDES):
+        edge[k, i], edge[k, j] = 1.0, -1.0
+    for k, (i, j) in enumerate(_HINGES):
+        rod[k, i], rod[k, j] = 1.0 - part, part
+    still = np.ones(len(drives), dtype=np.bool_)
+    for _ in range(iterations):
+        vectors = np.concatenate([edge @ w[still], rod @ w[still] - ends[still]], axis=1)
+        lacks = np.einsum("nkc,nkc->nk", vectors, vectors) - np.concatenate([np.full(3, side**2), mechanism.rods**2])
+        by = 2.0 * np.einsum("nkc,kw->nkwc", vectors, np.concatenate([edge, rod])).reshape(-1, 9, 9)
+        try:
+            step = np.linalg.solve(by, -lacks[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            step = (np.linalg.pinv(by) @ -lacks[..., None])[..., 0]
+        w[still] += step.reshape(-1, 3, 3)
+        still[np.flatnonzero(still)[np.abs(step).max(axis=1) <= 1e-13 * side]] = False
+        if not still.any():
+            break
+    # rounding keeps the last steps of a solution a few units in the last place apart
+    vectors = np.concatenate([edge @ w, rod @ w - ends], axis=1)
+    off = np.abs(np.linalg.norm(vectors, axis=2) - np.concatenate([np.full(3, side), mechanism.rods])).max(axis=1)
+    found = off <= 1e-11 * side
+    poses = np.full((len(drives), 7), np.nan)
+    poses[found] = pose(w[found])
+    return Placed(poses, found)
+
+
+def _side(mechanism: CrankPlatform) -> tuple[float, float]:
+    first = mechanism.points[:2]
+    return side_and_part(float(np.linalg.norm(first[0])), float(2.0 * np.arctan2(first[1, 1], first[1, 0])))
