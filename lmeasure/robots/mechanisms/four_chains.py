@@ -29,8 +29,8 @@ STARTS = 400
 
 @dataclass(frozen=True)
 class FourChains:
-    """points (4, 3) hinges of the platform, radial chains first, in their order round the guide; ring R and rod L [mm]; arms (2,) a and b of
-    both radial chains, or None where they slide; slide (2,) shortest and longest [mm]; sides (2,) +-1 elbows of the plain rods, raised (2,)
+    """points (4, 3) hinges of the platform, radial chains first, in order round the guide; ring R and rod L [mm]; arms (2,) a and b of
+    both radial chains, None where they slide; slide (2,) shortest and longest [mm]; sides (2,) +-1 elbows of the plain rods, raised (2,)
     +-1 of the arms. Drives (..., 6): q1, q2, q3, q4 [rad], then both slides [mm] or angles theta [rad]."""
 
     points: FloatArray
@@ -120,10 +120,10 @@ class FourChains:
         feet = self.ring * self._outwards(drives)
         rods = (upper - feet) / np.linalg.norm(upper - feet, axis=-1, keepdims=True)
         mass = se3.apply(poses, np.broadcast_to(limits.mass, (*poses.shape[:-1], 3)))
-        reached = np.isfinite(drives).all(axis=-1)
+        reached = np.asarray(np.isfinite(drives).all(axis=-1))
         if self.arms is None:
             slid = drives[..., 4:]
-            reached &= ((slid >= self.slide[0]) & (slid <= self.slide[1])).all(axis=-1)
+            reached = reached & ((slid >= self.slide[0]) & (slid <= self.slide[1])).all(axis=-1)
         rows = np.where(reached[..., None, None], self.jacobians(poses, drives).output, 0.0)
         return checked(limits, reached, q, feet, rods, se3.matrices(poses)[..., 2], mass, nearness(rows, self.units))
 
@@ -168,7 +168,8 @@ class FourChains:
     def _lifted(self, drives: FloatArray, i: int) -> FloatArray:
         """(..., 3) how the end of lower arm i moves with its angle."""
         theta = drives[..., 4 + i, None]
-        return np.asarray(self.arms[0] * (np.cos(theta) * [0.0, 0.0, 1.0] + np.sin(theta) * self._outwards(drives)[..., i, :]))
+        lower = 0.0 if self.arms is None else self.arms[0]
+        return np.asarray(lower * (np.cos(theta) * [0.0, 0.0, 1.0] + np.sin(theta) * self._outwards(drives)[..., i, :]))
 
     def _reach(self, drives: FloatArray) -> FloatArray:
         radial = drives[..., 4:] if self.arms is None else np.full((*drives.shape[:-1], 2), self.arms[1])

@@ -15,7 +15,7 @@ from lmeasure.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class RingLimits:
-    """Angles in rad; singular: least singular value over the largest (`jacobians.nearness`); mass (3,): centre of mass on the platform [mm]."""
+    """Angles in rad; singular: least singular value over the largest (`jacobians.nearness`); mass (3,): on the platform [mm]."""
 
     least_gap: float = float(np.radians(12.0))
     most_gap: float = float(np.radians(120.0))
@@ -78,9 +78,13 @@ def checked(
         left = chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0]
         return RingChecks(
             reached,
-            ((gap >= limits.least_gap - slack) & (gap <= limits.most_gap + slack)).all(axis=-1),
-            (to_base <= limits.base_cone + slack).all(axis=-1),
-            (to_platform <= limits.platform_cone + slack).all(axis=-1),
+            _each((gap >= limits.least_gap - slack) & (gap <= limits.most_gap + slack)),
+            _each(to_base <= limits.base_cone + slack),
+            _each(to_platform <= limits.platform_cone + slack),
             near > limits.singular,
-            (left > 0.0).all(axis=-1),
+            _each(left > 0.0),
         )
+
+
+def _each(kept: BoolArray) -> BoolArray:
+    return np.asarray(kept.all(axis=-1))

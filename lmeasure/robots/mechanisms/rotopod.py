@@ -28,7 +28,7 @@ SIDES = np.array([-1.0, 1.0] * 3)
 
 @dataclass(frozen=True)
 class Rotopod:
-    """points (6, 3) hinges of the platform, ring R and rod L [mm]; sides (6,) +-1 the elbows. GeometryError where a length is not positive."""
+    """points (6, 3) hinges of the platform, ring R and rod L [mm]; sides (6,) +-1 the elbows. GeometryError where a length is not so."""
 
     points: FloatArray
     ring: float
@@ -80,7 +80,7 @@ class Rotopod:
         feet, upper = self.legs(q).ends, legs.uppers(self, poses)
         rods = (upper - feet) / self.rod
         mass = se3.apply(poses, np.broadcast_to(limits.mass, (*poses.shape[:-1], 3)))
-        reached = np.isfinite(q).all(axis=-1)
+        reached = np.asarray(np.isfinite(q).all(axis=-1))
         rows = np.concatenate([np.cross(upper - poses[..., None, :3], rods), rods], axis=-1)
         near = nearness(np.where(reached[..., None, None], rows, 0.0), self.units)
         return checked(limits, reached, q, feet, rods, se3.matrices(poses)[..., 2], mass, near)

@@ -15,7 +15,7 @@ STEPS = 200
 
 
 def ranges(inside: Inside, home: FloatArray, most: FloatArray) -> FloatArray:
-    """(6, 2) least and largest displacement (turns about the base's axes [rad], then shifts [mm]) from the pose home (7,), one coordinate at
+    """(6, 2) least and largest displacement (turns about the base's axes [rad], shifts [mm]) from the pose home (7,), one coordinate at
     a time, without leaving what is inside on the way; searched to +-most (6,) in `STEPS` steps each way. Zeros where home is outside."""
     out = np.zeros((6, 2))
     for axis in range(6):

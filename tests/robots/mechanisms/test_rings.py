@@ -28,7 +28,7 @@ def at(x: float, y: float, z: float, yaw: float = 0.0) -> np.ndarray:
 
 
 def vehicle(arms: np.ndarray | None = None) -> FourChains:
-    """Of chapter 4.2 [mm]: radial chains at (1, 2) and (-1, 2), rods at (-1, -2) and (1, -2). Their length is sqrt((sqrt 8 - 2)^2 + 0.172^2):
+    """Of chapter 4.2 [mm]: radial chains at (1, 2) and (-1, 2), rods at (-1, -2) and (1, -2). Their length is hypot(sqrt(8) - 2, 0.172):
     the stated 1 gives other angles."""
     points = np.array([[1.0, 2.0, 0.0], [-1.0, 2.0, 0.0], [-1.0, -2.0, 0.0], [1.0, -2.0, 0.0]])
     return FourChains(1000.0 * points, 3000.0, 1000.0 * float(np.hypot(np.sqrt(8.0) - 2.0, 0.172)), arms)
@@ -272,7 +272,8 @@ def test_other_assemblies_of_the_same_drives() -> None:
     mechanism, pose = rotopod(), se3.displaced(at(20, -10, 800), [0.02, 0.03, 0, 0, 0, 0])
     q = mechanism.inverse(pose)
     found = legs.assemblies(mechanism, q)
-    assert found.certified.all() and len(found.poses) >= 2
+    assert found.certified.all()
+    assert len(found.poses) >= 2
     assert np.abs(legs.residuals(mechanism, found.poses, np.broadcast_to(q, (len(found.poses), 6)))).max() < 1e-7
     four, low = vehicle(), at(10, 5, 175)
     drives = four.inverse(low)
