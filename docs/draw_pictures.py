@@ -1,6 +1,7 @@
 """The pictures of these documents, drawn from the program's own geometry: `python docs/draw_pictures.py [FOLDER]`.
 
 cable.svg: one cable in the plane of its swivel pulley. cell.svg: a reconstructed run of `tests/authorities/truth/cell-run-long`.
+structures.svg: the structures of six links.
 """
 
 import math
@@ -11,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.lcoordinate import starts
+from lmeasure.lcoordinate.structures import structures
 from lmeasure.lengths import changes_from_counts
+from lmeasure.report.structure_drawing import sheet
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import read_run
 from lmeasure.trajectory import reconstruct
@@ -219,10 +223,20 @@ def panel(time_s: FloatArray, values: FloatArray, top: float, title: str, colour
     return out
 
 
+def draw_structures() -> str:
+    """All structures of six links, and how many complex assemblies each has."""
+    captions = []
+    for s in structures():
+        title, words = s.notation.split(":")
+        count = "determines no pose" if s.degenerate else f"{starts.complex_assemblies(s)}{', closed form' if s.closed_form else ''}"
+        captions.append((title, words, count))
+    return sheet(structures(), captions)
+
+
 def main(folder: Path) -> None:
     """Write the pictures into the folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in (("cable.svg", draw_cable), ("cell.svg", draw_cell)):
+    for name, draw in (("cable.svg", draw_cable), ("cell.svg", draw_cell), ("structures.svg", draw_structures)):
         (folder / name).write_text(draw(), encoding="utf-8", newline="\n")
 
 

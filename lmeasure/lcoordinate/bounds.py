@@ -10,9 +10,11 @@ is smooth, holds nothing infinite at singular poses, and is negative in other as
 determinant itself.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
@@ -22,12 +24,18 @@ from lmeasure.lcoordinate.singularity import cofactors, link_rows, rim_mm
 STEP = 1e-6  # of a displacement in units of the rim, for central differences
 
 
+Lines = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+"""Of poses (..., 7): rows (..., m, 6), lengths (..., m) and places (..., m, 3) of the body's points, as of `singularity.link_rows`."""
+
+
 @dataclass(frozen=True)
 class Bounds:
     """Six links from base (6, 3) to body (6, 3) and what they must keep.
 
     at: a pose (7,) at which the mechanism works, whose sign of the determinant is kept; limit_rad: of every pressure angle, None: only
     never singular; lengths_mm: least and greatest length of a link; determinant: least |det| [mm^3], of rows with unit directions.
+    lines: of links that are not straight from point to point, cables over pulleys; turns (k, 4): quaternions by which the body is turned at
+    every place, and has to keep its limits in all of these orientations.
     """
 
     base: FloatArray
@@ -36,13 +44,18 @@ class Bounds:
     limit_rad: float | None = None
     lengths_mm: tuple[float, float] | None = None
     determinant: float = 0.0
+    lines: Lines | None = None
+    turns: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """StructureError where the mechanism is singular at the pose from which it starts."""
-        M = link_rows(self.base, self.body, self.at)[0]
+        M = self._lines(self.at)[0]
         sound = len(self.base) == 6 and bool(np.isfinite(M).all())
         if not (sound and abs(float(np.linalg.det(M))) > 1e-12 * float(np.linalg.norm(M, axis=1).prod())):
             raise StructureError("bounds: the links do not hold the body at the pose from which the bounds are looked for")
+
+    def _lines(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return link_rows(self.base, self.body, poses) if self.lines is None else self.lines(poses)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,16 +63,24 @@ class Bounds:
         angles = ("singular",) if self.limit_rad is None else tuple(f"pressure angle of link {i + 1}" for i in range(6))
         least = ("determinant",) if self.determinant > 0.0 else ()
         lengths = () if self.lengths_mm is None else tuple(f"link {i + 1} {way}" for way in ("short", "long") for i in range(6))
-        return angles + least + lengths
+        once = angles + least + lengths
+        if self.turns is None:
+            return once
+        return tuple(f"{name} in orientation {i + 1}" for i in range(len(self.turns)) for name in once)
 
     def values(self, poses: FloatArray) -> FloatArray:
         """(..., k) of each limit at poses (..., 7), positive where it is kept: of angles and determinants in parts of the determinant at
         the pose `at`, of lengths in parts of the greatest. NaN where a link has no length."""
-        M, lengths, points = link_rows(self.base, self.body, poses)
+        if self.turns is not None:
+            return np.concatenate([self._values(_turned(poses, turn)) for turn in self.turns], axis=-1)
+        return self._values(poses)
+
+    def _values(self, poses: FloatArray) -> FloatArray:
+        M, lengths, points = self._lines(poses)
         known = np.asarray(np.isfinite(M).all(axis=(-1, -2)))
         M = np.where(known[..., None, None], M, 0.0)
         det = np.where(known, np.linalg.det(M), np.nan)
-        start = float(np.linalg.det(link_rows(self.base, self.body, self.at)[0]))
+        start = float(np.linalg.det(self._lines(self.at)[0]))
         whole = det / start
         kept = [whole[..., None]]
         if self.limit_rad is not None:
@@ -82,3 +103,10 @@ class Bounds:
         step = STEP * rim_mm(self.body) / np.maximum(np.abs(directions * np.repeat([rim_mm(self.body), 1.0], 3)).max(axis=1), 1e-300)
         ahead, behind = (self.values(se3.displaced(pose, sign * step[:, None] * directions)) for sign in (1.0, -1.0))
         return np.asarray(((ahead - behind) / (2.0 * step[:, None])).T)
+
+
+def _turned(poses: FloatArray, turn: FloatArray) -> FloatArray:
+    """Poses (..., 7) with their bodies turned about their origins by a quaternion (4,), in base axes."""
+    out = np.array(poses, dtype=np.float64)
+    out[..., 3:] = (Rotation.from_quat(turn) * Rotation.from_quat(poses[..., 3:].reshape(-1, 4))).as_quat().reshape(poses[..., 3:].shape)
+    return out

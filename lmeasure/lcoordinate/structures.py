@@ -225,20 +225,22 @@ def parse(text: str, misprints: bool = True) -> tuple[Structure, ...]:
     )
 
 
-def somov_malyshev(rods: int = 0, merged: int = 0, fingers: bool = True) -> tuple[int, int]:
-    """(freedoms of the platform, turns of links about themselves) W = 6n - 5 P5 - 4 P4 - 3 P3 - 2 P2 of six links (thesis 2.1, chapter 3).
+def somov_malyshev(rods: int = 0, merged: int = 0, fingers: bool = True, links: int = LINKS) -> tuple[int, int]:
+    """(freedoms of the platform, turns of links about themselves) W = 6n - 5 P5 - 4 P4 - 3 P3 - 2 P2 of links, all of whose lengths may
+    change (thesis 2.1, chapter 3).
 
     Derived again from the drawings. Each link has two parts on a sliding pair (P5), a spherical joint at one end (P3) and at the other one
-    whose finger keeps the link from turning about itself (P4): 13 moving bodies with the platform, whichever ends are joined in one point.
+    whose finger keeps the link from turning about itself (P4): 13 moving bodies with the platform when there are
+    six, whichever ends are joined in one point.
     An input rod adds a body, a joint with a finger and a sphere in which it slides (P2); a rod that is merged with a link takes all three
     away again. Without fingers every P4 is a P3, and each link and rod turns about itself: 15 = 6 + 9 with three rods.
     """
     k = rods - merged
-    n, P5, P4, P3, P2 = 13 + k, 6, 6 + k, 6, k
+    n, P5, P4, P3, P2 = 2 * links + 1 + k, links, links + k, links, k
     if not fingers:
         P4, P3 = 0, P3 + P4
     whole = 6 * n - 5 * P5 - 4 * P4 - 3 * P3 - 2 * P2
-    own = 0 if fingers else 6 + k
+    own = 0 if fingers else links + k
     return whole - own, own
 
 
@@ -258,6 +260,11 @@ def incidence(base: FloatArray, platform: FloatArray) -> Incidence:
     numbered, of_platform, of_base = _numbered(links)
     new = [(of_platform[p], of_base[b]) for p, b in links]
     return Incidence(Structure(numbered), tuple(sorted(range(len(new)), key=lambda i: new[i])))
+
+
+def class_of(base: FloatArray, platform: FloatArray) -> str:
+    """`L-2222-2222`: how many of any number of links, from base (m, 3) to platform (m, 3), meet in each point; platform first."""
+    return "L-" + "-".join("".join(map(str, _degrees(_same_places(points)))) for points in (platform, base))
 
 
 def _same_places(points: FloatArray) -> list[int]:

@@ -1,13 +1,21 @@
-"""What six links make of a rig, before anything is built or measured."""
+"""What links make of a rig, before anything is built or measured."""
 
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from lmeasure.errors import SettingsError
-from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import Asked, Paths, Point, Quaternion, option
+from lmeasure.errors import FileFormatError, SettingsError, StructureError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
+from lmeasure.workflows.settings import RERUN, Asked, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, option
+
+if TYPE_CHECKING:
+    from lmeasure.arrays import FloatArray
+    from lmeasure.linkage.record import Workspace
+
+AT_A_POSE = "At a pose"
+LENGTHS = "Lengths"
+MOST_LEVELS = 50
 
 
 class Settings(Asked):
@@ -18,44 +26,148 @@ class Settings(Asked):
     ] = None
     out: Annotated[Path | None, option("Also write all of it.", metavar="FILE.json")] = None
     listed: Annotated[bool, option("All structures of six links instead of a file.", flag="--list")] = False
-    position_mm: Annotated[Point | None, option("A position of the platform, for determinant and pressure angles.", metavar="X,Y,Z")] = None
-    quaternion: Annotated[Quaternion | None, option("Its orientation there; default the base's.", metavar="X,Y,Z,W")] = None
+    lengths_mm: Annotated[
+        Numbers | None,
+        option("Lengths, in the file's order: every assembly that they allow.", metavar="L1,L2,...", panel=LENGTHS, unit="mm"),
+    ] = None
+    within_mm: Annotated[
+        float, option("By how much seven and more lengths may contradict each other.", panel=LENGTHS, within=(0.0, math.inf))
+    ] = 0.5
+    design: Annotated[bool, option("Cut the links' limits_mm until nothing within them is singular, and prove it.", panel=LENGTHS)] = False
+    position_mm: Annotated[
+        Point | None,
+        option(
+            "A position of the platform: how well it is held there, and which other poses have its lengths.",
+            metavar="X,Y,Z",
+            panel=AT_A_POSE,
+        ),
+    ] = None
+    quaternion: Annotated[Quaternion | None, option("Its orientation there; default the base's.", metavar="X,Y,Z,W", panel=AT_A_POSE)] = (
+        None
+    )
+    to_mm: Annotated[
+        Point | None, option("Another position: determinant and condition on the straight way to it.", metavar="X,Y,Z", panel=AT_A_POSE)
+    ] = None
+    boundary: Annotated[
+        Literal["xy", "xz", "yz"] | None, option("Follow the boundary of the workspace around the pose in this plane.", panel=AT_A_POSE)
+    ] = None
+    levels: Annotated[
+        Range | None,
+        option("Slices at these places on the third axis; default the pose's.", metavar="START:STOP:STEP", panel=AT_A_POSE, unit="mm"),
+    ] = None
+    reach_mm: Annotated[
+        float | None,
+        option("How far to either side of the pose is looked; default the rig's size.", panel=AT_A_POSE, within=(0.0, math.inf)),
+    ] = None
+    limit_deg: Annotated[
+        float | None,
+        option("Largest pressure angle in the workspace; default none but singular poses.", panel=AT_A_POSE, within=(0.0, 90.0)),
+    ] = None
+    length_mm: Annotated[Pair | None, option("Least and greatest length in the workspace.", metavar="MIN:MAX", panel=AT_A_POSE)] = None
+    report: Annotated[Path | None, option("Write structure.html, with drawings, into this folder.", metavar="DIR")] = None
+    rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
-        """A description from a rig or a table."""
-        return Paths(present(self.out), present(self.file))
+        """A description, its page and recording from a rig or a table."""
+        report = () if self.report is None else inside(self.report, "structure.html")
+        return Paths((*present(self.out, self.rerun), *report), present(self.file))
 
 
 @workflow("structure")
 def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     """Describe the links, and write it where that is asked for."""
-    import numpy as np
-
     from lmeasure import files
-    from lmeasure.linkage import all_structures, described, read_linkage, told, told_list
-    from lmeasure.poses import UNIT_TOLERANCE, poses_from_rows
+    from lmeasure.linkage.links import read_linkage
+    from lmeasure.linkage.record import all_structures, described
+    from lmeasure.linkage.words import told, told_list
 
-    if settings.listed == (settings.file is not None):
-        raise SettingsError("file", "give a file, or --list")
-    if settings.position_mm is None and settings.quaternion is not None:
-        raise SettingsError("quaternion", "states an orientation without --position-mm")
+    _check(settings)
     if settings.file is None:
-        if settings.position_mm is not None:
-            raise SettingsError("position_mm", "is a pose of a file's links, not of --list")
         every = all_structures()
-        record, lines = every, told_list(every)
+        if settings.report is not None:
+            from lmeasure.report.structure import write_list_page
+
+            write_list_page(settings.report / "structure.html", every)
+        made: Any = every
+        lines = told_list(every)
     else:
-        pose = None
-        if settings.position_mm is not None:
-            quaternion = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
-            length = math.hypot(*quaternion)
-            if not abs(length - 1.0) <= UNIT_TOLERANCE:
-                raise SettingsError("quaternion", f"its length is {length:.9g}, not 1")
-            pose = poses_from_rows(np.array([[*settings.position_mm, *quaternion]])).rows[0]
-        one = described(read_linkage(settings.file), pose)
-        record, lines = [one], told(one)
+        linkage = read_linkage(settings.file)
+        if settings.lengths_mm is not None:
+            linkage = linkage.with_lengths(settings.lengths_mm, "--lengths-mm")
+        pose = None if settings.position_mm is None else _pose(settings, settings.position_mm)
+        to = None if settings.to_mm is None else _pose(settings, settings.to_mm)
+        try:
+            made = described(linkage, pose, to=to, workspace=_workspace(settings), design=settings.design, within_mm=settings.within_mm)
+        except StructureError as error:
+            raise FileFormatError(f"{settings.file}: {error}") from None
+        lines = told(made)
+        progress(0.5, "structure")
+        if settings.report is not None:
+            from lmeasure.report.structure import write_structure_page
+
+            write_structure_page(settings.report / "structure.html", settings.file.name, linkage, made, pose)
+        if settings.rerun is not None:
+            from lmeasure.view.structure import write_structure_recording
+
+            write_structure_recording(settings.rerun, settings.file.name, linkage, made, pose)
     progress(1.0, "structure")
-    made: Any = record if settings.file is None else record[0]
     if settings.out is not None:
         files.write_text(settings.out, json.dumps(made, indent=1, allow_nan=False) + "\n")
     return Result(made, tuple(lines))
+
+
+def _check(settings: Settings) -> None:
+    """SettingsError for what does not go together."""
+    if settings.listed == (settings.file is not None):
+        raise SettingsError("file", "give a file, or --list")
+    if settings.position_mm is None:
+        if settings.quaternion is not None:
+            raise SettingsError("quaternion", "states an orientation without --position-mm")
+        for name in ("to_mm", "boundary"):
+            if getattr(settings, name) is not None:
+                raise SettingsError(name, "needs --position-mm, from where it begins")
+    if settings.boundary is None:
+        for name in ("levels", "reach_mm", "limit_deg", "length_mm"):
+            if getattr(settings, name) is not None:
+                raise SettingsError(name, "goes with --boundary")
+    if settings.file is None:
+        for name in ("position_mm", "lengths_mm", "rerun"):
+            if getattr(settings, name) is not None:
+                raise SettingsError(name, "is of a file's links, not of --list")
+        if settings.design:
+            raise SettingsError("design", "is of a file's links, not of --list")
+    if settings.reach_mm is not None and not 0.0 < settings.reach_mm < math.inf:
+        raise SettingsError("reach_mm", f"{settings.reach_mm:g} is no distance")
+    if settings.limit_deg is not None and not 0.0 < settings.limit_deg <= 90.0:
+        raise SettingsError("limit_deg", f"{settings.limit_deg:g} does not lie in (0, 90]")
+    if settings.length_mm is not None and not 0.0 <= settings.length_mm[0] < settings.length_mm[1]:
+        raise SettingsError("length_mm", "the limits must rise from 0 or more")
+    if not 0.0 < settings.within_mm < math.inf:
+        raise SettingsError("within_mm", f"{settings.within_mm:g} is no distance")
+
+
+def _pose(settings: Settings, position: tuple[float, float, float]) -> "FloatArray":
+    import numpy as np
+
+    from lmeasure.poses import UNIT_TOLERANCE, poses_from_rows
+
+    quaternion = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
+    length = math.hypot(*quaternion)
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        raise SettingsError("quaternion", f"its length is {length:.9g}, not 1")
+    return np.asarray(poses_from_rows(np.array([[*position, *quaternion]])).rows[0])
+
+
+def _workspace(settings: Settings) -> "Workspace | None":
+    from lmeasure.linkage.record import Workspace
+
+    if settings.boundary is None:
+        return None
+    levels: tuple[float, ...] = ()
+    if settings.levels is not None:
+        start, stop, step = settings.levels
+        count = math.floor((stop - start) / step + 1e-9) + 1 if step > 0.0 and stop >= start else 0
+        if not 1 <= count <= MOST_LEVELS:
+            raise SettingsError("levels", f"must be 1 to {MOST_LEVELS} of them, rising")
+        levels = tuple(start + i * step for i in range(count))
+    return Workspace(settings.boundary, levels, settings.reach_mm, settings.limit_deg, settings.length_mm)
