@@ -130,7 +130,7 @@ def _residuals(found: Identified[SerialRobot]) -> list[dict[str, Any]]:
 def _held_out(held: HeldOut) -> dict[str, float]:
     error = held.error_mm
     rms = float(np.sqrt(np.mean(error**2)))
-    return {"mean_mm": float(error.mean()), "rms_mm": rms, "max_mm": float(error.max()), "within_u95": held.within}
+    return {"mean_mm": float(error.mean()), "rms_mm": rms, "max_mm": float(error.max()), "within_u95": held.within, "misfit": held.misfit}
 
 
 def _pose(row: FloatArray) -> dict[str, Any]:

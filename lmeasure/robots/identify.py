@@ -70,6 +70,8 @@ class Identified(Shown, Generic[R]):
     nominal_state: State[R]
     """The frames that fit best with the nominal robot."""
     settings: Settings
+    misfit: float = 1.0
+    """How many times what is stated of predictions rows that were held out are off, where that is more (`judged.HeldOut.misfit`)."""
     state: State[R] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -198,7 +200,8 @@ def predict(
 ) -> Prediction:
     """Where a target will be measured at joint values (M, n), with the radius that holds 95 % of new measurements there.
 
-    The uncertainty is that of the identification, of the robot itself, and of the instrument: u_position_mm of each coordinate, by
+    The uncertainty is that of the identification, of the robot itself, and of the instrument, widened by what the model does not hold
+    (`Identified.misfit`): u_position_mm of each coordinate, by
     default the median of what the measurements state. target (M,): numbers of targets, by default the first.
     """
     rows = measured(joints, side=np.zeros_like(joints) if side is None else side)
@@ -210,7 +213,7 @@ def predict(
     jacobian = (jacobian * unknowns.size)[:, POSITION]
     instrument = float(np.median(np.einsum("nii->ni", found.rows.covariance)[:, POSITION])) if u_position_mm is None else u_position_mm**2
     own = found.noise.position_mm**2 * found.shape + instrument * np.eye(3)
-    covariance = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) + own
+    covariance = found.misfit**2 * (jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) + own)
     # the noise is known from as many degrees of freedom as the residuals leave
     wider = float(t.ppf(0.975, fit.freedom) / t.ppf(0.975, np.inf)) if not found.rows.stated[0] else 1.0
     return Prediction(found.state.predicted(rows), covariance, wider * radii_95(covariance))

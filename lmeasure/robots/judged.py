@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.robots.frame_start import Frames
-from lmeasure.robots.identify import FAMILIES, Identified, family, predict
+from lmeasure.robots.identify import FAMILIES, Identified, Prediction, family, predict
 from lmeasure.robots.problem import Fit, Problem, with_noise
 from lmeasure.robots.unknowns import R, Unknowns
 
@@ -23,11 +23,16 @@ MOST_ROWS = 500
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Errors (k,) [mm] and u95 (k,) at rows (k,) that were held out in turn."""
+    """Errors (k,) [mm] and u95 (k,) at rows (k,) that were held out in turn.
+
+    misfit: rms of the errors in units of what was stated of them, 1 at least: a model that lacks something fits its own rows better than
+    others, the more the farther these lie apart. u95_mm is widened by it, as are predictions of an identification that knows it.
+    """
 
     rows: IntArray
     error_mm: FloatArray
     u95_mm: FloatArray
+    misfit: float
 
     @property
     def within(self) -> float:
@@ -58,14 +63,17 @@ def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut
     least = found.fit.equations * (1.0 - 1.0 / folds)
     if len(rows) < 2 * folds or least < _unknown(found.fit) + 6:
         return None
-    errors, radii = np.empty(len(order)), np.empty(len(order))
+    errors, radii, squares = np.empty(len(order)), np.empty(len(order)), np.empty(len(order))
+    found = replace(found, misfit=1.0)
     place = {int(row): i for i, row in enumerate(order)}
     for part in parts:
         again = _refitted(found, np.sort(np.concatenate([np.setdiff1d(order, part), other])))
-        error, radius = _errors(again, part)
+        error, predicted = _errors(again, part)
         at = [place[int(row)] for row in part]
-        errors[at], radii[at] = error, radius
-    return HeldOut(order, errors, radii)
+        errors[at], radii[at] = error, predicted.u95_mm
+        squares[at] = error**2 / np.einsum("nii->n", predicted.covariance)
+    misfit = max(1.0, float(np.sqrt(squares.mean())))
+    return HeldOut(order, errors, misfit * radii, misfit)
 
 
 def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float, float, float]]:
@@ -145,11 +153,11 @@ def _refitted(found: Identified[R], rows: IntArray) -> Identified[R]:
     return replace(found, fit=fit, kept=kept)
 
 
-def _errors(found: Identified[R], rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """(k,) distances of measured from predicted places and their u95."""
+def _errors(found: Identified[R], rows: IntArray) -> tuple[FloatArray, Prediction]:
+    """(k,) distances of measured from predicted places, and the prediction."""
     of = found.rows.of(rows)
     predicted = predict(found, of.joints, of.target_of, of.side)
-    return np.linalg.norm(of.position - predicted.pose[:, :3], axis=1), predicted.u95_mm
+    return np.linalg.norm(of.position - predicted.pose[:, :3], axis=1), predicted
 
 
 def _frames(fit: Fit[R]) -> Frames:

@@ -175,6 +175,11 @@ class Robot(Strict):
         return SerialArm(links, foot, tool, limits[:, 0], limits[:, 1], np.array(self.sliding))
 
     @property
+    def tool_pose(self) -> FloatArray:
+        """(7,) flange from tool, the flange itself where none is stated."""
+        return (self.tool or Place()).row
+
+    @property
     def model(self) -> SerialRobot:
         """The robot that computes."""
         turn = [1.0 if isinstance(j, Revolute) else 2.0 * math.pi / j.pitch_mm if j.pitch_mm else math.nan for j in self.joint]

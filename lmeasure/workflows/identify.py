@@ -1,6 +1,7 @@
 """From measurements of a robot to what is wrong with it."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -85,6 +86,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
     findings = (*mend.findings, *found.findings)
     progress(0.5, "holding rows out")
     held = judged.held_out(found, seed=settings.seed)
+    found = found if held is None else replace(found, misfit=held.misfit)
     curve = judged.learning_curve(found, settings.seed)
     worth = judged.worth_freeing(found)
     progress(0.9, "writing")

@@ -3,16 +3,18 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from lmeasure.errors import CalibrationError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
+from lmeasure.workflows.plan_robot import OPTIONS, files_of, run_robot
 from lmeasure.workflows.settings import (
     BOX,
     RERUN,
     Asked,
     Box,
     Names,
+    Numbers,
     Paths,
     Recording,
     UnitQuaternion,
@@ -22,19 +24,28 @@ from lmeasure.workflows.settings import (
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Campaign
-    from lmeasure.calibration.planning import Plan
     from lmeasure.calibration.reach import Region
 
 LIMITS = "What a cable allows"
+ROBOT = "Poses of a robot"
 STATED = "by default exact, with --extend the largest recorded"
 
 
 class Settings(Asked):
     """What `lmeasure plan-poses` is asked."""
 
-    rig: Annotated[Path, option("The rig as far as it is known; its u_... are the priors.", metavar="RIG.toml", positional=True)]
+    rig: Annotated[
+        Path | None,
+        option(
+            "The rig as far as it is known; its u_... are the priors. With --robot the instrument that must see the robot.",
+            metavar="RIG.toml",
+            positional=True,
+        ),
+    ] = None
     poses: Annotated[int, option("How many poses to choose; with --extend, how many more.", ge=1)]
-    out: Annotated[Path, option("The reference_poses.csv to write; its first pose is the zero pose.")]
+    out: Annotated[
+        Path, option("The reference_poses.csv to write; its first pose is the zero pose. With --robot the table of joint values.")
+    ]
     box: Annotated[
         Box | None, option("Where the tool origin may go [mm]; with --extend by default as it went.", metavar=BOX, unit="mm")
     ] = None
@@ -63,16 +74,33 @@ class Settings(Asked):
     ] = True
     quaternions: Annotated[bool, option("Write quaternions, not the rig's angles.")] = False
     seed: Annotated[int, option("Seed of candidates and starts.", ge=0)] = 0
+    robot: Annotated[
+        str | None, option("Plan poses of this robot for `identify`: a name, a robot.toml or a .urdf.", metavar="NAME_OR_FILE", panel=ROBOT)
+    ] = None
+    free: Annotated[Names, option("What else `identify` will free beside links and harmonics.", metavar="FAMILY,...", panel=ROBOT)] = ()
+    candidates: Annotated[Path | None, option("Joint values to choose from, by default all allowed.", metavar="FILE", panel=ROBOT)] = None
+    keep_out: Annotated[
+        Box | None, option("Box [robot's base] that no link and no target may enter.", metavar=BOX, unit="mm", panel=ROBOT)
+    ] = None
+    zone: Annotated[Path | None, option("Zone of the instrument, where targets must stay.", metavar="zone.nc", panel=ROBOT)] = None
+    base: Annotated[
+        Numbers | None, option("Where the robot stands in the instrument's frame.", metavar="X,Y,Z[,QX,QY,QZ,QW]", panel=ROBOT)
+    ] = None
+    tool: Annotated[Numbers | None, option("Where the target sits on the flange.", metavar="X,Y,Z[,QX,QY,QZ,QW]", panel=ROBOT)] = None
+    tip: Annotated[str | None, option("Link of a .urdf at which the chain ends.", metavar="LINK", panel=ROBOT)] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
         """Planned poses from a rig, and from the campaign that they extend."""
+        if self.robot is not None:
+            outputs, inputs = files_of(self)
+            return Paths(outputs, (*present(self.rig), *inputs))
         extended = () if self.extend is None else inside(self.extend, "rig.toml", "reference_poses.csv", "counts.csv")
-        return Paths((self.out, *present(self.rerun)), (self.rig, *extended))
+        return Paths((self.out, *present(self.rerun)), (*present(self.rig), *extended))
 
 
 @workflow("plan-poses")
-def run(settings: Settings, progress: Progress = silent) -> "Result[Plan]":
+def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     """Plan, and write the poses."""
     import numpy as np
 
@@ -86,6 +114,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Plan]":
     from lmeasure.rig import read_rig
 
     out, extend = settings.out, settings.extend
+    if settings.robot is not None:
+        if out.suffix.lower() != ".csv":
+            raise SettingsError("out", f"{str(out)!r} does not end in .csv")
+        return run_robot(settings, progress)
+    stray = next((name for name in OPTIONS if getattr(settings, name)), None)
+    if stray is not None:
+        raise SettingsError(stray, "goes with --robot")
+    if settings.rig is None:
+        raise SettingsError("rig", "is missing: the rig whose reference poses are planned, or --robot")
     if out.suffix.lower() != ".csv":
         raise SettingsError("out", f"{str(out)!r} does not end in .csv")
     if settings.box is None and extend is None:

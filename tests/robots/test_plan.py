@@ -1,11 +1,22 @@
 """Planned poses of a robot leave less uncertainty than random ones, by covariances worked out the long way."""
 
-import numpy as np
+from pathlib import Path
 
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from lmeasure import se3
+from lmeasure.cli import app
+from lmeasure.errors import RobotError, SettingsError
+from lmeasure.poses import read_poses
+from lmeasure.robots.allowed import Allowed
 from lmeasure.robots.frame_start import Frames
 from lmeasure.robots.identify import freed
 from lmeasure.robots.measurements import POSITION, measured
 from lmeasure.robots.plan import chosen
+from lmeasure.robots.read_measurements import read_measurements
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.unknowns import Unknowns
 
@@ -29,3 +40,53 @@ def test_planned_poses_are_better_than_random_ones() -> None:
     assert len(set(plan.tolist())) == 15
     random = [mean_variance(rng.permutation(150)[:15]) for _ in range(20)]
     assert mean_variance(plan) < 0.9 * min(random)
+
+
+def test_planned_poses_keep_to_what_is_allowed() -> None:
+    robot = shipped("ur5").model
+    box = np.array([[[200.0, 2000.0], [-2000.0, 2000.0], [-2000.0, 100.0]]])
+    tool = np.array([30.0, 20.0, 120.0, 0.0, 0.0, 0.0, 1.0])
+    allowed = Allowed(robot, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), tool, box)
+    joints = allowed.candidates(200)
+    low, high = robot.limits
+    assert ((joints >= low) & (joints <= high)).all()
+    target = se3.compose(robot.forward(joints), np.tile(tool, (200, 1)))
+    assert not ((target[:, 0] > 200.0) & (target[:, 2] < 100.0)).any()
+    # arms through the box whose target is outside it are found too
+    through = np.radians([[180.0, 20.0, -60.0, -50.0, 90.0, 0.0]])
+    bare = Allowed(robot, allowed.instrument_from_base, tool, box[:0])
+    assert bare(through)[0]
+    assert not allowed(through)[0]
+
+
+def test_targets_stay_in_the_instruments_zone() -> None:
+    zone = xr.Dataset(
+        {"in_zone": (("x", "y", "z"), np.ones((2, 2, 2), np.int8)), "quaternion_xyzw": (("o", "c"), [[0.0, 0.0, 0.0, 1.0]])},
+        {"x": [800.0, 2200.0], "y": [-1000.0, 1000.0], "z": [-500.0, 1500.0]},
+    )
+    zone["in_zone"][0] = 0
+    robot, here = shipped("ur5").model, np.array([1500.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    tool = np.array([30.0, 20.0, 120.0, 0.0, 0.0, 0.0, 1.0])
+    found = Allowed(robot, here, tool, np.zeros((0, 3, 2)), zone).candidates(100)
+    at = se3.compose(np.tile(here, (100, 1)), se3.compose(robot.forward(found), np.tile(tool, (100, 1))))
+    assert ((at[:, :3] >= [1500.0, -2000.0, -1500.0]) & (at[:, :3] <= [2900.0, 2000.0, 2500.0])).all()
+    with pytest.raises(RobotError, match="state where the robot stands"):
+        Allowed(robot, here + [8000.0, 0, 0, 0, 0, 0, 0], tool, np.zeros((0, 3, 2)), zone).candidates(100)
+
+
+def test_plan_poses_of_a_robot_from_the_command_line(tmp_path: Path) -> None:
+    """The table is read by `identify --predict` and as candidates; the poses are those of the target."""
+    out, poses = tmp_path / "joints.csv", tmp_path / "joints_poses.csv"
+    asked = ["plan-poses", "--robot", "ur5", "--poses", "12", "--tool", "30,20,120"]
+    done = CliRunner().invoke(app, [*asked, "--base", "1500,0,0", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    rows = read_measurements(out, shipped("ur5").model, joints_alone=True)
+    assert len(rows) == 12
+    at = read_poses(poses, "puma-oat").rows
+    own = se3.compose(np.tile([1500.0, 0, 0, 0, 0, 0, 1.0], (12, 1)), shipped("ur5").model.forward(rows.joints))
+    assert at[:, :3] == pytest.approx(se3.apply(own, np.array([30.0, 20.0, 120.0])), abs=1e-6)
+    again = CliRunner().invoke(app, [*asked[:3], "--poses", "5", "--candidates", str(out), "--out", str(tmp_path / "five.csv")])
+    assert again.exit_code == 0, again.output
+    assert set(read_measurements(tmp_path / "five.csv", shipped("ur5").model, joints_alone=True).names) < set(rows.names)
+    wrong = CliRunner().invoke(app, ["plan-poses", "rig.toml", "--poses", "3", "--tool", "1,2,3", "--out", str(tmp_path / "no.csv")])
+    assert isinstance(wrong.exception, SettingsError) or wrong.exit_code == 2

@@ -1,0 +1,127 @@
+"""Which poses of a robot to measure for its identification: `plan-poses --robot`."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, present
+from lmeasure.workflows.identify import nominal
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray as xr
+
+    from lmeasure.arrays import FloatArray
+    from lmeasure.rig import Rig
+    from lmeasure.robots.plan import Plan
+    from lmeasure.workflows.plan_poses import Settings
+
+OPTIONS = ("free", "candidates", "keep_out", "zone", "base", "tool", "tip")
+"""What is asked of a robot alone."""
+U_MM = 0.05
+"""Standard uncertainty of a measured coordinate, robot and instrument together, where none is stated."""
+CANDIDATES = 1500
+
+
+def poses_file(out: Path) -> Path:
+    """Where the poses of a joint table go."""
+    return out.with_name(f"{out.stem}_poses.csv")
+
+
+def files_of(settings: "Settings") -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Outputs, and inputs besides the rig."""
+    robot = Path(str(settings.robot))
+    return (settings.out, poses_file(settings.out)), present(robot if robot.suffix else None, settings.candidates, settings.zone)
+
+
+def run_robot(settings: "Settings", progress: Progress) -> "Result[Plan]":
+    """Plan poses of a robot, and write its joint values and the poses expected at them."""
+    import numpy as np
+
+    from lmeasure import files, se3
+    from lmeasure.poses import pose_columns, poses_from_rows
+    from lmeasure.robots.allowed import Allowed
+    from lmeasure.robots.identify import freed
+    from lmeasure.robots.plan import planned, to_plan
+    from lmeasure.robots.read_measurements import read_measurements
+
+    robot = nominal(str(settings.robot), settings.tip)
+    model = robot.model
+    freed(model, settings.free)  # names what is none before anything is computed
+    base = _pose(settings.base, "base") if settings.base else None
+    tool = _pose(settings.tool, "tool") if settings.tool else None
+    sits = tool if tool is not None else robot.tool_pose
+    stands = base if base is not None else np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    boxes = np.array([settings.keep_out] if settings.keep_out else []).reshape(-1, 3, 2)
+    allowed = Allowed(model, stands, sits, boxes, _zone(settings))
+    progress(0.0, "candidates")
+    if settings.candidates is not None:
+        given = read_measurements(settings.candidates, model, joints_alone=True)
+        keep = np.flatnonzero(allowed(given.joints))
+        joints, names = given.joints[keep], [given.names[i] for i in keep]
+        if len(joints) < settings.poses:
+            raise SettingsError(
+                "candidates", f"{settings.candidates}: {len(joints)} rows of {len(given)} are allowed; asked: {settings.poses}"
+            )
+    else:
+        joints, names = allowed.candidates(CANDIDATES, settings.seed), []
+        joints = _typed(joints, model.sliding)
+    progress(0.3, "choosing")
+    u = settings.u_position_mm or U_MM
+    plan = planned(to_plan(model, settings.free, stands, sits, joints), joints, joints, settings.poses, u, settings.seed)
+    order = plan.order
+    own = [names[i] for i in order] if names else [f"P{i + 1}" for i in range(len(order))]
+    columns: dict[str, object] = {"name": own}
+    for i, (joint, slides) in enumerate(zip(model.joint_names, model.sliding, strict=True)):
+        columns[f"{joint}_{'mm' if slides else 'deg'}"] = joints[order, i] if slides else np.degrees(joints[order, i])
+    at = se3.compose(model.forward(joints[order]), np.broadcast_to(sits, (len(order), 7)))
+    files.write_table(settings.out, columns)
+    expected = replace(poses_from_rows(se3.compose(np.broadcast_to(stands, at.shape), at), own), absent=("position", "rotation"))
+    files.write_table(poses_file(settings.out), pose_columns(expected))
+    lines = [
+        f"{len(order)} poses of {len(joints)} candidates; left uncertain of their places, rms, at {u:g} mm a coordinate:",
+        *(f"  after {k:3d}: {plan.expected_mm[k - 1]:.4f} mm, at random {plan.random_mm[k - 1]:.4f}" for k in _steps(len(order))),
+    ]
+    if tool is None and robot.tool is None:
+        lines.append(
+            "note: no tool is stated (--tool): the target is taken to sit on the flange itself, where it tells nothing of the last joint"
+        )
+    if base is None and (settings.zone is not None or settings.rig is not None):
+        lines.append("note: no place of the robot is stated (--base): its base is taken for the instrument's frame")
+    lines.append(f"written: {settings.out}, {poses_file(settings.out)}")
+    figures = {"expected_mm": float(plan.expected_mm[-1]), "random_mm": float(plan.random_mm[-1])}
+    return Result(plan, tuple(lines), figures)
+
+
+def _steps(count: int) -> list[int]:
+    return sorted({k for k in (10, 15, 20, 30, 45, 60, 80, 100, 150) if k < count} | {count})
+
+
+def _typed(joints: "FloatArray", sliding: "np.typing.NDArray[np.bool_]") -> "FloatArray":
+    """Joint values as they are typed: to 0.01 degrees or 0.1 mm."""
+    import numpy as np
+
+    return np.asarray(np.where(sliding, np.round(joints, 1), np.radians(np.round(np.degrees(joints), 2))))
+
+
+def _pose(values: tuple[float, ...], name: str) -> "FloatArray":
+    """(7,) of x,y,z in mm, or of these and a quaternion."""
+    import numpy as np
+
+    length = float(np.linalg.norm(values[3:])) if len(values) == 7 else 0.0
+    if len(values) not in (3, 7) or not np.isfinite(values).all() or (len(values) == 7 and abs(length - 1.0) > 1e-3):
+        raise SettingsError(name, "is X,Y,Z in mm, or X,Y,Z,QX,QY,QZ,QW with a quaternion of length 1")
+    turn = np.array(values[3:]) / length if len(values) == 7 else np.array([0.0, 0.0, 0.0, 1.0])
+    return np.concatenate([values[:3], turn])
+
+
+def _zone(settings: "Settings") -> "xr.Dataset | Rig | None":
+    from lmeasure.accuracy.zone_dataset import read_zone
+    from lmeasure.rig import read_rig
+
+    if settings.zone is not None and settings.rig is not None:
+        raise SettingsError("zone", "a zone or a rig, not both")
+    if settings.zone is not None:
+        return read_zone(settings.zone)
+    return None if settings.rig is None else read_rig(settings.rig)
