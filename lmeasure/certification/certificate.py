@@ -58,6 +58,7 @@ def certificate(
         "settings": settings_stated(evaluation.settings),
         "environment": environment,
         "instrument": _instrument(measured),
+        "measured_with": _measured_with(measured),
         "trajectory": {
             "samples": len(trajectory.time_s),
             "ok": int((trajectory.status == Status.OK).sum()),
@@ -97,6 +98,31 @@ def _instrument(measured: Measured) -> dict[str, Any] | None:
     rig = measured.rig
     told = {"rig": rig.name, "assumed": list(rig.assumed), "calibrated": measured.calibration is not None}
     return told | {"systematic_sha256": measured.systematic_sha256}
+
+
+def _measured_with(measured: Measured) -> dict[str, Any] | None:
+    """The instrument as a reader knows it: cables, encoders, what its calibration rests on, how near to its limits it was used."""
+    rig, record = measured.rig, measured.calibration
+    if rig is None:
+        return None
+    drums = [rig.point(c.from_point).drum for c in rig.cable]
+    told: dict[str, Any] = {
+        "cables": len(rig.cable),
+        "observation_points": len({c.from_point for c in rig.cable}),
+        "passes": rig.passes,
+        "counts_per_revolution": sorted({d.counts_per_revolution for d in drums}),
+        "count_length_mm": sorted({d.count_length_mm for d in drums}),
+        "worst_pressure_angle_deg": max((p.angle_deg for p in measured.evaluation.poses if np.isfinite(p.angle_deg)), default=None),
+        "calibration": None,
+    }
+    if record is not None:
+        told["calibration"] = {
+            "reference_poses": len({r.pose for r in record.residuals}),
+            "equations": record.equations,
+            "unknowns": record.unknowns,
+            "residual_rms_mm": record.noise.get("residual_rms_mm"),
+        }
+    return plain(told)
 
 
 def commanded(program: Program) -> dict[str, Any]:

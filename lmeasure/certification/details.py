@@ -1,18 +1,20 @@
 """What a report must say besides its figures (ISO/IEC 17025:2017, 7.8.2 to 7.8.4): the details file.
 
-Everything is optional: what is not stated is printed as not stated, never guessed.
+Everything is optional: what is not stated is named as not stated, never guessed.
 """
 
 import datetime
 import itertools
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import lxml.etree
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from lmeasure import files
 from lmeasure.checked import Strict, checked
-from lmeasure.errors import FileFormatError
+from lmeasure.errors import CertificationError, FileFormatError
 
 SCHEMA = "lmeasure.report/1"
 
@@ -124,6 +126,10 @@ class Details(Strict):
     external: Text | None = None
     """Results from external providers."""
     remarks: Text | None = None
+    logo: Text | None = None
+    """The laboratory's mark on the first page: an .svg, .png or .jpg file, relative to this one."""
+    show_not_stated: bool | None = None
+    """A row of its own for everything that is not stated, instead of one row that names it all."""
     laboratory: Party = Party()
     customer: Party = Party()
     item: Item = Item()
@@ -135,6 +141,38 @@ class Details(Strict):
     def stated(self) -> dict[str, Any]:
         """What is stated, as the tables of the file; nothing else."""
         return {key: value for key, value in self.model_dump(by_alias=True, exclude_none=True).items() if value != {}}
+
+
+MOST_LOGO_BYTES = 2**20
+
+
+@dataclass(frozen=True)
+class Logo:
+    """A picture: the bytes of its file, and what kind they are."""
+
+    content: bytes
+    kind: Literal["svg", "png", "jpg"]
+
+
+def read_logo(details: Path, stated: Details) -> Logo | None:
+    """The logo that a details file names, None where it names none; CertificationError names a file that is no picture."""
+    if stated.logo is None:
+        return None
+    path = details.parent / stated.logo
+    content = files.read_bytes(path)
+    if len(content) > MOST_LOGO_BYTES:
+        raise CertificationError(f"{path}: a logo of {len(content)} bytes; at most {MOST_LOGO_BYTES} are printed")
+    if content.startswith(b"\x89PNG\r\n\x1a\n"):
+        return Logo(content, "png")
+    if content.startswith(b"\xff\xd8\xff"):
+        return Logo(content, "jpg")
+    try:
+        root = lxml.etree.fromstring(content, lxml.etree.XMLParser(resolve_entities=False, no_network=True))
+    except lxml.etree.XMLSyntaxError:
+        root = None
+    if root is None or lxml.etree.QName(root).localname != "svg":
+        raise CertificationError(f"{path}: is no picture: a logo is an SVG, PNG or JPEG file")
+    return Logo(content, "svg")
 
 
 def read_details(path: Path) -> Details:

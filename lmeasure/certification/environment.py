@@ -8,7 +8,7 @@ from pathlib import Path
 
 import llvmlite.binding
 
-LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst")
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno")
 
 
 @cache
@@ -16,7 +16,8 @@ def sources_sha256() -> str:
     """SHA-256 over the names and digests of this package's own sources."""
     root = Path(__file__).parents[1]
     digest = hashlib.sha256()
-    for path in sorted([*root.rglob("*.py"), *root.rglob("*.typ"), *root.rglob("*.po")], key=lambda p: p.relative_to(root).as_posix()):
+    sources = [path for kind in ("py", "typ", "po", "css", "js") for path in root.rglob(f"*.{kind}")]
+    for path in sorted(sources, key=lambda p: p.relative_to(root).as_posix()):
         digest.update(f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()
 

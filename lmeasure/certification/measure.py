@@ -14,7 +14,7 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.certification.bundle import INPUTS, safe_name
 from lmeasure.certification.canonical import digest
 from lmeasure.certification.capability import undecided
-from lmeasure.certification.details import Details, read_details
+from lmeasure.certification.details import Details, Logo, read_details, read_logo
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError
@@ -70,7 +70,11 @@ class Inputs:
             f"{INPUTS}/program.toml": self.program,
         }
         if self.details is not None:
-            out[f"{INPUTS}/details.toml"] = self.details
+            place = f"{INPUTS}/details.toml"
+            out[place] = self.details
+            logo = read_details(self.details).logo
+            if logo is not None:
+                out[_beside(place, logo, f"{self.details}: logo")] = self.details.parent / logo
         if self.run is not None:
             head = read_run_head(self.run, self.rig)
             out[f"{INPUTS}/run/run.toml"] = self.run / "run.toml"
@@ -80,7 +84,7 @@ class Inputs:
             place = f"{INPUTS}/run/{_inside(rig, self.run)}" if self.rig is None else f"{INPUTS}/rig/rig.toml"
             out[place] = rig
             if head.rig.calibration is not None:
-                out[_beside(place, head.rig.calibration, rig)] = rig.parent / head.rig.calibration
+                out[_beside(place, head.rig.calibration, f"{rig}: calibration")] = rig.parent / head.rig.calibration
         taken: dict[str, str] = {}
         for name in out:
             first = taken.setdefault(safe_name(name).casefold(), name)
@@ -150,9 +154,9 @@ def _inside(path: Path, folder: Path) -> str:
     return PurePosixPath(*path.relative_to(folder).parts).as_posix()
 
 
-def _beside(rig_place: str, link: str, rig: Path) -> str:
-    """Name in the bundle of the calibration record that a copied rig links to by its relative name."""
-    parts = list(PurePosixPath(rig_place).parent.parts)
+def _beside(place: str, link: str, what: str) -> str:
+    """Name in the bundle of a file that a copied one, at its place there, links to by a relative name; what: file and key of the link."""
+    parts = list(PurePosixPath(place).parent.parts)
     target = PurePosixPath(link.replace("\\", "/"))
     for part in target.parts:
         if part != "..":
@@ -163,7 +167,7 @@ def _beside(rig_place: str, link: str, rig: Path) -> str:
             parts = []
             break
     if target.is_absolute() or not parts:
-        raise CertificationError(f"{rig}: calibration = {link!r} lies too far from it to be copied with it; put the record beside the rig")
+        raise CertificationError(f"{what} = {link!r} lies too far from it to be copied with it; put it beside that file")
     return "/".join(parts)
 
 
@@ -183,6 +187,7 @@ class Measured:
     calibration: CalibrationRecord | None = None
     systematic_sha256: str | None = None
     notes: tuple[str, ...] = ()
+    logo: Logo | None = None
 
 
 def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None) -> Measured:
@@ -205,10 +210,11 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
 
 def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Progress | None) -> Measured:
     details = Details() if inputs.details is None else read_details(inputs.details)
+    logo = None if inputs.details is None else read_logo(inputs.details, details)
     if inputs.run is None:
         trajectory = read_trajectory(inputs.trajectory, inputs.beside)
         evaluation = evaluate(trajectory, program, settings=settings, progress=progress)
-        return Measured(evaluation, trajectory, program, details)
+        return Measured(evaluation, trajectory, program, details, logo=logo)
     run = read_run(inputs.run, inputs.rig)
     aligned = align(run)
     trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
@@ -216,7 +222,7 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
     notes = (*trajectory.notes, *(taken.line() for taken in trajectory.taken_as_exact))
-    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes)
+    return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 
 def _systematic(run: Run) -> str | None:

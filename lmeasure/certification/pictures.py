@@ -1,5 +1,6 @@
 """What pictures of a certificate are drawn from: scatter of attained poses, deviation and speed along paths, drift. No drawing here."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from lmeasure.trajectory.attained import AttainedPose
 PLANES = ((0, 1), (0, 2), (1, 2))
 COVERAGE = 0.95
 MOST_POINTS = 20_000
-READABLE = 0.5
+READABLE = 0.9
 """Of the mean's distance from what was commanded: how large a scatter that is drawn enlarged may become."""
 
 
@@ -43,12 +44,11 @@ def targets(pose: AttainedPose, *, readable: bool = False) -> list[Target]:
     scatter = deviations - mean
     factor = 1.0
     if readable and (largest := float(np.linalg.norm(scatter, axis=1).max())) > 0.0:
-        # the next round number is at most 2.5 times as large
-        factor = max(1.0, round_up(READABLE / 2.5 * float(np.linalg.norm(mean)) / largest))
+        factor = max(1.0, round_down(READABLE * float(np.linalg.norm(mean)) / largest))
     deviations = mean + factor * scatter
     seen = [(axes, deviations[:, axes], prediction_ellipse(deviations[:, axes])) for axes in PLANES]
     far = max(float(np.abs(part).max()) for _, d, e in seen for part in (d, e) if part is not None)
-    radius = round_up(far)
+    radius = round_scale(far)
     return [Target(pose.name, axes, d, d.mean(axis=0), e, radius, factor) for axes, d, e in seen]
 
 
@@ -67,12 +67,26 @@ def prediction_ellipse(points: FloatArray, corners: int = 73) -> FloatArray | No
     return np.asarray(points.mean(axis=0) + (circle * np.sqrt(size * np.maximum(values, 0.0))) @ vectors.T)
 
 
-def round_up(value: float) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
+def round_up(value: float, steps: Sequence[float] = (1.0, 2.0, 5.0, 10.0)) -> float:
+    """The next of the steps, 1, 2 or 5, times a power of ten."""
     if not value > 0:
         return 1e-3
     power = 10.0 ** np.floor(np.log10(value))
-    return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= value * (1 - 1e-12)))
+    return float(next(m * power for m in steps if m * power >= value * (1 - 1e-12)))
+
+
+ROUND = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
+def round_scale(value: float) -> float:
+    """The next round end of a scale, which is then not half empty."""
+    return round_up(value, ROUND)
+
+
+def round_down(value: float) -> float:
+    """The round number before a positive one."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max((m * power for m in ROUND if m * power <= value * (1 + 1e-12)), default=power))
 
 
 def magnification(evaluation: Evaluation) -> float:

@@ -18,7 +18,9 @@ from lmeasure.errors import CertificationError
 from lmeasure.report import certificate_text as say
 from lmeasure.report.certificate_html import certificate_html
 from lmeasure.report.certificate_pdf import certificate_pdf
+from lmeasure.report.certificate_pictures import figures
 from lmeasure.report.readable import page_text, pdf_text, xml_text
+from lmeasure.report.summary import counted
 from lmeasure.report.words import word
 
 PDF = "certificate.pdf"
@@ -28,7 +30,7 @@ XML = "certificate.xml"
 
 def print_pdf(content: dict[str, Any], measured: Measured) -> bytes:
     """certificate.pdf."""
-    return certificate_pdf(content, measured.evaluation)
+    return certificate_pdf(content, measured)
 
 
 def print_page(content: dict[str, Any], measured: Measured) -> bytes:
@@ -89,15 +91,40 @@ def zip_of(out: Path) -> Path:
     return target.with_name(target.name + ".zip")
 
 
-def lines(content: dict[str, Any]) -> list[str]:
-    """What a person is told on the screen."""
-    figures = content["characteristics"]
-    capable = sum(bool(f["capable"]) for f in figures)
-    excluded = sum(bool(f.get("excluded")) for f in figures)
+def headline(content: dict[str, Any], folder: Path) -> list[str]:
+    """What a person is told on the screen: the figures that matter most, of how many the instrument is capable, where the files are."""
+    language = content["language"]
+    rows = [(f.result, f.where) for f in figures(content)]
     out = [f"{say.title(content)} {content['id']}"]
-    for place, rows in say.results(content):
+    if rows:
+        out.append(word(language, "headline", figures=len(content["characteristics"])))
+        out += _columns([(r.symbol, r.name, where, r.value, f"{r.u95} {r.unit}".strip(), _verdict(r)) for r, where in rows])
+    out += counted(content)
+    out.append(f"{word(language, 'headline.look')} {folder / PDF}, {folder / PAGE}")
+    out.append(f"{word(language, 'headline.check')}: lmeasure verify {folder}")
+    return _plain(out)
+
+
+def every_figure(content: dict[str, Any]) -> list[str]:
+    """All figures, place by place."""
+    out = [f"{say.title(content)} {content['id']}"]
+    for _, place, rows in say.results(content):
         out.append(f"{place}:")
-        out += [f"  {row[0]:<52} {row[2]:>12} {row[3]:<12} {row[4]:<4} {'; '.join(c for c in (row[6], *row[8:]) if c)}" for row in rows]
-    counted = {"figures": len(figures), "capable": capable, "not_capable": len(figures) - capable - excluded, "excluded": excluded}
+        out += _columns([(r.symbol, r.name, r.value, f"{r.u95} {r.unit}".strip(), f"k {r.k}" if r.k else "", _verdict(r)) for r in rows])
+    return _plain(out)
+
+
+def _verdict(r: say.Result) -> str:
+    return "; ".join(text for text in (r.verdict, r.conformity, r.limits) if text)
+
+
+def _columns(rows: list[tuple[str, ...]]) -> list[str]:
+    """Rows whose columns stand under each other, numbers to the right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    cells = [[f"{c:>{w}}" if c[:1].isdigit() or c[:1] == "-" else f"{c:{w}}" for c, w in zip(row, widths, strict=True)] for row in rows]
+    return [f"  {'  '.join(row)}".rstrip() for row in cells]
+
+
+def _plain(lines: list[str]) -> list[str]:
     # on the screen a blank is a blank: lines are not broken there, but searched
-    return [*(line.replace("\u00a0", " ") for line in out), word(content["language"], "counted", **counted)]
+    return [line.replace("\u00a0", " ") for line in lines]

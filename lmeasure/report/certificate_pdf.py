@@ -7,27 +7,25 @@ from typing import Any
 
 import typst
 
-from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import decimal as number
-from lmeasure.certification.evaluate import Evaluation
-from lmeasure.certification.pictures import Target, targets
+from lmeasure.certification.measure import Measured
 from lmeasure.errors import CertificationError
+from lmeasure.report import certificate_pictures as pictures
 from lmeasure.report import certificate_text as say
-from lmeasure.report.words import word
+from lmeasure.report import drawings, summary
+from lmeasure.report.words import with_indices, word
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
-MOST_TARGETS = 9
-COLOURS = ("#30343f", "#b3261e", "#1a7f4b")
 _NO_GLYPH = re.compile(r'the text `"(.*?)"` could not be displayed')
 _ESCAPE = re.compile(r"\\u\{([0-9a-fA-F]+)\}|\\(.)")
+Indexed = list[tuple[str, str]]
 
 
-def certificate_pdf(certificate: dict[str, Any], evaluation: Evaluation) -> bytes:
+def certificate_pdf(certificate: dict[str, Any], measured: Measured) -> bytes:
     """The PDF's bytes: the same certificate gives the same bytes. CertificationError when it cannot be printed.
 
     A character that the built-in fonts have no glyph for is printed as its number, since an archive file must not hold holes.
     """
-    content = json.dumps(_content(certificate, evaluation), ensure_ascii=False)
+    content = json.dumps(_content(certificate, measured), ensure_ascii=False)
     for _ in range(8):
         try:
             return bytes(
@@ -46,34 +44,36 @@ def _unescaped(match: re.Match[str]) -> str:
     return chr(int(match[1], 16)) if match[1] else match[2]
 
 
-def _content(certificate: dict[str, Any], evaluation: Evaluation) -> dict[str, Any]:
+def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
     language = certificate["language"]
-    figures = certificate["characteristics"]
-    about = say.about(certificate)
-    day = certificate["created"][:10].split("-")
+    logo = measured.logo
+    sections = ("summary", "contents", "about", "results", "commanded", "excluded", "uncertainty", "notes", "inputs", "program")
     return {
         "title": say.title(certificate),
         "id": certificate["id"],
         "language": language,
-        "date": [int(part) for part in day],
+        "date": [int(part) for part in certificate["created"][:10].split("-")],
         "only": word(language, "only item"),
         "page": word(language, "page"),
         "of": word(language, "of"),
+        "logo": None if logo is None else {"format": logo.kind, "bytes": list(logo.content)},
+        "code": drawings.code(certificate["id"], certificate["id"]),
         "statements": say.statements(certificate),
-        "about": about,
-        "header": say.results_header(language, any("conformity" in c for c in figures)),
-        "results": [{"place": place, "rows": rows} for place, rows in say.results(certificate)],
+        "summary": _summary(certificate),
+        "about": say.about(certificate),
+        "header": [
+            with_indices(word(language, f"column.{key}")) for key in ("characteristic", "clause", "value with u95", "k", "n", "verdict")
+        ],
+        "results": _results(certificate, measured),
         "commanded": say.commanded(certificate),
         "excluded": say.excluded(certificate),
-        "uncertainty": say.uncertainty(certificate),
-        "targets": _targets(language, evaluation),
-        "notes": say.notes(certificate),
+        "uncertainty": [with_indices(line) for line in say.uncertainty(certificate)],
+        "notes": [with_indices(line) for line in say.notes(certificate)],
         "inputs": say.inputs(certificate),
         "program": say.program(certificate),
-        "authoriser": next(value for key, value in reversed(about) if key == word(language, "authoriser")),
+        "authoriser": say.authoriser(certificate),
         "words": {
-            **{key: word(language, f"section.{key}") for key in
-               ("about", "results", "commanded", "pictures", "excluded", "uncertainty", "notes", "inputs", "program")},
+            **{key: word(language, f"section.{key}") for key in sections},
             "none": word(language, "no results"),
             "nothing": word(language, "nothing excluded"),
             "commanded_header": say.commanded_header(language),
@@ -84,44 +84,59 @@ def _content(certificate: dict[str, Any], evaluation: Evaluation) -> dict[str, A
             "signature": word(language, "signature"),
             "end": word(language, "end"),
         },
-    }  # fmt: skip
+    }
 
 
-def _targets(language: str, evaluation: Evaluation) -> list[list[dict[str, str]]]:
-    """Rows of three views each, of the first poses."""
+def _summary(certificate: dict[str, Any]) -> dict[str, Any]:
+    language = certificate["language"]
+    space = pictures.errors_in_space(certificate)
+    figures = [
+        {
+            "symbol": with_indices(f.result.symbol),
+            "name": f.result.name,
+            "where": f.where,
+            "value": _value(f.result),
+            "k": f.result.k,
+            "limits": f.result.limits,
+            "verdict": f.result.verdict,
+            "conformity": f.result.conformity,
+            "bar": f.bar,
+        }
+        for f in pictures.figures(certificate)
+    ]
+    columns = ("characteristic", "value with u95", "k", "bar", "verdict")
+    return {
+        "facts": summary.facts(certificate),
+        "counted": summary.counted(certificate),
+        "title": word(language, "summary.figures"),
+        "header": [with_indices(word(language, f"column.{key}")) for key in columns],
+        "figures": figures,
+        "bars": with_indices(word(language, "summary.bars")),
+        "space": None if space is None else {"title": word(language, "errors"), "svg": space.svgs[0], "caption": space.caption},
+    }
+
+
+def _value(result: say.Result) -> str:
+    return f"{' '.join(t for t in (result.value, result.u95) if t)}\u00a0{result.unit}"
+
+
+def _results(certificate: dict[str, Any], measured: Measured) -> list[dict[str, Any]]:
+    drawn = pictures.beside(certificate["language"], measured.evaluation)
     out = []
-    for pose in evaluation.poses[:MOST_TARGETS]:
-        row = []
-        for target in targets(pose, readable=True):
-            axes = word(
-                language,
-                "bullseye.axes",
-                horizontal="XYZ"[target.axes[0]],
-                vertical="XYZ"[target.axes[1]],
-                radius=number(language, f"{target.radius:g}"),
-            )
-            if target.enlarged > 1.0:
-                axes = f"{axes}; {word(language, 'bullseye.enlarged', factor=number(language, f'{target.enlarged:g}'))}"
-            name = say.visible(target.pose)
-            row.append({"svg": target_svg(target), "name": name, "axes": axes, "alt": f"{name}: {axes}"})
-        out.append(row)
+    for (kind, name), place, rows in say.results(certificate):
+        picture = drawn.get((kind, name))
+        table = [
+            [
+                with_indices(r.symbol),
+                r.name,
+                r.clause,
+                _value(r),
+                r.k,
+                r.cycles,
+                "\n".join(t for t in (r.verdict, " ".join(t for t in (r.limits, r.conformity) if t)) if t),
+            ]
+            for r in rows
+        ]
+        shown = None if picture is None else {"svgs": picture.svgs, "caption": picture.caption}
+        out.append({"kind": kind, "place": place, "rows": table, "picture": shown})
     return out
-
-
-def target_svg(target: Target) -> str:
-    """SVG of one target: rings, the cycles, their mean, the ellipse; the second coordinate up."""
-    scale = 100.0 / target.radius
-
-    def at(points: FloatArray) -> list[tuple[str, str]]:
-        return [(f"{x * scale:.2f}", f"{-y * scale:.2f}") for x, y in points]
-
-    rings = "".join(f'<circle r="{r}" fill="none" stroke="#c8ccd4" stroke-width="0.7"/>' for r in (25, 50, 75, 100))
-    cross = '<path d="M-104 0H104M0 -104V104" stroke="#c8ccd4" stroke-width="0.7"/>'
-    dots = "".join(f'<circle cx="{x}" cy="{y}" r="2.2" fill="{COLOURS[0]}"/>' for x, y in at(target.deviations))
-    ellipse = ""
-    if target.ellipse is not None:
-        line = "L".join(f"{x} {y}" for x, y in at(target.ellipse))
-        ellipse = f'<path d="M{line}Z" fill="none" stroke="{COLOURS[2]}" stroke-width="1.4"/>'
-    ((x, y),) = at(target.mean[None, :])
-    mean = f'<path d="M{x} {y}m-5 0h10m-5 -5v10" stroke="{COLOURS[1]}" stroke-width="1.6"/>'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-106 -106 212 212">{rings}{cross}{ellipse}{dots}{mean}</svg>'

@@ -2,7 +2,8 @@
 
 import datetime
 import unicodedata
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from lmeasure.catalogue import decimal as number
 from lmeasure.certification.printed import with_u95 as with_u95
@@ -23,7 +24,7 @@ def title(certificate: dict[str, Any]) -> str:
 
 
 def about(certificate: dict[str, Any]) -> Rows:
-    """What ISO/IEC 17025 asks besides results; what is not stated is said to be not stated."""
+    """What ISO/IEC 17025 asks besides results. What is not stated is named in one row, or has a row each where the details ask for it."""
     language, details = certificate["language"], certificate["details"]
 
     def stated(*path: str) -> str | None:
@@ -64,7 +65,46 @@ def about(certificate: dict[str, Any]) -> Rows:
     if "accreditation" in details:
         told = [stated("accreditation", key) or "" for key in ("statement", "body", "number")]
         rows.append(row("accreditation", "; ".join(told)))
-    return rows
+    if details.get("show_not_stated"):
+        return rows
+    missing = word(language, "not stated")
+    lacking = [key for key, value in rows if value == missing]
+    rows = [row for row in rows if row[1] != missing]
+    return [*rows, (missing, "; ".join(lacking))] if lacking else rows
+
+
+def authoriser(certificate: dict[str, Any]) -> str:
+    """Who answers for the report, or that nobody is stated to."""
+    stated = certificate["details"].get("authoriser", {})
+    told = ", ".join(visible(stated[key]) for key in ("name", "role") if key in stated)
+    return told or word(certificate["language"], "not stated")
+
+
+def instrument(certificate: dict[str, Any]) -> list[str]:
+    """The instrument in words: cables, encoders, calibration, zone. Certificates sealed before do not describe it."""
+    language, told = certificate["language"], certificate.get("measured_with")
+    limit = certificate["settings"].get("limit_angle_deg")
+    if told is None:
+        return [word(language, "instrument.file" if certificate["instrument"] is None else "instrument.undescribed")]
+
+    def rounded(values: list[float]) -> str:
+        return " \u2026 ".join(dict.fromkeys(number(language, f"{v:.4g}") for v in (values[0], values[-1])))
+
+    encoders = {"counts": rounded(told["counts_per_revolution"]), "length": rounded(told["count_length_mm"])}
+    passes = [] if told["passes"] == 1 else [word(language, "instrument.passes", passes=told["passes"])]
+    lines = [word(language, "instrument.cables", cables=told["cables"], points=told["observation_points"]), *passes]
+    lines.append(word(language, "instrument.encoders", **encoders))
+    record = told["calibration"]
+    if record is None:
+        lines.append(word(language, "instrument.uncalibrated"))
+    else:
+        rms = record["residual_rms_mm"]
+        residuals = "" if rms is None else word(language, "instrument.residuals", rms=number(language, f"{rms:.2g}"))
+        lines.append(word(language, "instrument.calibrated", poses=record["reference_poses"]) + residuals)
+    if limit is not None and told["worst_pressure_angle_deg"] is not None:
+        angles = {"limit": f"{limit:g}", "largest": f"{told['worst_pressure_angle_deg']:.1f}"}
+        lines.append(word(language, "instrument.zone", **{k: number(language, v) for k, v in angles.items()}))
+    return lines
 
 
 def moment(created: str) -> str:
@@ -86,39 +126,63 @@ def _conditions(language: str, conditions: dict[str, Any]) -> str | None:
     return "; ".join(parts) or None
 
 
-def results_header(language: str, conformity: bool) -> tuple[str, ...]:
-    """Header of the table of characteristics."""
-    keys = ["characteristic", "clause", "value", "u95", "unit", "cycles", "verdict", *(["tolerance", "conformity"] if conformity else [])]
-    return tuple(word(language, f"column.{key}") for key in keys)
+def part_of(language: str, figure: Mapping[str, Any]) -> str:
+    """What of a pose or path a figure is of, such as a corner; empty where it is of the whole."""
+    part = str(figure.get("part") or "")
+    corner = part.removeprefix("corner ")
+    return word(language, "part.corner", number=corner) if corner != part and corner.isdecimal() else visible(part)
 
 
-def results(certificate: dict[str, Any]) -> list[tuple[str, Rows]]:
-    """(pose or path, rows) of the characteristics, a value never without its U95 and its verdict."""
+class Result(NamedTuple):
+    """A characteristic as it is printed: symbol such as AP_p, name in words, numbers and verdicts; empty where there is nothing."""
+
+    symbol: str
+    name: str
+    clause: str
+    value: str
+    u95: str
+    unit: str
+    cycles: str
+    k: str
+    verdict: str
+    limits: str
+    conformity: str
+
+
+def result(certificate: dict[str, Any], figure: Mapping[str, Any]) -> Result:
+    """A figure of the certificate as it is printed, its value never without its U95 and its verdict."""
     language = certificate["language"]
-    conformity = any("conformity" in c for c in certificate["characteristics"])
-    out: dict[str, Rows] = {}
+    stated = figure["u95"] is not None
+    value, u95 = with_u95(float(figure["value"]), float(figure["u95"])) if stated else (f"{figure['value']:.6g}", "")
+    name = characteristic_name(language, str(figure["name"]))
+    extension = f"({word(language, 'extension')})" if figure.get("extension") else ""
+    part = part_of(language, figure)
+    k = figure.get("coverage_factor")
+    return Result(
+        visible(figure["name"]),
+        " ".join(text for text in (", ".join(t for t in (name, part) if t), extension) if text),
+        visible(figure.get("clause", "")),
+        number(language, value),
+        f"±\u00a0{number(language, u95)}" if stated else "",
+        unit(language, visible(figure["unit"])),
+        str(figure.get("cycles", "")),
+        "" if k is None else number(language, f"{k:.2f}"),
+        verdict(language, figure),
+        *tolerance(language, figure.get("conformity"), name_rule=len(rules(certificate)) > 1),
+    )
+
+
+def results(certificate: dict[str, Any]) -> list[tuple[tuple[str, str], str, list[Result]]]:
+    """((kind, name), heading, figures) of each pose, path or pair of them; the kind is pose, path or program."""
+    out: dict[tuple[str, str], tuple[str, list[Result]]] = {}
     for figure in certificate["characteristics"]:
-        stated = figure["u95"] is not None
-        value, u95 = with_u95(float(figure["value"]), float(figure["u95"])) if stated else (f"{figure['value']:.6g}", "")
-        name = characteristic_name(language, str(figure["name"]))
-        part = f" {visible(figure['part'])}" if figure.get("part") else ""
-        extension = f" ({word(language, 'extension')})" if figure.get("extension") else ""
-        cells = [
-            f"{visible(figure['name'])}{part}" + (f" – {name}" if name else "") + extension,
-            visible(figure.get("clause", "")),
-            number(language, value),
-            f"±\u00a0{number(language, u95)}" if stated else word(language, "not stated"),
-            unit(language, visible(figure["unit"])),
-            str(figure.get("cycles", "")),
-            verdict(language, figure),
-        ]
-        if conformity:
-            cells += tolerance(language, figure.get("conformity"), name_rule=len(rules(certificate)) > 1)
-        out.setdefault(_place(language, figure), []).append(tuple(cells))
-    return list(out.items())
+        kind = next((k for k in ("pose", "path") if figure.get(k) is not None), "program")
+        place = place_of(certificate["language"], figure)
+        out.setdefault((kind, place), (str(figure.get(kind, "")), []))[1].append(result(certificate, figure))
+    return [((kind, name), place, rows) for (kind, place), (name, rows) in out.items()]
 
 
-def verdict(language: str, figure: dict[str, Any]) -> str:
+def verdict(language: str, figure: Mapping[str, Any]) -> str:
     """Whether the instrument was good enough to say the figure; of a component also what it is alone, where that is another."""
     if figure.get("excluded"):
         return word(language, "excluded")
@@ -134,10 +198,10 @@ def rules(certificate: dict[str, Any]) -> set[str]:
     return {c["conformity"]["rule"] for c in certificate["characteristics"] if "conformity" in c}
 
 
-def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bool) -> list[str]:
+def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bool) -> tuple[str, str]:
     """Limits and what was decided on them, by which rule where there are several."""
     if not conformity:
-        return ["", ""]
+        return "", ""
     lower, upper = conformity.get("lower"), conformity.get("upper")
     limits = (
         f"{lower:g} … {upper:g}"
@@ -148,7 +212,7 @@ def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bo
     )
     rule = f", {word(language, 'rule.' + conformity['rule'])}" if name_rule else ""
     probability = number(language, _percent(conformity["probability"]))
-    return [number(language, limits), f"{word(language, conformity['verdict'])} ({probability}{rule})"]
+    return number(language, limits), f"{word(language, conformity['verdict'])} ({probability}{rule})"
 
 
 def _percent(probability: float) -> str:
@@ -162,7 +226,8 @@ _BETWEEN = {"AD": "distance", "RD": "distance", "t": "move"}
 """What a name of two poses means, by the stem of the figure."""
 
 
-def _place(language: str, figure: dict[str, Any]) -> str:
+def place_of(language: str, figure: Mapping[str, Any]) -> str:
+    """The pose or path of a figure, with its kind: pose P1."""
     for kind in ("pose", "path"):
         if figure.get(kind) is not None:
             stem = "t" if figure["name"] == "t_min" else str(figure["name"]).split("_")[0]
@@ -240,6 +305,7 @@ def uncertainty(certificate: dict[str, Any]) -> list[str]:
     covers = phrase(certificate, certificate["uncertainty_covers"])
     out = [
         word(language, "uncertainty.u95", covers=covers),
+        word(language, "uncertainty.k"),
         word(language, "uncertainty.capable", percent=number(language, f"{100 * settings['capability']:g}")),
         word(language, "uncertainty.signed"),
     ]
@@ -286,8 +352,8 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     # of whom a component takes its verdict is said once for all
     own = [c for c in figures if c.get("note") and not c["note"].startswith("verdict of ")]
     for c in own:
-        part = f" {visible(c['part'])}" if c.get("part") else ""
-        out.append(f"{visible(c['name'])}{part}, {_place(language, c)}: {phrase(certificate, c['note'])}")
+        part = f" {part_of(language, c)}" if c.get("part") else ""
+        out.append(f"{visible(c['name'])}{part}, {place_of(language, c)}: {phrase(certificate, c['note'])}")
     return list(dict.fromkeys(out))
 
 

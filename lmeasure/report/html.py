@@ -7,7 +7,13 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import plotly.graph_objects as go
+
 from lmeasure import files
+from lmeasure.catalogue import texts
+from lmeasure.report.words import with_indices
+
+_STYLE = Path(__file__).with_name("page.css")
 
 _PAGE = """<!doctype html>
 <html lang="{language}">
@@ -17,17 +23,7 @@ _PAGE = """<!doctype html>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
 <link rel="icon" href="data:,">
-<style>
-body {{ font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #1a1a1a; }}
-h1 {{ font-size: 1.6rem; }} h2 {{ font-size: 1.2rem; margin-top: 2rem; }} h3 {{ font-size: 1rem; }}
-table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
-th, td {{ padding: .2rem .8rem; text-align: right; border-bottom: 1px solid #ddd; }}
-th:first-child, td:first-child {{ text-align: left; }}
-.warning {{ background: #fff4d6; border-left: 4px solid #d99a00; padding: .4rem .8rem; margin: .4rem 0; }}
-.scroll {{ overflow-x: auto; }}
-.text th {{ text-align: left; }}
-.text td {{ text-align: left; overflow-wrap: anywhere; white-space: pre-line; }}
-</style>
+<style>{style}</style>
 </head>
 <body>
 <h1>{title}</h1>
@@ -37,9 +33,20 @@ th:first-child, td:first-child {{ text-align: left; }}
 """
 
 
+class Ready(str):
+    """A piece of HTML that is whole and safe: it is not escaped again."""
+
+    __slots__ = ()
+
+
 def text(value: object) -> str:
     """Text from outside, safe inside a page."""
-    return html.escape(str(value))
+    return value if isinstance(value, Ready) else html.escape(str(value))
+
+
+def indexed(value: str) -> Ready:
+    """A text with the indices of its symbols set as such."""
+    return Ready("".join(text(plain) + (f"<sub>{text(index)}</sub>" if index else "") for plain, index in with_indices(value)))
 
 
 def paragraph(value: object, kind: str = "") -> str:
@@ -47,17 +54,54 @@ def paragraph(value: object, kind: str = "") -> str:
     return f'<p class="{kind}">{text(value)}</p>' if kind else f"<p>{text(value)}</p>"
 
 
-def heading(value: object) -> str:
-    """A section heading."""
-    return f"<h2>{text(value)}</h2>"
+def heading(value: object, level: int = 2, anchor: str = "") -> str:
+    """A section heading, to which an anchor leads where it is given."""
+    return f'<h{level} id="{anchor}">{text(value)}</h{level}>' if anchor else f"<h{level}>{text(value)}</h{level}>"
 
 
 def table(header: Sequence[object], rows: Iterable[Sequence[object]], kind: str = "") -> str:
-    """A table of plain texts; kind is a CSS class besides."""
-    head = "".join(f"<th>{text(c)}</th>" for c in header)
+    """A table of plain texts; kind is a CSS class besides. An empty header is none."""
+    head = f"<thead><tr>{''.join(f'<th>{text(c)}</th>' for c in header)}</tr></thead>" if header else ""
     body = "".join("<tr>" + "".join(f"<td>{text(c)}</td>" for c in row) + "</tr>" for row in rows)
     classes = f"scroll {kind}".strip()
-    return f'<div class="{classes}"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    return f'<div class="{classes}"><table>{head}<tbody>{body}</tbody></table></div>'
+
+
+def drawn(svgs: Iterable[str], caption: str, kind: str = "") -> str:
+    """Drawings that belong together, with what is said under them; kind is a CSS class."""
+    return f'<figure class="{kind}"><div class="drawn">{"".join(svgs)}</div><figcaption>{text(caption)}</figcaption></figure>'
+
+
+_KINDS = {"svg": "svg+xml", "png": "png", "jpg": "jpeg"}
+
+
+def picture(content: bytes, kind: str, said: str) -> str:
+    """A picture from a file; scripts in it never run."""
+    data = base64.b64encode(content).decode()
+    return f'<img src="data:image/{_KINDS[kind]};base64,{data}" alt="{text(said)}">'
+
+
+def label(value: object) -> str:
+    """A text from outside for a figure, which reads some markup, but knows no signs for quotation marks."""
+    return html.escape(str(value), quote=False)
+
+
+UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
+"""Buttons of a figure: nothing is sent anywhere, and nothing is to be selected."""
+
+
+def figure(drawing: go.Figure, name: str | None = None, *, first: bool, language: str = "en") -> str:
+    """A figure as wide as the page, its buttons in the page's language; the first one brings what draws all of them."""
+    known = texts("report", language)
+    buttons = {key.removeprefix("plot."): text for key, text in known.items() if key.startswith("plot.")}
+    config = {
+        "responsive": True,
+        "displaylogo": False,
+        "modeBarButtonsToRemove": UNUSED,
+        "locale": language,
+        "locales": {language: {"dictionary": buttons, "format": {}}},
+    }
+    return str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
 
 
 _SCRIPT = re.compile(r"<script\b[^>]*>(.*?)</script>", re.DOTALL | re.IGNORECASE)
@@ -82,7 +126,7 @@ def policy(body: str) -> str:
 def page(title: str, body: Iterable[str], language: str = "en") -> str:
     """The text of a page of ready HTML parts under an escaped title."""
     whole = "\n".join(body)
-    return _PAGE.format(title=text(title), body=whole, language=language, policy=policy(whole))
+    return _PAGE.format(title=text(title), body=whole, language=language, policy=policy(whole), style=_STYLE.read_text(encoding="utf-8"))
 
 
 def write_page(path: Path, title: str, body: Iterable[str]) -> None:

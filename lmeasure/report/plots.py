@@ -61,16 +61,16 @@ def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray) -> None:
     _, tangent, attachment, _ = wrap_geometry(rows, pose[None, :])
     for j, cable in enumerate(rig.cable):
         x, y, z = np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]).T
-        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=f"cable {html.text(cable.name)}")
+        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=f"cable {html.label(cable.name)}")
     x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
-    names = [html.text(p.name) for p in rig.observation_point]
+    names = [html.label(p.name) for p in rig.observation_point]
     marker = {"size": 5, "color": "black"}
     figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker=marker, name="observation points")
 
 
 def _add_places(figure: go.Figure, places: FloatArray, names: Sequence[str], title: str) -> None:
     x, y, z = places.T
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=[html.text(n) for n in names], marker={"size": 4}, name=title)
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=[html.label(n) for n in names], marker={"size": 4}, name=title)
 
 
 def _rig(rig: Rig, _: Rig | None) -> go.Figure:
@@ -127,7 +127,7 @@ def _over_time(passes: Sequence[tuple[FloatArray, Sequence[str], FloatArray]], u
     for row, (time_s, names, values) in enumerate(passes, 1):
         step = max(1, -(-len(time_s) // MOST_POINTS))
         for name, column in zip(names, values.T, strict=True):
-            figure.add_scatter(x=time_s[::step], y=column[::step], mode="lines", name=html.text(name), row=row, col=1)
+            figure.add_scatter(x=time_s[::step], y=column[::step], mode="lines", name=html.label(name), row=row, col=1)
         figure.update_yaxes(title_text=unit, row=row, col=1)
     figure.update_xaxes(title_text="time, s", row=len(passes), col=1)
     return figure.update_layout(height=max(420, 280 * len(passes)), margin={"t": 20})
@@ -141,7 +141,7 @@ def _program(program: Program, rig: Rig | None) -> go.Figure:
     _add_places(figure, places, [p.name for p in program.pose], "commanded poses")
     for path in program.path:
         x, y, z = path.points(STEP_MM).T
-        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=html.text(path.name))
+        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=html.label(path.name))
     return figure
 
 
@@ -151,7 +151,7 @@ def _characteristics(rows: Sequence[dict[str, Any]]) -> go.Figure:
     figure = make_subplots(math.ceil(len(units) / 2), min(2, len(units)), subplot_titles=units)
     for i, unit in enumerate(units):
         own = [r for r in rows if r["unit"] == unit]
-        labels = [html.text(" ".join(str(r[k]) for k in ("name", "pose", "path", "part") if r.get(k))) for r in own]
+        labels = [html.label(" ".join(str(r[k]) for k in ("name", "pose", "path", "part") if r.get(k))) for r in own]
         figure.add_scatter(
             x=labels,
             y=[r["value"] for r in own],

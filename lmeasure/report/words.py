@@ -1,5 +1,6 @@
 """The words of a certificate in the languages it can be printed in, `locale/*/report.po`; names, numbers and units as each writes them."""
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -25,6 +26,19 @@ def characteristic_name(language: str, name: str) -> str:
     words = texts(DOMAIN, language)
     stem = name if f"name.{name}" in words else name.split("_")[0]
     return words.get(f"name.{stem}", "")
+
+
+_SYMBOL = re.compile(r"(?<!\w)(?:([vd]?[AR]P|[AR]D|[AR]T|[Ct])_(p|l|x|y|z|a|b|c|s|min|rot)|(U)(95))(?!\w)")
+
+
+def with_indices(text: str) -> list[tuple[str, str]]:
+    """A text in pieces (plain, index): symbols such as AP_p and U95 are set as AP and U with an index behind them."""
+    out, end = [], 0
+    for found in _SYMBOL.finditer(text):
+        stem, index = (group for group in found.groups() if group is not None)
+        out.append((text[end : found.start()] + stem, index))
+        end = found.end()
+    return [*out, (text[end:], "")] if end < len(text) or not out else out
 
 
 def numbers(language: str, printed: Iterable[str]) -> str:

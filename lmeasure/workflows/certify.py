@@ -29,6 +29,7 @@ class Settings(Asked):
     dcc: Annotated[bool, option("Also write certificate.xml, a DCC 3.3.0.")] = False
     xsd: Annotated[Path | None, option("Hold the DCC against this schema.", metavar="FILE.xsd")] = None
     zipped: Annotated[bool, option("Also pack the folder into DIR.zip, its digest beside it.", flag="--zip")] = False
+    full: Annotated[bool, option("Tell every figure, not only those that matter most.")] = False
     align: Annotated[bool, option("Fit the program's frame to the attained poses.", panel=CHOICES)] = False
     tool_offset_mm: Annotated[Point, option("Point of the tool to certify.", metavar="X,Y,Z", panel=CHOICES)] = (0.0, 0.0, 0.0)
     angles: Annotated[str | None, option("Convention of component-wise angles; default the program's.", panel=CHOICES)] = None
@@ -53,7 +54,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     from lmeasure import certification as stage
     from lmeasure.certification.measure import Inputs
     from lmeasure.conventions import CONVENTIONS
-    from lmeasure.report.certificate import Choices, lines, write_certificate
+    from lmeasure.report.certificate import Choices, every_figure, headline, write_certificate
 
     if settings.xsd is not None and not settings.dcc:
         raise SettingsError("xsd", "goes with --dcc")
@@ -73,4 +74,5 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
     choices = Choices(settings.language, settings.key, settings.dcc, settings.xsd, settings.zipped)
     content = write_certificate(settings.out, inputs, chosen, choices, steps(progress, "certify"))
-    return Result(content, tuple(lines(content)), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))
+    lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
+    return Result(content, tuple(lines), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))

@@ -1,0 +1,172 @@
+"""The measurement on the screen as figures that can be turned and enlarged: in space, over time, along the paths."""
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.colors import qualitative
+
+from lmeasure.arrays import FloatArray
+from lmeasure.catalogue import DECIMAL_MARK
+from lmeasure.catalogue import decimal as number
+from lmeasure.certification.evaluate import AttainedPath, Evaluation
+from lmeasure.certification.measure import Measured
+from lmeasure.certification.pictures import magnification, way
+from lmeasure.report import certificate_text as say
+from lmeasure.report import html
+from lmeasure.report.certificate_pictures import MOST_CYCLES
+from lmeasure.report.words import THOUSANDS, unit, word
+from lmeasure.trajectory.attained import AttainedPose
+
+SCALE = "Viridis"
+COMMANDED, MEAN = "#7a8194", "#b3261e"
+
+
+def figures(language: str, measured: Measured) -> list[str]:
+    """Heading, explanation and figure, one after the other; nothing where there is nothing to draw."""
+    evaluation = measured.evaluation
+    if not evaluation.poses and not evaluation.paths:
+        return []
+    factor = magnification(evaluation)
+    told = word(language, "space.text", factor=number(language, f"{factor:g}"))
+    drawn = [("space", told, _space(language, measured, factor))]
+    if evaluation.poses:
+        drawn.append(("drift", "", _drift(language, evaluation)))
+    if evaluation.paths:
+        drawn.append(("deviation", word(language, "deviation.text"), _along(language, evaluation)))
+        drawn.append(("speed", "", _speed(language, evaluation)))
+    out = []
+    for i, (name, text, figure) in enumerate(drawn):
+        figure.update_layout(separators=DECIMAL_MARK[language] + THOUSANDS[language])
+        out += [
+            html.heading(word(language, name), 3),
+            *([html.paragraph(text)] if text else []),
+            html.figure(figure, name, first=i == 0, language=language),
+        ]
+    return out
+
+
+def _name(value: object) -> str:
+    """A name from outside inside a figure: plotly takes some markup in texts."""
+    return html.label(say.visible(value))
+
+
+def _mm(language: str) -> str:
+    return unit(language, "mm")
+
+
+def _drift(language: str, evaluation: Evaluation) -> go.Figure:
+    """Distance of each cycle from the commanded position, over the time of the cycle."""
+    figure = go.Figure()
+    for pose in evaluation.poses:
+        distance = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
+        figure.add_scatter(x=pose.time_s, y=distance, mode="lines+markers", name=_name(pose.name), legendgroup=_name(pose.name))
+    _one_of(figure, language)
+    figure.update_xaxes(title_text=word(language, "axis.time"))
+    figure.update_yaxes(title_text=word(language, "axis.deviation"), rangemode="tozero")
+    return figure
+
+
+def _cycles(figure: go.Figure, path: AttainedPath, x: FloatArray, values: FloatArray, language: str, colour: str) -> None:
+    for cycle in range(min(len(values), MOST_CYCLES)):
+        figure.add_scatter(
+            x=x, y=values[cycle], mode="lines", line={"color": colour, "width": 1}, opacity=0.6, legendgroup=_name(path.name),
+            showlegend=cycle == 0, name=_name(path.name), hovertemplate=f"%{{x:.1f}}: %{{y:.4f}} ({word(language, 'cycle')} {cycle + 1})",
+        )  # fmt: skip
+
+
+_LINES = tuple(qualitative.Dark24)
+
+
+def _one_of(figure: go.Figure, language: str) -> None:
+    """A list above the figure to look at one pose or path alone; many over one another tell nothing."""
+    groups = list(dict.fromkeys(trace.legendgroup for trace in figure.data))
+    shown = {word(language, "all"): [True] * len(figure.data)}
+    shown |= {group: [trace.legendgroup == group for trace in figure.data] for group in groups}
+    buttons = [{"label": label, "method": "update", "args": [{"visible": visible}]} for label, visible in shown.items()]
+    menu = {"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.2, "yanchor": "top"}
+    figure.update_layout(height=440, margin={"t": 70}, showlegend=True, updatemenus=[menu])
+
+
+def _along(language: str, evaluation: Evaluation) -> go.Figure:
+    figure = go.Figure()
+    for k, path in enumerate(evaluation.paths):
+        _cycles(figure, path, path.arc_mm, path.deviation_mm, language, _LINES[k % len(_LINES)])
+    _one_of(figure, language)
+    figure.update_xaxes(title_text=word(language, "axis.arc"))
+    figure.update_yaxes(title_text=word(language, "axis.deviation"), rangemode="tozero")
+    return figure
+
+
+def _speed(language: str, evaluation: Evaluation) -> go.Figure:
+    """Speed of each cycle along its path, and the commanded speed."""
+    figure = go.Figure()
+    for k, path in enumerate(evaluation.paths):
+        colour = _LINES[k % len(_LINES)]
+        _cycles(figure, path, 0.5 * (path.arc_mm[1:] + path.arc_mm[:-1]), path.speed_mm_s, language, colour)
+        if path.commanded_speed_mm_s is not None:
+            figure.add_scatter(
+                x=path.arc_mm[[0, -1]], y=[path.commanded_speed_mm_s] * 2, mode="lines", line={"color": colour, "dash": "dash"},
+                legendgroup=_name(path.name), name=f"{_name(path.name)}: {word(language, 'commanded')}",
+            )  # fmt: skip
+    _one_of(figure, language)
+    figure.update_xaxes(title_text=word(language, "axis.arc"))
+    figure.update_yaxes(title_text=word(language, "axis.speed"), rangemode="tozero")
+    return figure
+
+
+def _space(language: str, measured: Measured, factor: float) -> go.Figure:
+    """The measured way, commanded and attained poses and paths; deviations enlarged, those of paths in colour."""
+    figure = go.Figure()
+    x, y, z = np.round(way(measured.trajectory), 4).T
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="lines", line={"color": "#c8ccd4", "width": 1}, name=word(language, "measured path"), hoverinfo="skip"
+    )
+    worst = max((float(np.nanmax(p.deviation_mm, initial=0.0)) for p in measured.evaluation.paths), default=0.0)
+    for k, path in enumerate(measured.evaluation.paths):
+        _path_in_space(figure, path, factor, worst, language, first=k == 0)
+    poses = measured.evaluation.poses
+    names: dict[bytes, list[str]] = {}
+    for pose in poses:
+        names.setdefault(np.round(pose.commanded[:3], 3).tobytes(), []).append(_name(pose.name))
+    for k, pose in enumerate(poses):
+        # of poses at one place the first bears the names of all
+        here = names.pop(np.round(pose.commanded[:3], 3).tobytes(), [])
+        _pose_in_space(figure, pose, factor, language, "<br>".join(here), first=k == 0)
+    axes = {f"{axis}axis_title": f"{axis.upper()}, {_mm(language)}" for axis in "xyz"}
+    figure.update_layout(
+        height=640,
+        margin={"t": 10, "l": 0, "r": 0},
+        scene={**axes, "aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}}},
+        legend={"orientation": "h"},
+    )
+    return figure
+
+
+def _path_in_space(figure: go.Figure, path: AttainedPath, factor: float, worst: float, language: str, *, first: bool) -> None:
+    x, y, z = path.commanded.T
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="lines", line={"color": COMMANDED, "width": 2}, name=word(language, "commanded"), legendgroup="commanded path",
+        showlegend=first, hoverinfo="skip",
+    )  # fmt: skip
+    enlarged = path.commanded + factor * (path.attained - path.commanded)
+    gap = np.full((1, 3), np.nan)
+    cycles = range(min(len(enlarged), MOST_CYCLES))
+    line = np.concatenate([part for i in cycles for part in (enlarged[i], gap)])
+    colour = np.concatenate([part for i in cycles for part in (path.deviation_mm[i], [0.0])])
+    figure.add_scatter3d(
+        x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", showlegend=False, name=_name(path.name),
+        line={"width": 4, "color": np.nan_to_num(colour), "colorscale": SCALE, "cmin": 0.0, "cmax": worst or 1.0, "showscale": first,
+              "colorbar": {"title": word(language, "axis.deviation"), "len": 0.6}},
+    )  # fmt: skip
+
+
+def _pose_in_space(figure: go.Figure, pose: AttainedPose, factor: float, language: str, label: str, *, first: bool) -> None:
+    enlarged = pose.commanded[:3] + factor * (pose.poses[:, :3] - pose.commanded[:3])
+    figure.add_scatter3d(
+        x=enlarged[:, 0], y=enlarged[:, 1], z=enlarged[:, 2], mode="markers", marker={"size": 3, "color": MEAN},
+        name=word(language, "attained"), legendgroup="attained", showlegend=first, hovertemplate=_name(pose.name),
+    )  # fmt: skip
+    figure.add_scatter3d(
+        x=pose.commanded[:1], y=pose.commanded[1:2], z=pose.commanded[2:3], mode="markers+text", text=[label],
+        marker={"size": 4, "color": COMMANDED, "symbol": "cross"}, name=word(language, "commanded"), legendgroup="commanded",
+        showlegend=first, hoverinfo="skip",
+    )  # fmt: skip

@@ -1,0 +1,94 @@
+"""What a reader must know of a certificate at a glance: the figures that matter most, chosen from certificate.json, never computed."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from lmeasure.report import certificate_text as say
+from lmeasure.report.words import word
+
+MOST = 10
+ORDER = (
+    "AP_p", "RP_l", "vAP_p", "AD_p", "RD", "t_s", "AT_p", "RT_p", "CR", "AV", "FV", "RV", "OV", "CO", "dAP_p", "dRP_l", "E", "t_min",
+    "C_x", "C_y", "C_z", "WS", "WF", "AP_rot", "RP_rot", "AT_rot", "RT_rot",
+)  # fmt: skip
+"""Names of characteristics, those first that tell most of a robot; a component is told by its vector."""
+
+
+class Chosen(NamedTuple):
+    """A figure of certificate.json, and of how many of its name it is the worst."""
+
+    figure: Mapping[str, Any]
+    of: int
+
+
+def chosen(certificate: Mapping[str, Any]) -> list[Chosen]:
+    """At most `MOST` figures, one of a name: of each name the worst. Names with a stated tolerance come before others are left out.
+
+    Worst is the smallest probability to lie within its tolerance, and where none is stated the largest magnitude. Figures of excluded
+    parts of the program are none.
+    """
+    by_name: dict[str, list[Mapping[str, Any]]] = {}
+    for figure in certificate["characteristics"]:
+        if not figure.get("excluded"):
+            by_name.setdefault(str(figure["name"]), []).append(figure)
+    known = sorted((n for n in by_name if n in ORDER or _held(by_name[n])), key=lambda n: (not _held(by_name[n]), _place(n)))
+    return [Chosen(min(by_name[n], key=_goodness), len(by_name[n])) for n in sorted(known[:MOST], key=_place)]
+
+
+def _place(name: str) -> tuple[int, str]:
+    return (ORDER.index(name) if name in ORDER else len(ORDER), name)
+
+
+def _held(figures: Sequence[Mapping[str, Any]]) -> bool:
+    return any("conformity" in f for f in figures)
+
+
+def _goodness(figure: Mapping[str, Any]) -> tuple[float, float]:
+    held = figure.get("conformity")
+    return (2.0 if held is None else float(held["probability"]), -abs(float(figure["value"])))
+
+
+def counted(certificate: Mapping[str, Any]) -> list[str]:
+    """Of how many figures the instrument is capable, and how many keep their tolerances."""
+    language, figures = certificate["language"], certificate["characteristics"]
+    capable = sum(bool(f["capable"]) for f in figures)
+    excluded = sum(bool(f.get("excluded")) for f in figures)
+    unjudged = sum(f["capable"] is None and not f.get("excluded") for f in figures)
+    not_capable = len(figures) - capable - excluded - unjudged
+    number = {"figures": len(figures), "capable": capable, "not_capable": not_capable, "excluded": excluded}
+    told = word(language, "counted", **number)
+    lines = [f"{told}, {word(language, 'no verdict')} {unjudged}" if unjudged else told]
+    held = [f["conformity"]["verdict"] for f in figures if "conformity" in f]
+    if held:
+        counts = ((v, held.count(v)) for v in ("conforms", "does not conform", "not decided"))
+        lines.append(
+            word(language, "tolerances counted", number=len(held), told=", ".join(f"{word(language, v)}: {n}" for v, n in counts if n))
+        )
+    return lines
+
+
+def robot(certificate: Mapping[str, Any]) -> str:
+    """The robot in a few words, as far as the details state it."""
+    item = certificate["details"].get("item", {})
+    parts = [say.visible(item[key]) for key in ("maker", "model", "description") if key in item]
+    if "serial" in item:
+        parts.append(f"{word(certificate['language'], 'item.serial')} {say.visible(item['serial'])}")
+    return ", ".join(parts) or word(certificate["language"], "not stated")
+
+
+def facts(certificate: dict[str, Any]) -> say.Rows:
+    """(what, told): robot, laboratory, customer, date, program and instrument; customer and laboratory where they are stated."""
+    language, details = certificate["language"], certificate["details"]
+    dates = details.get("dates", {})
+    measured = " \u2013 ".join(dict.fromkeys(dates[k] for k in ("measured_from", "measured_to") if k in dates))
+    rows: say.Rows = [(word(language, "summary.robot"), robot(certificate))]
+    rows += [(word(language, k), say.visible(details[k]["name"])) for k in ("laboratory", "customer") if details.get(k, {}).get("name")]
+    rows.append(
+        (word(language, "dates.measured"), measured) if measured else (word(language, "created"), say.moment(certificate["created"]))
+    )
+    program = certificate["program"]
+    rows.append(
+        (word(language, "section.commanded"), word(language, "summary.program", poses=len(program["pose"]), paths=len(program["path"])))
+    )
+    rows.append((word(language, "summary.instrument"), "; ".join(say.instrument(certificate))))
+    return rows
