@@ -37,8 +37,8 @@ def _text(x: float, y: float, size: float, text: str, anchor: str = "start", col
 
 
 def bar(figure: Mapping[str, Any], label: str) -> str:
-    """A value with its U95, where known, on a scale of its own from zero, within its tolerance where one is stated; hollow where the instrument
-    is not capable of it."""
+    """A value with its U95, where known, on a scale of its own from zero, within a stated tolerance; hollow where the instrument is not
+    capable of it."""
     value, u95 = float(figure["value"]), float(figure["u95"] or 0.0)
     held = figure.get("conformity") or {}
     limits = [float(held[k]) for k in ("lower", "upper") if held.get(k) is not None]
