@@ -14,6 +14,7 @@ from lmeasure.counts import Unwrapped, unwrap
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.encoder_table import AngleEncoder, Swivel
 from lmeasure.errors import FileFormatError, GeometryError
+from lmeasure.findings import Finding, finding
 from lmeasure.interpolation import OtherTimes
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import counter as counter_kernels
@@ -62,7 +63,7 @@ class Lengths(Shown):
     flags: IntArray
     cause: TextArray
     cable: TextArray
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
     u_time_s: FloatArray | None = None
     """(n, m) standard uncertainties of the instants at which the cables were counted; None where they were latched together."""
     temperature_c: FloatArray | None = None
@@ -275,7 +276,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     n, m = len(time_s), len(observed)
     gone_on = np.full((n, m), np.nan)
     reasons: list[Reasons] = []
-    notes: list[str] = []
+    notes: list[Finding] = []
     missed_mm = np.zeros((n, m))
     others: dict[int, OtherTimes | None] = {}
     skewed = any(p.u_time_s is not None for p in run.passes)
@@ -287,9 +288,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         state = None if counters is None else counters[j]
         counter = unwrap(counts.of(c.channel), counts.time_s, drum.rate, drum.counter_bits, state, drum.codes)
         if counter.inferred_bits is not None:
-            notes.append(
-                f"{counts.source}: channel {c.channel}: counter_bits is not stated; its jumps are those of {counter.inferred_bits} bits"
-            )
+            notes.append(finding("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
         values = counter.counts * drum.count_sign / drum.scale
         values -= _play(drum, values, None if state is None else state[None, counter_kernels.STATE :])
         why = _reasons(counter, c.channel, drum, counts.time_s)

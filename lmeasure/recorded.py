@@ -7,6 +7,7 @@ from typing import Any
 
 from lmeasure import files
 from lmeasure.errors import FileFormatError
+from lmeasure.findings import Finding, finding
 
 HARMLESS = ("duplicate", "duplicate_sync", "reordered", "wrap")
 """Faults after which the counts are what they would have been without."""
@@ -27,14 +28,15 @@ class Recorded:
     closure_counts: Mapping[str, float] = field(default_factory=dict)
     sha256: Mapping[str, str] = field(default_factory=dict)
 
-    def notes(self) -> list[str]:
-        """What a reader of poses must know, one line each."""
+    def notes(self) -> list[Finding]:
+        """What a reader of poses must know."""
         out = []
         if self.early:
-            out.append(f"pass {self.passage}: the recording ended early" + (f": {self.why}" if self.why else ""))
+            early = {"number": self.passage}
+            out.append(finding("recording.early.why", **early, why=self.why) if self.why else finding("recording.early", **early))
         told = ", ".join(f"{n} {kind}" for kind, n in sorted(self.faults.items()) if n and kind not in HARMLESS)
         if told:
-            out.append(f"pass {self.passage}: faults while it was recorded: {told}")
+            out.append(finding("recording.faults", number=self.passage, faults=told))
         return out
 
 
@@ -78,6 +80,6 @@ def check_digests(recorded: tuple[Recorded, ...], counts: Mapping[str, Path], pa
                 raise FileFormatError(f"{counts[name]}: is not the file that was recorded: {path} has another SHA-256 for it")
 
 
-def notes_of(recorded: tuple[Recorded, ...]) -> tuple[str, ...]:
-    """What a reader of poses must know of the recording, one line each."""
+def notes_of(recorded: tuple[Recorded, ...]) -> tuple[Finding, ...]:
+    """What a reader of poses must know of the recording."""
     return tuple(note for entry in recorded for note in entry.notes())

@@ -57,11 +57,6 @@ Observed = Cable | Turned
 """What a channel of readings belongs to."""
 
 
-def noun(observed: Observed) -> str:
-    """What a message calls it."""
-    return f"cable {observed.name}" if isinstance(observed, Cable) else f"{type(observed.encoder).__name__.lower()} {observed.name}"
-
-
 class Rig(Shown, Strict):
     """A rig as rig.toml states it. Frozen; `cable_rows` gives the kernels' arrays."""
 

@@ -145,7 +145,7 @@ def test_an_inferred_width_is_noted() -> None:
     shown = (k + 2**15) % 2**16 - 2**15
     lengths = lengths_from_counts(run_of(shown))
     assert lengths.counts[:, 1] == pytest.approx(-2 * k[:, 1])
-    assert "pass1.csv: channel ch2: counter_bits is not stated; its jumps are those of 16 bits" in lengths.notes
+    assert "pass1.csv: channel ch2: counter_bits is not stated; its jumps are those of 16 bits" in map(str, lengths.notes)
 
 
 def test_a_foreign_value_and_an_unsure_counter() -> None:

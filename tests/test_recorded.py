@@ -60,7 +60,7 @@ def test_how_it_was_recorded_is_said(tmp_path: Path) -> None:
     run = folder(tmp_path / "run", [EARLY | {"faults": faults}])
     said = ["pass 1: the recording ended early: the bus was lost", "pass 1: faults while it was recorded: 1 bus_error, 2 overflow"]
     assert read_run_head(run).torn == (True,)
-    assert [note for note in reconstruct(read_run(run)).notes if note.startswith("pass 1")] == said
+    assert [note for note in map(str, reconstruct(read_run(run)).notes) if note.startswith("pass 1")] == said
     whole = folder(tmp_path / "whole", [EARLY | {"ended": "complete", "why": "", "faults": faults}])
     text = reconstruct_stream(read_run_head(whole), tmp_path / "t.csv").text()
     assert f"note: {said[1]}" in text

@@ -48,7 +48,8 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, exact: bool) -> tu
             largest = max(largest, part)
             if part > (0.0 if exact else RELATIVE):
                 out.append(Difference(name, f"{key} is certified as {_shown(a)}, computed again {_shown(b)}"))
-    later = set() if exact else set(again) - set(stated)  # tables that an earlier version did not write
+    # tables that an earlier version did not write; and which of the texts, compared where they stand, it had codes for
+    later = set() if exact else {*again} - {*stated} | {"findings"}
     out += _tables(stated, again, {*stated, *again} - {"characteristics", "figures_sha256", "id"} - later, exact=exact)
     out += has_its_id(stated)
     if exact and not out and stated["figures_sha256"] != again["figures_sha256"]:

@@ -69,7 +69,7 @@ def certificate(
         "uncertainty_covers": str(evaluation.covers),
         "program": commanded(measured.program),
         "attained": [attained(pose) for pose in evaluation.poses],
-        "notes": list(dict.fromkeys([*measured.notes, *evaluation.notes])),
+        "notes": list(dict.fromkeys(map(str, [*measured.notes, *evaluation.notes]))),
         "findings": plain(_findings(measured)),
         **figures,
         "figures_sha256": digest(figures),

@@ -18,6 +18,7 @@ from lmeasure.certification.details import Details, Logo, read_details, read_log
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError
+from lmeasure.findings import Finding
 from lmeasure.foreign import columns_of
 from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.poses import POSITION_COLUMNS
@@ -186,7 +187,7 @@ class Measured:
     rig: Rig | None = None
     calibration: CalibrationRecord | None = None
     systematic_sha256: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding | str, ...] = ()
     logo: Logo | None = None
 
 
@@ -221,7 +222,7 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    notes = (*trajectory.notes, *(taken.line() for taken in trajectory.taken_as_exact))
+    notes: tuple[Finding | str, ...] = (*trajectory.notes, *(taken.line() for taken in trajectory.taken_as_exact))
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.findings import Finding, finding
 from lmeasure.lengths import Lengths
-from lmeasure.rig import Rig, noun
+from lmeasure.rig import Cable, Rig
 from lmeasure.status import Status
 from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.redundancy import Epochs, Parities, Redundancy
@@ -53,13 +54,14 @@ MOST_EPOCHS = 2**17
 ON_THE_WAY = 2000
 """Epochs by which a run is followed to its alarms."""
 ROUNDS = 40
-NOT_REPEATED = (
-    "by how much the robot does not repeat the motion of its passes is not stated, and makes their lengths contradict each other too"
-)
-UNCALIBRATED = (
-    "the rig links no calibration: by how much its drawing is off is in no uncertainty, and makes lengths contradict each other as well; "
-    "`lmeasure calibrate` finds it"
-)
+IN_TIME = {
+    "cable.left_out": "cables.left_out",
+    "cable.left_out.unknown": "cables.left_out.unknown",
+    "contradiction": "cables.contradict",
+    "contradiction.none": "cables.contradict.none",
+    "contradiction.among": "cables.contradict.among",
+}
+"""What is said of a sample, and of the whole time with such samples."""
 
 Solve = Callable[[FloatArray], FloatArray]
 """(n, 7) poses of a run from its start by changes (n, m) of the cables, NaN for one that is not used."""
@@ -98,7 +100,8 @@ class Consistency:
             every += self._inconsistent((), alarms, parities) if len(alarms) else []
         notes = list(before.notes)
         every, proved = self._proved(every)
-        notes = [note for note in notes if not any(note.startswith(text) for text in proved)] + list(proved.values())
+        # what was said of an origin that is right, by itself or with what came of it
+        notes = [note for note in notes if not {note, note.values.get("what")} & proved.keys()] + list(proved.values())
         return Doubts(tuple(sorted(every, key=lambda d: (d.after_s, d.cable))), (*notes, *_notes(self._rig, every)))
 
     def _alarms(self, parities: Parities) -> IntArray:
@@ -192,9 +195,10 @@ class Consistency:
             within = (self._epochs.time_s > after) & (self._epochs.time_s <= until) & np.isfinite(u)
             told = np.flatnonzero(within)
             most = told[np.argmax(np.abs(error[told]))] if len(told) else None
-            size = "" if most is None else f", by up to {error[most]:+.3g} mm (standard uncertainty {u[most]:.2g} mm)"
-            text = f"does not follow the other cables{size}, and is left out"
-            out.append(Doubt(cable, after, until, Status.INCONSISTENT, text))
+            said = finding("cable.left_out.unknown")
+            if most is not None:
+                said = finding("cable.left_out", mm=float(error[most]), u_mm=float(u[most]))
+            out.append(Doubt(cable, after, until, Status.INCONSISTENT, said))
             mask = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
             self._epochs.change_mm[mask, cable] = np.nan
         return out
@@ -203,18 +207,18 @@ class Consistency:
         names = [self._rig.observed[j].name for j in cables]
         m = self._epochs.change_mm.shape[1]
         if not cables:
-            text = "the cables contradict each other, and no single one explains it"
+            said = finding("contradiction.none")
         elif len(names) == m:
-            text = "the cables contradict each other, and which is wrong cannot be told"
+            said = finding("contradiction")
         else:
-            text = f"the cables contradict each other: {' or '.join(names)} is wrong, and which cannot be told"
+            said = finding("contradiction.among", cables=" or ".join(names))
         error, u = parities.errors
         chosen = list(cables) or list(range(m))
         spans = self._spans(alarms, error[:, chosen], u[:, chosen], forever=not cables)
         out = []
         for first, last in spans:
             after, until = self._between(first, last)
-            out.append(Doubt(EVERY, after, until, Status.INCONSISTENT, text))
+            out.append(Doubt(EVERY, after, until, Status.INCONSISTENT, said))
             self._settled |= (self._epochs.time_s > after) & (self._epochs.time_s <= until)
         return out
 
@@ -249,9 +253,9 @@ class Consistency:
             out.append((first, max(last, alarm)))
         return out
 
-    def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[str, str]]:
+    def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[Finding, Finding]]:
         """Doubts less those of lost origins that the other cables prove right, and what to say of these instead."""
-        told: dict[str, str] = {}
+        told: dict[Finding, Finding] = {}
         for doubt in [d for d in every if d.status == Status.ORIGIN_LOST and d.cable != EVERY]:
             mine = np.flatnonzero(doubt.mask(self._epochs.time_s) & ~self._settled)
             if not len(mine):
@@ -265,20 +269,26 @@ class Consistency:
             agrees = np.all(np.abs(error) <= PROVES * u) and abs(error[best]) <= 0.5 * PROVES * u[best]
             if u[best] <= BACK_MM and agrees:
                 every.remove(doubt)
-                told[doubt.text] = f"{doubt.text}; but the other cables show that it has lost nothing"
+                told[doubt.said] = finding("origin.shown", what=doubt.said)
                 mask = doubt.mask(self._epochs.time_s)
                 self._epochs.change_mm[mask, doubt.cable] = self._epochs.gone_on_mm[mask, doubt.cable]
         return every, told
 
 
-def _notes(rig: Rig, every: list[Doubt]) -> list[str]:
+def _notes(rig: Rig, every: list[Doubt]) -> list[Finding]:
     """What is to be said of inconsistencies in a summary."""
     notes = []
     for doubt in sorted((d for d in every if d.status == Status.INCONSISTENT), key=lambda d: d.after_s):
-        begin = "the beginning" if np.isinf(doubt.after_s) else f"{doubt.after_s:.6g} s"
-        end = "the end" if np.isinf(doubt.until_s) else f"{doubt.until_s:.6g} s"
-        whose = "" if doubt.cable == EVERY else f"{noun(rig.observed[doubt.cable])} "
-        notes.append(f"from {begin} to {end}: {whose}{doubt.text}")
+        begin = finding("time.beginning") if np.isinf(doubt.after_s) else finding("time.at", s=doubt.after_s)
+        end = finding("time.end") if np.isinf(doubt.until_s) else finding("time.at", s=doubt.until_s)
+        when = {"begin": begin, "end": end}
+        if doubt.cable == EVERY:
+            notes.append(finding(IN_TIME[doubt.said.code], **when, **doubt.said.values))
+        elif isinstance(observed := rig.observed[doubt.cable], Cable):
+            notes.append(finding(IN_TIME[doubt.said.code], **when, cable=observed.name, **doubt.said.values))
+        else:
+            what = finding(f"channel.{type(observed.encoder).__name__.lower()}", name=observed.name)
+            notes.append(finding("channel.left_out", **when, what=what, said=doubt.said))
     return notes
 
 
@@ -349,7 +359,7 @@ def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before
     notes = found.notes
     contradicted = [doubt for doubt in found.every if doubt.status == Status.INCONSISTENT]
     if not reconstruction.budget.calibrated and any(doubt.cable == EVERY for doubt in contradicted):
-        notes = (*notes, UNCALIBRATED)
+        notes = (*notes, finding("rig.uncalibrated"))
     if contradicted and reconstruction.budget.one_motion:
-        notes = (*notes, NOT_REPEATED)
+        notes = (*notes, finding("passes.not_repeated"))
     return replace(found, notes=notes)

@@ -7,6 +7,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.effects import Effects, Zero, effects_of, zero_at
+from lmeasure.findings import Finding, finding
 from lmeasure.kernels.layout import COMPLIANCE
 from lmeasure.lengths import MAX_ROUNDS, Lengths, zero_temperature
 from lmeasure.rig import Rig
@@ -22,10 +23,10 @@ class Correction:
         self._effects, self._scheme, self._start = effects, scheme, start
         self._temperature_c = temperature_c
 
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Finding, ...]:
         """What is to be said of it."""
         if self._effects.thermal and self._temperature_c is None:
-            return (f"no temperature is stated: {self._effects.reference_c:g} deg C is taken, the rig's reference",)
+            return (finding("temperature.not_stated", reference_c=self._effects.reference_c),)
         return ()
 
     def corrected(self, lengths: Lengths, solve: Callable[[FloatArray], FloatArray]) -> Lengths:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.findings import Finding, finding
 from lmeasure.lengths import Lengths, Reason, with_reasons
 from lmeasure.rig import Rig
 from lmeasure.status import Status
@@ -39,7 +40,7 @@ class Doubt:
     after_s: float
     until_s: float
     status: Status
-    text: str
+    said: Finding
 
     def mask(self, time_s: FloatArray) -> BoolArray:
         """(n,) which samples at times (n,) it is about."""
@@ -51,7 +52,7 @@ class Doubts:
     """All of a run, in order of time, and notes for the reader."""
 
     every: tuple[Doubt, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
 
     def about(self, cable: int, time_s: float) -> bool:
         """Whether a cable is in doubt at a time."""
@@ -67,7 +68,7 @@ class Doubts:
             return lengths
         reasons = []
         for j, before in enumerate(lengths.reasons):
-            mine = [Reason(d.mask(lengths.time_s), d.status, d.text) for d in here if d.cable == j]
+            mine = [Reason(d.mask(lengths.time_s), d.status, str(d.said)) for d in here if d.cable == j]
             # whether an encoder of angles lost its origin nothing else tells
             kept = [r for r in before if r.status != Status.ORIGIN_LOST or j >= lengths.lengths]
             reasons.append((*kept, *(r for r in mine if r.mask.any())))
@@ -76,7 +77,7 @@ class Doubts:
             if doubt.cable == EVERY:
                 mask = doubt.mask(lengths.time_s)
                 lengths.change_mm[mask] = lengths.counts[mask] = np.nan
-                lengths.flags[mask], lengths.cause[mask], lengths.cable[mask] = doubt.status, doubt.text, ""
+                lengths.flags[mask], lengths.cause[mask], lengths.cable[mask] = doubt.status, str(doubt.said), ""
         return lengths
 
 
@@ -97,54 +98,52 @@ def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
     places = _Places(rests, every)
     for doubt in [d for d in every if d.status == Status.ORIGIN_LOST]:
         if any(stood.cable == doubt.cable and stood.after_s == doubt.after_s for stood in continuity.stood):
-            notes.append(doubt.text)
+            notes.append(doubt.said)
             continue
         # where a channel stands it is back everywhere
         proof = places.proof(doubt, count_mm, [s for s in continuity.stood if s.cable == doubt.cable])
         if proof is None:
-            notes.append(f"{doubt.text}{'' if np.isinf(doubt.until_s) else f', and it errs again at {doubt.until_s:.6g} s'}")
+            again = not np.isinf(doubt.until_s)
+            notes.append(finding("origin.again", what=doubt.said, again_s=doubt.until_s) if again else doubt.said)
         else:
             every.remove(doubt)
             places.forget(doubt)
-            notes.append(f"{doubt.text}; but it is back where it was at the rest at {proof:.6g} s: it has lost nothing")
+            notes.append(finding("origin.back", what=doubt.said, at_s=proof))
     if continuity.clock_s:
         told = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
         more = len(continuity.clock_s) - 3
-        notes.append(f"all channels step as if the clock had, behind {told} s{f' and at {more} more instants' if more > 0 else ''}")
+        notes.append(finding("clock.stepped.often", after_s=told, more=more) if more > 0 else finding("clock.stepped", after_s=told))
     if len(notes) > TOLD:
-        notes = [*notes[:TOLD], f"and {len(notes) - TOLD} more of the kind"]
+        notes = [*notes[:TOLD], finding("counts.more", more=len(notes) - TOLD)]
     return Doubts(tuple(every), tuple(notes))
 
 
-def unseen(rig: Rig, continuity: Continuity) -> str:
-    """What steps of a counter this run would not show, in words."""
+def unseen(rig: Rig, continuity: Continuity) -> Finding:
+    """What steps of a counter this run would not show."""
     blind = np.flatnonzero(np.isinf(continuity.least_mm))
     if len(blind) == len(rig.cable):
-        return "steps of counters are not seen: no channel has four counts on end"
-    text = _seen(rig, continuity)
+        return finding("steps.none")
+    seen = _seen(rig, continuity)
     if not len(blind):
-        return text
-    channels = dict.fromkeys(rig.cable[j].channel for j in blind)
-    return f"{text}; of {', '.join(channels)}, without four counts on end, none are"
+        return seen
+    return finding("steps.seen.but", seen=seen, channels=", ".join(dict.fromkeys(rig.cable[j].channel for j in blind)))
 
 
-def _seen(rig: Rig, continuity: Continuity) -> str:
+def _seen(rig: Rig, continuity: Continuity) -> Finding:
     j = int(np.argmax(np.where(np.isfinite(continuity.least_mm), continuity.least_mm, 0.0)))
     drum = rig.point(rig.cable[j].from_point).drum
-    counts = continuity.least_mm[j] / drum.count_length_mm * drum.scale
-    limit = f"the acceleration of the motion itself, {continuity.acceleration_mm_s2:.3g} mm/s2, being the limit"
-    text = f"steps of a counter by {counts:.0f} counts ({continuity.least_mm[j]:.2g} mm) and more are seen, {limit}"
-    slow = "; it is sampled too slowly for its speed to show smaller ones" if continuity.least_mm[j] > COARSE_MM else ""
-    return text + slow
+    mm = float(continuity.least_mm[j])
+    seen = finding("steps.seen", counts=mm / drum.count_length_mm * drum.scale, mm=mm, mm_s2=float(continuity.acceleration_mm_s2))
+    return finding("steps.seen.slow", seen=seen) if mm > COARSE_MM else seen
 
 
-def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[str]:
-    """A line for each channel that was elsewhere for moments."""
+def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[Finding]:
+    """A note for each channel that was elsewhere for moments."""
     notes = []
     for j in sorted({a.cable for a in away}):
         mine = [a.after_s for a in away if a.cable == j]
-        often = f", {len(mine)} times, first" if len(mine) > 1 else ""
-        notes.append(f"channel {rig.cable[j].channel} was elsewhere for a moment{often} behind {mine[0]:.6g} s")
+        told = {"channel": rig.cable[j].channel, "after_s": mine[0]}
+        notes.append(finding("channel.elsewhere.often", **told, times=len(mine)) if len(mine) > 1 else finding("channel.elsewhere", **told))
     return notes
 
 
@@ -152,28 +151,27 @@ def _for_a_moment(rig: Rig, away: Away) -> Doubt:
     channel = rig.cable[away.cable].channel
     # the sample at until_s is the first that is right again
     until = float(np.nextafter(away.until_s, -np.inf))
-    return Doubt(away.cable, away.after_s, until, Status.JUMP, f"channel {channel} was elsewhere for a moment")
+    return Doubt(away.cable, away.after_s, until, Status.JUMP, finding("channel.elsewhere.then", channel=channel))
 
 
 def _stood(rig: Rig, stood: Stood) -> Doubt:
     channel = rig.cable[stood.cable].channel
-    text = f"channel {channel} stands from {stood.after_s:.6g} s on while its point is drawn far: it does not count"
-    return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, text)
+    said = finding("channel.stands", channel=channel, from_s=stood.after_s)
+    return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, said)
 
 
 def _lost(rig: Rig, at: Break, until_s: float, count_mm: float, *, stood: bool) -> Doubt:
     """stood: the channel stood before."""
     channel = rig.cable[at.cable].channel
-    between = f"between {at.before_s:.6g} and {at.after_s:.6g} s"
+    between = {"after_s": at.before_s, "before_s": at.after_s}
     if np.isnan(at.by_mm) and stood:
-        text = f"channel {channel} stood up to {at.before_s:.6g} s and counts again: its origin is lost"
+        said = finding("origin.stood", channel=channel, until_s=at.before_s)
     elif np.isnan(at.by_mm):
-        text = f"channel {channel} does not follow the tool {between}, which goes on evenly: its origin is lost"
+        said = finding("origin.left", channel=channel, **between)
     else:
-        drum = rig.point(rig.cable[at.cable].from_point).drum
-        by = f"{drum.count_sign * at.by_mm / count_mm:+.0f} counts (within {np.ceil(at.u_mm / count_mm):.0f})"
-        text = f"channel {channel} stepped by about {by} {between}: its origin is lost"
-    return Doubt(at.cable, at.before_s, until_s, Status.ORIGIN_LOST, text)
+        by = rig.point(rig.cable[at.cable].from_point).drum.count_sign * at.by_mm / count_mm
+        said = finding("origin.stepped", channel=channel, counts=float(by), within=float(np.ceil(at.u_mm / count_mm)), **between)
+    return Doubt(at.cable, at.before_s, until_s, Status.ORIGIN_LOST, said)
 
 
 class _Places:

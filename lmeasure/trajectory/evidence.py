@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.findings import Finding, finding
 from lmeasure.lengths import Lengths
 from lmeasure.recorded import Recorded
 from lmeasure.rig import Rig
@@ -59,12 +60,10 @@ class Step:
     length_mm: float
 
     @property
-    def text(self) -> str:
-        """In words."""
-        return (
-            f"channel {self.channel} (cable {self.name}) stepped by {self.counts:+.0f} counts ({self.length_mm:+.3f} mm) between "
-            f"{self.after_s:.6g} and {self.before_s:.6g} s"
-        )
+    def said(self) -> Finding:
+        """What is said of it."""
+        by = {"counts": self.counts, "mm": self.length_mm}
+        return finding("counts.stepped", channel=self.channel, cable=self.name, **by, after_s=self.after_s, before_s=self.before_s)
 
 
 @dataclass(frozen=True)
@@ -76,10 +75,10 @@ class Evidence:
     closure_mm: FloatArray
     first_s: float = 0.0
     last_s: float = 0.0
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
     doubts: Doubts = NONE
     """Channels that stepped while the robot moved, or stood: not used at all."""
-    unseen: str = ""
+    unseen: Finding | None = None
     """What steps the run would not have shown."""
 
     @property
@@ -107,7 +106,7 @@ class Evidence:
 
     def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, str]]:
         """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
-        return [((time_s > step.after_s) & ~unused[:, step.cable], f"{SUSPECTED}{step.text}") for step in self.steps]
+        return [((time_s > step.after_s) & ~unused[:, step.cable], f"{SUSPECTED}{step.said}") for step in self.steps]
 
 
 class EvidenceFinder:
@@ -144,7 +143,7 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), dou
         for j, i, k, by in _steps(rests, count_mm)
         if not doubts.about(j, float(rests.begin_s[k]))
     )
-    notes = [f"suspected: {step.text}; poses after that hang on it, and get no verdict" for step in steps]
+    notes = [finding("counts.suspected.note", step=step.said) for step in steps]
     limit = np.maximum(np.maximum(CLOSED_COUNTS * count_mm, CLOSED_MM), CLOSED_SCATTERS * np.sqrt(2.0) * _scatter(rests, steps))
     whole = (float(rests.begin_s[0]), float(rests.end_s[-1])) if len(rests) else (0.0, 0.0)
     back = [(_without(steps, difference, between), between) for difference, between in _returns(rests)]
@@ -156,15 +155,12 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), dou
         if lost.any():
             closure, span = np.where(lost, difference, closure), between
     for j in np.flatnonzero(closure):
-        lost_counts = f"{closure[j] * per_mm[j]:+.1f} counts ({closure[j]:+.3f} mm)"
-        notes.append(
-            f"channel {rig.cable[j].channel} does not close: {lost_counts} between two rests at one place, which enter the uncertainties "
-            "as lost at a moment that is not known"
-        )
+        by = {"counts": float(closure[j] * per_mm[j]), "mm": float(closure[j])}
+        notes.append(finding("counts.not_closed", channel=rig.cable[j].channel, **by))
     several = np.flatnonzero((np.abs(back[0][0]) > limit) & (closure == 0.0)) if _returns(rests) and not doubts.every else ()
     if len(several) > 1:
         told = ", ".join(f"{rig.cable[j].channel} {back[0][0][j] * per_mm[j]:+.1f}" for j in several)
-        notes.append(f"back at the first place of rest the counts differ by {told}: the robot moved, or several channels lost counts")
+        notes.append(finding("counts.not_closed.several", channels=told))
     return Evidence(steps, closure, *span, tuple(notes))
 
 

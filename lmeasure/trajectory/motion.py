@@ -152,5 +152,5 @@ def _along(velocity: FloatArray, u: FloatArray) -> FloatArray:
 
 def write_motion(path: Path, motion: Motion) -> None:
     """Write .parquet or .csv, whole or not at all."""
-    note = {"note": motion.stamps.note} if motion.stamps.note else {}
+    note = {"note": str(motion.stamps.note)} if motion.stamps.note else {}
     files.write_table(path, motion.columns(), {"half_width_s": repr(motion.half_width_s)} | note)

@@ -8,6 +8,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.counts import Counts
 from lmeasure.errors import TrajectoryError
+from lmeasure.findings import Finding, finding
 from lmeasure.lengths import Lengths, count_variance, lengths_from_counts
 from lmeasure.run import Run
 from lmeasure.trajectory.doubts import Doubts
@@ -34,7 +35,7 @@ class Alignment:
 
     run: Run
     clocks: tuple[PassClock, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Finding, ...]
     stamp_s: FloatArray
 
     @cached_property
@@ -90,9 +91,9 @@ def align(run: Run | Alignment) -> Alignment:
         if not abs(rate - 1.0) <= CLOCKS:
             raise TrajectoryError(f"{later.source}: pass {number}: its clock runs {rate:.6f} times pass 1's: not the same motion")
         if len(edges[0]) == 0:
-            notes.append(f"pass {number} has no sync edges: its clock is taken as pass 1's")
+            notes.append(finding("passes.no_sync", number=number))
         elif shift or rate != 1.0:
-            notes.append(f"pass {number}: clock shifted by {shift:+.6f} s, rate {rate:.9f}, from {len(edges[0])} sync edges")
+            notes.append(finding("passes.clock", number=number, shift_s=float(shift), rate=float(rate), edges=len(edges[0])))
         later = replace(later, time_s=shift + rate * later.time_s)
         _same_motion(first, later, number)
         if u_stamp > 0.0:
@@ -111,12 +112,12 @@ def _stamps(run: Run, number: int) -> Stamps:
     return judged(run.passes[number - 1].time_s, lengths, np.full(len(lengths), np.sqrt(count_variance(alone.rig).mean())))
 
 
-def _said(number: int, stamps: Stamps) -> str:
-    apart = np.diff(stamps.stamp_s)
-    jitter = f"pass {number}: time stamps jitter, {1e3 * apart.min():.3g} to {1e3 * apart.max():.3g} ms apart"
+def _said(number: int, stamps: Stamps) -> Finding:
+    intervals = 1e3 * np.diff(stamps.stamp_s)
+    apart = {"number": number, "least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
     if stamps.kind == "even":
-        return f"{jitter}: the motion shows samples taken evenly, and the passes are brought together by even times"
-    return f"{jitter}: the motion shows each in error by {1e3 * stamps.u_time_s:.2g} ms, which poses carry"
+        return finding("stamps.pass.even", **apart)
+    return finding("stamps.pass.uneven", **apart, error_ms=1e3 * stamps.u_time_s)
 
 
 def _uncertain(edges: FloatArray, u_s: float, both: tuple[Stamps, Stamps]) -> PassClock:

@@ -13,6 +13,7 @@ from lmeasure import files, se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_rotation, convention
 from lmeasure.errors import FileFormatError
+from lmeasure.findings import Finding
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.status import WORDS, Status, words
 from lmeasure.trajectory.stamps import stamps_of
@@ -61,7 +62,7 @@ class Trajectory(Shown):
     random: FloatArray
     systematic: FloatArray
     covers: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
     chi_squared: FloatArray | None = None
     taken_as_exact: tuple[Taken, ...] = ()
     """What nobody stated and nothing has solved, and what usual sizes of it would add."""
@@ -90,7 +91,7 @@ class Trajectory(Shown):
         columns = self.columns()
         time_s = columns.pop("time_s")
         whole = {name: (("time_s", "row", "column"), getattr(self, name)) for name in ("random", "systematic")}
-        attributes = {"u_covers": self.covers, "notes": "\n".join(self.notes)}
+        attributes = {"u_covers": self.covers, "notes": "\n".join(map(str, self.notes))}
         return xr.Dataset({name: ("time_s", values) for name, values in columns.items()} | whole, {"time_s": time_s}, attributes)
 
     @property
@@ -138,7 +139,7 @@ class Summary:
         self.first_bad = ""
         self.worst_angle = self.u_position = self.u_rotation = 0.0
         self.covers = ""
-        self.notes: list[str] = []
+        self.notes: list[Finding] = []
         self.apart_s: tuple[float, float] | None = None
         """Least and largest interval of stamps where those jitter."""
         self.taken_as_exact: tuple[Taken, ...] = ()

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lmeasure.findings import Finding, finding
 from lmeasure.kernels.layout import KIND
 from lmeasure.lengths import Lengths
 from lmeasure.recorded import notes_of
@@ -52,7 +53,7 @@ def reconstruct(
     trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run, covariances=covariances)
     notes = (*trajectory.notes, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
-        notes = (*notes, "the robot's repeatability between the passes is not in the uncertainties")
+        notes = (*notes, finding("passes.repeatability"))
     return replace(trajectory, time_s=aligned.stamp_s, notes=notes)
 
 
@@ -61,9 +62,9 @@ def with_evidence(
 ) -> Trajectory:
     """A piece of a run's trajectory with what the run tells of its own counts: notes, causes of `ok` samples that hang on counts that are
     suspected, and what does not close in the systematic covariances."""
-    said = evidence.unseen, said_of_redundancy(reconstruction)
-    notes = (*trajectory.notes, *notes_of(run.recorded), *evidence.doubts.notes, *evidence.notes, *said)
-    trajectory = replace(trajectory, notes=notes)
+    unseen = () if evidence.unseen is None else (evidence.unseen,)
+    said = (*evidence.doubts.notes, *evidence.notes, *unseen, said_of_redundancy(reconstruction))
+    trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(run.recorded), *said))
     if evidence.sound:
         return trajectory
     unused, ok = left_out(trajectory, lengths.cables), trajectory.status == Status.OK
@@ -83,19 +84,16 @@ def with_evidence(
     return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
 
 
-def said_of_redundancy(reconstruction: Reconstruction) -> str:
-    """What the number of cables lets a run tell of its own faults, in words."""
+def said_of_redundancy(reconstruction: Reconstruction) -> Finding:
+    """What the number of cables lets a run tell of its own faults."""
     scheme = reconstruction.scheme
-    noun = "channel" if scheme.rows[:, KIND].any() else "cable"
-    cables = f"{len(scheme.rows)} {noun}s for {len(scheme.free)} unknowns"
+    of: dict[str, int] = {"cables": len(scheme.rows), "unknowns": len(scheme.free)}
+    channels = ".channels" if scheme.rows[:, KIND].any() else ""
     if scheme.redundancy == 0:
-        return (
-            f"no redundancy, {cables}: what is wrong from the beginning or errs slowly is never seen: channels swapped, a sign, a scale, a "
-            "channel that is late, a cable that hangs, counts lost a few at a time"
-        )
+        return finding(f"redundancy.none{channels}", **of)
     if scheme.redundancy == 1:
-        return f"one {noun} to spare, {cables}: that lengths contradict each other is seen, but not which of them is wrong"
-    return f"{scheme.redundancy} {noun}s to spare, {cables}: one that contradicts the others is seen and left out"
+        return finding(f"redundancy.one{channels}", **of)
+    return finding(f"redundancy.more{channels}", spare=scheme.redundancy, **of)
 
 
 def covered(covers: str, evidence: Evidence) -> str:

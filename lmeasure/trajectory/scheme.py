@@ -25,13 +25,14 @@ class Scheme:
     """What is solved for.
 
     rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can change; point: the one
-    attachment point whose position is measured when orientation is not, else None; held: what a constraint keeps, in words.
+    attachment point whose position is measured when orientation is not, else None; held: the freedoms that a constraint keeps.
     """
 
     rows: FloatArray
     free: tuple[str, ...]
     point: str | None = None
     held: str = ""
+    constraint: str = ""
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Of that point in the tool frame."""
 
@@ -73,7 +74,7 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
         free = CONSTRAINTS[held]
         if m < len(free):
             raise RigError(f"rig {rig.name!r}: has {m} {channels}; constraint = {held!r} leaves {len(free)} freedoms, {', '.join(free)}")
-        return Scheme(rows, free, held=f"{', '.join(f for f in FREEDOMS if f not in free)} held as at the start by constraint = {held!r}")
+        return Scheme(rows, free, held=", ".join(f for f in FREEDOMS if f not in free), constraint=held)
     if len(used) == 1 and not rig.inclination:
         if m < CABLES_FOR_A_POINT:
             raise RigError(f"rig {rig.name!r}: has {m} {channels} to {used[0]}; its position needs at least {CABLES_FOR_A_POINT}")

@@ -10,6 +10,7 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
+from lmeasure.findings import Finding, finding
 from lmeasure.kernels import lanes, least_squares, screw
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, CHANGES
 from lmeasure.lengths import Lengths, span_lengths
@@ -240,18 +241,15 @@ class Reconstruction:
             cause[i] = f"{cause[i]}; {remark}" if cause[i] else remark
         return cause
 
-    def _notes(self) -> tuple[str, ...]:
+    def _notes(self) -> tuple[Finding, ...]:
         point = self.scheme.point
         notes = []
         if point:
-            notes.append(f"all cables lead to {point}: x, y, z are its position, the orientation is not measured")
-        if self.scheme.held:
-            notes.append(f"{self.scheme.held}: taken as exact")
+            notes.append(finding("scheme.point", point=point))
+        if self.scheme.constraint:
+            notes.append(finding("scheme.held", freedoms=self.scheme.held, constraint=self.scheme.constraint))
         if self._start_angle > START_CLEAR:
-            degrees = np.degrees(self._start_angle)
-            notes.append(
-                f"start pose: worst pressure angle {degrees:.1f} deg; if it is off by millimetres the run may be in another assembly"
-            )
+            notes.append(finding("start.angle", angle_deg=float(np.degrees(self._start_angle))))
         if self.correction is not None:
             notes += self.correction.notes()
         return tuple(notes)

@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.findings import Finding, finding
 from lmeasure.trajectory.evenly import clock, numbers
 
 LEAST = 32
@@ -52,7 +53,7 @@ class Stamps:
 
     stamp_s (n,): as recorded; time_s (n,): the same unless `kind` is "even". u_time_s: standard uncertainty of each, independent from
     sample to sample; u_rate: relative one of all intervals together. kind: "sound", "even" (taken evenly, stamped late) or "uneven" (taken
-    when asked, stamps in error by u_time_s). note: what is to be said, empty of sound ones.
+    when asked, stamps in error by u_time_s). note: what is to be said, None of sound ones.
     """
 
     stamp_s: FloatArray
@@ -60,7 +61,7 @@ class Stamps:
     u_time_s: float = 0.0
     u_rate: float = 0.0
     kind: Literal["sound", "even", "uneven"] = "sound"
-    note: str = ""
+    note: Finding | None = None
 
 
 def sound(stamp_s: FloatArray) -> Stamps:
@@ -108,16 +109,14 @@ def judged(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> Stamps:
     numbered = numbers(stamp_s, places, noise)
     as_even, speed, _ = _residuals(usual * numbered.number.astype(np.float64), places, first)
     even = clock(stamp_s, numbered) if np.median(as_even) < np.median(as_stamped) else None
-    apart = f"time stamps jitter, {1e3 * np.diff(stamp_s).min():.3g} to {1e3 * np.diff(stamp_s).max():.3g} ms apart"
+    intervals = 1e3 * np.diff(stamp_s)
+    apart = {"least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
     if even is None:
-        note = f"{apart}: the motion shows each in error by {1e3 * u_stamp:.2g} ms (standard uncertainty), which speeds and times carry"
+        note = finding("stamps.uneven", **apart, error_ms=1e3 * u_stamp)
         return Stamps(stamp_s, stamp_s, u_stamp, 0.0, "uneven", note)
     u_even = _time_noise(as_even, speed * (usual / even.period_s), noise)
     u_even = u_even if u_even > felt else 0.0
-    note = (
-        f"{apart}: the motion shows samples taken evenly, every {1e3 * even.period_s:.6g} ms, known to {even.u_rate:.1g} of it and each to "
-        f"{1e3 * u_even:.2g} ms (standard uncertainties); even times are taken, and speeds and times carry it"
-    )
+    note = finding("stamps.even", **apart, period_ms=1e3 * even.period_s, rate=even.u_rate, error_ms=1e3 * u_even)
     return Stamps(stamp_s, even.time_s, u_even, even.u_rate, "even", note)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lmeasure.counts import Counts, WidthEvidence, read_counts_in_pieces
+from lmeasure.findings import Finding, finding
 from lmeasure.lengths import COUNTER_STATE, Lengths, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
@@ -79,7 +80,7 @@ def _pieces(head: RunHead, rig: Rig, evidence: Evidence) -> Iterator[Lengths]:
         yield evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
 
 
-def _with_widths(head: RunHead) -> tuple[Rig, list[str]]:
+def _with_widths(head: RunHead) -> tuple[Rig, list[Finding]]:
     """The rig with the counter widths that the whole file shows, where it states none."""
     unknown = {c.channel: c for c in head.rig.cable if head.rig.point(c.from_point).drum.counter_bits is None}
     if not unknown:
@@ -93,7 +94,7 @@ def _with_widths(head: RunHead) -> tuple[Rig, list[str]]:
     for point in head.rig.observation_point:
         channel, width = bits.get(point.name, ("", None))
         if width is not None:
-            notes.append(f"{head.counts[0]}: channel {channel}: counter_bits is not stated; its jumps are those of {width} bits")
+            notes.append(finding("counts.bits", source=str(head.counts[0]), channel=channel, bits=int(width)))
             point = point.model_copy(update={"drum": point.drum.model_copy(update={"counter_bits": width})})
         points.append(point)
     return head.rig.model_copy(update={"observation_point": tuple(points)}), notes

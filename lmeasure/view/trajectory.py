@@ -68,7 +68,7 @@ class TrajectoryLog:
         before = self._path.rows[-1, 3] if len(self._path) else None
         self._path.add(np.column_stack([piece.poses[:, :3], ok]), changed_rows(ok, before))
         self._covers = piece.covers
-        self._notes |= dict.fromkeys(piece.notes)
+        self._notes |= dict.fromkeys(map(str, piece.notes))
 
     def end(self) -> list[str]:
         """Draw what goes over the whole run; returns what the reader must know."""

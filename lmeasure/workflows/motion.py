@@ -54,7 +54,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         told += f" +- {u95:.3f} mm/s (U95 of the largest; standard uncertainty of one {u:.3f} mm/s, of independent errors)"
         figures["u95_mm_s"] = u95
     turned = not np.isnan(found.poses[:, 3:]).all()
-    notes = [found.stamps.note] if found.stamps.note else []
+    notes = [str(found.stamps.note)] if found.stamps.note else []
     notes += [] if turned else ["the orientation is not measured: nothing is said of rotations"]
     lines = tuple(f"note: {note}" for note in notes)
     return Result(found, (told, *lines), figures, lines)

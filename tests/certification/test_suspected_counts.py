@@ -49,7 +49,7 @@ def test_a_sound_run_has_its_verdicts(campaign: Path, tmp_path: Path) -> None:
     for found in certified(campaign, tmp_path, None):
         assert found.evaluation.excluded == ()
         assert any(c.capable for c in found.evaluation.characteristics)
-        assert not any("suspected" in note for note in found.notes)
+        assert not any("suspected" in note for note in map(str, found.notes))
 
 
 def test_counts_lost_half_way_leave_no_verdict(campaign: Path, tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_counts_lost_half_way_leave_no_verdict(campaign: Path, tmp_path: Path) -
         assert wrong.value > 1.0  # 0.27 are true
         assert not any(c.capable or c.conformity for c in figures)
         assert all("counts suspected lost: channel ch3 (cable c3) stepped by" in str(c.excluded) for c in figures)
-    assert any(note.startswith("suspected: channel ch3 (cable c3) stepped by") for note in with_run.notes)
+    assert any(note.startswith("suspected: channel ch3 (cable c3) stepped by") for note in map(str, with_run.notes))
 
 
 def test_what_was_measured_before_keeps_its_verdict(campaign: Path, tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_what_does_not_close_is_in_u95(campaign: Path, tmp_path: Path) -> None:
         found = measure(Inputs(tmp_path / "t.parquet", tmp_path / "program.toml", tmp_path / "run"), Settings(trials=400))
         wide[lost] = {c.name: c for c in found.evaluation.characteristics if c.pose == "P1"}
         assert ("closure of the counts" in str(found.evaluation.covers)) == bool(lost)
-        assert any("channel ch3 does not close" in note for note in found.notes) == bool(lost)
+        assert any("channel ch3 does not close" in note for note in map(str, found.notes)) == bool(lost)
     for name in ("AP_p", "RP_l"):
         wrong, right = wide[LOST][name], wide[0][name]
         assert abs(wrong.value - right.value) < wrong.u95

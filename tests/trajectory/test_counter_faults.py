@@ -117,7 +117,9 @@ def test_a_step_is_found_where_and_as_large_as_it_is(counts: int, rate_hz: float
         assert (trajectory.status[:i] == Status.OK).all()
         ok = trajectory.status[i:] == Status.OK
         assert not ok.any(), "no rest can prove it"
-        (told,) = (re.match(r"channel .* stepped by about ([-+]\d+) counts \(within (\d+)\) between", n) for n in trajectory.notes[:1])
+        (told,) = (
+            re.match(r"channel .* stepped by about ([-+]\d+) counts \(within (\d+)\) between", n) for n in map(str, trajectory.notes[:1])
+        )
         assert told is not None, trajectory.notes
         assert abs(int(told[1]) - counts) <= int(told[2]) <= max(25, found.u_mm / COUNT_MM + 1)
 
@@ -167,7 +169,7 @@ def test_a_second_jump_minutes_later_proves_nothing_but_a_rest_does() -> None:
         assert lost[n // 2 :].all() != proved
         assert lost[n // 2 :].any() != proved
         if proved:
-            assert any("it has lost nothing" in note for note in trajectory.notes)
+            assert any("it has lost nothing" in note for note in map(str, trajectory.notes))
 
 
 @pytest.mark.parametrize("pairs", [SEVEN, EIGHT])
@@ -180,7 +182,7 @@ def test_redundant_cables_prove_an_origin(pairs: list[tuple[str, str]]) -> None:
     assert set(words(trajectory)) == {"ok"}
     assert set(trajectory.cable[600:900]) == {"c4"}
     assert set(trajectory.cable[:600]) | set(trajectory.cable[902:]) == {""}
-    assert any("the other cables show that it has lost nothing" in note for note in trajectory.notes)
+    assert any("the other cables show that it has lost nothing" in note for note in map(str, trajectory.notes))
     assert position_error(trajectory.poses, truth).max() < 0.03
 
 
@@ -190,7 +192,7 @@ def test_a_clock_that_steps_is_no_counter() -> None:
     run = record(cell(), times, motion(2100, rate_hz=250.0)[1][np.rint(late * 250).astype(int)])
     trajectory = reconstruct(run)
     assert set(words(trajectory)) == {"ok"}
-    assert any("as if the clock had" in note for note in trajectory.notes)
+    assert any("as if the clock had" in note for note in map(str, trajectory.notes))
     assert poses.shape == (2000, 7)
 
 
@@ -219,7 +221,7 @@ def test_what_is_said_of_a_channel_that_stood_and_counts_again() -> None:
     recorded[700:, 2] += recorded[699, 2] - recorded[700, 2]
     recorded[90:, 4] += 500.0
     recorded[1000:, 4] = recorded[1000, 4] + 33.0 * np.arange(len(recorded) - 1000)
-    notes = reconstruct(with_recorded(run, recorded)).notes
+    notes = list(map(str, reconstruct(with_recorded(run, recorded)).notes))
     stood = next(note for note in notes if " ch3 " in note and "its origin" in note)
     assert re.match(r"channel ch3 stood up to (\S+) s and counts again: its origin is lost", stood), stood
     stepped = next(note for note in notes if " ch5 stepped" in note)
@@ -255,7 +257,7 @@ def test_steps_that_nothing_could_show_are_not_called_seen(samples: int) -> None
     if samples > 3:
         recorded[:, 1] = np.nan
         recorded[::4, 4] = np.nan
-    (said,) = (note for note in reconstruct(with_recorded(run, recorded)).notes if note.startswith("steps of"))
+    (said,) = (note for note in map(str, reconstruct(with_recorded(run, recorded)).notes) if note.startswith("steps of"))
     if samples > 3:
         assert re.match(r"steps of a counter by \d+ counts .* being the limit; of ch2, ch5, without four counts on end, none are$", said)
     else:
@@ -285,7 +287,7 @@ def test_swapped_channels_of_eight_cables_are_never_ok() -> None:
     recorded[:, [1, 4]] = recorded[:, [4, 1]]
     trajectory = reconstruct(with_recorded(run, recorded))
     assert set(words(trajectory)) == {"inconsistent"}
-    said = [note for note in trajectory.notes if "no single one explains it" in note]
+    said = [note for note in map(str, trajectory.notes) if "no single one explains it" in note]
     assert [note.split(":")[0] for note in said] == ["from the beginning to the end"]
 
 
@@ -299,7 +301,7 @@ def test_two_channels_that_err_one_after_the_other_are_each_left_out() -> None:
     assert set(trajectory.cable[330:770]) == {"c3"}
     assert set(trajectory.cable[1830:2270]) == {"c7"}
     assert set(trajectory.cable) == {"", "c3", "c7"}
-    said = [re.match(r"from (\S+) s to (\S+) s: cable c[37] does not follow", note) for note in trajectory.notes[:2]]
+    said = [re.match(r"from (\S+) s to (\S+) s: cable c[37] does not follow", note) for note in map(str, trajectory.notes[:2])]
     for found, begin in zip(said, (300, 1800), strict=True):
         assert found is not None, trajectory.notes
         assert abs(float(found[1]) - begin / 250.0) < 0.2
@@ -342,7 +344,7 @@ def test_from_file_to_file_the_same_is_found(tmp_path: Path, monkeypatch: pytest
     assert back.chi_squared is not None
     assert whole.chi_squared is not None
     np.testing.assert_allclose(back.chi_squared, whole.chi_squared, rtol=1e-6, atol=1e-9)
-    for note in whole.notes:
+    for note in map(str, whole.notes):
         assert f"note: {note}" in summary.text()
 
 
@@ -367,7 +369,7 @@ def test_a_drawing_that_is_off_is_not_called_a_fault_of_a_cable() -> None:
     moved = [p.model_copy(update={"position_mm": tuple(np.array(p.position_mm) + rng.normal(0.0, 3.0, 3))}) for p in rig.observation_point]
     trajectory = reconstruct(replace(run, rig=rig.model_copy(update={"observation_point": tuple(moved)})))
     assert set(words(trajectory)) == {"inconsistent"}
-    assert any("the rig links no calibration" in note for note in trajectory.notes)
+    assert any("the rig links no calibration" in note for note in map(str, trajectory.notes))
 
 
 @pytest.mark.parametrize("flips", [3, 40])
@@ -382,7 +384,7 @@ def test_bits_that_flip_often_are_no_habit(flips: int) -> None:
     recorded[at, 3] = recorded[at, 3].astype(int) ^ 1024
     trajectory = reconstruct(with_recorded(run, recorded))
     assert np.flatnonzero(trajectory.status != Status.OK).tolist() == at.tolist()
-    assert any("was elsewhere for a moment" in note for note in trajectory.notes)
+    assert any("was elsewhere for a moment" in note for note in map(str, trajectory.notes))
 
 
 def orthogonal() -> Rig:

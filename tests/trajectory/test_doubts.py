@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from cells import FloatArray, cell
 
+from lmeasure.findings import finding, recognised
+from lmeasure.recorded import Recorded
 from lmeasure.rig import Rig
 from lmeasure.status import Status
 from lmeasure.trajectory.continuity import Away, Continuity
@@ -50,7 +52,7 @@ def test_each_break_doubts_its_channel_up_to_the_next() -> None:
     assert {d.status for d in doubts.every} == {Status.ORIGIN_LOST}
     sign = cell().observation_point[2].drum.count_sign
     first = f"channel ch3 stepped by about {sign * 200:+d} counts (within 25) between 5 and 5.1 s: its origin is lost"
-    assert doubts.notes == (
+    assert tuple(map(str, doubts.notes)) == (
         f"{first}, and it errs again at 9 s",
         "channel ch5 does not follow the tool between 7 and 7.1 s, which goes on evenly: its origin is lost",
         f"channel ch3 stepped by about {sign * -100:+d} counts (within 25) between 9 and 9.1 s: its origin is lost",
@@ -58,7 +60,7 @@ def test_each_break_doubts_its_channel_up_to_the_next() -> None:
 
 
 def test_a_doubt_is_about_the_samples_behind_its_beginning_up_to_its_end() -> None:
-    doubt = Doubt(1, 2.0, 3.0, Status.JUMP, "")
+    doubt = Doubt(1, 2.0, 3.0, Status.JUMP, finding("contradiction"))
     assert doubt.mask(np.array([1.9, 2.0, 2.1, 3.0, 3.1])).tolist() == [False, False, True, True, False]
     doubts = Doubts((doubt,))
     assert [doubts.about(1, t) for t in (2.0, 2.1, 3.0, 3.1)] == [False, True, True, False]
@@ -73,7 +75,7 @@ def test_moments_away_and_stands() -> None:
         (0, 1.0, np.nextafter(1.2, 0.0)), (5, 3.0, np.nextafter(3.2, 0.0)), (0, 4.0, np.nextafter(4.2, 0.0)), (3, 6.0, np.inf)
     ]  # fmt: skip
     assert [d.status for d in doubts.every] == [Status.JUMP] * 3 + [Status.ORIGIN_LOST]
-    assert doubts.notes == (
+    assert tuple(map(str, doubts.notes)) == (
         "channel ch1 was elsewhere for a moment, 2 times, first behind 1 s",
         "channel ch6 was elsewhere for a moment behind 3 s",
         "channel ch4 stands from 6 s on while its point is drawn far: it does not count",
@@ -83,12 +85,12 @@ def test_moments_away_and_stands() -> None:
 def test_what_is_said_behind_a_stand() -> None:
     stood = (Stood(3, 6.0, 8.0),)
     goes_on = judged(cell(), found(Break(3, 8.0, np.nextafter(8.0, 9.0), np.nan, np.nan), stood=stood), NO_RESTS)
-    assert goes_on.notes[-1] == "channel ch4 stood up to 8 s and counts again: its origin is lost"
-    assert goes_on.notes[0] == "channel ch4 stands from 6 s on while its point is drawn far: it does not count"
+    assert str(goes_on.notes[-1]) == "channel ch4 stood up to 8 s and counts again: its origin is lost"
+    assert str(goes_on.notes[0]) == "channel ch4 stands from 6 s on while its point is drawn far: it does not count"
     assert spans(goes_on) == [(3, 6.0, 8.0), (3, 8.0, np.inf)]
     # that of another channel, and what began elsewhere, is something else
     for other in (Break(2, 8.0, 8.1, np.nan, np.nan), Break(3, 7.0, 7.1, np.nan, np.nan)):
-        assert any("does not follow the tool" in note for note in judged(cell(), found(other, stood=stood), NO_RESTS).notes)
+        assert any("does not follow the tool" in note for note in map(str, judged(cell(), found(other, stood=stood), NO_RESTS).notes))
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_a_rest_where_all_is_back_proves_it(length: FloatArray, proved: bool) ->
     rests = resting((1.0, PLACE), (6.0, length))
     doubts = judged(cell(), found(at(2, 3.0)), rests)
     assert bool(doubts.every) is not proved
-    assert ("; but it is back where it was at the rest at 6 s: it has lost nothing" in doubts.notes[0]) is proved
+    assert ("; but it is back where it was at the rest at 6 s: it has lost nothing" in str(doubts.notes[0])) is proved
 
 
 def test_what_proves_nothing() -> None:
@@ -148,7 +150,7 @@ def test_of_many_notes_the_first_are_told() -> None:
     doubts = judged(cell(), found(*(at(j % 6, 1.0 + j) for j in range(15))), NO_RESTS)
     assert len(doubts.every) == 15
     assert len(doubts.notes) == 13
-    assert doubts.notes[-1] == "and 3 more of the kind"
+    assert str(doubts.notes[-1]) == "and 3 more of the kind"
     assert len(judged(cell(), found(*(at(j % 6, 1.0 + j) for j in range(12))), NO_RESTS).notes) == 12
 
 
@@ -161,7 +163,8 @@ def test_of_many_notes_the_first_are_told() -> None:
     ],
 )
 def test_steps_of_the_clock_are_said(clock_s: tuple[float, ...], told: str) -> None:
-    assert judged(cell(), found(clock_s=clock_s), NO_RESTS).notes == (f"all channels step as if the clock had, {told}",)
+    (said,) = judged(cell(), found(clock_s=clock_s), NO_RESTS).notes
+    assert str(said) == f"all channels step as if the clock had, {told}"
 
 
 def scaled(scale: float) -> Rig:
@@ -174,10 +177,25 @@ def scaled(scale: float) -> Rig:
 def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> None:
     least = np.array([0.3, 0.6, 0.3, np.inf, 0.3, 0.3])
     said = unseen(scaled(2.0), Continuity((), (), (), 1234.0, least))
-    assert said == (
+    assert str(said) == (
         "steps of a counter by 100 counts (0.6 mm) and more are seen, the acceleration of the motion itself, 1.23e+03 mm/s2, being the "
         "limit; of ch4, without four counts on end, none are"
     )
-    assert "too slowly" not in unseen(cell(), found(least_mm=1.0))
-    assert unseen(cell(), found(least_mm=1.01)).endswith("; it is sampled too slowly for its speed to show smaller ones")
-    assert "+100 counts" in judged(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes[0]
+    assert "too slowly" not in str(unseen(cell(), found(least_mm=1.0)))
+    assert str(unseen(cell(), found(least_mm=1.01))).endswith("; it is sampled too slowly for its speed to show smaller ones")
+    (stepped,) = judged(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes
+    assert "+100 counts" in str(stepped)
+
+
+def test_notes_say_the_same_in_russian_by_their_codes_and_by_the_texts_of_earlier_files() -> None:
+    away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
+    of = found(at(2, 5.0), at(2, 9.0, -1.2), at(4, 7.0, np.nan), away=away, clock_s=(4.0, 5.0), stood=(Stood(3, 6.0, np.inf),))
+    told = judged(cell(), of, NO_RESTS), judged(cell(), found(at(2, 3.0)), resting((1.0, PLACE), (6.0, PLACE)))
+    notes = [*told[0].notes, *told[1].notes, unseen(cell(), found(least_mm=1.01))]
+    notes += Recorded(2, early=True, why="no bus", faults={"overflow": 3}).notes()
+    codes = {"origin.again", "origin.back", "origin.left", "channel.elsewhere", "channel.stands", "clock.stepped", "steps.seen.slow"}
+    assert {n.code for n in notes} > codes
+    for note in notes:
+        known = recognised(str(note))
+        assert known is not None
+        assert known.text("ru") == note.text("ru") != str(note)

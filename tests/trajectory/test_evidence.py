@@ -72,7 +72,7 @@ def test_counts_that_are_lost_twice() -> None:
     found = evidence_of(rig, rests)
     assert [(s.cable, round(s.length_mm, 1)) for s in found.steps] == [(4, -1.2), (2, 0.6)]
     assert not found.closure_mm.any()  # nothing is left of it
-    assert [note.startswith("suspected: channel ch") for note in found.notes] == [True, True]
+    assert [note.startswith("suspected: channel ch") for note in map(str, found.notes)] == [True, True]
 
 
 def test_a_robot_that_steps_or_drifts_lost_no_counts() -> None:
@@ -216,7 +216,7 @@ def test_what_does_not_close_enters_the_uncertainty(tmp_path: Path) -> None:
     assert np.flatnonzero(found.closure_mm).tolist() == [1]
     sign = run.rig.point("B2").drum.count_sign
     assert found.closure_mm[1] == pytest.approx(sign * 90 * COUNT_MM, abs=0.15)
-    assert any(note.startswith("channel ch2 does not close: +") for note in found.notes)
+    assert any(note.startswith("channel ch2 does not close: +") for note in map(str, found.notes))
     sound = rested({}, cycles=1)[0]
     plain, trajectory = reconstruct(sound), reconstruct(run)
     assert "what does not close in the counts" in trajectory.covers
@@ -256,7 +256,7 @@ def test_a_recorded_closure_is_taken_where_the_rests_tell_none() -> None:
     found = align(replace(still, recorded=(entry,))).evidence
     sign = rig.point("B5").drum.count_sign
     assert found.closure_mm.tolist() == pytest.approx([0, 0, 0, 0, -60 * COUNT_MM * sign, 0])
-    assert any("ch5 does not close: -60.0 counts" in note for note in found.notes)
+    assert any("ch5 does not close: -60.0 counts" in note for note in map(str, found.notes))
     # a robot that went elsewhere, or a count or two
     for closure in ({f"ch{i}": 1000.0 * i for i in range(1, 7)}, {"ch5": 2.0}):
         assert align(replace(still, recorded=(Recorded(1, closure_counts=closure),))).evidence.sound
@@ -272,4 +272,4 @@ def test_redundant_rigs_and_passes_go_through(tmp_path: Path) -> None:
     run = replace(run, passes=(run.passes[0], replace(run.passes[1], recorded=recorded)))
     write_run(tmp_path / "run", run)
     trajectory = reconstruct(read_run(tmp_path / "run"))
-    assert sum("suspected: channel ch2 (cable c2)" in note for note in trajectory.notes) == 1
+    assert sum("suspected: channel ch2 (cable c2)" in note for note in map(str, trajectory.notes)) == 1

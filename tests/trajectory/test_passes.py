@@ -61,7 +61,7 @@ def test_clocks_are_found_by_two_edges() -> None:
     assert (trajectory.status == Status.OK).all()
     # what is left is interpolation between samples
     assert position_error(trajectory.poses, truth).max() < 2e-3
-    assert any("rate 0.99985" in note for note in trajectory.notes)
+    assert any("rate 0.99985" in note for note in map(str, trajectory.notes))
 
 
 def pulses_at(begins: FloatArray, t: FloatArray) -> FloatArray:
@@ -120,8 +120,8 @@ def test_repeatability_is_carried_to_the_pose() -> None:
     run, _ = two_passes()
     without, with_it = reconstruct(run), reconstruct(run, repeatability_mm=0.05)
     assert (with_it.u[:, :3] > without.u[:, :3]).all()
-    assert any("repeatability" in note for note in without.notes)
-    assert not any("repeatability" in note for note in with_it.notes)
+    assert any("repeatability" in note for note in map(str, without.notes))
+    assert not any("repeatability" in note for note in map(str, with_it.notes))
     # both passes displaced alike displace the pose alike; here they are independent: at least 0.05 mm along some axis
     assert (np.linalg.norm(with_it.u[:, :3], axis=1) > 0.05).all()
 
@@ -130,7 +130,7 @@ def test_without_sync_the_clocks_are_taken_as_one_and_that_is_said() -> None:
     run, truth = two_passes(sync=False)
     trajectory = reconstruct(run)
     assert position_error(trajectory.poses, truth).max() < 1e-6
-    assert any("no sync edges" in note for note in trajectory.notes)
+    assert any("no sync edges" in note for note in map(str, trajectory.notes))
 
 
 @pytest.mark.parametrize("rate_hz", [20, 50])
@@ -241,5 +241,5 @@ def test_stamps_that_jitter_in_either_pass_are_carried_into_poses(law: str, edge
         squares.append(float(error @ np.linalg.solve(found.random[i] + found.systematic[i], error)))
         law_of_file = covariances(found, run, np.array([i]))
         np.testing.assert_allclose(law_of_file.systematic[0], found.systematic[i], rtol=1e-6, atol=1e-18)
-    assert sum("time stamps jitter" in note for note in found.notes) == 2
+    assert sum("time stamps jitter" in note for note in map(str, found.notes)) == 2
     assert 0.005 < chi2.sf(sum(squares), 6 * len(squares)) < 0.995, np.mean(squares) / 6

@@ -68,7 +68,7 @@ def test_a_cable_that_does_not_follow_is_named_and_left_out() -> None:
     assert told is not None, trajectory.cause[170]
     assert abs(abs(float(told[1])) - 400.0 * 0.012) < 4.0 * float(told[2]) + 0.005
     assert 0.001 < float(told[2]) < 0.1
-    assert any("cable c4 does not follow" in note for note in trajectory.notes)
+    assert any("cable c4 does not follow" in note for note in map(str, trajectory.notes))
     assert set(trajectory.cable[:50]) | set(trajectory.cable[260:]) == {""}
     assert position_error(trajectory.poses, motion(N)[1]).max() < 0.02
 
@@ -116,7 +116,7 @@ def test_cables_to_one_point_measure_its_position_and_say_so(points: list[str], 
     assert np.isnan(trajectory.u[:, 3:]).all()
     assert np.isfinite(trajectory.u[:, :3]).all()
     assert set(trajectory.cause) == {"orientation not measured"}
-    assert any("P1" in note for note in trajectory.notes)
+    assert any("P1" in note for note in map(str, trajectory.notes))
     for name in ("a.csv", "a.parquet"):
         write_trajectory(tmp_path / name, trajectory)
         again = read_trajectory(tmp_path / name)
@@ -154,7 +154,7 @@ def test_a_constraint_takes_the_place_of_cables(cables: int, constraint: str, pa
     assert rotation_error(trajectory.poses, poses).max() < EXACT_RAD
     assert (trajectory.u[:, 3:5] == 0).all()
     assert (trajectory.u[:, 5] > 0).all()
-    assert any("taken as exact" in note for note in trajectory.notes)
+    assert any("taken as exact" in note for note in map(str, trajectory.notes))
     given = reconstruct(Run(rig_of(pairs), run.start, run.passes), constraint)
     np.testing.assert_array_equal(given.poses, trajectory.poses)
 

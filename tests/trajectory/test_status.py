@@ -94,7 +94,7 @@ def test_sixteen_bits_wrap_within_the_stroke(stated: bool) -> None:
     narrow = reconstruct(run)
     assert set(statuses(narrow)) == {"ok"}
     np.testing.assert_array_equal(narrow.poses, wide.poses)
-    assert any("16 bits" in note for note in narrow.notes) is not stated
+    assert any("16 bits" in note for note in map(str, narrow.notes)) is not stated
 
 
 def turning(amplitude_rad: float, axis: tuple[float, float, float], n: int = 3000) -> tuple[FloatArray, FloatArray]:
@@ -188,8 +188,8 @@ def test_two_passes_of_three_drums_are_one_solution(rig: Rig, run: Run, clean: T
 def test_a_start_near_a_singular_pose_is_said(rig: Rig) -> None:
     start = np.r_[0.0, 0.0, 0.0, Rotation.from_rotvec([0.0, 0.0, 1.38]).as_quat()]
     trajectory = reconstruct(record(rig, np.arange(3) / 1000.0, np.tile(start, (3, 1)), start))
-    assert any("may be in another assembly" in note for note in trajectory.notes)
-    assert not any("assembly" in note for note in reconstruct(record(rig, *motion(3))).notes)
+    assert any("may be in another assembly" in note for note in map(str, trajectory.notes))
+    assert not any("assembly" in note for note in map(str, reconstruct(record(rig, *motion(3))).notes))
 
 
 def test_a_start_whose_uncertainty_reaches_a_singular_pose_is_refused(rig: Rig) -> None:

@@ -79,8 +79,8 @@ def test_a_width_that_is_not_stated_is_found_in_the_whole_file_first(kind: str, 
     whole = reconstruct(read_run(tmp_path / "run"))
     write_trajectory(tmp_path / "whole.csv", whole)
     assert_alike(tmp_path / "pieces.csv", tmp_path / "whole.csv")
-    assert any("16 bits" in note for note in summary.notes)
-    assert sorted(summary.notes) == sorted(whole.notes)
+    assert any("16 bits" in note for note in map(str, summary.notes))
+    assert sorted(map(str, summary.notes)) == sorted(map(str, whole.notes))
 
 
 @pytest.mark.parametrize(
