@@ -1,0 +1,121 @@
+"""FANUC TP listings (.ls): positions P[n] of group 1 in user frames and tools; CONFIG is read, not changed.
+
+X, Y, Z in mm and W, P, R in degrees: R = Rz(R) Ry(P) Rx(W). Frames are `UF[n]` and `UT[n]`; UF 0 is the robot's own. A position that a
+motion takes with an offset, or that is not taught (asterisks), is left.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from lmeasure.robots.dialects.euler import of_angles
+from lmeasure.robots.dialects.program_text import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing
+
+POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
+_POSITION = re.compile(r"^[ \t]*P\[\s*(\d+)[^\]]*\]\s*(?=\{)", re.M)
+_MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCA])\s+(.*?);", re.M | re.S)
+_NAMED = re.compile(r"\b(PR?)\[\s*([^\]:]*)[^\]]*\]")
+_BY_DIFFERENCE = re.compile(r"\b(Offset|Tool_Offset|INC|VOFFSET|TRACK)\b", re.I)
+_FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
+_CURRENT = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME_NUM|UTOOL_NUM)\s*=\s*(\w+)", re.M)
+_FIELD = re.compile(rf"\b([XYZWPR]|J[1-6])\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
+_CONFIG = re.compile(r"CONFIG\s*:\s*'([NF])\s*([UD])?\s*([TB])\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*'")
+_pose, _numbers = of_angles("fanuc-wpr")
+
+
+def read(sources: Sequence[Source]) -> Listing:
+    """The targets of listings."""
+    targets: list[Target] = []
+    unread: list[Unread] = []
+    for k, source in enumerate(sources):
+        _read(k, source, targets, unread)
+    own = np.array(IDENTITY)
+    return Listing(tuple(sources), tuple(targets), {"UF[0]": own, "UT[0]": own}, tuple(unread))
+
+
+def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -> None:
+    text = source.text
+    body, positions = _sections(text)
+
+    def leave(place: int, why: str) -> None:
+        unread.append(Unread(source.name, source.line(place), why))
+
+    used: dict[int, set[str]] = {}
+    for m in _MOTION.finditer(text, *body):
+        if m[2].lstrip().startswith("!"):
+            continue
+        by = _BY_DIFFERENCE.search(m[2])
+        for register in _NAMED.finditer(m[2]):
+            number = register[2].strip()
+            if register[1] == "PR" or not number.isdigit():
+                if not (by and register.start() > by.start()):
+                    leave(m.start(1), f"{m[1]} {register[0]}: a position that is computed")
+            else:
+                used.setdefault(int(number), set()).add(by[1].upper() if by else "")
+    current = {"UF": {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UFRAME_NUM"}}
+    current["UT"] = {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UTOOL_NUM"}
+    for m in _POSITION.finditer(text, *positions):
+        number, end = int(m[1]), closing(text, m.end(), "{}")
+        name = f"P[{number}]"
+        if end < 0:
+            leave(m.start(), f"{name}: not closed")
+            continue
+        differences = sorted(d for d in used.get(number, set()) if d)
+        if number not in used:
+            leave(m.start(), f"{name}: no motion goes to it")
+        elif differences:
+            leave(m.start(), f"{name}: is moved to with {', '.join(differences)}")
+        else:
+            found = _target(k, source, name, (m.end(), end), current)
+            if isinstance(found, str):
+                leave(m.start(), f"{name}: {found}")
+            else:
+                targets.append(found)
+
+
+def _target(k: int, source: Source, name: str, span: Span, current: dict[str, set[str]]) -> Target | str:
+    """The position between braces, or why it is none."""
+    text = source.text
+    start = text.find("GP1", *span)
+    other = re.compile(r"GP[2-9]").search(text, *span)
+    if start < 0:
+        return "has nothing of group 1"
+    stop = other.start() if other and other.start() > start else span[1]
+    fields = {}
+    for m in _FIELD.finditer(text, start, stop):
+        if m[2].startswith("*"):
+            return "not taught"
+        if (m[3] or ("mm" if m[1] in "XYZ" else "deg")) != ("mm" if m[1] in "XYZ" else "deg"):
+            return f"{m[1]} in {m[3]}"
+        fields[m[1]] = (float(m[2]), m.span(2))
+    joints = "J1" in fields
+    wanted = AXES if joints else POSE
+    missing = [key for key in wanted if key not in fields]
+    if missing:
+        return f"{', '.join(missing)} not stated"
+    frames = {}
+    for m in _FRAME.finditer(text, start, stop):
+        own = m[2] if m[2].isdigit() else next(iter(current[m[1]])) if len(current[m[1]]) == 1 else ""
+        if not own.isdigit() and not joints:
+            return f"{m[1]} is the one that the controller then has"
+        frames[m[1]] = f"{m[1]}[{int(own)}]" if own.isdigit() else ""
+    if set(frames) != {"UF", "UT"} and not joints:
+        return "UF and UT not stated"
+    config = _CONFIG.search(text, start, stop)
+    flags = {} if config is None else {"flip": int(config[1] == "F"), "up": int(config[2] != "D"), "front": int(config[3] == "T")}
+    flags |= {} if config is None else {f"turn{i}": int(config[3 + i]) for i in (1, 2, 3)}
+    values, spans = zip(*(fields[key] for key in wanted), strict=True)
+    return Target(name, k, source.line(span[0]), joints, values, spans, frames.get("UF", ""), frames.get("UT", ""), flags)
+
+
+def _sections(text: str) -> tuple[Span, Span]:
+    """Places of the instructions and of the positions; remarks stay in, since their lines begin with !."""
+    begin, positions, end = (re.search(rf"^/{name}\b", text, re.M) for name in ("MN", "POS", "END"))
+    last = end.start() if end else len(text)
+    middle = positions.start() if positions else last
+    return (begin.end() if begin else 0, middle), (middle, last)
+
+
+DIALECT = Dialect("fanuc", read, _pose, _numbers, math.radians(1.0), (3, 3, 3), ("UF[0]", "UT[0]"))

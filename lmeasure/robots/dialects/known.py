@@ -1,0 +1,44 @@
+"""Which dialect a program is in: by the ends of its files' names, or as the user says."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lmeasure import files
+from lmeasure.errors import RobotError
+from lmeasure.robots.dialects import fanuc, krl, rapid, tables, ur_script
+from lmeasure.robots.dialects.program_text import Dialect, Source
+
+ENDS = {
+    ".src": "krl",
+    ".dat": "krl",
+    ".mod": "rapid",
+    ".modx": "rapid",
+    ".prg": "rapid",
+    ".sys": "rapid",
+    ".ls": "fanuc",
+    ".script": "ur-script",
+    ".urscript": "ur-script",
+    ".csv": "csv",
+}
+NAMES = ("krl", "rapid", "fanuc", "ur-script", "csv", "robodk")
+
+
+def opened(paths: Sequence[Path]) -> tuple[Source, ...]:
+    """The files of a program, a character a byte."""
+    return tuple(Source(path.name, files.read_bytes(path).decode("latin-1")) for path in paths)
+
+
+def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "") -> Dialect:
+    """The dialect of that name, or that the files' names end with; RobotError where they do not say one."""
+    if not name:
+        found = {ENDS.get(path.suffix.lower(), "") for path in paths}
+        if len(found) != 1 or "" in found:
+            raise RobotError(f"{', '.join(map(str, paths))}: the names do not say one dialect; state --dialect {' or '.join(NAMES)}")
+        name = found.pop()
+        first = sources[0].text.split("\n", 1)[0].lower()
+        if name == "csv" and not any(c in first for c in ("_mm", "_deg")):
+            name = "robodk"
+    if name not in NAMES:
+        raise RobotError(f"dialect {name!r} is none of {', '.join(NAMES)}")
+    fixed = {"krl": krl.DIALECT, "rapid": rapid.DIALECT, "fanuc": fanuc.DIALECT, "ur-script": ur_script.DIALECT, "robodk": tables.ROBODK}
+    return fixed[name] if name in fixed else tables.plain(sources[0].text.split("\n", 1)[0])
