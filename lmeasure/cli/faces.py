@@ -55,7 +55,7 @@ FACES: dict[str, Face] = {
     "check": questions,
     "demo": with_stages,
     "record": recording,
-    "view": lambda workflow, settings: workflow.run(settings),
+    "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(text)),
 }
 """Of commands that show something else than a bar."""
 

@@ -34,7 +34,10 @@ def open_viewer(path: Path) -> None:
     """Open a recording in rerun's viewer and wait until that is closed; LMeasureError without a recording or a display."""
     check_recording(path)
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise LMeasureError(f"{path}: cannot be shown: there is no display here; open it with `lmeasure view` on a machine that has one")
+        raise LMeasureError(
+            f"{path}: cannot be shown: there is no display here; `lmeasure view {path} --web` shows it in a browser, of this machine or of "
+            "one that forwards a port to it"
+        )
     # the viewer also listens for other programs' recordings: on this machine only
     code = subprocess.run([*RERUN, str(Path(path).resolve()), "--bind", "127.0.0.1"], check=False).returncode
     if code != 0:

@@ -35,7 +35,7 @@ JOBS: dict[str, dict[str, str]] = {
         ),
         "reconstruct": "Reconstruct the gripper's trajectory from recorded counts, with its uncertainty, by the screw method.",
         "motion": "Smooth a trajectory by local cubics and write velocity, acceleration and jerk with their uncertainties.",
-        "view": "Open a recording in the rerun viewer: the rig in space, and every figure over time.",
+        "view": "Open a recording in the rerun viewer, or in a browser: the rig in space, and every figure over time.",
     },
     "Test a robot": {
         "program": "Write the test program of ISO 9283: poses and paths of the cube, with cycles, speeds and loads.",

@@ -83,8 +83,8 @@ class Page:
 
 
 @contextmanager
-def opened(page: Path, profile: Path) -> Iterator[Page]:
-    """The page in a browser of its own, closed afterwards; AssertionError when the machine has no Chromium."""
+def opened(page: Path | str, profile: Path) -> Iterator[Page]:
+    """The page, a file or an address, in a browser of its own, closed afterwards; AssertionError when the machine has no Chromium."""
     program = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
     assert program, "the tests of pages need Chromium (Debian: apt-get install chromium)"
     process = subprocess.Popen(
@@ -98,7 +98,7 @@ def opened(page: Path, profile: Path) -> Iterator[Page]:
             shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"])
             for domain in ("Runtime", "Log", "Page"):
                 shown.call(f"{domain}.enable")
-            shown.call("Page.navigate", url=page.resolve().as_uri())
+            shown.call("Page.navigate", url=page.resolve().as_uri() if isinstance(page, Path) else page)
             shown.wait("document.readyState === 'complete'")
             yield shown
     finally:

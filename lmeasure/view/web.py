@@ -1,0 +1,176 @@
+"""rerun's own web viewer in any browser, with the recording beside it, for this machine alone.
+
+The viewer lies in rerun's wheel; `rerun --serve-web` gives its files on a port of the loopback interface, and given an address of a
+recording it opens nothing else. Here one more server stands before it: it serves both, the page and the recording, from one port of
+127.0.0.1, so that one port is to be forwarded. The page would load fonts, ask for newer versions and tell its maker of its use: what it
+would fetch from elsewhere is left out or answered here, and the browser is forbidden to fetch more.
+"""
+
+import http.client
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.parse import quote, urlsplit
+
+from lmeasure.errors import LMeasureError
+from lmeasure.view.viewer import check_recording
+
+LOOPBACK = "127.0.0.1"
+HERE = ("127.0.0.1", "localhost")
+RECORDING = "/recording.rrd"
+START_S = 30.0
+POLICY = (
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; font-src 'self' data:; "
+    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; form-action 'none'"
+)
+_ELSEWHERE = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
+_ALONE = b"""<script>{const own = window.fetch.bind(window); window.fetch = (what, how) =>
+new URL(what instanceof Request ? what.url : what, location).origin === location.origin ? own(what, how)
+: Promise.resolve(new Response("{}", {status: 404}))}</script>"""
+"""Answers in the page what would go elsewhere."""
+
+
+@contextmanager
+def serving(recording: Path, port: int = 0) -> Iterator[ThreadingHTTPServer]:
+    """A server of the viewer with the recording, on 127.0.0.1 and that port, a free one for 0; call its `serve_forever`.
+
+    LMeasureError where the file is no recording, the port is taken, or rerun does not start.
+    """
+    check_recording(recording)
+    try:
+        server = ThreadingHTTPServer((LOOPBACK, port), _Handler)
+    except OSError as error:
+        raise LMeasureError(f"port {port} of {LOOPBACK} cannot be had: {error.strerror or error}; --port 0 takes a free one") from error
+    try:
+        with _viewer_files(f"http://{LOOPBACK}:{server.server_port}{RECORDING}") as behind:
+            server.RequestHandlerClass = type("Handler", (_Handler,), {"recording": recording, "behind": behind})
+            yield server
+    finally:
+        server.server_close()
+
+
+def serve(recording: Path, port: int, say: Callable[[str], None]) -> None:
+    """Serve until the person at the keyboard ends it; say is told where."""
+    # whoever stops this process stops rerun too
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with serving(recording, port) as server:
+        at = server.server_port
+        say(f"{recording} is shown at http://{LOOPBACK}:{at}/ by any browser of this machine, and of no other; Ctrl-C ends it")
+        say(f"from another machine: ssh -L {at}:{LOOPBACK}:{at} {socket.gethostname()}, then the same address there")
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            return
+
+
+@contextmanager
+def _viewer_files(recording_url: str) -> Iterator[int]:
+    """Port of the loopback interface on which rerun gives the files of its web viewer."""
+    with socket.socket() as free:
+        free.bind((LOOPBACK, 0))
+        port = int(free.getsockname()[1])
+    words = [recording_url, "--serve-web", "--bind", LOOPBACK, "--web-viewer-port", str(port)]
+    process = subprocess.Popen([_program(), *words], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        given_up = time.monotonic() + START_S
+        while True:
+            try:
+                socket.create_connection((LOOPBACK, port), timeout=1.0).close()
+                break
+            except OSError as error:
+                if process.poll() is not None or time.monotonic() > given_up:
+                    raise LMeasureError(f"rerun's web viewer did not start (exit {process.poll()})") from error
+                time.sleep(0.05)
+        yield port
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _program() -> str:
+    """rerun's program in its wheel: started by itself, as what starts it there would leave it behind."""
+    import rerun_cli
+
+    folder = Path(rerun_cli.__path__[0])
+    places = (folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun", folder / f"rerun{'.exe' if sys.platform == 'win32' else ''}")
+    found = next((str(place) for place in places if place.is_file()), None)
+    if found is None:
+        raise LMeasureError(f"{folder}: rerun's program is not there; install rerun-sdk again")
+    return found
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Gives the recording, and everything else from rerun."""
+
+    recording: Path
+    behind: int
+
+    def do_GET(self) -> None:
+        """The page with its recording, the recording, files of the viewer."""
+        self._answer(body=True)
+
+    def do_HEAD(self) -> None:
+        """The same without content."""
+        self._answer(body=False)
+
+    def _answer(self, *, body: bool) -> None:
+        # a name that leads here from elsewhere would let its pages read the recording
+        host = self.headers.get("Host", "")
+        if urlsplit(f"//{host}").hostname not in HERE:
+            self.send_error(403)
+            return
+        asked = urlsplit(self.path)
+        if asked.path == "/" and "url=" not in asked.query:
+            self.send_response(302)
+            self.send_header("Location", f"/?url={quote(f'http://{host}{RECORDING}', safe='')}&renderer=webgl")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+        elif asked.path == RECORDING:
+            try:
+                with self.recording.open("rb") as file:
+                    self._head("application/octet-stream", self.recording.stat().st_size)
+                    if body:
+                        shutil.copyfileobj(file, self.wfile)
+            except FileNotFoundError:
+                self.send_error(404)
+            except ConnectionError:  # the browser was closed
+                return
+        else:
+            self._relay(body=body)
+
+    def _relay(self, *, body: bool) -> None:
+        connection = http.client.HTTPConnection(LOOPBACK, self.behind, timeout=60)
+        try:
+            connection.request("GET", self.path)
+            answer = connection.getresponse()
+            content = answer.read()
+            kind = answer.getheader("Content-Type", "application/octet-stream")
+            if kind.startswith("text/html"):
+                content = _ELSEWHERE.sub(b"", content).replace(b"<head>", b"<head>" + _ALONE, 1)
+            self._head(kind, len(content), answer.status)
+            if body:
+                self.wfile.write(content)
+        except ConnectionError:
+            return
+        except OSError:
+            self.send_error(502)
+        finally:
+            connection.close()
+
+    def _head(self, kind: str, length: int, status: int = 200) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(length))
+        self.send_header("Content-Security-Policy", POLICY)
+        self.end_headers()
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name of the class above
+        """Nothing: who looks sees."""
