@@ -20,12 +20,15 @@ import os
 import shutil
 import signal
 import subprocess
+import threading
+import time
 from pathlib import Path
 from typing import Any, NoReturn
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 WINDOWS = os.name == "nt"
+SAY_S = 5.0
 PROBE = "import importlib.metadata as m, sys; m.distribution('lmeasure'); print(sys.version)"
 
 
@@ -96,20 +99,34 @@ def say(text: str) -> None:
 
 
 def call(command: list[str], what: str) -> None:
-    """Run one step with its output on standard error; SetUpError when it fails."""
+    """Run one step with its output on standard error, saying every few seconds that it goes on; SetUpError when it fails."""
+    began, ended = time.monotonic(), threading.Event()
+
+    def tell() -> None:
+        while not ended.wait(SAY_S):
+            say(f"{what} goes on: {time.monotonic() - began:.0f} s, {packages()} packages are there")
+
+    threading.Thread(target=tell, daemon=True).start()
     try:
         code = subprocess.call(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=sys.stderr)
     except OSError as error:
         raise SetUpError(f"{what} failed: {command[0]}: {error.strerror or error}") from error
+    finally:
+        ended.set()
     if code != 0:
         raise SetUpError(f"{what} failed (exit {code}); its own message is above. The next call begins again")
+
+
+def packages() -> int:
+    """How many packages the environment holds so far."""
+    return sum(1 for place in ("lib/python*/site-packages", "Lib/site-packages") for _ in VENV.glob(f"{place}/*.dist-info"))
 
 
 def make_environment(uv: str | None) -> None:
     """A new empty environment in place of whatever is there."""
     if uv is None and importlib.util.find_spec("ensurepip") is None:
         raise SetUpError("this Python cannot make environments with pip; install python3-venv (Debian, Ubuntu), or uv")
-    say(f"making {VENV.name} with Python {sys.version.split()[0]}")
+    say(f"step 1 of 2: making {VENV.name} with Python {sys.version.split()[0]}")
     if VENV.is_symlink() or VENV.is_file():
         VENV.unlink()
     elif VENV.exists():
@@ -122,7 +139,7 @@ def install(extras: frozenset[str], uv: str | None) -> None:
     project = f"{ROOT}[{','.join(sorted(extras))}]" if extras else str(ROOT)
     python = str(script("python"))
     tool = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install", "--disable-pip-version-check"]
-    say(f"installing lmeasure with {'uv' if uv else 'pip'} (the first time takes a few minutes)")
+    say(f"step 2 of 2: installing lmeasure and what it needs with {'uv' if uv else 'pip'}: some minutes the first time")
     call([*tool, "--editable", project], "the installation")
 
 
@@ -137,7 +154,7 @@ def set_up(extras: frozenset[str]) -> None:
     if left == "nothing":
         return
     extras |= frozenset(stamp.get("extras", ()))
-    uv = shutil.which("uv")
+    uv, began = shutil.which("uv"), time.monotonic()
     # without a stamp an interrupted installation is recognised: pip would take half-unpacked packages for whole ones
     if VENV.is_dir():
         stamp_path.unlink(missing_ok=True)
@@ -147,7 +164,7 @@ def set_up(extras: frozenset[str]) -> None:
     if not works():
         raise SetUpError(f"the installation ended well, but lmeasure does not start from {VENV}")
     write_stamp(stamp_path, made_from, extras)
-    say("set up")
+    say(f"set up in {time.monotonic() - began:.0f} s; the next call starts at once")
 
 
 def hand_over(command: list[str]) -> NoReturn:

@@ -221,3 +221,12 @@ def test_fresh_copy_installs_runs_and_repeats(tmp_path: Path) -> None:
     assert first.stdout.startswith("lmeasure ")
     assert "installing lmeasure" in first.stderr
     assert second.stderr == ""
+
+
+def test_a_step_that_takes_long_says_that_it_goes_on(
+    launcher: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (launcher.VENV / "lib" / "python3.11" / "site-packages" / "numpy-2.0.dist-info").mkdir(parents=True)
+    monkeypatch.setattr(launcher, "SAY_S", 0.05)
+    launcher.call([sys.executable, "-c", "import time; time.sleep(0.5)"], "the installation")
+    assert "run.py: the installation goes on: 0 s, 1 packages are there" in capfd.readouterr().err

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lmeasure import files
+from lmeasure.errors import FileFormatError
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.ros import mcap_writer
 
@@ -30,6 +31,8 @@ def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Ite
 
             yield write_lines
         return
+    if Path(path).suffix.lower() not in {".csv", ".parquet"}:
+        raise FileFormatError(f"{path}: the name must end in .parquet, .csv, .tum or .mcap")
     with files.table_writer(path, {"uncertainty_covers": covers}) as write:
         yield lambda piece: write(piece.columns(angles))
 

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
@@ -97,9 +98,10 @@ def _viewer_files(recording_url: str) -> Iterator[int]:
 
 def _program() -> str:
     """rerun's program in its wheel: started by itself, as what starts it there would leave it behind."""
-    import rerun_cli
-
-    folder = Path(rerun_cli.__path__[0])
+    wheel = find_spec("rerun_cli")
+    if wheel is None or not wheel.submodule_search_locations:
+        raise LMeasureError("rerun's program is not there; install rerun-sdk again")
+    folder = Path(wheel.submodule_search_locations[0])
     places = (folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun", folder / f"rerun{'.exe' if sys.platform == 'win32' else ''}")
     found = next((str(place) for place in places if place.is_file()), None)
     if found is None:

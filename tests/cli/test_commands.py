@@ -131,7 +131,7 @@ def test_a_demo_is_written_over_nothing_but_a_demo() -> None:
     ("arguments", "message"),
     [
         (("reconstruct", "nowhere", "--out", "OUT/t.parquet"), "nowhere: is not a run folder"),
-        (("reconstruct", TRUTH / "cell-run", "--out", "OUT/t.xlsx"), "t.xlsx: the name must end in .csv or .parquet"),
+        (("reconstruct", TRUTH / "cell-run", "--out", "OUT/t.xlsx"), "t.xlsx: the name must end in .parquet, .csv, .tum or .mcap"),
         (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "reference_poses.csv: cannot be read: No such file or directory"),
         (("zone", "no.toml", *BOX, "--out", "OUT/zone.nc"), "no.toml: cannot be read: No such file or directory"),
         (("simulate", "no.toml", "--out", "OUT/run"), "no.toml: cannot be read: No such file or directory"),

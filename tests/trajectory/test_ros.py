@@ -62,5 +62,5 @@ def test_without_the_package_one_line_says_what_to_install(tmp_path: Path) -> No
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     folder = Path(__file__).parents[2]  # no index has a package of this name
-    assert done.stderr.strip().endswith(f"out.mcap: MCAP needs the package mcap: pip install '{folder}[ros]'")
+    assert done.stderr.strip().endswith(f"out.mcap: MCAP needs the package mcap: {sys.executable} -m pip install '{folder}[ros]'")
     assert len(done.stderr.strip().splitlines()) == 1

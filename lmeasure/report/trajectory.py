@@ -1,0 +1,345 @@
+"""The page of a trajectory: what must be known first, what was left out, the path in space, and everything over time with its faults."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from lmeasure import files
+from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
+from lmeasure.arrays import FloatArray
+from lmeasure.catalogue import decimal, texts
+from lmeasure.findings import recognised
+from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.kernels.layout import BASE_XYZ
+from lmeasure.report import html
+from lmeasure.rig import Rig
+from lmeasure.status import WORDS
+
+DOMAIN = "trajectory"
+MOST_LINES = 100
+"""Of stretches in the table; the pictures show all."""
+MARKS = 200
+"""Of stretches in space: those that lie closer together share one."""
+BANDS = 60
+"""Of stretches that are shaded over all pictures; the lane shows all."""
+HIDDEN = "legendonly"
+"""Until it is clicked: beside its rig a path is too small to be seen."""
+AXES = ("#0072b2", "#d55e00", "#009e73")
+FAULT, LESS = "#c1272d", "#e69f00"
+STYLE = "<style>.figures td{text-align:left;overflow-wrap:anywhere}.figures th,.kinds td,.kinds th{text-align:left}</style>"
+TOOLS = ("zoom", "pan", "select", "lasso", "zoomIn", "zoomOut", "autoScale", "resetCameraLastSave", "zoom3d", "pan3d", "orbitRotation")
+CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": [*TOOLS, "tableRotation"]}
+
+
+def write_trajectory_page(
+    path: Path, name: str, found: Along, rig: Rig | None, inputs: Sequence[tuple[str, str]], language: str = "en"
+) -> None:
+    """Write a self-contained HTML page of the trajectory called name, whole or not at all; inputs: files with their SHA-256."""
+    words = texts(DOMAIN, language)
+    body = [
+        STYLE,
+        *_verdict(found, language),
+        html.table(("", ""), summary(found, language), "figures"),
+        *_left_out(found, language),
+        html.heading(words["space"]),
+        html.paragraph(words["space.told"]),
+        _html(space_figure(found, rig, language), first=True),
+        html.heading(words["time"]),
+        html.paragraph(words["time.told"] + (f" {words['time.thinned']}" if len(found.rows) < len(found.u95_mm) else "")),
+        _html(time_figure(found, language)),
+        html.heading(words["known"]),
+        *(html.paragraph(line) for line in _known(found, language)),
+        html.heading(words["inputs"]),
+        html.table((words["file"], "SHA-256"), inputs, "figures"),
+    ]
+    files.write_text(path, html.page(words["title"].format(name=name), body, language))
+
+
+def _html(figure: go.Figure, *, first: bool = False) -> str:
+    return str(figure.to_html(full_html=False, include_plotlyjs=first, config=CONFIG))
+
+
+def _verdict(found: Along, language: str) -> list[str]:
+    """One sentence that says whether anything is missing."""
+    words = texts(DOMAIN, language)
+    samples = len(found.u95_mm)
+    bad = sum(s.samples for s in found.stretches if not s.ok)
+    if bad:
+        said = words["verdict.bad"].format(bad=bad, samples=samples, percent=decimal(language, f"{100 * bad / samples:.3g}"))
+        return [html.paragraph(said, "warning")]
+    fewer = sum(s.samples for s in found.stretches)
+    return [html.paragraph(words["verdict.fewer"].format(fewer=fewer), "warning")] if fewer else [html.paragraph(words["verdict.good"])]
+
+
+def summary(found: Along, language: str) -> list[tuple[str, str]]:
+    """Names and figures that matter, the first ones of a page or a terminal."""
+    words = texts(DOMAIN, language)
+
+    def number(value: float, form: str = ".4g") -> str:
+        return decimal(language, format(value, form))
+
+    trajectory = found.trajectory
+    time_s, n = trajectory.time_s, len(trajectory.time_s)
+    span = float(time_s[-1] - time_s[0])
+    bad = sum(s.samples for s in found.stretches if not s.ok)
+    rate = words["rate"].format(rate=number(1.0 / float(np.median(np.diff(time_s))))) if n > 1 else ""
+    rows = [
+        (words["duration"], f"{number(span, '.6g')} {words['s']}"),
+        (words["samples"], f"{n}{rate}"),
+        (words["ok"], f"{n - bad} ({number(100.0 * (n - bad) / n)} %)"),
+    ]
+    if found.worst is not None:
+        i = found.worst
+        at = words["at"].format(time=number(time_s[i], ".6g"), place=", ".join(number(v, ".1f") for v in trajectory.poses[i, :3]))
+        rows.append((words["worst.place"], f"{number(1e3 * found.u95_mm[i])} {words['um']}{at}"))
+    else:
+        rows.append((words["worst.place"], words["not stated"]))
+    if not np.isnan(found.u95_rad).all():
+        rows.append((words["worst.turn"], f"{number(np.degrees(np.nanmax(found.u95_rad)))}°"))
+    elif np.isnan(trajectory.poses[:, 3]).all():
+        rows.append((words["worst.turn"], words["no turn"]))
+    if not np.isnan(trajectory.worst_pressure_angle_deg).all():
+        rows.append((words["angle"], f"{number(np.nanmax(trajectory.worst_pressure_angle_deg), '.1f')}°"))
+    if found.motion is not None:
+        speed, u95 = found.motion.largest_speed()
+        stated = f" ± {number(u95, '.3g')}" if u95 > 0.0 else ""
+        rows.append((words["speed"], f"{number(speed)}{stated} {words['mm/s']}"))
+        rows.append((words["path"], f"{number(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
+    else:
+        rows.append((words["speed"], words["no speed"].format(why=found.no_motion)))
+    return rows
+
+
+def _left_out(found: Along, language: str) -> list[str]:
+    """What has no pose, or was measured without a cable, by cause."""
+    words = texts(DOMAIN, language)
+    if not found.stretches:
+        return []
+    kinds: dict[tuple[int, str, str], list[Stretch]] = {}
+    for s in found.stretches:
+        kinds.setdefault((s.status, s.cause, s.cable), []).append(s)
+    rows = []
+    for (status, cause, cable), own in sorted(kinds.items(), key=lambda item: -sum(s.samples for s in item[1]))[:MOST_LINES]:
+        longest = max(s.end_s - s.begin_s for s in own)
+        first = f"{decimal(language, f'{own[0].begin_s:.6g}')} {words['s']}"
+        rows.append(
+            (
+                _status(status, language),
+                _said(cause, language),
+                cable,
+                str(sum(s.samples for s in own)),
+                str(len(own)),
+                first,
+                f"{decimal(language, f'{longest:.4g}')} {words['s']}",
+            )
+        )
+    header = [words[f"column.{key}"] for key in ("status", "cause", "cable", "samples", "stretches", "first", "longest")]
+    more = [html.paragraph(words["more"].format(more=len(kinds) - len(rows)))] if len(kinds) > len(rows) else []
+    return [html.heading(words["left out"]), html.table(header, rows, "kinds"), *more]
+
+
+def _status(status: int, language: str) -> str:
+    return texts(DOMAIN, language)[f"status.{WORDS[status]}"]
+
+
+def _said(text: str, language: str) -> str:
+    """A text of the computation in the page's language, as far as it is known there."""
+    found = recognised(text) if text and language != "en" else None
+    return text if found is None else found.text(language)
+
+
+def _known(found: Along, language: str) -> Iterable[str]:
+    """What the uncertainties hold, and what else must be known."""
+    words, trajectory = texts(DOMAIN, language), found.trajectory
+    yield words["covers"].format(covers=_said(trajectory.covers, language))
+    yield from (_said(note, language) for note in trajectory.notes)
+    yield from (_said(taken.line(), language) for taken in trajectory.taken_as_exact)
+    if found.motion is not None:
+        yield words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
+        if found.motion.stamps.note:
+            yield _said(found.motion.stamps.note, language)
+
+
+def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figure:
+    """The path coloured by the 95 % radius, where it broke off, and the rig."""
+    words = texts(DOMAIN, language)
+    poses, rows = found.trajectory.poses, found.rows
+    figure = go.Figure()
+    known = np.flatnonzero(~np.isnan(poses[:, 0]))
+    if rig is not None and len(known) and not np.isnan(poses[known[0]]).any():
+        _add_rig(figure, rig, poses[known[0]], words["cables"])
+    x, y, z = poses[rows, :3].T
+    u95_um = 1e3 * found.u95_mm[rows]
+    line: dict[str, object] = {"width": 6, "color": "#555555"}
+    if found.worst is not None:
+        bar = {
+            "title": {"text": words["bar"], "side": "top"},
+            "orientation": "h",
+            "y": -0.02,
+            "yanchor": "top",
+            "thickness": 14,
+            "len": 0.9,
+        }
+        line = {"width": 6, "color": u95_um, "colorscale": "Viridis", "colorbar": bar}
+    about = [
+        f"{t:.6g} s" + ("" if np.isnan(u) else f"<br>U95 {u:.4g} µm") for t, u in zip(found.trajectory.time_s[rows], u95_um, strict=True)
+    ]
+    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line=line, text=about, hoverinfo="x+y+z+text", name=words["origin"])
+    for ok, colour, key in ((False, FAULT, "broke"), (True, LESS, "fewer")):
+        own = merged([s for s in found.stretches if s.ok == ok], float(np.ptp(found.trajectory.time_s)) / MARKS)
+        # where the tool was last known before the stretch, or first behind it
+        at = [i for s in own if (i := _near(s.first, known)) is not None]
+        if at:
+            px, py, pz = poses[at, :3].T
+            told = [html.text(_about(s, language)) for s in own]
+            figure.add_scatter3d(
+                x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": colour, "symbol": "diamond"}, text=told, name=words[key],
+                hoverinfo="text",
+            )  # fmt: skip
+    axes = {
+        "xaxis_title": "X, mm",
+        "yaxis_title": "Y, mm",
+        "zaxis_title": "Z, mm",
+        "aspectmode": "data",
+        "camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.1}},
+    }
+    legend = {"orientation": "h", "y": -0.14, "yanchor": "top", "x": 0.0}
+    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 150}, scene=axes, legend=legend)
+
+
+def _near(sample: int, known: np.ndarray) -> int | None:
+    """The last known sample up to this one, else the first one behind it."""
+    if not len(known):
+        return None
+    k = int(np.searchsorted(known, sample, side="right")) - 1
+    return int(known[max(k, 0)])
+
+
+def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray, label: str) -> None:
+    """Cables to the first pose, and the observation points."""
+    rows = rig.cable_rows()
+    _, tangent, attachment, _ = wrap_geometry(rows, pose[None, :])
+    gap = np.full(3, np.nan)
+    line = np.concatenate([np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j], gap]) for j in range(len(rows))])
+    x, y, z = line.T
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="lines", line={"width": 2, "color": "#9aa0a6"}, hoverinfo="skip", name=label, visible=HIDDEN, legendgroup=label
+    )
+    x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
+    names = [html.text(p.name) for p in rig.observation_point]
+    figure.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers+text",
+        text=names,
+        marker={"size": 4, "color": "black"},
+        showlegend=False,
+        hoverinfo="x+y+z+text",
+        visible=HIDDEN,
+        legendgroup=label,
+    )
+
+
+def _shown(stretches: Sequence[Stretch], found: Along) -> list[Stretch]:
+    """As many as a picture can tell apart."""
+    return merged(stretches, float(np.ptp(found.trajectory.time_s)) / MOST_STRETCHES)
+
+
+def _about(s: Stretch, language: str) -> str:
+    samples = f"{s.first}–{s.last}" if s.last > s.first else str(s.first)
+    return ", ".join(part for part in (_status(s.status, language), samples, _said(s.cause, language), s.cable) if part)
+
+
+def time_figure(found: Along, language: str = "en") -> go.Figure:
+    """Place, rotation, their uncertainty, pressure angle and speed, one under the other, with every stretch that was left out."""
+    words = texts(DOMAIN, language)
+    trajectory, rows = found.trajectory, found.rows
+    time_s, u = trajectory.time_s[rows], trajectory.u[rows]
+    lanes: list[tuple[str, list[tuple[str, FloatArray, FloatArray | None]]]] = [
+        (words["lane.place"], [(n, trajectory.poses[rows, i], AXIS_95 * u[:, i]) for i, n in enumerate("XYZ")]),
+    ]
+    if not np.isnan(found.rotation_deg).all():
+        turned: list[tuple[str, FloatArray, FloatArray | None]] = [
+            (n, found.rotation_deg[rows, i], np.degrees(AXIS_95 * u[:, 3 + i])) for i, n in enumerate("XYZ")
+        ]
+        lanes.append((words["lane.turn"], turned))
+    if found.worst is not None:
+        lanes.append((words["lane.u_place"], [("U95", 1e3 * found.u95_mm[rows], None)]))
+    if not np.isnan(found.u95_rad).all():
+        lanes.append((words["lane.u_turn"], [("U95", 1e3 * found.u95_rad[rows], None)]))
+    if not np.isnan(trajectory.worst_pressure_angle_deg).all():
+        lanes.append((words["lane.angle"], [(words["angle"], trajectory.worst_pressure_angle_deg[rows], None)]))
+    if found.motion is not None:
+        u_speed = AXIS_95 * found.motion.u_speed_mm_s[rows]
+        lanes.append((words["lane.speed"], [(words["speed.one"], found.motion.speed_mm_s[rows], u_speed)]))
+    kinds = list(dict.fromkeys((s.status, s.ok) for s in found.stretches))
+    heights = [1.0] * len(lanes) + ([0.16 + 0.14 * len(kinds)] if kinds else [])
+    titles = [title for title, _ in lanes] + ([words["lane.status"]] if kinds else [])
+    figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=0.035, row_heights=heights)
+    for number, (_, curves) in enumerate(lanes, 1):
+        for i, (name, values, half) in enumerate(curves):
+            colour = AXES[i] if len(curves) > 1 else "#30343f"
+            _curve(figure, number, time_s, name, values, half, colour, legend=number == 1)
+    if kinds:
+        _lane(figure, len(titles), found, kinds, language)
+        _shade(figure, found)
+    figure.update_xaxes(title_text=words["axis.time"], row=len(titles), col=1)
+    figure.update_annotations(font_size=13, x=0.0, xanchor="left")
+    legend = {"orientation": "h", "y": 1.03, "yanchor": "bottom", "x": 0.0}
+    return figure.update_layout(
+        height=int(90 + 210 * sum(heights)), margin={"l": 60, "r": 10, "t": 80, "b": 50}, legend=legend, hovermode="x"
+    )
+
+
+def _curve(
+    figure: go.Figure, row: int, time_s: FloatArray, name: str, values: FloatArray, half: FloatArray | None, colour: str, *, legend: bool
+) -> None:
+    """A line and, where its half width is stated, the band that holds 95 %."""
+    if half is not None:
+        x, y = _band(time_s, values - half, values + half)
+        figure.add_scatter(
+            x=x, y=y, mode="lines", line={"width": 0}, fill="toself", fillcolor=_pale(colour), hoverinfo="skip", showlegend=False,
+            legendgroup=name, row=row, col=1,
+        )  # fmt: skip
+    line = {"width": 1.5, "color": colour}
+    figure.add_scatter(x=time_s, y=values, mode="lines", line=line, name=name, legendgroup=name, showlegend=legend, row=row, col=1)
+
+
+def _band(time_s: FloatArray, low: FloatArray, high: FloatArray) -> tuple[list[float | None], list[float | None]]:
+    """Outlines of the band between low and high, one for each stretch in which it is known."""
+    known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    x: list[float | None] = []
+    y: list[float | None] = []
+    for own in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        if len(own):
+            x += [*time_s[own].tolist(), *time_s[own[::-1]].tolist(), None]
+            y += [*high[own].tolist(), *low[own[::-1]].tolist(), None]
+    return x, y
+
+
+def _pale(colour: str) -> str:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},0.3)"
+
+
+def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[int, bool]], language: str) -> None:
+    """Every stretch as a bar on the line of its status, however short."""
+    for status, ok in kinds:
+        own = _shown([s for s in found.stretches if s.status == status], found)
+        name = texts(DOMAIN, language)["fewer"] if ok else _status(status, language)
+        figure.add_scatter(
+            x=[t for s in own for t in (s.begin_s, s.end_s, None)], y=[name, name, None] * len(own), mode="lines+markers",
+            line={"width": 9, "color": LESS if ok else FAULT}, marker={"size": 7, "symbol": "line-ns-open", "color": LESS if ok else FAULT},
+            text=[html.text(_about(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False, row=row, col=1,
+        )  # fmt: skip
+
+
+def _shade(figure: go.Figure, found: Along) -> None:
+    """The longest of the stretches without a pose, over all pictures."""
+    bad = sorted(_shown([s for s in found.stretches if not s.ok], found), key=lambda s: s.begin_s - s.end_s)[:BANDS]
+    look = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0.0, "y1": 1.0, "fillcolor": FAULT, "opacity": 0.12}
+    figure.update_layout(shapes=[{**look, "x0": s.begin_s, "x1": s.end_s, "line": {"width": 0.5, "color": FAULT}} for s in bad])

@@ -1,0 +1,88 @@
+"""The page of a trajectory: of a run, of a trajectory file, or of what another instrument measured."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
+from lmeasure.workflows.settings import COLUMNS, U_POSITION, U_ROTATION, Asked, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.accuracy.along import Along
+    from lmeasure.rig import Rig
+
+
+class Settings(Asked):
+    """What `lmeasure report` is asked."""
+
+    measured: Annotated[
+        Path,
+        option(
+            "Run folder, trajectory as `reconstruct` writes it, or another instrument's: .csv, .parquet, .tum, EuRoC.",
+            metavar="RUN_OR_TRAJECTORY",
+            positional=True,
+        ),
+    ]
+    out: Annotated[Path, option("Folder for trajectory.html.", metavar="DIR")]
+    rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own; with a trajectory, draw it.")] = None
+    start: Annotated[
+        str | None, option("Start pose, or a file with it as table start, instead of the run's.", metavar="X,Y,Z,QX,QY,QZ,QW|FILE")
+    ] = None
+    constraint: Annotated[str | None, option("What holds the tool of a run where cables are too few: planar or vertical-axis.")] = None
+    columns: Annotated[str, COLUMNS] = ""
+    u_position_mm: Annotated[float | None, U_POSITION] = None
+    u_rotation_deg: Annotated[float | None, U_ROTATION] = None
+    language: Annotated[Literal["en", "ru"], option("en or ru: language of the page.")] = "en"
+
+    def paths(self) -> Paths:
+        """A page from a run or a trajectory."""
+        start = None if self.start is None else Path(self.start)
+        read = in_run_folder(self.measured) if self.measured.is_dir() else (self.measured,)
+        return Paths(inside(self.out, "trajectory.html"), (*read, *present(self.rig, start)))
+
+
+@workflow("report")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
+    """Read or reconstruct the trajectory and write its page."""
+    from lmeasure import files
+    from lmeasure.accuracy.along import along
+    from lmeasure.foreign import columns_of
+    from lmeasure.report.trajectory import summary, write_trajectory_page
+    from lmeasure.run import read_linked_rig, read_run
+    from lmeasure.start import stated_start
+    from lmeasure.trajectory import Stated, read_trajectory, reconstruct
+
+    progress(0.0, "read")
+    if settings.measured.is_dir():
+        foreign = {"columns": settings.columns, "u_position_mm": settings.u_position_mm, "u_rotation_deg": settings.u_rotation_deg}
+        for name, given in foreign.items():
+            if given not in ("", None):
+                raise SettingsError(name, "goes with a trajectory file, not with a run folder")
+        recorded = read_run(settings.measured, settings.rig, None if settings.start is None else stated_start(settings.start))
+        progress(0.2, "reconstruct")
+        rig: Rig | None = recorded.rig
+        trajectory = reconstruct(recorded, settings.constraint)
+        sources = [settings.measured / "run.toml", *(Path(c.source) for c in recorded.passes)]
+    else:
+        for name in ("start", "constraint"):
+            if getattr(settings, name) is not None:
+                raise SettingsError(name, "goes with a run folder")
+        u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+        trajectory = read_trajectory(settings.measured, Stated(columns_of(settings.columns), settings.u_position_mm, u_rotation))
+        rig = None if settings.rig is None else read_linked_rig(settings.rig)[0]
+        sources = [settings.measured]
+    progress(0.6, "report")
+    found = along(trajectory)
+    inputs = [(path.name, files.sha256(path)) for path in sources]
+    page = settings.out / "trajectory.html"
+    name = settings.measured.resolve().name
+    write_trajectory_page(page, name, found, rig, inputs, settings.language)
+    progress(1.0, "report")
+    told = [f"{label}: {value}" for label, value in summary(found, "en")]
+    figures = {"samples": float(len(trajectory.time_s)), "left_out": float(sum(s.samples for s in found.stretches if not s.ok))}
+    if found.worst is not None:
+        figures["worst_u95_position_mm"] = float(found.u95_mm[found.worst])
+    if found.motion is not None:
+        figures["largest_speed_mm_s"] = found.motion.largest_speed()[0]
+    return Result(found, (*told, f"written: {page}"), figures)

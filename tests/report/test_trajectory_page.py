@@ -1,0 +1,154 @@
+"""The page of a trajectory: what is left out is seen in every number of samples, in both languages, of any instrument."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import opened
+
+from lmeasure.accuracy.along import MOST_ROWS, along, kept_rows
+from lmeasure.foreign import columns_of
+from lmeasure.report.readable import page_text
+from lmeasure.report.trajectory import space_figure, summary, time_figure, write_trajectory_page
+from lmeasure.run import read_run
+from lmeasure.status import Status
+from lmeasure.trajectory import Stated, Trajectory, read_trajectory, reconstruct, write_trajectory
+
+TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
+
+
+def circle(samples: int, seconds: float = 10.0) -> Trajectory:
+    """A tool on a circle of 100 mm, one turn, U95 known, turning about Z."""
+    turn = np.linspace(0.0, 2.0 * np.pi, samples)
+    nothing = np.zeros(samples)
+    poses = np.column_stack([100 * np.cos(turn), 100 * np.sin(turn), nothing, nothing, nothing, np.sin(turn / 8), np.cos(turn / 8)])
+    random = np.tile(np.diag([1e-10] * 3 + [1e-4] * 3), (samples, 1, 1))
+    empty = np.full(samples, "", dtype=np.object_)
+    gone = np.full(samples, np.nan)
+    status = np.zeros(samples, np.int64)
+    time_s = np.linspace(0.0, seconds, samples)
+    return Trajectory(time_s, poses, gone, status.copy(), status, empty, empty.copy(), gone, random, np.zeros((samples, 6, 6)), "a test")
+
+
+def lost(trajectory: Trajectory, first: int, last: int, status: Status, cause: str, cable: str) -> Trajectory:
+    """Without these samples, or without a cable in them."""
+    own = slice(first, last + 1)
+    columns = {name: getattr(trajectory, name).copy() for name in ("status", "cause", "cable", "poses", "random")}
+    columns["status"][own], columns["cause"][own], columns["cable"][own] = int(status), cause, cable
+    if status != Status.OK:
+        columns["poses"][own], columns["random"][own] = np.nan, np.nan
+    return replace(trajectory, **columns)
+
+
+def test_what_is_said_of_a_circle() -> None:
+    found = along(lost(circle(2001), 500, 549, Status.GAP, "channel ch2 has no count", "c2"))
+    told = dict(summary(found, "en"))
+    assert told["Duration"] == "10 s"
+    assert told["Samples"] == "2001, 200 per second"
+    assert told["With a pose"] == "1951 (97.5 %)"
+    # three equal axes of 10 um: the sphere that holds 95 % has a radius of 2.7955 of them
+    assert float(told["Largest U95 of the position (radius)"].split()[0]) == pytest.approx(27.955, abs=0.01)
+    assert float(told["Largest speed"].split()[0]) == pytest.approx(2 * np.pi * 10, rel=1e-3)
+    assert float(told["Length of the path"].split()[0]) == pytest.approx(200 * np.pi, rel=5e-3)
+    assert np.nanmax(np.abs(found.rotation_deg - np.column_stack([np.zeros((2001, 2)), np.linspace(0, 90, 2001)]))) < 1e-6
+    russian = dict(summary(found, "ru"))
+    assert russian["С известным положением"] == "1951 (97,5 %)"
+
+
+def test_a_million_samples_are_thinned_and_no_fault_is_hidden() -> None:
+    n = 200_000
+    rng = np.random.default_rng(1)
+    made = circle(n, 400.0)
+    single = np.sort(rng.choice(np.arange(10, n - 10), 40, replace=False))
+    for sample in single.tolist():
+        made.status[sample], made.cause[sample], made.poses[sample] = int(Status.JUMP), "a jump", np.nan
+    worst = 123_457
+    while worst in single:
+        worst += 1
+    made.random[worst] *= 25.0
+    found = along(made)
+    assert len(found.rows) <= MOST_ROWS + 4 * len(single)
+    assert set(single.tolist()) <= set(found.rows.tolist())
+    assert worst in found.rows
+    assert found.worst == worst
+    figure = time_figure(found)
+    (lane,) = [t for t in figure.data if t.mode == "lines+markers"]
+    begun = {round(float(t), 9) for t in lane.x[::3]}
+    assert begun == {round(float(t), 9) for t in made.time_s[single]}
+    # a line that would cross a fault is broken there
+    (x,) = [t for t in figure.data if t.name == "X" and t.yaxis == "y"]
+    assert np.isnan(np.asarray(x.y)[np.isin(found.rows, single)]).all()
+
+
+@pytest.mark.parametrize("size", [10, 1000, 4001])
+def test_rows_that_are_kept_have_the_extremes_of_every_piece(size: int) -> None:
+    rng = np.random.default_rng(size)
+    series = [rng.normal(size=size), rng.normal(size=size)]
+    series[1][rng.random(size) < 0.3] = np.nan
+    rows = kept_rows(series, np.array([3, 7]), 100)
+    assert (np.diff(rows) > 0).all()
+    assert {0, 3, 7, size - 1} <= set(rows.tolist())
+    assert len(rows) <= 104
+    for values in series:
+        assert np.nanmin(values[rows]) == np.nanmin(values)
+        assert np.nanmax(values[rows]) == np.nanmax(values)
+
+
+def test_the_path_marks_where_it_broke_off() -> None:
+    found = along(lost(lost(circle(500), 100, 120, Status.GAP, "g", "c1"), 300, 310, Status.OK, "", "c5"))
+    marks = {t.name: t for t in space_figure(found, None).data if t.mode == "markers"}
+    assert marks["no pose from here"].x[0] == found.trajectory.poses[99, 0]
+    assert "c5" in marks["without a cable"].text[0]
+
+
+@pytest.mark.parametrize("language", ["en", "ru"])
+def test_pages_in_a_browser_at_any_width(language: str, tmp_path: Path) -> None:
+    run = read_run(TRUTH / "cell-run")
+    made = lost(reconstruct(run), 300, 380, Status.GAP, "channel <b> has no count", "c2")
+    page_file = tmp_path / "trajectory.html"
+    write_trajectory_page(page_file, "<i>run</i>", along(made), run.rig, [("pass1.csv", "0" * 64)], language)
+    with opened(page_file, tmp_path / "profile") as page:
+        for width in (390, 1400, 2560):
+            page.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            page.wait("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0 && document.querySelector('canvas') !== null")
+            page.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)
+        assert page.errors == []
+    text = page_text(page_file.read_bytes())
+    assert "channel <b> has no count" in text
+    assert ("81 of 2000" if language == "en" else "81 из 2000") in text
+    assert 'src="http' not in page_file.read_text(encoding="utf-8")
+
+
+def test_a_trajectory_of_another_instrument(tmp_path: Path) -> None:
+    made = circle(50)
+    write_trajectory(tmp_path / "t.tum", made)
+    rows = np.column_stack([made.time_s * 1e9, made.poses[:, :3] / 1e3, made.poses[:, [6, 3, 4, 5]]])
+    header = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
+    np.savetxt(tmp_path / "euroc.csv", rows, "%.12g", ",", header=header, comments="")
+    lines = [f"{t * 1e3:.9f};{x / 1e3:.12f};{y / 1e3:.12f};0,0" for t, (x, y, *_) in zip(made.time_s, made.poses, strict=True)]
+    (tmp_path / "tracker.csv").write_text("\n".join(["t;X;Y;Z", *(line.replace(".", ",") for line in lines)]))
+    mapped = columns_of("time=t[ms],x=X[m],y=Y[m],z=Z[m]")
+    for name, columns, turned in (("t.tum", {}, True), ("euroc.csv", {}, True), ("tracker.csv", mapped, False)):
+        read = read_trajectory(tmp_path / name, Stated(columns))
+        assert read.time_s == pytest.approx(made.time_s, abs=1e-9)
+        assert read.poses[:, :3] == pytest.approx(made.poses[:, :3], abs=1e-6)
+        assert np.isnan(read.poses[:, 3]).all() != turned
+        if turned:
+            assert read.poses[:, 3:] == pytest.approx(made.poses[:, 3:], abs=1e-9)
+        found = along(read)
+        assert found.worst is None
+        assert dict(summary(found, "en"))["Largest U95 of the position (radius)"] == "not stated"
+    stated = along(read_trajectory(tmp_path / "tracker.csv", Stated(mapped, 0.01)))
+    assert dict(summary(stated, "en"))["Largest U95 of the rotation (radius)"] == "orientation not measured"
+    assert stated.u95_mm == pytest.approx(np.full(50, 0.027955), rel=1e-4)
+    write_trajectory(tmp_path / "own.parquet", made)
+    assert read_trajectory(tmp_path / "own.parquet").u == pytest.approx(made.u, rel=1e-12)
+
+
+def test_the_catalogues_have_the_same_keys() -> None:
+    from lmeasure.catalogue import texts
+
+    assert list(texts("trajectory", "en")) == list(texts("trajectory", "ru"))
+    assert json.dumps(dict(texts("trajectory", "ru"))) != json.dumps(dict(texts("trajectory", "en")))
