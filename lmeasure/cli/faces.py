@@ -68,7 +68,7 @@ def told_of_compiling() -> Iterator[None]:
         first = "lmeasure: compiling the numerical kernels for this machine, half a minute to two; later calls load them ({name} ...)"
         print(said(first, name=name), file=sys.stderr, flush=True)
 
-    before = len(compiling.names)
+    before, since = len(compiling.names), compiling.seconds
     compiling.begun = begun if sys.stderr is not None and sys.stderr.isatty() else None
     try:
         yield
@@ -77,7 +77,7 @@ def told_of_compiling() -> Iterator[None]:
         if compiling.begun is not None and done:
             last = "lmeasure: compiled {count} kernels in {seconds} s, kept for later: {names}"
             names = ", ".join(dict.fromkeys(done))
-            print(said(last, count=len(done), seconds=f"{compiling.seconds:.0f}", names=names), file=sys.stderr, flush=True)
+            print(said(last, count=len(done), seconds=f"{compiling.seconds - since:.0f}", names=names), file=sys.stderr, flush=True)
         compiling.begun = None
 
 

@@ -126,7 +126,7 @@ def test_a_trajectory_of_another_instrument(tmp_path: Path) -> None:
     write_trajectory(tmp_path / "t.tum", made)
     rows = np.column_stack([made.time_s * 1e9, made.poses[:, :3] / 1e3, made.poses[:, [6, 3, 4, 5]]])
     header = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
-    np.savetxt(tmp_path / "euroc.csv", rows, "%.12g", ",", header=header, comments="")
+    np.savetxt(tmp_path / "euroc.csv", rows, ["%d", *["%.12g"] * 7], ",", header=header, comments="")
     lines = [f"{t * 1e3:.9f};{x / 1e3:.12f};{y / 1e3:.12f};0,0" for t, (x, y, *_) in zip(made.time_s, made.poses, strict=True)]
     (tmp_path / "tracker.csv").write_text("\n".join(["t;X;Y;Z", *(line.replace(".", ",") for line in lines)]))
     mapped = columns_of("time=t[ms],x=X[m],y=Y[m],z=Z[m]")
