@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (lines are as controllers write them)
 """Programs as controllers hold them, of about 200 lines each, made for the tests: comments, loops, subroutines, several frames."""
 
 import numpy as np

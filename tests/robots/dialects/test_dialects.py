@@ -223,8 +223,8 @@ def test_numbers_and_poses_are_inverse(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     dialect, _ = of(name)
     row = se3.pose(rng.uniform(-1000, 1000, 3), Rotation.random(random_state=rng))
-    old = dialect.numbers(se3.displaced(row, rng.uniform(-1, 1, 6) * 0.01), np.zeros(7))
-    assert np.abs(se3.displacement(dialect.pose(dialect.numbers(row, old)), row)).max() < 1e-9
+    old = dialect.numbers(se3.displaced(row, rng.uniform(-1, 1, 6) * 0.01), [0.0] * 7).tolist()
+    assert np.abs(se3.displacement(dialect.pose(dialect.numbers(row, old).tolist()), row)).max() < 1e-9
 
 
 CUT = {"krl": KRL_DATA + KRL_SOURCE, "rapid": RAPID, "fanuc": FANUC, "ur-script": UR}
@@ -265,7 +265,7 @@ def test_tables(text: str, name: str, targets: int) -> None:
         assert dialect.read([Source("a.csv", moved)]).targets[0].values == tuple(v + 1.5 for v in target.values)
     else:
         pose = se3.displaced(dialect.pose(target.values), [0.0, 0.0, 0.01, 1.25, 0.0, 0.0])
-        moved = rewritten(listing, dialect, {0: dialect.numbers(pose, target.values)})[0]
+        moved = rewritten(listing, dialect, {0: dialect.numbers(pose, target.values).tolist()})[0]
         again = dialect.read([Source("a.csv", moved)]).targets[0]
         assert np.abs(se3.displacement(dialect.pose(again.values), pose)).max() < 1e-6
         assert moved.count("\n") == text.count("\n")
