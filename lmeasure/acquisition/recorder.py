@@ -52,6 +52,8 @@ class Progress:
     latency_s: float | None
     origin_s: float | None = None
     """When the first sample was, by the frames' clock."""
+    events: tuple[Event, ...] = ()
+    """All faults so far, as far as they are kept."""
 
 
 @dataclass(frozen=True)
@@ -303,9 +305,9 @@ class _Writer:
         known = self.rig.counters_of(self.passage)
         channels = tuple(f.channel for f in self.fields)
         speeds = rates * np.array([known[c].count_sign * known[c].per_count / known[c].scale for c in channels])
-        return Progress(
-            seconds, self.frames, self.samples, dict(self.assembler.events.tally), channels, counts, rates, speeds, latency, self._origin
-        )
+        events = self.assembler.events
+        faults, kept = dict(events.tally), tuple(events.kept)
+        return Progress(seconds, self.frames, self.samples, faults, channels, counts, rates, speeds, latency, self._origin, kept)
 
     def close(self, ended: str) -> Recording:
         """Write what is left, mark stalls, and say how it ended."""

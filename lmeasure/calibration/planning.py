@@ -112,7 +112,7 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
     sigma = np.repeat([settings.u_rotation_rad, settings.u_position_mm], 3)
     instrument = Instrument(rig, cables, settings.solve, sigma, repeatability(recorded))
     zone = settings.zone or replace(settings.region, angles=None)
-    targets, checks = (_lengths(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
+    targets, checks = (lengths_over(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
     start = settings.region.centre if recorded is None else recorded.poses.rows[recorded.zero[0]]
     # of one orientation alone there is no other to go to
     limits = settings.limits if settings.region.tilt_rad > 0.0 else replace(settings.limits, singular_deg=0.0)
@@ -164,7 +164,7 @@ def _cables(rig: Rig, settings: Settings, recorded: Campaign | None) -> tuple[Ca
 
 
 @dataclass(frozen=True)
-class _Lengths:
+class PredictedLengths:
     """Derivatives [mm] of predicted changes of c cables by the unknowns in prior widths: inside (n, c, p) at poses spread evenly over the
     zone, corners (k, c, p) at its corners."""
 
@@ -178,7 +178,7 @@ class _Lengths:
         return Criterion(kind, chosen.reshape(-1, chosen.shape[2]))
 
 
-def _lengths(instrument: Instrument, zone: Region, log2: int, seed: int) -> _Lengths:
+def lengths_over(instrument: Instrument, zone: Region, log2: int, seed: int) -> PredictedLengths:
     """All cables of the rig that leave a measured point, whatever their pass; changes since the middle of the zone, where a run is
     zeroed. Poses that a cable cannot reach are left out."""
     points = {c.from_point for c in instrument.cables}
@@ -192,11 +192,11 @@ def _lengths(instrument: Instrument, zone: Region, log2: int, seed: int) -> _Len
         if not len(rows) or not np.isfinite(span_lengths(kernel_rows, start)).all():
             raise CalibrationError(f"rig {instrument.rig.name!r}: its cables cannot run to the middle and the corners of the zone")
         out.append(instrument.gradients(rows, start, np.zeros(len(cables), np.int64), cables))
-    return _Lengths(out[0], out[1], tuple(c.name for c in cables))
+    return PredictedLengths(out[0], out[1], tuple(c.name for c in cables))
 
 
 def _search(
-    start: Design[Candidates], settings: Settings, targets: _Lengths, rng: np.random.Generator, progress: Progress | None
+    start: Design[Candidates], settings: Settings, targets: PredictedLengths, rng: np.random.Generator, progress: Progress | None
 ) -> Design[Candidates]:
     """The best of a greedy and some random starts, each improved; the largest variance is brought down from the smallest mean."""
     kinds = ("I", "G") if settings.criterion == "G" else (settings.criterion,)
@@ -223,7 +223,7 @@ def _described(
     recorded: Campaign | None,
     design: Design[Candidates],
     more: Design[Candidates],
-    checks: _Lengths,
+    checks: PredictedLengths,
     usable: tuple[float, tuple[tuple[str, float], ...]],
 ) -> Plan:
     """The plan; more: the design with the further poses that are weighed, behind its own."""
@@ -232,7 +232,7 @@ def _described(
     prior = np.eye(len(design.before))
 
     def outlook(M: FloatArray) -> Outlook:
-        return _outlook(parameter_information(M - prior, p), checks)
+        return outlook_of(parameter_information(M - prior, p), checks)
 
     old, new = _poses(settings, recorded, design)
     poses, first = joined(old, new), len(old)
@@ -260,7 +260,8 @@ def _described(
     )
 
 
-def _outlook(information: FloatArray, lengths: _Lengths) -> Outlook:
+def outlook_of(information: FloatArray, lengths: PredictedLengths) -> Outlook:
+    """What counts with the information (p, p) in prior widths, no prior in it, tell of lengths."""
     covariance, rank = estimated_covariance(information)
     inside, corners = (np.sum((g @ covariance) * g, axis=2) for g in (lengths.inside, lengths.corners))
     worst = np.maximum(inside.max(axis=0), corners.max(axis=0))

@@ -1,6 +1,10 @@
 """What a person sees while a command works: a bar that vanishes, stages that stay, a table of a recording, questions."""
 
+import queue
+import shutil
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -44,6 +48,72 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
     return result
 
 
+def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """With lines for what was read, a line that stays in its place for the state of things, and a person, or a script, that types."""
+    on_terminal = sys.stdin is not None and sys.stdin.isatty()
+
+    def ask(text: str) -> str:
+        return str(typer.prompt(said(text), default="", show_default=False, prompt_suffix=": "))
+
+    keys = TypedLines()
+    with state_line() as (say, show):
+        if on_terminal:
+            return workflow.run(settings, say=say, keys=keys, ask=ask, show=show)
+        return workflow.run(settings, say=say, keys=keys)
+
+
+class TypedLines:
+    """Lines of standard input as they are typed, read beside the work; nothing is read before the first question for them."""
+
+    def __init__(self) -> None:
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._ended = self.gone = False
+
+    def _read(self) -> None:
+        if sys.stdin is not None:
+            for line in sys.stdin:
+                self._lines.put(line.rstrip("\n"))
+        self._ended = True
+
+    def typed(self) -> list[str]:
+        """Those since the last question."""
+        if self._reader.ident is None:
+            self._reader.start()
+        ended, out = self._ended, []
+        while not self._lines.empty():
+            out.append(self._lines.get())
+        self.gone = ended
+        return out
+
+
+@contextmanager
+def state_line() -> "Iterator[tuple[Callable[[str], None], Callable[[str], None] | None]]":
+    """What prints lines, and what renews one on a terminal, ten times a second at most, in which a person may type."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield lambda text: typer.echo(text), None
+        return
+    shown, width = 0.0, max(shutil.get_terminal_size().columns - 1, 20)
+
+    def clear() -> None:
+        print(f"\r{'':{width}}\r", end="", file=sys.stderr, flush=True)
+
+    def say(text: str) -> None:
+        clear()
+        typer.echo(text)
+
+    def show(text: str) -> None:
+        nonlocal shown
+        if time.monotonic() - shown >= 0.1:
+            shown = time.monotonic()
+            print(f"\r{text[:width]:{width}}", end="", file=sys.stderr, flush=True)
+
+    try:
+        yield say, show
+    finally:
+        clear()
+
+
 def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
     """With a line for each stage."""
     with stages() as progress:
@@ -52,6 +122,7 @@ def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
 
 Face = Callable[["Workflow", Any], "Result[Any]"]
 FACES: dict[str, Face] = {
+    "capture": capturing,
     "check": questions,
     "demo": with_stages,
     "record": recording,

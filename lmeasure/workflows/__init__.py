@@ -22,6 +22,11 @@ JOBS: dict[str, dict[str, str]] = {
         "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
         "check": "Walk through the self-test: which channel is which cable, direction, counts per turn, stroke and slack.",
         "plan-poses": "Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings.",
+        "capture": (
+            "Go through reference poses and read the counts at each: a calibration folder, over a bus.\n\n"
+            "Lines typed while it runs: Enter reads, undo takes back the last reading, skip leaves a pose out, go POSE changes the order, "
+            "return goes back to the first pose, status, trust, quit. Broken off, the same command goes on."
+        ),
         "calibrate": "Find the observation points from recorded counts at reference poses, with what the data can and cannot tell.",
         "zone": "Map where every pressure angle stays within the limit, and the 95 % radius of the measured position.",
         "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",

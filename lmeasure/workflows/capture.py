@@ -1,0 +1,201 @@
+"""Reference poses counted over a bus, one after the other, into a calibration folder."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol
+
+from lmeasure.errors import CancelledError
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.settings import Asked, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition.recorder import Progress as State
+    from lmeasure.acquisition.session import Link
+    from lmeasure.capture.folder import CaptureFolder
+    from lmeasure.capture.session import Session
+
+READING = "How a reading is taken"
+KNOWN = "How well the poses are known"
+QUESTIONS = {
+    "u_position_mm": "Standard uncertainty of each coordinate of the poses [mm]",
+    "u_rotation_deg": "Standard uncertainty of their orientation about each axis [degrees]",
+    "u_repeatability_mm": "Standard deviation with which the robot comes back to a pose [mm]",
+}
+
+
+class Keys(Protocol):
+    """Lines that somebody types."""
+
+    def typed(self) -> list[str]:
+        """Those since the last question."""
+
+    @property
+    def gone(self) -> bool:
+        """Whether there will be no more."""
+
+
+class Settings(Asked):
+    """What `lmeasure capture` is asked."""
+
+    rig: Annotated[Path, option("rig.toml, nominal; its [can] table says which frames carry the counters.", metavar="RIG", positional=True)]
+    poses: Annotated[Path, option("Poses to go through, as `plan-poses` writes them.", metavar="planned.csv")]
+    bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
+    out: Annotated[Path, option("Calibration folder to write, or to go on with.", metavar="FOLDER")]
+    by: Annotated[
+        Literal["key", "rest", "both"],
+        option(
+            "key: Enter reads; rest: a rest of the robot reads; both: Enter reads the first, rests where the pose is expected the others.",
+            panel=READING,
+        ),
+    ] = "both"
+    dwell_s: Annotated[float, option("How long counts are averaged.", ge=0.05, le=30, panel=READING)] = 1.0
+    settle_s: Annotated[float, option("How long the robot must stand before.", ge=0, le=30, panel=READING)] = 0.3
+    closure: Annotated[bool, option("Read the first pose again at the end.", flag="--closure/--no-closure", panel=READING)] = True
+    u_position_mm: Annotated[float | None, option(f"{QUESTIONS['u_position_mm'].removesuffix(' [mm]')}.", ge=0, panel=KNOWN)] = None
+    u_rotation_deg: Annotated[float | None, option(f"{QUESTIONS['u_rotation_deg'].removesuffix(' [degrees]')}.", ge=0, panel=KNOWN)] = None
+    u_repeatability_mm: Annotated[float | None, option(f"{QUESTIONS['u_repeatability_mm'].removesuffix(' [mm]')}.", ge=0, panel=KNOWN)] = (
+        None
+    )
+    passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
+
+    def paths(self) -> Paths:
+        """A capture goes on with its own folder, by its own rule: that of its capture.toml."""
+        return Paths((), (self.rig, self.poses))
+
+
+@workflow("capture")
+def run(
+    settings: Settings,
+    progress: Progress = silent,
+    *,
+    say: Callable[[str], None] = print,
+    keys: Keys | None = None,
+    ask: Callable[[str], str] | None = None,
+    show: Callable[[str], None] | None = None,
+) -> "Result[CaptureFolder]":
+    """Capture until all poses are read, or somebody ends it; what is read is kept, and the next call goes on.
+
+    say takes lines for a person, keys gives what the person types (nobody types without), ask puts a question, show is told the state of
+    things all the while. A source that ends before the poses do, and counters that do not come back, are failures.
+    """
+    from lmeasure.acquisition.canopen_objects import as_mapped
+    from lmeasure.acquisition.import_log import with_files_beside
+    from lmeasure.acquisition.session import connect, options_from_text
+    from lmeasure.capture import session as stage
+    from lmeasure.capture.folder import open_folder
+    from lmeasure.rig import read_rig
+
+    rig, here = read_rig(settings.rig).model_copy(update={"calibration": None}), settings.rig.parent
+    options = options_from_text(settings.bus_option)
+    link = connect(rig, here, settings.bus, passage=settings.passage, options=options, paced=not settings.fast)
+    try:
+        kept, beside = with_files_beside(as_mapped(rig, link.fields), here)
+        channels = tuple(f.channel for f in link.fields)
+        folder = open_folder(settings.out, kept, channels, settings.passage, settings.poses, beside)
+        _state_uncertainty(settings, folder, ask)
+        how = stage.Settings(settings.by, settings.dwell_s, settings.settle_s, settings.closure)
+        session = stage.Session(folder, how, say)
+        if keys is None:
+            session.keys_are_gone()
+        ended = "complete" if session.finished else _record(session, link, progress, keys, show)
+    finally:
+        link.source.close()
+    return _result(session, ended)
+
+
+def _state_uncertainty(settings: Settings, folder: "CaptureFolder", ask: Callable[[str], str] | None) -> None:
+    """What the options say, and where they do not and the file does not either, what a person answers."""
+    from lmeasure.capture.folder import UNCERTAINTIES
+
+    stated = {name: value for name in UNCERTAINTIES if (value := getattr(settings, name)) is not None}
+    poses = folder.poses
+    if ask is not None and not folder.readings:
+        open_ = {"u_position_mm": "position" in poses.absent, "u_rotation_deg": "rotation" in poses.absent}
+        for name in (name for name, is_open in open_.items() if is_open and name not in stated):
+            answer = _number(ask, f"{QUESTIONS[name]}; Enter: not known")
+            if answer is not None:
+                stated[name] = answer
+        if "u_repeatability_mm" not in stated and any(open_.values()):
+            answer = _number(ask, f"{QUESTIONS['u_repeatability_mm']}; Enter: not known")
+            if answer is not None:
+                stated["u_repeatability_mm"] = answer
+    if stated:
+        folder.state_uncertainty(stated)
+
+
+def _number(ask: Callable[[str], str], question: str) -> float | None:
+    """What is answered, asked again until it is a number that is not negative, or nothing."""
+    while True:
+        answer = ask(question).strip().replace(",", ".")
+        if not answer:
+            return None
+        try:
+            value = float(answer)
+        except ValueError:
+            continue
+        if 0.0 <= value < 1e6:
+            return value
+
+
+def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | None, show: Callable[[str], None] | None) -> str:
+    """Record frames while the session goes on; how the recording ended."""
+    from lmeasure.acquisition.recorder import record
+
+    folder = session.folder
+    cables = tuple(c.model_copy(update={"passage": 1}) for c in folder.rig.cables_of(folder.passage))
+    asked_to_end = False
+    samples, since = 0, time.monotonic()
+
+    def look(state: "State") -> None:
+        nonlocal asked_to_end, samples, since
+        if state.samples > samples:
+            samples, since = state.samples, time.monotonic()
+        for line in keys.typed() if keys is not None else ():
+            session.command(line)
+        if keys is not None and keys.gone:
+            session.keys_are_gone()
+        session.look(state.events, time.monotonic() - since)
+        if show is not None:
+            show(session.line())
+        try:
+            progress(len(folder.of_pass) / max(session.to_read, 1), "reading poses")
+        except CancelledError:  # as Ctrl-C: what was read is kept
+            asked_to_end = True
+
+    recording = record(
+        folder.rig.model_copy(update={"cable": cables}),  # a recording of its own, of one pass
+        link.source,
+        link.fields,
+        folder.frames(session.recording),
+        devices=[d.identity() for d in link.devices],
+        show=look,
+        each=session.feed,
+        stop=lambda: session.finished or asked_to_end,
+    )
+    return recording.ended
+
+
+def _result(session: "Session", ended: str) -> "Result[CaptureFolder]":
+    folder, closure = session.folder, session.closure
+    read = len({r.pose for r in folder.of_pass})
+    lines = [f"{read} of {len(folder.poses)} poses read, {len(folder.of_pass)} readings: {folder.path}"]
+    figures: dict[str, float] = {"poses": float(read), "readings": float(len(folder.of_pass))}
+    if session.worth is not None:
+        figures |= {"directions_determined": float(session.worth.rank), "unknowns": float(session.worth.unknowns)}
+        if session.worth.enough(read):
+            figures |= {"u95_length_rms_mm": session.worth.rms_mm, "u95_length_worst_mm": session.worth.worst_mm}
+    failure = ""
+    if ended != "complete":
+        failure = f"{folder.path}: the bus was lost, what was read is kept: {ended}"
+    elif not session.finished:
+        failure = f"{folder.path}: ended before pose {session.goal} was read; the same command goes on"
+    elif closure is not None and closure.lost:
+        failure = f"{folder.path}: {', '.join(closure.lost)} did not come back to the counts of the first pose"
+    elif session.goal is None:
+        lines.append(f"next: lmeasure calibrate {folder.path} --out calibrated")
+    else:
+        lines.append("the same command goes on")
+    return Result(folder, tuple(lines), figures, tuple(folder.notes), failure=failure)

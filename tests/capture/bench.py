@@ -1,0 +1,95 @@
+"""A simulated robot that goes through poses while six drums count, on a real bus or sample by sample, and whatever may happen to them."""
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+
+from lmeasure.acquisition.decoders import counter_fields
+from lmeasure.acquisition.feed import frames_from_counts, send
+from lmeasure.acquisition.samples import Samples
+from lmeasure.arrays import FloatArray
+from lmeasure.files import write_table
+from lmeasure.poses import pose_columns, poses_from_rows
+from lmeasure.rig import Rig, rig_from_dict, write_rig
+from lmeasure.simulation import Leg, campaign_at, cell_rig, scattered_poses, simulate_run, smooth_path
+
+HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+RATE_HZ = 200.0
+
+
+def true_rig(cables: int = 6) -> Rig:
+    """The simulated cell with some of its cables, which no hurry of this robot is too fast for."""
+    data = cell_rig(3).to_dict()
+    for point in data["observation_point"]:
+        point["drum"]["max_cable_speed_mm_s"] = 1e6
+    data["observation_point"], data["cable"] = data["observation_point"][:cables], data["cable"][:cables]
+    return rig_from_dict(data)
+
+
+def nominal_of(rig: Rig, seed: int = 0) -> Rig:
+    """As a tape measures it: points up to 20 mm off, guides up to 3 degrees."""
+    return campaign_at(rig, HOME[None], np.random.default_rng(seed), nominal_shift_mm=20.0, nominal_shift_deg=3.0).nominal
+
+
+def some_poses(count: int, seed: int = 1) -> FloatArray:
+    """(count, 7) poses well apart."""
+    return scattered_poses(count, (250.0, 250.0, 250.0), 0.3, HOME, np.random.default_rng(seed))
+
+
+def write_inputs(folder: Path, rig: Rig, poses: FloatArray, **columns: Any) -> tuple[Path, Path]:
+    """rig.toml and planned.csv of a person who begins."""
+    write_rig(folder / "rig.toml", rig)
+    planned = pose_columns(poses_from_rows(poses))
+    for name in ("u_position_mm", "u_rotation_deg"):
+        planned.pop(name)
+    write_table(folder / "planned.csv", planned | columns)
+    return folder / "rig.toml", folder / "planned.csv"
+
+
+def motion(rig: Rig, poses: FloatArray, dwell_s: float, zero: FloatArray | None = None, speed_mm_s: float = 4000.0) -> Samples:
+    """Recorded counts along a motion that rests at each of the poses, counted from a zero pose (7,), else from the first of them."""
+    legs = [Leg(pose, speed_mm_s, 10.0, dwell_s) for pose in poses]
+    time_s, rows = smooth_path(poses[0], legs, RATE_HZ)
+    every = np.vstack([rows[0] if zero is None else zero, rows])
+    run = simulate_run(rig, np.arange(len(every)) / RATE_HZ, every, 0.0, np.random.default_rng(2)).run
+    return Samples(time_s, run.passes[0].recorded[1:])
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """One after the other in time."""
+    times, begin = [], 0.0
+    for part in parts:
+        times.append(part.time_s - part.time_s[0] + begin)
+        begin = float(times[-1][-1]) + 1.0 / RATE_HZ
+    return Samples(np.concatenate(times), np.vstack([part.recorded for part in parts]))
+
+
+@contextmanager
+def on_bus(rig: Rig, counts: FloatArray, bus: dict[str, Any], begin: threading.Event | None = None) -> Iterator[None]:
+    """Encoders that send the counts at `RATE_HZ`, once `begin` is set, the first before and the last ever after."""
+    fields, done = counter_fields(rig), threading.Event()
+
+    def run() -> None:
+        with can.Bus(**bus) as sender:
+            k, start = 0, time.perf_counter()
+            while not done.is_set():
+                if begin is None or begin.is_set():
+                    k += 1
+                row = counts[min(k, len(counts) - 1)][None]
+                send(frames_from_counts(np.zeros(1), row, fields, rig.can_table.sync_id), sender, paced=False)
+                start += 1.0 / RATE_HZ
+                time.sleep(max(start - time.perf_counter(), 0.0))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()

@@ -1,0 +1,351 @@
+"""A session of a capture, fed sample by sample: what it reads, refuses, takes back, and what it leaves."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import RATE_HZ, joined, motion, nominal_of, some_poses, true_rig, write_inputs
+
+from lmeasure.acquisition.events import Event
+from lmeasure.acquisition.samples import Samples
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration import calibrate, read_campaign
+from lmeasure.calibration.dwells import mean_variance, pooled_scatter
+from lmeasure.capture.folder import MOST_ROWS, open_folder
+from lmeasure.capture.session import Session, Settings
+from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError
+from lmeasure.files import read_table
+from lmeasure.lengths import span_lengths
+from lmeasure.rig import read_rig, rig_from_dict
+
+RIG = true_rig(2)
+POSES = some_poses(8)
+QUICK = Settings("rest", dwell_s=0.1, settle_s=0.05)
+
+
+def going(poses: FloatArray, dwell_s: float) -> Samples:
+    """The robot on its way through poses, counted from the first of `POSES`."""
+    return motion(RIG, poses, dwell_s, zero=POSES[0])
+
+
+class Bench:
+    """A session in a folder, what it said, and the robot before it."""
+
+    def __init__(self, folder: Path, settings: Settings = QUICK, **columns: Any) -> None:
+        self.folder, self.said, self._clock = folder, list[str](), 0.0
+        if not (folder / "rig.toml").exists():
+            write_inputs(folder, nominal_of(RIG), POSES, **columns)
+        self.begin(settings)
+
+    def begin(self, settings: Settings = QUICK) -> None:
+        rig = read_rig(self.folder / "rig.toml")
+        self.out = open_folder(self.folder / "cal", rig, rig.channels, 1, self.folder / "planned.csv", {})
+        self.events: list[Event] = []
+        self.session = Session(self.out, settings, self.said.append)
+
+    def show(self, samples: Samples, piece: int = 7) -> None:
+        """The samples, some at a time as a bus gives them, on one clock."""
+        time_s = samples.time_s - samples.time_s[0] + self._clock
+        self._clock = float(time_s[-1]) + 1.0 / RATE_HZ
+        for i in range(0, len(time_s), piece):
+            self.session.feed(Samples(time_s[i : i + piece], samples.recorded[i : i + piece]))
+            self.session.look(self.events)
+
+    def at(self, pose: int, seconds: float = 0.3, off: FloatArray | float = 0.0) -> Samples:
+        """The robot at rest at one of the poses."""
+        recorded = going(POSES[[0, pose]], 0.0).recorded[-1]
+        n = int(seconds * RATE_HZ)
+        return Samples(np.arange(n) / RATE_HZ, np.tile(recorded + off, (n, 1)))
+
+    def heard(self, text: str) -> bool:
+        return any(text in line for line in self.said)
+
+    @property
+    def read(self) -> list[str]:
+        return [r.pose for r in self.out.readings]
+
+
+def test_a_robot_that_goes_through_the_poses_leaves_a_folder_that_calibrates(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, u_position_mm=np.zeros(8), u_rotation_deg=np.zeros(8))
+    bench.show(going(np.vstack([POSES, POSES[:1]]), 0.25), piece=50)
+    assert bench.read == [*"12345678", "1"]
+    assert bench.session.finished
+    assert bench.session.closure is not None
+    assert bench.session.closure.beyond == ()
+    assert bench.heard("closed: no more than 1.2 counts")
+    assert all(len(line) <= 110 for line in bench.said)
+    campaign = read_campaign(tmp_path / "cal")
+    assert campaign.poses.names[-1] == "1 (visit 2)"
+    found = calibrate(campaign)
+    # lengths at other poses, as the truth has them
+    other = some_poses(50, seed=7)
+    error = span_lengths(found.rig, other) - span_lengths(RIG, other)
+    error -= error[0]
+    worth = bench.session.worth
+    assert worth is not None
+    assert worth.enough(8)
+    assert np.abs(error).max() < 3.0 * worth.worst_mm < 3.0
+    # what was said of all poses in advance is what they turned out to bring, the visit aside
+    assert bench.heard("all 8 poses promise:")
+    assert bench.said[1].startswith("  U95: lengths ")
+
+
+def test_each_reading_says_what_it_was_worth(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.show(going(POSES, 0.25))
+    assert bench.heard("2 of at least 6 poses: too few yet")
+    told = [float(line.split("lengths ")[1].split()[0]) for line in bench.said if line.startswith("  U95 by now")]
+    assert len(told) == 3
+    assert told == sorted(told, reverse=True)
+
+
+def test_the_mean_of_a_dwell_is_that_of_its_counts_and_as_uncertain_as_they_make_it(tmp_path: Path) -> None:
+    """A trembling channel is averaged; one that stands on a count is known no better than one reading."""
+    bench = Bench(tmp_path, replace(QUICK, dwell_s=2.0))
+    rng = np.random.default_rng(4)
+    for pose in (0, 1):
+        still = bench.at(pose, 2.3)
+        noise = np.column_stack([np.rint(rng.normal(0.3, 0.8, len(still.time_s))), np.zeros(len(still.time_s))])
+        bench.show(joined([going(POSES[[0, pose]], 0.0), Samples(still.time_s, still.recorded + noise)]))
+    assert bench.read == ["1", "2"]
+    reading = bench.out.readings[1]
+    assert len(reading.counts) == MOST_ROWS
+    assert np.ptp(reading.time_s) == pytest.approx(2.0, abs=0.02)
+    assert reading.spread[0] > 2
+    scatter = pooled_scatter([r.counts[:, 0] for r in bench.out.readings])
+    campaign = read_campaign(tmp_path / "cal")
+    assert campaign.dwell_variance is not None
+    np.testing.assert_allclose(campaign.dwell_variance[1], [mean_variance(scatter, MOST_ROWS), 1 / 12])
+    assert np.sqrt(campaign.dwell_variance[1, 0]) < 0.15
+    np.testing.assert_allclose(campaign.counts[1], reading.counts.mean(axis=0))
+    assert bench.heard(f"ch2 {reading.mean[1]:.2f} (u 0.29)")
+
+
+def test_keys_read_where_the_robot_stands_and_are_refused_where_it_moves(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, replace(QUICK, by="key"))
+    bench.show(bench.at(0))
+    assert bench.read == []
+    bench.session.command("")
+    bench.show(bench.at(0, 0.02))
+    assert bench.read == ["1"]
+    way = going(POSES[:2], 0.0)
+    half = len(way.time_s) // 2
+    bench.show(Samples(way.time_s[:half], way.recorded[:half]))
+    bench.session.command("take")
+    assert bench.said[-1].startswith("not read: the robot moves (ch")
+    bench.show(Samples(way.time_s[half:], way.recorded[half:]))
+    bench.show(bench.at(1, 0.12))
+    bench.session.command("take")
+    bench.show(going(POSES[[1, 2]], 0.0))
+    assert bench.said[-1] == "not read: the robot moved during the dwell"
+    assert bench.read == ["1"]
+
+
+def test_the_last_readings_are_taken_back_one_by_one(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:3], 0.25))
+    for left, pose in (("12", "3"), ("1", "2"), ("", "1")):
+        bench.session.command("undo")
+        assert bench.session.goal == pose
+        assert bench.read == list(left)
+        assert (tmp_path / "cal" / "counts.csv").exists() is bool(left)
+    bench.session.command("undo")
+    assert bench.said[-1] == "nothing to take back"
+    bench.show(going(POSES[:2], 0.25))
+    assert bench.read == ["1", "2"]
+
+
+def test_a_return_that_was_taken_back_is_read_again(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, replace(QUICK, dwell_s=0.1))
+    bench.show(going(np.vstack([POSES, POSES[:1]]), 0.25))
+    assert bench.session.finished
+    bench.session.command("undo")
+    assert not bench.session.finished
+    assert bench.session.closure is None
+    assert bench.session.goal == "1"
+    bench.show(bench.at(0))
+    assert bench.session.finished
+
+
+def test_poses_are_left_out_and_taken_in_another_order(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.session.command("skip")
+    bench.session.command("go 4")
+    bench.show(bench.at(3))
+    assert (bench.read, bench.session.goal) == (["4"], "2")
+    bench.session.command("go nowhere")
+    assert bench.said[-1] == "there is no pose 'nowhere'; they are 1, 2, 3, 4, 5, 6, 7, 8"
+    bench.session.command("dance")
+    assert bench.said[-1].startswith("'dance' is no command. Enter (or take): read")
+
+
+def test_a_rest_elsewhere_is_no_reading(tmp_path: Path) -> None:
+    """A robot's program may wait on its way; once some poses are read, a place that is not the pose is told."""
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:7], 0.25))
+    assert bench.read == list("1234567")
+    beside = POSES[7].copy()
+    beside[:3] += 6.0
+    bench.show(going(np.array([POSES[6], beside]), 0.4))
+    assert bench.read == list("1234567")
+    assert bench.heard("a rest, but not at pose 8: off what is expected: c")
+    bench.show(going(np.array([beside, POSES[7]]), 0.4))
+    assert bench.read == list("12345678")
+
+
+def test_a_reading_by_key_at_another_pose_is_doubted(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, replace(QUICK, by="both"))
+    bench.session.command("")
+    bench.show(bench.at(0))
+    assert bench.read == []  # it was moving when the key came: nothing had been seen of it
+    bench.session.command("")
+    bench.show(going(POSES[:5], 0.25))
+    assert bench.read == list("12345")
+    bench.show(going(POSES[[4, 7]], 0.4))
+    bench.session.command("")
+    bench.show(bench.at(7))
+    assert bench.read == list("123456")
+    assert bench.heard("  ! off what is expected: c")
+
+
+def test_a_silent_channel_is_named_and_nothing_is_read(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:2], 0.25))
+    still = bench.at(2, 1.0)
+    still.recorded[:, 1] = np.nan
+    bench.show(joined([going(POSES[[1, 2]], 0.0), still]))
+    assert bench.read == ["1", "2"]
+    assert bench.said[-1].startswith("not read: ch2: no counts come; look at the encoder")
+    assert bench.session.line().startswith("pose 3  silent: ch2")
+    gaps = bench.at(2, 1.0)
+    gaps.recorded[::3, 0] = np.nan
+    gaps.recorded[1::3, 0] = np.nan
+    bench.show(joined([going(POSES[[1, 2]], 0.0), gaps]))
+    assert bench.read == ["1", "2"]
+    assert bench.said[-1].startswith("not read: counts are missing: ch1 (6")
+    assert not bench.said[-2].startswith("not read: counts are missing")  # once of a rest
+    bench.session.look([], idle_s=2.0)
+    bench.session.command("")
+    assert bench.said[-1] == "not read: no counts come from the bus at all"
+
+
+@pytest.mark.parametrize("told", ["leap", "event"])
+def test_a_channel_that_leaps_is_believed_again_where_it_was_read(told: str, tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:3], 0.25))
+    bench.show(going(POSES[[2, 3]], 0.0))
+    here = bench.at(3)
+    if told == "leap":
+        here.recorded[10:, 0] += 500.0
+    else:
+        bench.events = [Event(3, 0.1, "ch1", "jump", "many units")]
+    bench.show(here)
+    assert bench.read == list("123")
+    assert bench.heard("channel ch1 leapt by +500 counts" if told == "leap" else "channel ch1 went faster than its drum can turn (many units)")
+    lost = np.array([500.0, 0.0]) if told == "leap" else np.zeros(2)
+    bench.show(bench.at(1, off=lost))
+    if told == "leap":
+        # two channels: half of them agree with a pose, which is not enough to know it
+        assert bench.said[-1].endswith("this is none of them")
+        bench.session.command("trust")
+        assert bench.out.notes == ["trusted before reading 4: ch1 leapt by +500 counts, alone and at once"]
+    else:
+        assert bench.heard("the counters stand as they did at pose 2: they have kept their counts")
+        bench.show(going(POSES[[1, 3]], 0.3))
+        assert bench.read == list("1234")
+
+
+def test_a_session_begun_again_goes_on_once_the_counters_are_seen_to_have_kept_their_counts(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:3], 0.25))
+    before = (tmp_path / "cal" / "counts.csv").read_bytes()
+    again = Bench(tmp_path)
+    assert again.read == list("123")
+    assert again.session.goal == "4"
+    again.show(again.at(3))
+    assert again.said[-1].endswith("this is none of them")
+    assert (tmp_path / "cal" / "counts.csv").read_bytes() == before
+    again.show(going(POSES[[3, 1]], 0.25))
+    assert again.heard("the counters stand as they did at pose 2")
+    again.show(going(np.vstack([POSES[[1]], POSES[3:], POSES[:1]]), 0.25))
+    assert again.session.finished
+    assert again.read == [*"12345678", "1"]
+    # whole lines from before, and what came since behind them
+    assert (tmp_path / "cal" / "counts.csv").read_bytes().startswith(before)
+    third = Bench(tmp_path)
+    assert third.session.finished
+    assert third.said[-1] == "all poses have been read; `lmeasure calibrate` takes the folder"
+
+
+def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> None:
+    rig = rig_from_dict(true_rig(4).to_dict())
+    write_inputs(tmp_path, rig, POSES)
+    bench = Bench(tmp_path)
+    bench.show(motion(rig, POSES[:3], 0.25))
+    assert bench.read == list("123")
+    again = Bench(tmp_path)
+    here = motion(rig, POSES[[0, 2]], 0.3).recorded[-1]
+    still = Samples(np.arange(100) / RATE_HZ, np.tile(here - [0.0, 0.0, 777.0, 0.0], (100, 1)))
+    again.show(still)
+    assert again.said[-1] == (
+        "not read: the others stand as at pose 3, but off are ch3 by -777 counts: counts were lost; begin in a new folder, or `trust`"
+    )
+
+
+@pytest.mark.parametrize(
+    ("off", "u_repeatability_mm", "lost", "told"),
+    [
+        ((0.0, 0.0), 0.0, (), "closed: no more than 1.2 counts"),
+        ((2.0, 0.0), 0.0, (), "not closed by rounding alone (ch1), but within 0.024 mm"),
+        ((2.0, 0.0), 0.02, (), "closed: no more than 7.2 counts"),
+        ((0.0, 40.0), 0.02, ("ch2",), "! ch2 came back +40 counts (+0.480 mm) off: lost counts, or a cable slipped"),
+    ],
+)
+def test_the_return_is_judged(off: tuple[float, float], u_repeatability_mm: float, lost: tuple[str, ...], told: str, tmp_path: Path) -> None:
+    more = {"u_repeatability_mm": np.full(8, u_repeatability_mm)} if u_repeatability_mm else {}
+    bench = Bench(tmp_path, **more)
+    bench.show(going(POSES[:3], 0.25))
+    bench.session.command("return")
+    bench.show(joined([going(POSES[[2, 0]], 0.0), bench.at(0, 0.4, off=np.array(off))]))
+    assert bench.session.closure is not None
+    assert bench.session.closure.lost == lost
+    assert bench.heard(told)
+
+
+def test_how_well_poses_are_known_is_written_beside_what_they_are(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    planned = read_table(tmp_path / "planned.csv")
+    bench.out.state_uncertainty({"u_position_mm": 0.05, "u_rotation_deg": 0.01})
+    table = read_table(tmp_path / "cal" / "reference_poses.csv")
+    assert set(table.numbers("u_position_mm")) == {0.05}
+    for name in planned.columns[1:]:
+        np.testing.assert_array_equal(table.numbers(name), planned.numbers(name))
+    assert bench.out.poses.absent == ()
+    bench.out.state_uncertainty({"u_position_mm": 0.1})
+    assert set(read_table(tmp_path / "cal" / "reference_poses.csv").numbers("u_position_mm")) == {0.1}
+
+
+def test_a_folder_of_something_else_and_another_rig_are_refused(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    rig = read_rig(tmp_path / "rig.toml")
+    with pytest.raises(AcquisitionError, match=r"rig\.toml: is another rig than the one given"):
+        open_folder(tmp_path / "cal", nominal_of(RIG, seed=5), rig.channels, 1, tmp_path / "planned.csv", {})
+    with pytest.raises(OverwriteError, match="is no folder of a capture; nothing is written over it"):
+        open_folder(tmp_path, rig, rig.channels, 1, tmp_path / "planned.csv", {})
+    moved = POSES.copy()
+    moved[2, 0] += 1.0
+    write_inputs(tmp_path / "other", rig, moved)
+    with pytest.raises(FileFormatError, match="pose '3' is another than in"):
+        open_folder(tmp_path / "cal", rig, rig.channels, 1, tmp_path / "other" / "planned.csv", {})
+    assert bench.read == []
+
+
+def test_poses_planned_later_are_joined_to_the_folder(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.show(going(POSES[:2], 0.25))
+    write_inputs(tmp_path, read_rig(tmp_path / "rig.toml"), np.vstack([POSES, some_poses(3, seed=9)]))
+    longer = Bench(tmp_path)
+    assert longer.out.poses.names == tuple(str(i + 1) for i in range(11))
+    assert longer.read == ["1", "2"]
