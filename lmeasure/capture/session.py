@@ -233,7 +233,9 @@ class Session:
             # nothing tells yet where the robot stands
             return self.settings.by == "rest" or not self.keys
         mean = np.nanmean(self._rest.counts, axis=0)
-        if (np.abs(folded(mean - self.folder.of_pass[-1].mean, self.folder.modulus)) <= AWAY * self._band).all() or self._held_s >= self._rest.since_s:
+        if (
+            np.abs(folded(mean - self.folder.of_pass[-1].mean, self.folder.modulus)) <= AWAY * self._band
+        ).all() or self._held_s >= self._rest.since_s:
             return False
         expected = self._expected(mean)
         if expected is None or not surprising(expected).any():

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import RATE_HZ, joined, motion, nominal_of, some_poses, true_rig, write_inputs
+from capture_bench import RATE_HZ, joined, motion, nominal_of, some_poses, true_rig, write_inputs
 
 from lmeasure.acquisition.events import Event
 from lmeasure.acquisition.samples import Samples
@@ -18,7 +18,7 @@ from lmeasure.capture.session import Session, Settings
 from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError
 from lmeasure.files import read_table
 from lmeasure.lengths import span_lengths
-from lmeasure.rig import read_rig, rig_from_dict
+from lmeasure.rig import read_rig, rig_from_dict, write_rig
 
 RIG = true_rig(2)
 POSES = some_poses(8)
@@ -217,12 +217,14 @@ def test_a_silent_channel_is_named_and_nothing_is_read(tmp_path: Path) -> None:
     still.recorded[:, 1] = np.nan
     bench.show(joined([going(POSES[[1, 2]], 0.0), still]))
     assert bench.read == ["1", "2"]
+    assert bench.said[-1] == "not read: counts are missing: ch2 (100%) of the dwell"
+    bench.session.command("")
     assert bench.said[-1].startswith("not read: ch2: no counts come; look at the encoder")
     assert bench.session.line().startswith("pose 3  silent: ch2")
     gaps = bench.at(2, 1.0)
     gaps.recorded[::3, 0] = np.nan
     gaps.recorded[1::3, 0] = np.nan
-    bench.show(joined([going(POSES[[1, 2]], 0.0), gaps]))
+    bench.show(joined([going(POSES[[2, 1, 2]], 0.0), gaps]))
     assert bench.read == ["1", "2"]
     assert bench.said[-1].startswith("not read: counts are missing: ch1 (6")
     assert not bench.said[-2].startswith("not read: counts are missing")  # once of a rest
@@ -243,7 +245,9 @@ def test_a_channel_that_leaps_is_believed_again_where_it_was_read(told: str, tmp
         bench.events = [Event(3, 0.1, "ch1", "jump", "many units")]
     bench.show(here)
     assert bench.read == list("123")
-    assert bench.heard("channel ch1 leapt by +500 counts" if told == "leap" else "channel ch1 went faster than its drum can turn (many units)")
+    assert bench.heard(
+        "channel ch1 leapt by +500 counts" if told == "leap" else "channel ch1 went faster than its drum can turn (many units)"
+    )
     lost = np.array([500.0, 0.0]) if told == "leap" else np.zeros(2)
     bench.show(bench.at(1, off=lost))
     if told == "leap":
@@ -255,6 +259,41 @@ def test_a_channel_that_leaps_is_believed_again_where_it_was_read(told: str, tmp
         assert bench.heard("the counters stand as they did at pose 2: they have kept their counts")
         bench.show(going(POSES[[1, 3]], 0.3))
         assert bench.read == list("1234")
+
+
+def test_absolute_encoders_begin_anew_after_a_turn(tmp_path: Path) -> None:
+    """An encoder of 4096 codes on a swivel, which stands at its last code: read, written as it shows, and seen again."""
+    data = nominal_of(RIG).to_dict()
+    data["swivel"] = [{"point": data["observation_point"][0]["name"], "channel": "sw1", "counts_per_revolution": 4096}]
+    rig = rig_from_dict(data)
+    write_rig(tmp_path / "rig.toml", rig)
+    write_inputs(tmp_path / "poses", rig, POSES)
+    (tmp_path / "poses" / "planned.csv").rename(tmp_path / "planned.csv")
+    channels = tuple(rig.counters_of(1))
+    assert channels == ("ch1", "ch2", "sw1")
+    rng = np.random.default_rng(0)
+    for turn in range(2):
+        folder = open_folder(tmp_path / "cal", rig, channels, 1, tmp_path / "planned.csv", {})
+        said: list[str] = []
+        session = Session(folder, QUICK, said.append)
+        for k, codes in enumerate(([4095, 0], [1000, 1000], [4094, 1])[turn:]):
+            drums = motion(RIG, POSES[[0, k + turn]], 0.0).recorded[-1]
+            n = 60
+            shown = np.column_stack([np.tile(drums, (n, 1)), rng.choice(codes, n)])
+            session.feed(Samples(np.arange(n) / RATE_HZ + k, shown))
+            session.look([])
+        assert [r.pose for r in folder.readings] == ["1", "2", "3"]
+        table = read_table(tmp_path / "cal" / "counts.csv")
+        assert set(table.numbers("sw1")) <= {4095, 0, 1000, 4094, 1}
+        assert folder.readings[0].spread[2] == 1.0
+    assert any("the counters stand as they did at pose 2" in line for line in said)
+    session.command("return")
+    n = 60
+    still = np.column_stack([np.tile(motion(RIG, POSES[[0, 0]], 0.0).recorded[-1], (n, 1)), rng.choice([4095, 0], n)])
+    session.feed(Samples(np.arange(n) / RATE_HZ + 9.0, still))
+    session.look([])
+    assert session.closure is not None
+    assert session.closure.beyond == ()
 
 
 def test_a_session_begun_again_goes_on_once_the_counters_are_seen_to_have_kept_their_counts(tmp_path: Path) -> None:
@@ -303,8 +342,10 @@ def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> Non
         ((0.0, 40.0), 0.02, ("ch2",), "! ch2 came back +40 counts (+0.480 mm) off: lost counts, or a cable slipped"),
     ],
 )
-def test_the_return_is_judged(off: tuple[float, float], u_repeatability_mm: float, lost: tuple[str, ...], told: str, tmp_path: Path) -> None:
-    more = {"u_repeatability_mm": np.full(8, u_repeatability_mm)} if u_repeatability_mm else {}
+def test_the_return_is_judged(
+    off: tuple[float, float], u_repeatability_mm: float, lost: tuple[str, ...], told: str, tmp_path: Path
+) -> None:
+    more: dict[str, Any] = {"u_repeatability_mm": np.full(8, u_repeatability_mm)} if u_repeatability_mm else {}
     bench = Bench(tmp_path, **more)
     bench.show(going(POSES[:3], 0.25))
     bench.session.command("return")
