@@ -74,7 +74,7 @@ def write_measurement(folder: Path, minutes: float) -> int:
     }
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "program.toml").write_text(tomli_w.dumps(program), encoding="utf-8")
-    run: Run = simulate_run(cell_rig(0), time_s, poses, 0.0, rng).run
+    run: Run = simulate_run(cell_rig(0), time_s, poses, noise_mm=0.0, rng=rng).run
     write_run(folder / "run", run)
     reconstruct_stream(read_run_head(folder / "run"), folder / "trajectory.parquet")
     return samples

@@ -75,7 +75,7 @@ def planned(rows: Measurements) -> list[str]:
     robot, every = shipped("ur5").model, np.arange(len(rows))
     for name, free in FREE.items():
         frames = find_frames(robot.forward(rows.joints), rows)
-        plan = chosen(to_plan(robot, (), frames.base, frames.targets[0], rows.joints), rows.joints, rows.joints, PLANNED, 0.06)
+        plan = chosen(to_plan(robot, (), frames.base, frames.targets[0], joints=rows.joints), rows.joints, rows.joints, PLANNED, u_mm=0.06)
         error, radius = judged(rows, np.sort(plan), np.setdiff1d(every, plan), free)
         random = []
         for k in range(SETS):
@@ -96,8 +96,8 @@ def planned_of_parts(rows: Measurements) -> list[str]:
         means, inside = [], []
         for k in range(PARTS):
             part = np.sort(np.random.default_rng([SEED, 7, k]).permutation(len(rows))[:300])
-            unknowns = to_plan(robot, (), frames.base, frames.targets[0], rows.joints)
-            plan = part[chosen(unknowns, rows.joints[part], rows.joints, PLANNED, 0.06)]
+            unknowns = to_plan(robot, (), frames.base, frames.targets[0], joints=rows.joints)
+            plan = part[chosen(unknowns, rows.joints[part], rows.joints, PLANNED, u_mm=0.06)]
             error, radius = judged(rows, np.sort(plan), np.setdiff1d(every, plan), free)
             means.append(error.mean())
             inside.append(100 * np.mean(error <= radius))

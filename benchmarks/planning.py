@@ -83,7 +83,7 @@ def outcome(errors: list[FloatArray]) -> Outcome:
 
 def measure(campaigns: int) -> list[str]:
     true = cell_rig(0)
-    held_out = scattered_poses(150, HALF, 0.3, REGION.centre, np.random.default_rng(SEED))
+    held_out = scattered_poses(150, HALF, 0.3, REGION.centre, rng=np.random.default_rng(SEED))
     lines = [
         "| poses | u of the poses, mm | plan, s | predicted u, rms / worst, mm | error met, rms / worst, mm | met / predicted, rms | "
         "random poses, error met, rms / worst, mm | random / planned, rms | random / planned, worst |",
@@ -99,7 +99,7 @@ def measure(campaigns: int) -> list[str]:
             planned, drawn = [], []
             for _ in range(campaigns):
                 planned.append(campaign_error(true, nominal, plan.poses.rows, u_mm, held_out, rng))
-                rows = scattered_poses(count, HALF, 0.3, REGION.centre, rng)
+                rows = scattered_poses(count, HALF, 0.3, REGION.centre, rng=rng)
                 drawn.append(campaign_error(true, nominal, rows, u_mm, held_out, rng))
             a, b = outcome(planned), outcome(drawn)
             told = plan.outlook

@@ -142,7 +142,7 @@ def plan_of(rig: Rig, step: float, steps: int, full: bool = False, near: bool = 
     """The scan of a cube of 600 mm."""
     nodes = axis(-300, 300, step)
     positions = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return make_plan(rig, None, positions, tilts(0.3, steps), START, full=full, near=near)
+    return make_plan(rig, None, positions, tilts(0.3, steps), start=START, full=full, near=near)
 
 
 def best_time(work: Callable[[], object], repeats: int = 5, clock: Callable[[], float] = time.process_time) -> float:
@@ -234,7 +234,7 @@ def large_scan() -> tuple[int, float, float]:
     """Poses, wall time [s] and the process's peak memory [MB] of 131^3 nodes in 27 orientations."""
     nodes = axis(-650, 650, 10.0)
     t = time.perf_counter()
-    scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.3, 3))
+    scan_zone(cell(), None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.3, 3))
     seconds = time.perf_counter() - t
     return len(nodes) ** 3 * 27, seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 

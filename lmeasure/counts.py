@@ -160,6 +160,7 @@ class Unwrapped:
 def unwrap(
     recorded: FloatArray,
     time_s: FloatArray,
+    *,
     max_rate: float,
     bits: int | None,
     state: FloatArray | None = None,

@@ -52,7 +52,7 @@ class Effects:
         """Whether temperature has an effect."""
         return bool(self.rows[:, _EXPANSIONS].any())
 
-    def excess(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray) -> FloatArray:
+    def excess(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray) -> FloatArray:
         """(n, m) what the effects add to modelled less measured changes [mm], at (n, 7) poses, true counts and temperatures (n, m).
 
         F(P) - F(P0) + excess = D(k) - D(k0) with F and D of `kernels.cable` for cable_rows (m, columns). NaN where pose or count is NaN and
@@ -61,10 +61,10 @@ class Effects:
         return self._excess(self.rows, cable_rows, zero, poses, counts, temperature_c)
 
     def checked_excess(
-        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray
+        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
     ) -> FloatArray:
         """`excess`; GeometryError names the sample and cable where there is none."""
-        out = self.excess(cable_rows, zero, poses, counts, temperature_c)
+        out = self.excess(cable_rows, zero, poses, counts, temperature_c=temperature_c)
         bad = ~np.isfinite(out) & np.isfinite(poses[:, :1]) & np.isfinite(counts)
         if bad.any():
             i, j = (int(x) for x in np.argwhere(bad)[0])
@@ -94,7 +94,7 @@ class Effects:
         )
 
     def property_shifts(
-        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray
+        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
     ) -> Iterator[FloatArray]:
         """(n, m) changes of the excess by one standard uncertainty of each property of cables and frame: errors shared by all samples."""
         for above, below in self.moved:
@@ -102,7 +102,7 @@ class Effects:
             yield (self._excess(above, *given) - self._excess(below, *given)) / 2.0
 
     def temperature_shifts(
-        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray
+        self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
         """(n, m) changes of the excess by one standard uncertainty of the temperature at the zero pose, and of that at the sample."""
         u = self.u_temperature_k

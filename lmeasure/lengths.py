@@ -182,6 +182,7 @@ def counts_from_poses(
     rows: FloatArray,
     zero: FloatArray,
     cables: tuple[Observed, ...] | None = None,
+    *,
     temperature_c: FloatArray | None = None,
     zero_temperature_c: float | None = None,
 ) -> FloatArray:
@@ -210,7 +211,9 @@ def counts_from_poses(
     for _ in range(MAX_ROUNDS):
         before = counts
         counts = np.asarray(
-            cable_kernels.counts_from_changes(cable_rows, changes + effects.checked_excess(cable_rows, start, rows, counts, warm))
+            cable_kernels.counts_from_changes(
+                cable_rows, changes + effects.checked_excess(cable_rows, start, rows, counts, temperature_c=warm)
+            )
         )
         if not np.abs(counts - before).max(initial=0.0) > 1e-9:
             break
@@ -286,7 +289,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         counts = run.passes[c.passage - 1]
         drum = run.rig.counter(c)
         state = None if counters is None else counters[j]
-        counter = unwrap(counts.of(c.channel), counts.time_s, drum.rate, drum.counter_bits, state, drum.codes)
+        counter = unwrap(counts.of(c.channel), counts.time_s, max_rate=drum.rate, bits=drum.counter_bits, state=state, codes=drum.codes)
         if counter.inferred_bits is not None:
             notes.append(finding("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
         values = counter.counts * drum.count_sign / drum.scale
@@ -413,7 +416,7 @@ class LengthResiduals:
             start = zero_at(self._start, len(self._rows), effects.reference_c if self._temperature_c is None else self._temperature_c)
             warm = np.tile(start.temperature_c, (len(poses), 1)) if lengths.temperature_c is None else lengths.temperature_c
             warm = np.where(np.isfinite(warm), warm, start.temperature_c)
-            modelled = modelled + effects.excess(self._rows, start, poses, lengths.counts, warm)
+            modelled = modelled + effects.excess(self._rows, start, poses, lengths.counts, temperature_c=warm)
         return np.asarray(lengths.change_mm - modelled)
 
 

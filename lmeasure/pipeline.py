@@ -72,16 +72,18 @@ def reconstruct(
     constraint: str | None = None,
     repeatability_mm: float = 0.0,
     trials: int = 0,
+    *,
     seed: int = 0,
     progress: Steps | None = None,
-    *,
     rig: "Rig | calibration.Calibration | File | None" = None,
     covariances: bool = True,
 ) -> "trajectory.Trajectory":
     """The trajectory of a run folder or a run; rig, with its calibration, replaces the run's own. See `trajectory.reconstruct`."""
     from lmeasure import trajectory
 
-    return trajectory.reconstruct(_run(run, rig), constraint, repeatability_mm, trials, seed, progress, covariances=covariances)
+    return trajectory.reconstruct(
+        _run(run, rig), constraint, repeatability_mm, trials, seed=seed, progress=progress, covariances=covariances
+    )
 
 
 def zone(
@@ -113,7 +115,7 @@ def zone(
     scan = replace(scan, limits=replace(scan.limits, **asked), **options)
     nodes = [axis(*span) if isinstance(span, tuple) else np.asarray(span, dtype=np.float64) for span in (x, y, z)]
     turned = tilts(tilt_rad, tilt_steps) if rotations is None else rotations
-    return map_zone(used, record, (nodes[0], nodes[1], nodes[2]), turned, scan, progress)
+    return map_zone(used, record, (nodes[0], nodes[1], nodes[2]), turned, scan=scan, progress=progress)
 
 
 def place(
@@ -278,7 +280,7 @@ def certify(
             used,
             None if details is None else Path(details),
         )
-        content = write_certificate(Path(out), inputs, chosen, choices, progress)
+        content = write_certificate(Path(out), inputs, chosen, choices, progress=progress)
     return Certificate(Path(out), content)
 
 

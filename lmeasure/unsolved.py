@@ -208,6 +208,7 @@ def taken_as_exact(
     variables: Iterable[Variable],
     rows: FloatArray,
     zero: Zero,
+    *,
     poses: FloatArray,
     counts: FloatArray,
     twists: FloatArray,

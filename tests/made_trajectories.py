@@ -29,7 +29,7 @@ class StatedErrors:
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `lmeasure.certification.ErrorModel`."""
         n = len(samples)
-        return PoseErrors.of(roots(np.tile(self.random, (n, 1, 1))), np.tile(self.shared, (n, 1, 1)), self.rounded), "as stated"
+        return PoseErrors.of(roots(np.tile(self.random, (n, 1, 1))), np.tile(self.shared, (n, 1, 1)), rounded=self.rounded), "as stated"
 
 
 def trajectory_of(time_s: FloatArray, position: FloatArray, turn: FloatArray | None = None, angle_deg: float = 30.0) -> Trajectory:

@@ -208,8 +208,8 @@ def test_counts_at_stops_are_those_of_a_robot_that_rests_there() -> None:
 
 def test_what_comes_from_the_bus_is_what_was_sent() -> None:
     rng = np.random.default_rng(1)
-    time_s, poses = smooth_path(HOME, [Leg(p) for p in scattered_poses(2, (100.0,) * 3, 0.1, HOME, rng)], 500.0)
-    sent = simulate_run(cell_rig(2), time_s, poses, 0.0, rng)
+    time_s, poses = smooth_path(HOME, [Leg(p) for p in scattered_poses(2, (100.0,) * 3, 0.1, HOME, rng=rng)], 500.0)
+    sent = simulate_run(cell_rig(2), time_s, poses, noise_mm=0.0, rng=rng)
     received = record_motion(sent)
     np.testing.assert_array_equal(received.passes[0].time_s, time_s)
     np.testing.assert_array_equal(received.passes[0].recorded, sent.run.passes[0].recorded)
@@ -217,7 +217,7 @@ def test_what_comes_from_the_bus_is_what_was_sent() -> None:
 
 def drawn(n: int, rng: np.random.Generator, factor: float = 1.0) -> tuple[Trajectory, FloatArray]:
     """A trajectory whose true poses are drawn from its stated covariance, errors multiplied by the factor."""
-    poses = scattered_poses(n, (100.0,) * 3, 0.3, HOME, rng)
+    poses = scattered_poses(n, (100.0,) * 3, 0.3, HOME, rng=rng)
     root = rng.normal(size=(n, 6, 6)) * np.array([1e-4] * 3 + [0.01] * 3)[:, None]
     delta = factor * np.einsum("nij,nj->ni", root, rng.normal(size=(n, 6)))
     truth = poses.copy()

@@ -104,19 +104,19 @@ def test_wraps_are_undone(bits: int, signed: bool) -> None:
     k = np.rint(np.cumsum(g.uniform(-step, step, 20_000) + 0.2 * step * np.sin(times(20_000, 2e-3))))
     k += 2 ** (bits - 1) - 3000 - k[0]  # begins close to where a signed counter turns over
     shown = wrapped(k, bits, signed)
-    out = unwrap(shown, times(20_000), RATE, bits)
+    out = unwrap(shown, times(20_000), max_rate=RATE, bits=bits)
     assert (out.what == FOLLOWED).all()
     assert np.array_equal(out.counts, k)
     assert out.inferred_bits is None
     if np.abs(np.diff(shown)).max() > RATE * 1e-3:
-        inferred = unwrap(shown, times(20_000), RATE, None)
+        inferred = unwrap(shown, times(20_000), max_rate=RATE, bits=None)
         assert inferred.inferred_bits == bits
         assert np.array_equal(inferred.counts, k)
 
 
 def test_a_counter_without_width_is_left_alone() -> None:
     k = np.rint(np.cumsum(np.random.default_rng(0).uniform(-900, 900, 5000)))
-    out = unwrap(k, times(5000), RATE, None)
+    out = unwrap(k, times(5000), max_rate=RATE, bits=None)
     assert out.inferred_bits is None
     assert np.array_equal(out.counts, k)
 
@@ -125,21 +125,21 @@ def test_fractions_are_not_rounded() -> None:
     """Sums of steps would lose the last digits of counts of very different size."""
     g = np.random.default_rng(0)
     k = g.uniform(-700, 700, 5000) * 10 ** g.uniform(-9, 0, 5000)
-    assert np.array_equal(unwrap(k, times(5000), RATE, None).counts, k)
-    assert np.array_equal(unwrap(k, times(5000), RATE, 32).counts, k)
+    assert np.array_equal(unwrap(k, times(5000), max_rate=RATE, bits=None).counts, k)
+    assert np.array_equal(unwrap(k, times(5000), max_rate=RATE, bits=32).counts, k)
 
 
 def test_a_gap_is_a_gap_and_counting_goes_on() -> None:
     k = np.arange(200.0) * 100
     shown = wrapped(k, 16, True)
     shown[50:60] = np.nan
-    out = unwrap(shown, times(200), RATE, 16)
+    out = unwrap(shown, times(200), max_rate=RATE, bits=16)
     assert (out.what[50:60] == EMPTY).all()
     assert np.isnan(out.counts[50:60]).all()
     good = out.what == FOLLOWED
     assert good.sum() == 190
     assert np.array_equal(out.counts[good], k[good])
-    assert (unwrap(np.full(3, np.nan), times(3), RATE, None).what == EMPTY).all()
+    assert (unwrap(np.full(3, np.nan), times(3), max_rate=RATE, bits=None).what == EMPTY).all()
 
 
 def test_after_a_long_pause_a_small_counter_is_unsure_for_good() -> None:
@@ -147,11 +147,11 @@ def test_after_a_long_pause_a_small_counter_is_unsure_for_good() -> None:
     k = np.zeros(200)
     t = times(200)
     t[100:] += 0.030
-    out = unwrap(k, t, RATE, 16)
+    out = unwrap(k, t, max_rate=RATE, bits=16)
     assert (out.what[:100] == FOLLOWED).all()
     assert (out.what[100:] == UNSURE).all()
-    assert (unwrap(k, t, RATE, 32).what == FOLLOWED).all()
-    assert (unwrap(k, t, 1e5, 16).what == FOLLOWED).all(), "a slower limit makes it sure"
+    assert (unwrap(k, t, max_rate=RATE, bits=32).what == FOLLOWED).all()
+    assert (unwrap(k, t, max_rate=1e5, bits=16).what == FOLLOWED).all(), "a slower limit makes it sure"
 
 
 def test_a_spike_is_a_jump_and_what_follows_is_good() -> None:
@@ -160,7 +160,7 @@ def test_a_spike_is_a_jump_and_what_follows_is_good() -> None:
         for width in (1, 2, 7):
             shown = k.copy()
             shown[40 : 40 + width] += 20_000
-            out = unwrap(shown, times(100), RATE, bits)
+            out = unwrap(shown, times(100), max_rate=RATE, bits=bits)
             bad = np.zeros(100, np.bool_)
             bad[40 : 40 + width] = True
             assert np.array_equal(out.what != FOLLOWED, bad)
@@ -173,7 +173,7 @@ def test_spikes_that_go_once_round_a_small_counter() -> None:
     k = np.zeros(10)
     shown = k.copy()
     shown[4], shown[5] = 30_000, -30_000
-    out = unwrap(shown, times(10), RATE, 16)
+    out = unwrap(shown, times(10), max_rate=RATE, bits=16)
     assert (out.what[[4, 5]] == JUMPED).all()
     assert np.array_equal(out.counts[6:], k[6:])
 
@@ -182,7 +182,7 @@ def test_a_lost_origin_stays_lost() -> None:
     k = np.arange(100.0) * 50
     shown = k.copy()
     shown[40:] += 20_000
-    out = unwrap(shown, times(100), RATE, 32)
+    out = unwrap(shown, times(100), max_rate=RATE, bits=32)
     assert out.what[40] == JUMPED
     assert (out.what[41:] == WENT_ON).all()
     assert np.array_equal(out.counts, shown), "it goes on, for who can prove it right"
@@ -193,14 +193,14 @@ def test_a_jump_back_that_comes_late_proves_nothing() -> None:
     for width, back in ((90, FOLLOWED), (110, JUMPED)):
         shown = np.arange(300.0) * 50
         shown[40 : 40 + width] += 20_000
-        out = unwrap(shown, times(300), RATE, 32)
+        out = unwrap(shown, times(300), max_rate=RATE, bits=32)
         assert out.what[40 + width] == back
         assert (out.what[41 + width :] == (FOLLOWED if back == FOLLOWED else WENT_ON)).all()
 
 
 def test_values_that_a_counter_cannot_show() -> None:
     shown = np.array([0.0, 10, 70_000, 30, -40_000, 50])
-    out = unwrap(shown, times(6), RATE, 16)
+    out = unwrap(shown, times(6), max_rate=RATE, bits=16)
     assert out.what.tolist() == [FOLLOWED, FOLLOWED, FOREIGN, FOLLOWED, FOREIGN, FOLLOWED]
     assert np.array_equal(out.counts[[0, 1, 3, 5]], [0, 10, 30, 50])
 
@@ -208,16 +208,16 @@ def test_values_that_a_counter_cannot_show() -> None:
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(st.lists(st.one_of(st.floats(-1e300, 1e300), st.just(float("nan"))), min_size=1, max_size=50), st.sampled_from([None, 8, 16, 64]))
 def test_any_numbers_are_classified(values: list[float], bits: int | None) -> None:
-    out = unwrap(np.array(values), times(len(values)), RATE, bits)
+    out = unwrap(np.array(values), times(len(values)), max_rate=RATE, bits=bits)
     assert np.array_equal(np.isnan(out.counts), (out.what == EMPTY) | (out.what == FOREIGN))
 
 
 def test_an_hour_takes_little_memory() -> None:
     n = 400_000
     recorded, t = np.zeros(n), times(n)
-    unwrap(recorded, t, RATE, 32)
+    unwrap(recorded, t, max_rate=RATE, bits=32)
     tracemalloc.start()
-    unwrap(recorded, t, RATE, 32)
+    unwrap(recorded, t, max_rate=RATE, bits=32)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 4 * recorded.nbytes

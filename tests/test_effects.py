@@ -49,7 +49,7 @@ def exact_run(rig: Rig, rise: float = 5.0) -> tuple[Run, FloatArray]:
     """Counts that are not rounded, while it gets warmer."""
     time_s, poses = smooth_path(START, LEGS, 50.0)
     warm = 22.0 + rise * time_s / time_s[-1]
-    counts = counts_from_poses(rig, poses, START, None, warm, 22.0)
+    counts = counts_from_poses(rig, poses, START, None, temperature_c=warm, zero_temperature_c=22.0)
     return Run(rig, START, (Counts(time_s, rig.channels, counts, temperature_c=warm),), temperature_c=22.0), poses
 
 
@@ -125,7 +125,7 @@ def test_error_of_leaving_out_expansion_is_that_of_the_cable_s_length() -> None:
 def test_streamed_in_pieces_it_is_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = rig_with(CABLE, FRAME)
     time_s, poses = smooth_path(START, LEGS, 200.0)
-    simulated = simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(0), 22.0 + 5 * time_s / time_s[-1])
+    simulated = simulate_run(rig, time_s, poses, noise_mm=0.0, rng=np.random.default_rng(0), temperature_c=22.0 + 5 * time_s / time_s[-1])
     write_run(tmp_path / "run", simulated.run)
     run = read_run(tmp_path / "run")
     assert run.temperature_c == 22.0

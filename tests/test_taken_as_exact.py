@@ -143,7 +143,7 @@ def test_sizes_of_temperature_are_those_of_rigs_that_grow() -> None:
     data = nominal(true)
     for p in data["observation_point"]:
         p["drum"] |= {"cable_expansion_per_k": unsolved.EXPANSION_PER_K}
-    later = counts_from_poses(rig_from_dict(data), poses, START, None, np.full(len(poses), 25.0), 20.0)
+    later = counts_from_poses(rig_from_dict(data), poses, START, None, temperature_c=np.full(len(poses), 25.0), zero_temperature_c=20.0)
     assert off(later) == pytest.approx(taken(run)["temperature"].mm, rel=0.05)
 
 
@@ -186,7 +186,7 @@ def test_a_rig_that_grows_wants_to_know_how_warm_it_was() -> None:
 
 def test_a_zone_says_it_on_its_page() -> None:
     x, y, z = (np.linspace(-100.0, 100.0, 3) for _ in range(3))
-    zone = scan_zone(rig_from_dict(nominal(truth(2))), None, x, y, z, tilts(0.0, 1), limit_deg=80.0)
+    zone = scan_zone(rig_from_dict(nominal(truth(2))), None, x=x, y=y, z=z, rotations=tilts(0.0, 1), limit_deg=80.0)
     lines = findings(zone, extent(zone))
     assert [line.split(":")[1].split(";")[0].strip() for line in lines if line.startswith("Taken as exact")] == WHAT
 

@@ -257,7 +257,7 @@ def test_zone_holds_what_is_stated() -> None:
     at = (120.0, -80.0, 60.0)
     x, y, z = (np.array([v]) for v in at)
     rig = stating(nominal(true), *names)
-    zone = scan_zone(rig, None, x, y, z, tilts(0.0, 1), start=START)
+    zone = scan_zone(rig, None, x=x, y=y, z=z, rotations=tilts(0.0, 1), start=START)
     rng, pose = np.random.default_rng(6), np.array([[*at, 0, 0, 0, 1.0]])
     inverse = np.linalg.inv(span_rows(rig.cable_rows(), pose[0]))
     errors = []
@@ -271,5 +271,5 @@ def test_zone_holds_what_is_stated() -> None:
     inside = np.mean(np.array(errors) < radius)
     assert 0.925 < inside < 0.975, inside
     assert "count length, groove pitch, run-out of drums, eccentric pulleys, attachment points" in zone.attrs["u95_covers"]
-    plain = scan_zone(rig_from_dict(nominal(true)), None, x, y, z, tilts(0.0, 1), start=START)
+    plain = scan_zone(rig_from_dict(nominal(true)), None, x=x, y=y, z=z, rotations=tilts(0.0, 1), start=START)
     assert radius > 5 * float(plain["u95_position_mm"].values.ravel()[0])

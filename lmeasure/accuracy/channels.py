@@ -28,7 +28,7 @@ def figures(channels: Channels, poses: FloatArray, names: tuple[str, ...] = (), 
     G = twists(channels, poses)
     every = G * np.sqrt(variances(channels))
     if root is not None:
-        every = np.concatenate([every, shared_errors(channels, poses, G, names, root)], axis=2)
+        every = np.concatenate([every, shared_errors(channels, poses, G, names, root=root)], axis=2)
     covariance = every @ np.swapaxes(every, 1, 2)
     told = np.isfinite(covariance).all(axis=(1, 2))
     u95, angle = np.full(len(poses), np.inf), np.full(len(poses), 90.0)
@@ -39,6 +39,7 @@ def figures(channels: Channels, poses: FloatArray, names: tuple[str, ...] = (), 
 
 def map_channels(
     channels: Channels,
+    *,
     x: FloatArray,
     y: FloatArray,
     z: FloatArray,

@@ -37,7 +37,7 @@ class Part:
 
 
 def guard(
-    rig: Rig, calibration: CalibrationRecord | None, zone: xr.Dataset, program: Program, rotation: Rotation, step_mm: float = STEP_MM
+    rig: Rig, calibration: CalibrationRecord | None, zone: xr.Dataset, program: Program, *, rotation: Rotation, step_mm: float = STEP_MM
 ) -> list[Part]:
     """Each pose and path of the program against a scanned zone of the same rig.
 
@@ -51,7 +51,7 @@ def guard(
     start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"], dtype=np.float64)
     out = []
     for name, points, turns in places:
-        plan = make_plan(rig, calibration, points, turns, start)
+        plan = make_plan(rig, calibration, points, turns, start=start)
         # a scan tries every orientation at every place: where each place has its own, one scan for each
         own = plan.quaternions[:, None]
         plans = [plan] if len(own) == 1 else [replace(plan, positions=points[i : i + 1], quaternions=own[i]) for i in range(len(points))]

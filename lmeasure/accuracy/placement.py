@@ -145,7 +145,7 @@ class Search:
         self.positions = np.concatenate([nodes, np.repeat(nodes[-1:], -len(nodes) % LANES, axis=0)])
         self.centre = 0.5 * (np.array(task.low_mm) + np.array(task.high_mm))
         turns = tilts(task.tilt_rad, task.tilt_steps, Rotation.from_quat(task.quaternion_xyzw))
-        self.plan = make_plan(rig, None, self.positions, turns, np.array([*self.centre, *task.quaternion_xyzw]))
+        self.plan = make_plan(rig, None, self.positions, turns, start=np.array([*self.centre, *task.quaternion_xyzw]))
         self.rows, self.evaluations = rig.cable_rows(), 0
         toward = self.centre - self.rows[:, BASE_XYZ]
         self.toward = toward / np.linalg.norm(toward, axis=1)[:, None]

@@ -90,6 +90,7 @@ class Scan:
 def scan_zone(
     rig: Rig,
     calibration: CalibrationRecord | None,
+    *,
     x: FloatArray,
     y: FloatArray,
     z: FloatArray,
@@ -97,7 +98,6 @@ def scan_zone(
     limit_deg: float = 60.0,
     length_limits: tuple[float, float] | None = None,
     progress: Progress | None = None,
-    *,
     limits: Limits | None = None,
     full: bool = False,
     bodies: Sequence[Body] = (),
@@ -120,7 +120,7 @@ def scan_zone(
         checkpoint=checkpoint,
         refine=refine,
     )
-    return map_zone(rig, calibration, (x, y, z), rotations, scan, progress)
+    return map_zone(rig, calibration, (x, y, z), rotations, scan=scan, progress=progress)
 
 
 def map_zone(
@@ -128,6 +128,7 @@ def map_zone(
     calibration: CalibrationRecord | None,
     nodes: tuple[FloatArray, FloatArray, FloatArray],
     rotations: Rotation,
+    *,
     scan: Scan | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -163,7 +164,7 @@ def map_zone(
         start = np.concatenate([[0.5 * (a[0] + a[-1]) for a in axes], rotations.mean().as_quat()])
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     near = bool(scan.bodies) or limits.clearance_mm is not None
-    plan = make_plan(rig, calibration, positions, rotations, start, full=full, near=near, bodies=scan.bodies)
+    plan = make_plan(rig, calibration, positions, rotations, start=start, full=full, near=near, bodies=scan.bodies)
     way: dict[str, Any] = {"workers": scan.workers, "scheduler": scan.scheduler}
 
     def named(found: tuple[FloatArray, IntArray]) -> dict[str, NDArray[Any]]:
@@ -184,7 +185,7 @@ def map_zone(
             "node_spacing_mm": list(spacing),
             "u95_covers": covers(rig, calibration),
             "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
-            "taken_as_exact": "\n".join(t.line() for t in taken_as_exact(rig, calibration, positions, rotations, start)),
+            "taken_as_exact": "\n".join(t.line() for t in taken_as_exact(rig, calibration, positions, rotations, start=start)),
             "plan_sha256": plan.digest(),
         },
     )
@@ -204,8 +205,8 @@ def make_plan(
     calibration: CalibrationRecord | None,
     positions: FloatArray,
     rotations: Rotation,
-    start: FloatArray,
     *,
+    start: FloatArray,
     full: bool = False,
     near: bool = False,
     bodies: Sequence[Body] = (),
@@ -264,7 +265,7 @@ def drum_variance(rig: Rig, positions: FloatArray, rotations: Rotation, start: F
 
 
 def taken_as_exact(
-    rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, start: FloatArray
+    rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray
 ) -> tuple[unsolved.Taken, ...]:
     """What nobody stated and nothing has solved, and what it would add at the better half of the places of a scan."""
     rows = rig.cable_rows()
@@ -282,7 +283,9 @@ def taken_as_exact(
     variables = unsolved.exact(rig, None, () if calibration is None else calibration.names)
     reference = None if calibration is None else calibration.temperature_c
     warmth = unsolved.Warmth(reference, None, None, False)
-    return unsolved.taken_as_exact(rig, variables, rows, zero_at(start, len(rows), 0.0), poses, counts, twists, warmth)
+    return unsolved.taken_as_exact(
+        rig, variables, rows, zero_at(start, len(rows), 0.0), poses=poses, counts=counts, twists=twists, warmth=warmth
+    )
 
 
 def sampled(positions: FloatArray, rotations: Rotation) -> FloatArray:

@@ -46,11 +46,11 @@ def new_assembler(rig: Rig, fields: tuple[CounterField, ...], passage: int = 1) 
     start_line = None if table.start_input is None else StartLine(table.start_input)
     if table.timing == "free":
         return FreeAssembler(fields, counters, EventLog(), start_line)
-    return SyncAssembler(fields, counters, table.sync_id, EventLog(), start_line)
+    return SyncAssembler(fields, counters, table.sync_id, EventLog(), start_line=start_line)
 
 
 def counts_from_frames(
-    rig: Rig, batches: Iterable[Frames], fields: tuple[CounterField, ...], passage: int = 1, source: str = "frames"
+    rig: Rig, batches: Iterable[Frames], fields: tuple[CounterField, ...], passage: int = 1, *, source: str = "frames"
 ) -> Assembled:
     """Counts of one pass from batches of frames in the order of their reception; time_s is as the frames give it.
 
@@ -75,7 +75,7 @@ def counts_from_frames(
     return Assembled(counts if marked is None else marked, assembler.events, frames)
 
 
-def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, origin_s: float = 0.0) -> Counts | None:
+def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *, origin_s: float = 0.0) -> Counts | None:
     """The counts with empty cells where a channel stands still while the others move, and an event for each; None where none does.
 
     Six cables have no redundancy: a stuck counter gives a plausible pose. That a cable keeps its length to the count while the others

@@ -95,7 +95,7 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Pa
         _check_serials(devices, channels)
         if table.eds is not None:
             for d in devices:
-                check_identity(folder / table.eds, f"node {d.node} (channel {d.channel})", d.node, d.vendor, d.product)
+                check_identity(folder / table.eds, f"node {d.node} (channel {d.channel})", d.node, vendor=d.vendor, product=d.product)
         for device in devices:
             network.send_message(0, bytes([1, device.node]))  # NMT: start
         return devices

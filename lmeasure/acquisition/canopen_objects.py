@@ -90,7 +90,7 @@ def position_place(node: Objects, timing: str, cyclic_ms: int | None) -> Place:
     )
 
 
-def check_identity(sheet: Path, name: str, node: int, vendor: int | None, product: int | None) -> None:
+def check_identity(sheet: Path, name: str, node: int, *, vendor: int | None, product: int | None) -> None:
     """AcquisitionError where a device is not of the vendor or product that its EDS file describes (1018h)."""
     described = DataSheet(sheet, node)
     for subindex, what, value in ((1, "vendor", vendor), (2, "product", product)):

@@ -103,7 +103,7 @@ def record_feed(rig: Rig, counts: Counts, passage: int = 1, progress: Callable[[
         thread = threading.Thread(target=send, args=(frames, sender), kwargs={"paced": False, "stop": stop}, daemon=True)
         thread.start()
         try:
-            return counts_from_frames(rig, _received(receiver, len(frames), progress), fields, passage, "simulated feed")
+            return counts_from_frames(rig, _received(receiver, len(frames), progress), fields, passage, source="simulated feed")
         finally:
             stop.set()
             thread.join()

@@ -133,7 +133,7 @@ def _import_log(
     report, survey = LogReport(), Survey()
     batches = _of_one_bus(log_batches(log, report, progress), fields, rig.can_table.sync_id, bus, survey, log)
     try:
-        assembled = counts_from_frames(rig, batches, fields, passage, str(log))
+        assembled = counts_from_frames(rig, batches, fields, passage, source=str(log))
     except AcquisitionError:
         if report.frames == 0:
             why = "; ".join(report.notes())

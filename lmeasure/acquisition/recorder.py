@@ -101,7 +101,7 @@ def record(
     A source that is lost, a log that breaks, or a disk that is full, ends the recording early: what came before is kept, the text says why.
     AcquisitionError when not one sample came.
     """
-    writer = _Writer(folder, rig, fields, passage, start, source, devices or [], beside or {}, each)
+    writer = _Writer(folder, rig, fields, passage, start=start, source=source, devices=devices or [], beside=beside or {}, each=each)
     ended = "complete"
     begin = time.monotonic()
     try:
@@ -152,6 +152,7 @@ class _Writer:
         rig: Rig,
         fields: tuple[CounterField, ...],
         passage: int,
+        *,
         start: FloatArray | None,
         source: Source,
         devices: list[dict[str, Any]],
@@ -335,7 +336,7 @@ class _Writer:
         events = self.assembler.events
         result = Recording(self.folder, ended, self.frames, len(counts.time_s), seconds, dict(events.tally), closure)
         with contextlib.suppress(OSError, LMeasureError):  # a full disk: run.toml goes on saying that it ended early
-            marked = mark_stalls(self.rig, counts, events, self.passage, self._origin or 0.0)
+            marked = mark_stalls(self.rig, counts, events, self.passage, origin_s=self._origin or 0.0)
             if marked is not None:
                 write_counts(path, marked)
             if events.kept:

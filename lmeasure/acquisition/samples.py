@@ -88,6 +88,7 @@ class SyncAssembler:
         counters: tuple[CounterState, ...],
         sync_id: int,
         events: EventLog,
+        *,
         start_line: StartLine | None = None,
     ) -> None:
         self.fields, self.counters, self.events = fields, counters, events

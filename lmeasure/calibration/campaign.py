@@ -131,7 +131,7 @@ def of_cables(campaign: Campaign, keep: list[int]) -> Campaign:
 
 
 def extended(
-    campaign: Campaign, more: Poses, counts: FloatArray, u_visit: FloatArray | None = None, reading: float = 1.0 / 12.0
+    campaign: Campaign, more: Poses, counts: FloatArray, u_visit: FloatArray | None = None, *, reading: float = 1.0 / 12.0
 ) -> Campaign:
     """The campaign with further poses (k), each visited once, and what is counted there (k, m).
 
@@ -355,7 +355,9 @@ def _predicted(campaign: Campaign, j: int) -> FloatArray:
     own = None if warm is None else warm[:, j]
     begun = None if own is None else float(own[campaign.zero[j]])
     at_zero = campaign.poses.rows[campaign.zero[j]]
-    return counts_from_poses(campaign.rig, campaign.poses.rows, at_zero, (campaign.cables[j],), own, begun)[:, 0]
+    return counts_from_poses(
+        campaign.rig, campaign.poses.rows, at_zero, (campaign.cables[j],), temperature_c=own, zero_temperature_c=begun
+    )[:, 0]
 
 
 def _unwrapped(campaign: Campaign) -> Campaign:

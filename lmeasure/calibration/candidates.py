@@ -79,7 +79,7 @@ class Candidates:
 
 
 def candidates(
-    instrument: Instrument, region: Region, usable: Usable, pool: FloatArray, taken: FloatArray, zero: Zero | None
+    instrument: Instrument, region: Region, usable: Usable, pool: FloatArray, *, taken: FloatArray, zero: Zero | None
 ) -> Candidates:
     """Zeroed as given, or else, to begin with, at the candidate nearest to the middle of the region."""
     if zero is not None:

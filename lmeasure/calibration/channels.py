@@ -27,6 +27,7 @@ class AtReferencePoses(Problem):
         readings: FloatArray,
         poses: FloatArray,
         pose_covariance: FloatArray | None = None,
+        *,
         solve: Collection[str] | None = None,
     ) -> None:
         own = {q.name: q for o in channels for q in o.parameters}

@@ -85,7 +85,7 @@ def diagnose(campaign: Campaign, stated: dict[str, Fit], judge: Judge) -> list[F
 
 
 def diagnose_together(
-    campaign: Campaign, stated: Fit, judge: Callable[[Campaign], Fit], screen: Callable[[Campaign], float], places_known: bool
+    campaign: Campaign, stated: Fit, judge: Callable[[Campaign], Fit], screen: Callable[[Campaign], float], *, places_known: bool
 ) -> list[Finding]:
     """`diagnose` where points cannot be judged one by one, because the poses are unknown: one slip after another, each judged by the fit of
     everything. screen: a cheap guess of `Fit.objective`, by which the hypotheses that are worth a fit are chosen. places_known: whether

@@ -62,7 +62,7 @@ def poses_findings(model: Model, found: Fit) -> list[Finding]:
 
 
 def shape_findings(
-    campaign: Campaign, unknowns: Parameters, found: Fit, points: list[Point], searched: dict[str, list[Box]]
+    campaign: Campaign, unknowns: Parameters, found: Fit, points: list[Point], *, searched: dict[str, list[Box]]
 ) -> list[Finding]:
     """Results at the edge of the search or beyond, missing coarse solutions, and a fit that did not settle."""
     out = []

@@ -40,7 +40,7 @@ class Instrument:
     anew in every pass. Everything is linearised at the rig's own values.
     """
 
-    def __init__(self, rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...], sigma: FloatArray, visit: FloatArray) -> None:
+    def __init__(self, rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...], sigma: FloatArray, *, visit: FloatArray) -> None:
         self.rig, self.cables, self.sigma, self.visit = rig.without_effects(), cables, sigma, visit
         self._passage = np.array([c.passage for c in cables])
         self.unknowns: Parameters = unknowns_of(self._campaign(np.zeros((0, 7)), np.zeros((0, 7)), np.zeros(0, np.int64), ()), solve)

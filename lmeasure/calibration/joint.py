@@ -25,7 +25,7 @@ RESTARTS = 2
 
 
 def solve_jointly(
-    campaign: Campaign, solve: tuple[str, ...], prior: bool, free: tuple[int, ...], frame: Frame, seed: int
+    campaign: Campaign, solve: tuple[str, ...], prior: bool, free: tuple[int, ...], *, frame: Frame, seed: int
 ) -> tuple[Model, Fit]:
     """Poses and observation points together; free as `free_components` says.
 
@@ -35,11 +35,11 @@ def solve_jointly(
     if not trusted and not {"position", "guide"} <= set(solve):
         raise CalibrationError("--self: needs position and guide in --solve, or what is taken as exact would hold the frame")
     check_equations(campaign, rig, free)
-    model, begun = begun_jointly(campaign, rig, free, frame, seed)
+    model, begun = begun_jointly(campaign, rig, free, frame, seed=seed)
     return model, _restarted(model, begun if prior else fit(model, begun.theta, near=True), prior, seed)
 
 
-def begun_jointly(campaign: Campaign, rig: Parameters, free: tuple[int, ...], frame: Frame, seed: int) -> tuple[Model, Fit]:
+def begun_jointly(campaign: Campaign, rig: Parameters, free: tuple[int, ...], frame: Frame, *, seed: int) -> tuple[Model, Fit]:
     """The fit from the nominal rig with the prior on every direction; of orientations to begin with, where none is known, from the best."""
     starts = oriented(campaign, seed) if 0 in free and not campaign.poses.oriented else [campaign]
     models = [model_of(start, rig, free, frame) for start in starts]
@@ -56,7 +56,7 @@ def fitted_pose(model: Model, theta: FloatArray, pose: int, seed: int) -> FloatA
     # what the free spans must measure there
     length = span_lengths(rows, now[None])[0] - model.residuals(theta)[mine]
     out = theta.copy()
-    out[own] = fit_pose(rows, length, model.campaign.poses.rows[pose], model.free, theta[own], seed)
+    out[own] = fit_pose(rows, length, model.campaign.poses.rows[pose], model.free, begun=theta[own], seed=seed)
     return out
 
 

@@ -60,7 +60,7 @@ def point_data(campaign: Campaign, point: str) -> PointData:
     return PointData(np.vstack(points), np.concatenate(changes), np.concatenate(zeroed), radius)
 
 
-def search_point(data: PointData, boxes: list[Box], seed: int, log2: int = CANDIDATES_LOG2, keep: int = 4) -> Iterator[FloatArray]:
+def search_point(data: PointData, boxes: list[Box], seed: int, log2: int = CANDIDATES_LOG2, *, keep: int = 4) -> Iterator[FloatArray]:
     """The best candidates (x, y, z [mm], alpha, beta [rad]) of each box after coordinate descent, best first within a box.
 
     2^log2 scrambled Sobol points a box, seeded; the radius stays the nominal one.

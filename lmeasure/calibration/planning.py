@@ -110,7 +110,7 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
         raise CalibrationError(f"the criterion {settings.criterion!r} is not one of {', '.join(CRITERIA)}")
     cables = _cables(rig, settings, recorded)
     sigma = np.repeat([settings.u_rotation_rad, settings.u_position_mm], 3)
-    instrument = Instrument(rig, cables, settings.solve, sigma, repeatability(recorded))
+    instrument = Instrument(rig, cables, settings.solve, sigma, visit=repeatability(recorded))
     zone = settings.zone or replace(settings.region, angles=None)
     targets, checks = (lengths_over(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
     start = settings.region.centre if recorded is None else recorded.poses.rows[recorded.zero[0]]
@@ -132,7 +132,7 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
     else:
         before, zero = instrument.recorded(recorded)
         taken = settings.region.unit(recorded.poses.rows)
-    space = candidates(instrument, settings.region, usable, pool[good], taken, zero)
+    space = candidates(instrument, settings.region, usable, pool[good], taken=taken, zero=zero)
     design = _search(empty(space, before + np.eye(len(before))), settings, targets, rng, progress)
     chosen = settings.poses - (recorded is None)
     if len(design.points) < chosen:

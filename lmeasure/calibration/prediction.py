@@ -64,7 +64,9 @@ def taken_as_exact(campaign: Campaign, rig: Rig, record: CalibrationRecord, rows
         "the campaign's mean of",
     )
     variables = unsolved.exact(rig, cables, record.names)
-    return unsolved.taken_as_exact(rig, variables, kernel_rows, zero_at(start, m, 0.0), rows, counts, twists, warmth, cables)
+    return unsolved.taken_as_exact(
+        rig, variables, kernel_rows, zero_at(start, m, 0.0), poses=rows, counts=counts, twists=twists, warmth=warmth, cables=cables
+    )
 
 
 def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int = 0, *, solved: bool = False) -> Prediction:

@@ -183,7 +183,7 @@ class Usable:
             n, m = change.shape
             zero = zero_at(self._start, m, self._effects.reference_c)
             counts = counts_from_changes(self._rows, change)
-            excess = self._effects.excess(self._rows, zero, rows, counts, np.full((n, m), self._effects.reference_c))
+            excess = self._effects.excess(self._rows, zero, rows, counts, temperature_c=np.full((n, m), self._effects.reference_c))
             slack |= ~np.isfinite(excess) & np.isfinite(counts)
         return np.asarray(slack)
 

@@ -28,6 +28,7 @@ def make_record(
     model: Model,
     found: Fit,
     where: Regions,
+    *,
     findings: list[Finding],
     silent: list[Unobservable],
     rig: Rig,

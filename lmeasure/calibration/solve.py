@@ -113,7 +113,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     where = regions(found, settings.seed, found.freedom if explained.estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *begun.gross, *misfits]
-    findings += shape_findings(campaign, model.parameters, found, begun.points, begun.searched)
+    findings += shape_findings(campaign, model.parameters, found, begun.points, searched=begun.searched)
     if where.bend > BENT and not len(found.silent):
         text = (
             f"the values lie on a bent valley ({where.bend:.2g} standard uncertainties off its tangent): their covariance and U95 include "
@@ -127,7 +127,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json"), dimensions)
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
     silent = observability.unobservable_directions(model.parameters, found.silent, sight)
-    record = make_record(campaign, model, found, where, findings, silent, rig, dimensions)
+    record = make_record(campaign, model, found, where, findings=findings, silent=silent, rig=rig, dimensions=dimensions)
     assumed = {name.split(".")[0] for name in campaign.rig.assumed}
     ranges = [position_range(p.model, p.name, p.fit.theta, settings.seed) for p in begun.points if p.name in assumed]
     predicted = predict(campaign, rig, record, settings.seed)
@@ -181,16 +181,16 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
 
 def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]) -> _Begun:
     """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
-    model, first = solve_jointly(campaign, settings.solve, settings.prior, free, settings.frame, settings.seed)
+    model, first = solve_jointly(campaign, settings.solve, settings.prior, free, frame=settings.frame, seed=settings.seed)
 
     def judge(other: Campaign) -> Fit:
-        return begun_jointly(replace(other, poses=campaign.poses), model.parameters, free, settings.frame, settings.seed)[1]
+        return begun_jointly(replace(other, poses=campaign.poses), model.parameters, free, settings.frame, seed=settings.seed)[1]
 
     def screen(other: Campaign) -> float:
         return linear_objective(model_of(other, model.parameters, free, model.frame))
 
     stated = fit(model, first.theta, prior_everywhere=True)
-    gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, model.places_known)
+    gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, places_known=model.places_known)
     names = dict.fromkeys(c.from_point for c in campaign.cables)
     # nearest to the reference poses the whole may lie anywhere
     searched = {} if model.frame == "poses" else {name: [box_of(campaign, name, settings)] for name in names}

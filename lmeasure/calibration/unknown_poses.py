@@ -133,7 +133,7 @@ def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     return [replace(campaign, poses=replace(campaign.poses, rows=rows, oriented=True)) for rows in chosen[:CANDIDATES]]
 
 
-def fit_pose(rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: IntArray, begun: FloatArray, seed: int) -> FloatArray:
+def fit_pose(rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: IntArray, *, begun: FloatArray, seed: int) -> FloatArray:
     """The free components (d,) [deg, mm] of a pose's shift from the stated one (7,) at which the free spans of the cables, rows (m,
     CABLE_COLUMNS), are of the given lengths (m,) in the least squares sense: the best that begun (d,) and, where orientations are free,
     those of many that miss the lengths least lead to."""

@@ -172,7 +172,8 @@ class Model(Problem):
         f = cable_kernels.span_lengths(rows, poses) - cable_kernels.changes_from_counts(rows, counts)
         r = f[self.pose_index, self.cable_index] - f[self._zero, self.cable_index]
         if self._effects is not None:
-            r = r + self._effects.excess(rows, *self._situation(poses, counts))[self.pose_index, self.cable_index]
+            zero, every, k, warm = self._situation(poses, counts)
+            r = r + self._effects.excess(rows, zero, every, k, temperature_c=warm)[self.pose_index, self.cable_index]
         return np.where(np.isfinite(r), r, 1e6)
 
     def _situation(self, poses: FloatArray, counts: FloatArray) -> tuple[Zero, FloatArray, FloatArray, FloatArray]:
@@ -224,10 +225,10 @@ class Model(Problem):
             return None
         rows, _, counts = self.cables(theta)
         poses = self.poses(theta)
-        situation = self._situation(poses, counts)
-        at = self.pose_index, self.cable_index
-        columns = [shift[at] for shift in self._effects.property_shifts(rows, *situation)]
-        temperature = self._effects.temperature_shifts(rows, *situation)
+        zero, every, k, warm = self._situation(poses, counts)
+        at, given = (self.pose_index, self.cable_index), (rows, zero, every, k)
+        columns = [shift[at] for shift in self._effects.property_shifts(*given, temperature_c=warm)]
+        temperature = self._effects.temperature_shifts(*given, temperature_c=warm)
         if temperature is not None:
             first, later = (shift[at] for shift in temperature)
             for i in range(len(poses)):

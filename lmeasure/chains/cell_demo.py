@@ -75,8 +75,9 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     campaign, calibration = cell.campaign, cell.calibration
 
     report = step(RECORD)
-    waypoints = scattered_poses(WAYPOINTS, (WORK_SPACE_MM,) * 3, WORK_TILT_RAD, HOME, rng)
-    moved = simulate_run(true, *smooth_path(HOME, [Leg(p, SPEED_MM_S, 1.0, DWELL_S) for p in waypoints], RUN_RATE_HZ), 0.0, rng)
+    waypoints = scattered_poses(WAYPOINTS, (WORK_SPACE_MM,) * 3, WORK_TILT_RAD, HOME, rng=rng)
+    path = smooth_path(HOME, [Leg(p, SPEED_MM_S, 1.0, DWELL_S) for p in waypoints], RUN_RATE_HZ)
+    moved = simulate_run(true, *path, noise_mm=0.0, rng=rng)
     recorded = record_motion(moved, report)
     # what follows knows the calibrated rig only
     write_run(out / "run", replace(recorded, rig=calibration.rig, calibration=calibration.record))
@@ -126,7 +127,9 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
 def map_zone(run: Run, progress: Callable[[int, int], None] | None = None) -> xr.Dataset:
     """The accuracy zone of a run's rig about its start pose, over tilts up to the cell's work space."""
     nodes = axis(-ZONE_HALF_MM, ZONE_HALF_MM, ZONE_STEP_MM)
-    return scan_zone(run.rig, run.calibration, nodes, nodes, nodes, tilts(WORK_TILT_RAD, 3), progress=progress, start=run.start)
+    return scan_zone(
+        run.rig, run.calibration, x=nodes, y=nodes, z=nodes, rotations=tilts(WORK_TILT_RAD, 3), progress=progress, start=run.start
+    )
 
 
 def _calibration_lines(nominal: Rig, true: Rig, calibration: Calibration, rng: np.random.Generator) -> tuple[Line, ...]:

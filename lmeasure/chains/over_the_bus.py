@@ -20,7 +20,7 @@ def count_at_stops(rig: Rig, stops: FloatArray, rng: np.random.Generator, progre
     """(n, m) recorded counts of pass 1 at (n, 7) poses that a robot drives to and rests at, through the bus; zeroed at the first."""
     legs = [Leg(pose, SPEED_MM_S, 1.0, DWELL_S) for pose in stops]
     time_s, poses = smooth_path(stops[0], legs, REFERENCE_RATE_HZ)
-    simulated = simulate_run(rig, time_s, poses, 0.0, rng)
+    simulated = simulate_run(rig, time_s, poses, noise_mm=0.0, rng=rng)
     counts = record_feed(rig, simulated.run.passes[0], progress=progress).counts
     resting = [int(np.flatnonzero((np.abs(poses - pose) < 1e-9).all(axis=1))[-1]) for pose in stops]
     return counts.recorded[resting]

@@ -87,7 +87,7 @@ class RobotDemo:
 
 
 def robot_demo(
-    out: Path, progress: Progress | None = None, seed: int = 0, tests: Tests = TESTS, settings: Settings | None = None
+    out: Path, progress: Progress | None = None, seed: int = 0, tests: Tests = TESTS, *, settings: Settings | None = None
 ) -> RobotDemo:
     """Calibrate the cell, let the simulated robot run the test cube, measure it and certify it by the settings; all files into `out`.
 
@@ -107,12 +107,12 @@ def robot_demo(
     report = step(PERFORM)
     plan = campaign(largest_cube((-HALF_CUBE_MM,) * 3, (HALF_CUBE_MM,) * 3), tests)
     write_commands(out / "commands.csv", plan)
-    done = cell_robot(seed).perform(plan.commands, plan.start, RATE_HZ, rng, report)
+    done = cell_robot(seed).perform(plan.commands, plan.start, RATE_HZ, rng, progress=report)
     program = timed(plan.program, done, tests.settle_s)
     write_program(out / "program.toml", program)
 
     report = step(RECORD)
-    moved = simulate_run(true, done.time_s, done.poses, 0.0, rng)
+    moved = simulate_run(true, done.time_s, done.poses, noise_mm=0.0, rng=rng)
     recorded = record_motion(moved, report)
     # the counters are zeroed where the robot stands, which a reference instrument measures
     shift, turn = U_REFERENCE_MM * rng.normal(size=3), U_REFERENCE_RAD * rng.normal(size=3)
@@ -131,7 +131,7 @@ def robot_demo(
     report = step(CERTIFY)
     settings = settings or Settings()
     inputs = Inputs(out / "trajectory.parquet", out / "program.toml", out / "run")
-    certificate = write_certificate(out / "certificate", inputs, settings, Choices(), report)
+    certificate = write_certificate(out / "certificate", inputs, settings, Choices(), progress=report)
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
     files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
 

@@ -55,7 +55,7 @@ def _mahalanobis(errors: FloatArray, covariance: FloatArray) -> FloatArray:
 def held_out_length_error(true: Rig, found: Rig, rng: np.random.Generator) -> float:
     """rms [mm] of the lengths a calibrated rig predicts at poses it was not calibrated at, against the true rig's, each cable's mean
     removed."""
-    poses = scattered_poses(HELD_OUT_POSES, (WORK_SPACE_MM,) * 3, WORK_TILT_RAD, HOME, rng)
+    poses = scattered_poses(HELD_OUT_POSES, (WORK_SPACE_MM,) * 3, WORK_TILT_RAD, HOME, rng=rng)
     difference = span_lengths(found, poses) - span_lengths(true, poses)
     return rms(difference - difference.mean(axis=0))
 

@@ -45,7 +45,7 @@ class Whitened:
         return np.asarray(self._W * columns if self._W.shape[1] == 1 else self._W @ columns)
 
 
-def fit(problem: Problem, start: FloatArray, prior_everywhere: bool = False, near: bool = False, roughly: bool = False) -> Fit:
+def fit(problem: Problem, start: FloatArray, prior_everywhere: bool = False, near: bool = False, *, roughly: bool = False) -> Fit:
     """The optimum nearest to start (P,): first with the prior on every direction, which is always well posed; then, unless the prior is
     to act everywhere, the prior is taken off the directions that the data determine. near: start is an optimum under hardly different
     weights, from where only the second part is needed. roughly: objectives are compared that differ by far, few digits of them will do.

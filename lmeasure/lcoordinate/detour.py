@@ -83,7 +83,7 @@ def _halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float) -> lis
         for (i, a), (j, b) in pairwise(found):
             middle = at(np.stack([a, b]), 0.5)
             if (bounds.values(middle) < margin).any():
-                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim)))
+                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim=aim)))
             more.append((j, b))
         if len(more) == len(found):
             break
@@ -102,7 +102,7 @@ def _short(bounds: Bounds, found: list[tuple[float, FloatArray]], margin: float)
     return worst, where
 
 
-def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, aim: float | None = None) -> FloatArray:
+def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None) -> FloatArray:
     """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again.
 
     start (7,): where to begin, by default the pose itself; aim: by how much limits are kept where the pose does not keep the margin, by

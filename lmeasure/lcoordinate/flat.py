@@ -32,9 +32,10 @@ Limits = Mapping[str, tuple[float, float]]
 """Least and greatest length [mm] of every edge that varies or does not, by its name."""
 
 
-def flat(xy: FloatArray, px: FloatArray, py: FloatArray, qx: FloatArray, qy: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances PQ (near, far) [mm] at which a tetrahedron with the other edges, of any shape (...,), is flat: P and Q on one side of XY,
-    and on both; NaN where a face cannot be assembled."""
+def flat(edges: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances PQ (near, far) [mm] at which a tetrahedron with the other edges, in the order of `EDGES` and of any shape (...,), is flat:
+    P and Q on one side of XY, and on both; NaN where a face cannot be assembled."""
+    xy, px, py, qx, qy = edges
     with np.errstate(invalid="ignore"):
         up, uq = (xy**2 + px**2 - py**2) / (2.0 * xy), (xy**2 + qx**2 - qy**2) / (2.0 * xy)
         hp, hq = np.sqrt(px**2 - up**2), np.sqrt(qx**2 - uq**2)
@@ -126,7 +127,7 @@ def _extreme(box: FloatArray, side: float, way: float) -> tuple[float, float]:
         boxes[:, :, 0] = np.where(up, boxes[:, :, 1], boxes[:, :, 0])
         boxes[:, :, 1] = np.where(down, boxes[:, :, 0], boxes[:, :, 1])
         middle = boxes.mean(axis=2)
-        values = way * flat(*middle.T)[0 if side > 0 else 1]
+        values = way * flat(middle.T)[0 if side > 0 else 1]
         reached = max(reached, float(np.nanmax(values, initial=-np.inf)))
         # a corner has been enclosed as a box if it has just become one
         corner = (boxes[:, :, 0] == boxes[:, :, 1]).all(axis=1)

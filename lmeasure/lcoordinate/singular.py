@@ -41,7 +41,7 @@ class Split:
     """The split of the motions at a place (3,) of the body's origin: links by their Pluecker rows (m, 6) about it, of which the components
     free (f,) are free, with lengths uncertain by u (m,) [mm]; size_mm: where a turn is counted, the body's rim."""
 
-    def __init__(self, rows: FloatArray, place: FloatArray, free: IntArray, u: FloatArray, size_mm: float) -> None:
+    def __init__(self, rows: FloatArray, place: FloatArray, free: IntArray, u: FloatArray, *, size_mm: float) -> None:
         self.metric = np.repeat([size_mm**2, 1.0], 3)
         """(6,) by which the squares of a twist's components are weighed, a turn counted at the body's rim."""
         self._scale = np.where(free < 3, 1.0 / size_mm, 1.0)

@@ -127,7 +127,7 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
 def _least_seen(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     """The screw of the platform that lengths see least: axis, pitch per turn (None of a shift), change of length per mm of the rim."""
     rows, m = rows_at(linkage, pose[None])[1][0], len(linkage.base)
-    screw = Split(rows, pose[:3], np.arange(6), np.ones(m), singularity.rim_mm(linkage.platform)).lost
+    screw = Split(rows, pose[:3], np.arange(6), np.ones(m), size_mm=singularity.rim_mm(linkage.platform)).lost
     pitch = float(screw.pitch_mm) if np.isfinite(screw.pitch_mm) else None
     return {"direction": screw.direction.tolist(), "point_mm": screw.point.tolist(), "pitch_mm": pitch, "mm_per_mm": screw.mm_per_mm}
 

@@ -97,7 +97,7 @@ def _boundary(linkage: Linkage, pose: FloatArray, asked: Workspace) -> dict[str,
     bounds = bounds_of(linkage, pose, asked.limit_deg, asked.length_mm)
     axis = "xyz".index(next(x for x in "xyz" if x not in asked.plane))
     reach = window_mm(linkage, pose) if asked.reach_mm is None else asked.reach_mm
-    pieces, said = slices(bounds, pose, asked.plane, asked.levels or (float(pose[axis]),), reach)
+    pieces, said = slices(bounds, pose, asked.plane, asked.levels or (float(pose[axis]),), reach_mm=reach)
     return {
         "plane": asked.plane,
         "reach_mm": reach,

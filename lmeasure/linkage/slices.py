@@ -48,7 +48,7 @@ class Piece:
 
 
 def bounds_of(
-    linkage: Linkage, pose: FloatArray, limit_deg: float | None, lengths_mm: tuple[float, float] | None, turns: FloatArray | None = None
+    linkage: Linkage, pose: FloatArray, limit_deg: float | None, lengths_mm: tuple[float, float] | None, *, turns: FloatArray | None = None
 ) -> Bounds:
     """Limits that six links keep, in the assembly of a pose (7,): cables as they run over their pulleys.
 
@@ -61,7 +61,7 @@ def bounds_of(
     return Bounds(linkage.base, linkage.platform, pose, limit, lengths_mm, lines=lines, turns=turns)
 
 
-def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float], reach_mm: float) -> tuple[list[Piece], list[str]]:
+def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float], *, reach_mm: float) -> tuple[list[Piece], list[str]]:
     """The boundary around a pose (7,) in slices of a plane (`xy`, `xz`, `yz`) at levels of the third axis [mm], in a window of reach_mm to
     either side of the pose; and what there is to say of levels without one.
 

@@ -25,7 +25,7 @@ class Joint(NamedTuple):
 
 
 def solve_jointly(
-    channels: Sequence[Observation], readings: FloatArray, starts: FloatArray, unknown: Sequence[str], free: IntArray = ALL
+    channels: Sequence[Observation], readings: FloatArray, starts: FloatArray, unknown: Sequence[str], *, free: IntArray = ALL
 ) -> Joint:
     """Parameters unknown (q,) by their names, each with its prior, and the poses of all samples, from readings (n, m); starts as in
     `solve_poses`, near enough for the samples that are to have a part in it.

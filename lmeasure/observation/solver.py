@@ -115,7 +115,7 @@ def pressure_angles(channels: Channels, poses: FloatArray, twists: FloatArray) -
     return out
 
 
-def shared_errors(channels: Channels, poses: FloatArray, twists: FloatArray, names: tuple[str, ...], root: FloatArray) -> FloatArray:
+def shared_errors(channels: Channels, poses: FloatArray, twists: FloatArray, names: tuple[str, ...], *, root: FloatArray) -> FloatArray:
     """(n, 6, r) errors of (n, 7) poses, from `twists` (n, 6, m), by independent variables of unit variance that all readings share: those
     of the parameters names (q,), whose covariance is root root^T, root (q, r) in their units. The linear propagation of any calibration."""
     index = {name: i for i, name in enumerate(names)}

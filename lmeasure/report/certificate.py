@@ -58,7 +58,7 @@ class Choices:
 
 
 def write_certificate(
-    out: Path, inputs: Inputs, settings: Settings, choices: Choices, progress: Callable[[int, int], None] | None = None
+    out: Path, inputs: Inputs, settings: Settings, choices: Choices, *, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, Any]:
     """Write the folder of a certificate, whole or not at all; the certificate.
 

@@ -23,7 +23,7 @@ CARD = 'style="display:inline-block;vertical-align:top;width:200px;margin:0 0 1r
 FACES = ((0, 0, 0, 1), (1, 1, 2, 2), (2, 3, 3, 3))
 
 
-def write_structure_page(path: Path, name: str, linkage: Linkage, record: dict[str, Any], pose: FloatArray | None) -> None:
+def write_structure_page(path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None) -> None:
     """Write a self-contained page of links and their record (`linkage.record.described`); pose (7,) at which they were looked at."""
     scripts: Any = True
     body = [html.paragraph(line.strip(), "warning" if line.startswith(("warning", "singular")) else "") for line in _head(record)]

@@ -23,6 +23,7 @@ def record(
     inputs: Sequence[Path],
     held: HeldOut | None,
     curve: Sequence[tuple[int, float, float, float]],
+    *,
     worth: Sequence[Worth],
     findings: Sequence[Finding],
 ) -> dict[str, Any]:

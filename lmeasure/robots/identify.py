@@ -196,6 +196,7 @@ def predict(
     joints: FloatArray,
     target: IntArray | None = None,
     side: FloatArray | None = None,
+    *,
     u_position_mm: float | None = None,
 ) -> Prediction:
     """Where a target will be measured at joint values (M, n), with the radius that holds 95 % of new measurements there.

@@ -35,7 +35,7 @@ class Plan:
     random_mm: FloatArray
 
 
-def to_plan(robot: R, families: Sequence[str], base: FloatArray, tool: FloatArray, joints: FloatArray) -> Unknowns[R]:
+def to_plan(robot: R, families: Sequence[str], base: FloatArray, tool: FloatArray, *, joints: FloatArray) -> Unknowns[R]:
     """The unknowns of places to be measured at joint values, with what is planned for beside what is freed; base, tool (7,) as they are
     taken for."""
     rows = measured(joints, np.zeros((len(joints), 3)), side=np.zeros_like(joints))
@@ -43,13 +43,13 @@ def to_plan(robot: R, families: Sequence[str], base: FloatArray, tool: FloatArra
     return Unknowns(robot, freed(robot, (*PLANNED_FOR, *families)), frames, rows)
 
 
-def chosen(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, count: int, u_mm: float) -> IntArray:
+def chosen(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, count: int, *, u_mm: float) -> IntArray:
     """(count,) candidates (N, n) joint values that, measured with u_mm in each coordinate, leave the least mean variance of predicted
     places at the joint values `zone` (M, n) (I-optimality), in the order of what they bring."""
-    return planned(unknowns, candidates, zone, count, u_mm).order
+    return planned(unknowns, candidates, zone, count, u_mm=u_mm).order
 
 
-def planned(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, count: int, u_mm: float, seed: int = 0) -> Plan:
+def planned(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, count: int, *, u_mm: float, seed: int = 0) -> Plan:
     """`chosen` with what is expected of it."""
     told = blocks(_sensitivity(unknowns, candidates), np.full(3, u_mm**2))
     criterion = Criterion("I", _sensitivity(unknowns, zone).reshape(-1, len(unknowns)))

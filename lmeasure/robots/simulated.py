@@ -49,6 +49,7 @@ class SimulatedRobot:
         start: FloatArray,
         rate_hz: float,
         rng: np.random.Generator,
+        *,
         progress: Callable[[int, int], None] | None = None,
     ) -> "Performance":
         """Carry out the commands from rest at the pose `start` (7,); RobotError names the command that the arm cannot reach."""

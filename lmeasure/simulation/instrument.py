@@ -43,6 +43,7 @@ def simulate_run(
     rig: Rig,
     time_s: FloatArray,
     poses: FloatArray,
+    *,
     noise_mm: float,
     rng: np.random.Generator,
     temperature_c: FloatArray | None = None,
@@ -59,7 +60,7 @@ def simulate_run(
     phase, passes = drawn_phases(rig, rng.spawn(1)[0], rig.observed), []
     for number in range(1, rig.passes + 1):
         cables = tuple(c for c in rig.observed if c.passage == number)
-        true = counts_from_poses(rig, poses, start, cables, temperature_c, warm)
+        true = counts_from_poses(rig, poses, start, cables, temperature_c=temperature_c, zero_temperature_c=warm)
         scatter = np.array([(noise_mm if isinstance(c, Cable) else math.radians(noise_deg)) / rig.counter(c).per_count for c in cables])
         noisy = true + rng.normal(0.0, 1.0, true.shape) * scatter if scatter.any() else true
         recorded = recorded_from_counts(rig, noisy, cables, phase[[c.passage == number for c in rig.observed]])
@@ -86,7 +87,7 @@ def simulate_campaign(
     """`campaign_at` scattered poses: so many, about a centre, within half_mm of it and tilts up to tilt_rad."""
     return campaign_at(
         rig,
-        scattered_poses(count, half_mm, tilt_rad, centre, rng),
+        scattered_poses(count, half_mm, tilt_rad, centre, rng=rng),
         rng,
         u_position_mm=u_position_mm,
         u_rotation_rad=u_rotation_rad,
@@ -115,7 +116,7 @@ def campaign_at(
     """
     count, cables = len(poses), tuple(c for c in rig.observed if c.passage == 1)
     warm = None if temperature_c is None else float(temperature_c[0])
-    counts = counts_from_poses(rig, poses, poses[0], cables, temperature_c, warm)
+    counts = counts_from_poses(rig, poses, poses[0], cables, temperature_c=temperature_c, zero_temperature_c=warm)
     recorded = recorded_from_counts(rig, counts, cables, drawn_phases(rig, rng.spawn(1)[0], cables))
     shift, turn = u_position_mm * rng.normal(size=(count, 3)), u_rotation_rad * rng.normal(size=(count, 3))
     rows = se3.displaced(poses, np.column_stack([turn, shift]))

@@ -55,7 +55,7 @@ def smooth_path(start: FloatArray, legs: Sequence[Leg], rate_hz: float) -> tuple
     return time_s, rows
 
 
-def scattered_poses(count: int, half_mm: Sequence[float], tilt_rad: float, centre: FloatArray, rng: np.random.Generator) -> FloatArray:
+def scattered_poses(count: int, half_mm: Sequence[float], tilt_rad: float, centre: FloatArray, *, rng: np.random.Generator) -> FloatArray:
     """(count, 7) poses, uniform over a box of half widths (3,) [mm] about the centre pose (7,), each component of the rotation vector
     uniform up to tilt_rad, in base axes."""
     shift, turn = rng.uniform(-1.0, 1.0, (count, 3)) * np.asarray(half_mm), rng.uniform(-tilt_rad, tilt_rad, (count, 3))

@@ -186,7 +186,15 @@ def simulate(scenario: Scenario, rig: Rig) -> Simulated:
     run, campaign = None, None
     if scenario.waypoint:
         time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz)
-        run = simulate_run(rig, time_s, poses, scenario.noise_mm, rng, scenario.temperatures(len(time_s)), scenario.noise_deg)
+        run = simulate_run(
+            rig,
+            time_s,
+            poses,
+            noise_mm=scenario.noise_mm,
+            rng=rng,
+            temperature_c=scenario.temperatures(len(time_s)),
+            noise_deg=scenario.noise_deg,
+        )
     if scenario.reference_poses is not None:
         asked = scenario.reference_poses
         campaign = simulate_campaign(

@@ -80,6 +80,7 @@ class Budget:
         start: FloatArray,
         scheme: Scheme,
         calibration: CalibrationRecord | None = None,
+        *,
         u_start: tuple[float, ...] = (0.0, 0.0),
         clocks: tuple[PassClock, ...] = (),
         repeatability_mm: float = 0.0,
@@ -163,6 +164,7 @@ class Budget:
         self,
         time_s: FloatArray,
         poses: FloatArray,
+        *,
         counts: FloatArray,
         speed_mm_s: FloatArray,
         u_mm: FloatArray | None = None,
@@ -202,6 +204,7 @@ class Budget:
         lengths: Lengths,
         unused: BoolArray | None = None,
         compiled: bool = True,
+        *,
         travel: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 6, 6) random and systematic covariances of the (n, 7) poses of a run, as `of`, in little memory for many poses."""
@@ -315,7 +318,9 @@ class Budget:
         counts, drawn = lengths.counts[at], slice(0, self._cables)
         twists = self.twists(few, counts, None, compiled=False)[:, :, drawn]
         rows = self.scheme.rows[drawn]
-        return taken_as_exact(self.rig, self._exact, rows, self._begun, few, counts[:, drawn], twists, self._warmth(lengths))
+        return taken_as_exact(
+            self.rig, self._exact, rows, self._begun, poses=few, counts=counts[:, drawn], twists=twists, warmth=self._warmth(lengths)
+        )
 
     def _warmth(self, lengths: Lengths) -> Warmth:
         """What is known of the run's temperature: at its start and at these samples."""

@@ -78,7 +78,7 @@ class _Explained:
 class Consistency:
     """Judges a run by its epochs, which it changes: what is found wrong is not used any more. samples: of the whole run."""
 
-    def __init__(self, rig: Rig, redundancy: Redundancy, solve: Solve, epochs: Epochs, samples: int) -> None:
+    def __init__(self, rig: Rig, redundancy: Redundancy, solve: Solve, epochs: Epochs, *, samples: int) -> None:
         self._rig, self._redundancy, self._solve = rig, redundancy, solve
         self._epochs, self._samples = epochs, max(samples, 1)
         self._settled = np.zeros(len(epochs), np.bool_)
@@ -355,7 +355,7 @@ def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before
     def solve(changes: FloatArray) -> FloatArray:
         return reconstruction.solve(scheme.rows, reconstruction.start, changes, np.zeros(len(changes), np.int64))
 
-    found = Consistency(reconstruction.rig, redundancy, solve, epochs, finder.samples).judged(before)
+    found = Consistency(reconstruction.rig, redundancy, solve, epochs, samples=finder.samples).judged(before)
     notes = found.notes
     contradicted = [doubt for doubt in found.every if doubt.status == Status.INCONSISTENT]
     if not reconstruction.budget.calibrated and any(doubt.cable == EVERY for doubt in contradicted):

@@ -232,7 +232,7 @@ class ContinuityFinder:
     def _look_for_steps(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, interval: float, off: FloatArray) -> None:
         steps = np.diff(time_s)
         for stride in STRIDES:
-            self._steps += steps_seen(time_s, mm, x, known, stride, self._count_mm, off)
+            self._steps += steps_seen(time_s, mm, x, known, stride=stride, count_mm=self._count_mm, off_s=off)
         for j in np.flatnonzero(~self._looked):
             there = np.isfinite(x[j])
             self._looked[j] = (there[:-3] & there[1:-2] & there[2:-1] & there[3:]).any()

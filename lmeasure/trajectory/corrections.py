@@ -43,7 +43,7 @@ class Correction:
         excess = np.zeros_like(change)
         for _ in range(MAX_ROUNDS):
             poses = solve(change - excess)
-            found = self._effects.checked_excess(rows, zero, poses, counts, warm)
+            found = self._effects.checked_excess(rows, zero, poses, counts, temperature_c=warm)
             moved = np.abs(found - excess[:, :m])
             # where no pose was found the last one stays: the sample has its status from what its neighbours say
             excess[:, :m] = np.where(np.isfinite(found), found, excess[:, :m])
@@ -63,8 +63,9 @@ class Correction:
         later, and of each cable's tension, at (n, 7) poses, counts (n, m) and temperatures (n, m)."""
         zero, warm = self._situation(counts, temperature_c)
         rows = self._scheme.rows[: counts.shape[1]]
-        given = rows, zero, poses, counts, warm
-        out = [*self._effects.property_shifts(*given), *(self._effects.temperature_shifts(*given) or ())]
+        given = rows, zero, poses, counts
+        by_temperature = self._effects.temperature_shifts(*given, temperature_c=warm)
+        out = [*self._effects.property_shifts(*given, temperature_c=warm), *(by_temperature or ())]
         friction = self._effects.tension_shift(rows, poses)
         if friction is not None:
             out += [friction * own for own, u in zip(np.eye(friction.shape[1]), self._effects.u_tension_change_n, strict=True) if u > 0.0]

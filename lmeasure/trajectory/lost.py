@@ -13,7 +13,7 @@ NEARLY = 88.0  # worst pressure angle [deg] from which a pose that is known says
 def split_at(cables: FloatArray, pose: FloatArray, free: IntArray, u: FloatArray) -> Split:
     """The split at a pose (7,) of cables (m, columns) with free components free (f,) of the twist and uncertain by u (m,) [mm]."""
     size = max(float(np.linalg.norm(cables[:, ATTACHMENT_XYZ], axis=1).max()), 1e-3)
-    return Split(span_rows(cables, pose[None])[1][0], pose[:3], free, u, size)
+    return Split(span_rows(cables, pose[None])[1][0], pose[:3], free, u, size_mm=size)
 
 
 def explain(split: Split, changes: FloatArray) -> list[str]:

@@ -26,6 +26,7 @@ def by_monte_carlo(
     lengths: Lengths,
     trajectory: Trajectory,
     trials: int = TRIALS,
+    *,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Trajectory:

@@ -40,6 +40,7 @@ class PoseErrors:
         cls,
         own: FloatArray,
         shared: FloatArray,
+        *,
         rounded: bool = False,
         uniform: tuple[bool, ...] = (),
         counted: tuple[bool, ...] = (),
@@ -133,7 +134,11 @@ class ErrorsOfRun:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
         errors = PoseErrors.of(
-            np.nan_to_num(found.own), np.nan_to_num(found.factors), True, found.uniform, tuple(s in (PHASE, CLOSURE) for s in found.sources)
+            np.nan_to_num(found.own),
+            np.nan_to_num(found.factors),
+            rounded=True,
+            uniform=found.uniform,
+            counted=tuple(s in (PHASE, CLOSURE) for s in found.sources),
         )
         sources = finding("source.counts"), *(recognised(s) or s for s in dict.fromkeys(found.sources))
         return errors, finding("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)

@@ -41,7 +41,16 @@ def covariances(
     start = run.known_start
     scheme = scheme_of(run.rig, start, constraint)
     correction = correction_of(run.rig, scheme, scheme.start_of(start), zero_temperature(lengths, run.temperature_c))
-    budget = Budget(run.rig, start, scheme, run.calibration, run.u_start, aligned.clocks, repeatability_mm, correction)
+    budget = Budget(
+        run.rig,
+        start,
+        scheme,
+        run.calibration,
+        u_start=run.u_start,
+        clocks=aligned.clocks,
+        repeatability_mm=repeatability_mm,
+        correction=correction,
+    )
     chosen = slice(None) if samples is None else samples
     speed, u_mm = budget.speed_mm_s(lengths)[chosen], None if lengths.u_mm is None else lengths.u_mm[chosen]
     poses = trajectory.poses[chosen].copy()
@@ -53,9 +62,18 @@ def covariances(
     travel = budget.travel(lengths)
     travel = None if travel is None else travel[chosen]
     unused = left_out(trajectory, lengths.cables)[chosen]
-    found = budget.of(lengths.time_s[chosen], poses, lengths.counts[chosen], speed, u_mm, unused, warm, travel=travel)
+    found = budget.of(
+        lengths.time_s[chosen],
+        poses,
+        counts=lengths.counts[chosen],
+        speed_mm_s=speed,
+        u_mm=u_mm,
+        unused=unused,
+        temperature_c=warm,
+        travel=travel,
+    )
     if aligned.evidence.closure_mm.any():
-        closing = closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, lengths.counts[chosen], unused)
+        closing = closure_factors(budget, aligned.evidence, lengths.time_s[chosen], poses, counts=lengths.counts[chosen], unused=unused)
         sources = (*found.sources, *(CLOSURE,) * closing.shape[2])
         uniform = (*found.uniform, *(False,) * closing.shape[2])
         found = replace(found, factors=np.concatenate([found.factors, closing], axis=2), sources=sources, uniform=uniform)
@@ -70,7 +88,14 @@ def without_orientation(found: PoseCovariances) -> PoseCovariances:
 
 
 def closure_factors(
-    budget: Budget, evidence: Evidence, time_s: FloatArray, poses: FloatArray, counts: FloatArray, unused: BoolArray, compiled: bool = True
+    budget: Budget,
+    evidence: Evidence,
+    time_s: FloatArray,
+    poses: FloatArray,
+    *,
+    counts: FloatArray,
+    unused: BoolArray,
+    compiled: bool = True,
 ) -> FloatArray:
     """(n, 6, K) factors of (n, 7) poses at times (n,) of what does not close in the run's counts; see `Evidence.closure_lengths`."""
     G = budget.twists(np.ascontiguousarray(poses), counts, unused, compiled)

@@ -26,9 +26,9 @@ def reconstruct(
     constraint: str | None = None,
     repeatability_mm: float = 0.0,
     trials: int = 0,
+    *,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-    *,
     covariances: bool = True,
 ) -> Trajectory:
     """The trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
@@ -41,16 +41,24 @@ def reconstruct(
     """
     aligned = align(run)
     run = aligned.run
-    given = run.u_start, aligned.clocks, repeatability_mm, run.temperature_c
-    reconstruction = Reconstruction(run.rig, run.known_start, run.calibration, constraint, *given)
+    reconstruction = Reconstruction(
+        run.rig,
+        run.known_start,
+        run.calibration,
+        constraint,
+        u_start=run.u_start,
+        clocks=aligned.clocks,
+        repeatability_mm=repeatability_mm,
+        temperature_c=run.temperature_c,
+    )
     covariances = covariances or run.rig.passes > 1 or trials > 0
     evidence = aligned.evidence
     doubts = consistent(reconstruction, [aligned.lengths], evidence.doubts)
     evidence, lengths = replace(evidence, doubts=doubts), aligned.lengths if doubts is evidence.doubts else aligned.without(doubts)
     trajectory = reconstruction.add(lengths, covariances=covariances)
     if trials:
-        trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed, progress)
-    trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run, covariances=covariances)
+        trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed=seed, progress=progress)
+    trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run=run, covariances=covariances)
     notes = (*trajectory.notes, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
         notes = (*notes, finding("passes.repeatability"))
@@ -58,7 +66,7 @@ def reconstruct(
 
 
 def with_evidence(
-    reconstruction: Reconstruction, trajectory: Trajectory, lengths: Lengths, evidence: Evidence, run: Run | RunHead, *, covariances: bool
+    reconstruction: Reconstruction, trajectory: Trajectory, lengths: Lengths, evidence: Evidence, *, run: Run | RunHead, covariances: bool
 ) -> Trajectory:
     """A piece of a run's trajectory with what the run tells of its own counts: notes, causes of `ok` samples that hang on counts that are
     suspected, and what does not close in the systematic covariances."""
@@ -79,7 +87,9 @@ def with_evidence(
         poses = np.where(np.isnan(poses) & ~np.isnan(poses[:, :1]), [0.0] * 6 + [1.0], poses)
     for begin in range(0, len(systematic), CHUNK):
         i = slice(begin, begin + CHUNK)
-        factors = closure_factors(reconstruction.budget, evidence, trajectory.time_s[i], poses[i], lengths.counts[i], unused[i])
+        factors = closure_factors(
+            reconstruction.budget, evidence, trajectory.time_s[i], poses[i], counts=lengths.counts[i], unused=unused[i]
+        )
         systematic[i] += factors @ np.swapaxes(factors, 1, 2)
     return replace(trajectory, systematic=systematic, covers=covered(trajectory.covers, evidence))
 

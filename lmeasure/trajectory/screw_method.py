@@ -51,6 +51,7 @@ class Reconstruction:
         start: FloatArray,
         calibration: CalibrationRecord | None = None,
         constraint: str | None = None,
+        *,
         u_start: tuple[float, ...] = (0.0, 0.0),
         clocks: tuple[PassClock, ...] = (),
         repeatability_mm: float = 0.0,
@@ -70,7 +71,17 @@ class Reconstruction:
                 raise GeometryError(f"start {error}") from None
         self.start = self.scheme.start_of(start)
         self.correction = correction_of(rig, self.scheme, self.start, temperature_c)
-        self.budget = Budget(rig, start, self.scheme, calibration, u_start, clocks, repeatability_mm, self.correction, temperature_c)
+        self.budget = Budget(
+            rig,
+            start,
+            self.scheme,
+            calibration,
+            u_start=u_start,
+            clocks=clocks,
+            repeatability_mm=repeatability_mm,
+            correction=self.correction,
+            temperature_c=temperature_c,
+        )
         self.covers = self.budget.covers
         self.redundancy = Redundancy(self.budget) if self.scheme.redundancy else None
         self._state = self._new_state(self.start)
@@ -86,7 +97,9 @@ class Reconstruction:
     def _check_side(self) -> None:
         """TrajectoryError when the start, uncertain as it is, may lie beyond a singular pose: then the run may be in another assembly."""
         rows, m = self.scheme.rows, len(self.scheme.rows)
-        found = self.budget.of(np.zeros(1), self.start[None], np.zeros((1, m)), np.zeros((1, m)), compiled=False, travel=np.zeros((1, m)))
+        found = self.budget.of(
+            np.zeros(1), self.start[None], counts=np.zeros((1, m)), speed_mm_s=np.zeros((1, m)), compiled=False, travel=np.zeros((1, m))
+        )
         systematic = found.systematic[0]
         split = split_at(rows, self.start, self.scheme.free_index, np.sqrt(self.budget.length_variance))
         part = split.twist * split.metric  # of an error of the start that is this twist [mm]
@@ -116,7 +129,7 @@ class Reconstruction:
         random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
         if covariances:
             travel = self.budget.travel(lengths, self._travelled)
-            random, systematic = self.budget.covariances(poses, lengths, left_out, compiled, travel)
+            random, systematic = self.budget.covariances(poses, lengths, left_out, compiled, travel=travel)
             if self.redundancy is not None:
                 parities = self.redundancy.parities(self.redundancy.epochs(lengths, travel), poses)
                 chi_squared = np.where(parities.freedom > 0, parities.chi_squared, np.nan)
@@ -182,7 +195,7 @@ class Reconstruction:
         """The next samples, and whether by the compiled kernels: not as long as they are few and plain."""
         found = None
         if self.scheme.six and not self._many and len(changes) < COMPILING_PAYS:
-            found = screw_numpy.follow(self.scheme.rows, self.start, self._state, changes, flags)
+            found = screw_numpy.follow(self.scheme.rows, self.start, self._state, changes, flags=flags)
         self._many = self._many or found is None or len(changes) > 1
         if found is not None:
             return found, False

@@ -32,7 +32,7 @@ def twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
     return out
 
 
-def follow(cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> Followed | None:
+def follow(cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, *, flags: IntArray) -> Followed | None:
     """What `kernels.screw.resume` gives for these samples, or None where that is not plain; the state is moved on only with a result.
 
     cables (6, columns), start (7,), state (`kernels.screw.STATE`,), changes (n, 6) [mm], flags (n,).

@@ -64,7 +64,7 @@ def off_usual_s(time_s: FloatArray, interval: float) -> FloatArray:
 
 
 def steps_seen(
-    time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, stride: int, count_mm: FloatArray, off_s: FloatArray
+    time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, *, stride: int, count_mm: FloatArray, off_s: FloatArray
 ) -> list[Candidates]:
     """Steps of channels over `stride` samples that are larger than rounding, jitter and a cable that slips."""
     n = len(time_s)

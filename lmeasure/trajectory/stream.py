@@ -34,6 +34,7 @@ def reconstruct_stream(
     out: Path,
     constraint: str | None = None,
     angles: str | None = None,
+    *,
     progress: Progress | None = None,
     each: Each | None = None,
 ) -> Summary:
@@ -53,7 +54,7 @@ def reconstruct_stream(
             lengths = evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
             lengths = replace(lengths, notes=(*notes, *lengths.notes))
             trajectory = reconstruction.add(lengths)
-            trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, head, covariances=True)
+            trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run=head, covariances=True)
             write(trajectory)
             summary.add(trajectory)
             if each is not None:
@@ -70,7 +71,7 @@ def _evidence(head: RunHead, rig: Rig) -> Evidence:
 
 
 def _reconstruction(head: RunHead, rig: Rig, constraint: str | None) -> Reconstruction:
-    return Reconstruction(rig, head.known_start, head.calibration, constraint, head.u_start, temperature_c=head.temperature_c)
+    return Reconstruction(rig, head.known_start, head.calibration, constraint, u_start=head.u_start, temperature_c=head.temperature_c)
 
 
 def _pieces(head: RunHead, rig: Rig, evidence: Evidence) -> Iterator[Lengths]:

@@ -21,7 +21,7 @@ FACES = np.array([(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)], dtype=np.uint32)
 MEASURES = {"determinant": "Determinant [mm3]", "mm_per_mm": "Rim [mm per mm]", "worst_pressure_angle_deg": "Worst pressure angle [deg]"}
 
 
-def write_structure_recording(path: Path, name: str, linkage: Linkage, record: dict[str, Any], pose: FloatArray | None) -> None:
+def write_structure_recording(path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None) -> None:
     """Write links and their record (`linkage.record.described`) as one .rrd; timeline `assembly`: 0 is the pose, and those of the lengths
     behind it; timeline `way`: per mille of the way."""
     with recording(Path(path), f"lmeasure structure {name}") as rec:

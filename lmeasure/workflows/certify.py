@@ -73,6 +73,6 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
     choices = Choices(settings.language, settings.key, settings.dcc, settings.xsd, settings.zipped)
-    content = write_certificate(settings.out, inputs, chosen, choices, steps(progress, "certify"))
+    content = write_certificate(settings.out, inputs, chosen, choices, progress=steps(progress, "certify"))
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
     return Result(content, tuple(lines), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))

@@ -93,7 +93,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
     inputs = [settings.measurements, *present(settings.predict)]
     if Path(settings.robot).suffix:
         inputs.append(Path(settings.robot))
-    record = identified.record(found, inputs, held, curve, worth, findings)
+    record = identified.record(found, inputs, held, curve, worth=worth, findings=findings)
     result = identified.corrected(mend.robot, found)
     if asked is not None:
         of = np.array([rows.targets.index(t) for t in asked.targets])[asked.target_of]

@@ -69,7 +69,7 @@ def run_robot(settings: "Settings", progress: Progress) -> "Result[Plan]":
         joints = _typed(joints, model.sliding)
     progress(0.3, "choosing")
     u = settings.u_position_mm or U_MM
-    plan = planned(to_plan(model, settings.free, stands, sits, joints), joints, joints, settings.poses, u, settings.seed)
+    plan = planned(to_plan(model, settings.free, stands, sits, joints=joints), joints, joints, settings.poses, u_mm=u, seed=settings.seed)
     order = plan.order
     own = [names[i] for i in order] if names else [f"P{i + 1}" for i in range(len(order))]
     columns: dict[str, object] = {"name": own}

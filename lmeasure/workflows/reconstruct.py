@@ -55,7 +55,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     linear = settings.uncertainty == "linear"
     if can_stream(head) and linear:
         with _each_piece(settings.rerun, head) as each:
-            summary = reconstruct_stream(head, settings.out, settings.constraint, named, steps(progress, "reconstruct"), each)
+            summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=steps(progress, "reconstruct"), each=each)
         return Result(summary, tuple(summary.text().splitlines()))
     progress(0.0, "reconstruct")
     recorded = read_run(settings.run, settings.rig, stated)

@@ -105,11 +105,11 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         if settings.report is not None:
             from lmeasure.report.structure import write_structure_page
 
-            write_structure_page(settings.report / "structure.html", settings.file.name, linkage, made, pose)
+            write_structure_page(settings.report / "structure.html", settings.file.name, linkage, made, pose=pose)
         if settings.rerun is not None:
             from lmeasure.view.structure import write_structure_recording
 
-            write_structure_recording(settings.rerun, settings.file.name, linkage, made, pose)
+            write_structure_recording(settings.rerun, settings.file.name, linkage, made, pose=pose)
     progress(1.0, "structure")
     if settings.out is not None:
         files.write_text(settings.out, json.dumps(made, indent=1, allow_nan=False) + "\n")

@@ -104,7 +104,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         checkpoint=settings.checkpoint,
         refine=settings.refine,
     )
-    data = map_zone(rig, calibration, nodes, rotations, scan, steps(progress, "zone"))
+    data = map_zone(rig, calibration, nodes, rotations, scan=scan, progress=steps(progress, "zone"))
     write_zone(settings.out, data)
     if settings.report is not None:
         from lmeasure.report.zone import write_zone_report
@@ -121,7 +121,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     if not data["in_zone"].values.any():
         lines += advice(data, settings.rig)
     if program is not None:
-        parts = guard(rig, calibration, data, program, rotations.mean())
+        parts = guard(rig, calibration, data, program, rotation=rotations.mean())
         files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))
         lines += [part.line() for part in parts]
     return Result(data, tuple(lines), {"zone_volume_mm3": float(data.attrs["zone_volume_mm3"])})

@@ -57,7 +57,7 @@ def test_each_part_is_told_with_its_distance_from_the_edge(tmp_path: Path) -> No
     assert edge[part == "path round"].min() == pytest.approx(200.0, abs=0.5)
     out = part == "path out"
     np.testing.assert_allclose(edge[out], np.maximum(300.0 - table.numbers("x_mm")[out], 0.0), atol=1e-9)
-    one = scan_zone(read_rig(RIG), None, axis(0, 0, 1), axis(0, 0, 1), axis(0, 0, 1), tilts(0, 1))
+    one = scan_zone(read_rig(RIG), None, x=axis(0, 0, 1), y=axis(0, 0, 1), z=axis(0, 0, 1), rotations=tilts(0, 1))
     assert table.numbers("u95_position_mm")[part == "pose P1"] == pytest.approx([one["u95_position_mm"].item()], rel=1e-9)
 
 
@@ -79,8 +79,8 @@ def test_a_path_is_judged_at_the_orientation_its_program_states(tmp_path: Path) 
     text += f'[[path]]\nname = "one"\n{line}{first}[[path]]\nname = "none"\n{line}'
     (tmp_path / "program.toml").write_text(text)
     rig = read_rig(RIG)
-    zone = scan_zone(rig, None, axis(-100, 100, 100), axis(-100, 100, 100), axis(-100, 100, 100), tilts(0, 1))
-    parts = {p.name: p for p in guard(rig, None, zone, read_program(tmp_path / "program.toml"), asked, step_mm=9.0)}
+    zone = scan_zone(rig, None, x=axis(-100, 100, 100), y=axis(-100, 100, 100), z=axis(-100, 100, 100), rotations=tilts(0, 1))
+    parts = {p.name: p for p in guard(rig, None, zone, read_program(tmp_path / "program.toml"), rotation=asked, step_mm=9.0)}
 
     def figures(name: str, at: int = 0) -> list[float]:
         return [float(parts[name].angle_deg[at]), float(parts[name].u95_mm[at])]

@@ -35,7 +35,7 @@ def test_placed_rig_is_far_better_than_random_ones_and_keeps_the_rules() -> None
     assert placed.after["worst_pressure_angle_deg"] < 55.0 < placed.before["worst_pressure_angle_deg"]
     assert placed.after["robust_pressure_angle_deg"] >= placed.after["worst_pressure_angle_deg"]
     nodes = axis(-300, 300, 300)
-    zone = scan_zone(placed.rig, None, nodes, nodes, nodes, tilts(0.3, 2))
+    zone = scan_zone(placed.rig, None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.3, 2))
     assert float(zone["worst_pressure_angle_deg"].max()) == pytest.approx(placed.after["worst_pressure_angle_deg"], abs=1e-9)
     assert float(zone["u95_position_mm"].max()) == pytest.approx(placed.after["u95_position_mm"], rel=1e-9)
     assert float(zone["shortest_cable_mm"].min()) > 399.8
@@ -46,7 +46,7 @@ def test_placed_rig_is_far_better_than_random_ones_and_keeps_the_rules() -> None
     # an independent word on one pose of it
     rows = placed.rig.cable_rows()
     plain = [{"B": r[0:3], "u": r[3:6], "R": r[6], "P": r[7:10]} for r in rows]
-    here = scan_zone(placed.rig, None, np.zeros(1), np.zeros(1), np.zeros(1), tilts(0, 1))
+    here = scan_zone(placed.rig, None, x=np.zeros(1), y=np.zeros(1), z=np.zeros(1), rotations=tilts(0, 1))
     assert here["worst_pressure_angle_deg"].item() == pytest.approx(
         np.degrees(pressure_angles(np.zeros(3), np.eye(3), plain).max()), abs=1e-4
     )

@@ -107,7 +107,7 @@ def test_figures_are_those_of_generalised_least_squares(cables: int, linked: boo
     for _ in range(3):
         pose = np.r_[random.uniform(-250, 250, 3), Rotation.from_rotvec(random.uniform(-0.3, 0.3, 3)).as_quat()]
         turn = Rotation.from_quat(pose[None, 3:])
-        zone = scan_zone(rig, calibration, pose[:1], pose[1:2], pose[2:3], turn, start=START, full=True)
+        zone = scan_zone(rig, calibration, x=pose[:1], y=pose[1:2], z=pose[2:3], rotations=turn, start=START, full=True)
         for name, expected in statement(rig, calibration, pose).items():
             assert zone[name].item() == pytest.approx(expected, rel=6e-5), name
 
@@ -116,7 +116,7 @@ def plan_of(rig: Rig, linked: bool) -> Plan:
     nodes = axis(-300, 300, 150)
     positions = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
     bodies = (Body(name="column", from_mm=(600, 0, -500), to_mm=(600, 0, 900), radius_mm=80),)
-    plan = make_plan(rig, None, positions, tilts(0.3, 2), START, full=True, near=True, bodies=bodies)
+    plan = make_plan(rig, None, positions, tilts(0.3, 2), start=START, full=True, near=True, bodies=bodies)
     if not linked:
         return plan
     random, m = np.random.default_rng(7), len(plan.cables)
@@ -154,9 +154,9 @@ def test_cables_that_count_coarsely_add_nothing() -> None:
     for p in data["observation_point"][6:]:
         p["drum"]["count_length_mm"] = 5000.0
     nodes = axis(-100, 100, 100)
-    coarse = scan_zone(Rig.model_validate(data, by_alias=True), None, nodes, nodes, nodes, tilts(0.2, 2))
-    six = scan_zone(cell(0), None, nodes, nodes, nodes, tilts(0.2, 2))
-    eight = scan_zone(cell(0, 8), None, nodes, nodes, nodes, tilts(0.2, 2))
+    coarse = scan_zone(Rig.model_validate(data, by_alias=True), None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 2))
+    six = scan_zone(cell(0), None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 2))
+    eight = scan_zone(cell(0, 8), None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 2))
     # where six are nearly blind whatever sees adds something
     seen = six["u95_position_mm"].values < 1.0
     assert seen.sum() > 20
@@ -169,8 +169,8 @@ def test_cables_that_count_coarsely_add_nothing() -> None:
 
 def test_more_than_six_cables_have_no_assembly_to_keep() -> None:
     nodes, turns = axis(-300, 300, 100), tilts(0.3, 2)
-    free = scan_zone(cell(0, 8), None, nodes, nodes, nodes, turns, limits=Limits(50.0))
-    kept = scan_zone(cell(0, 8), None, nodes, nodes, nodes, turns, limits=Limits(50.0, one_assembly=True), refine=0.1)
+    free = scan_zone(cell(0, 8), None, x=nodes, y=nodes, z=nodes, rotations=turns, limits=Limits(50.0))
+    kept = scan_zone(cell(0, 8), None, x=nodes, y=nodes, z=nodes, rotations=turns, limits=Limits(50.0, one_assembly=True), refine=0.1)
     assert "assembly" not in free
     assert 0 < free.attrs["nodes_in_zone"] < 343
     np.testing.assert_array_equal(kept["in_zone"].values, free["in_zone"].values)
@@ -195,7 +195,7 @@ def test_where_eight_cables_do_not_determine_the_pose_they_say_so() -> None:
     star = rig(points, tool, [(f"B{i}", f"P{i}") for i in range(8)])
     for turn, flag in (((0.0, 0.0, 0.0), kernels.SINGULAR), ((0.3, 0.2, -0.25), 0)):
         rotation = Rotation.from_rotvec([turn])
-        zone = scan_zone(star, None, np.zeros(1), np.zeros(1), np.zeros(1), rotation)
+        zone = scan_zone(star, None, x=np.zeros(1), y=np.zeros(1), z=np.zeros(1), rotations=rotation)
         assert zone["flags"].item() == flag
         assert (zone["u95_position_mm"].item() == np.inf) == bool(flag)
         assert (zone["worst_pressure_angle_deg"].item() == 90.0) == bool(flag)
@@ -203,7 +203,7 @@ def test_where_eight_cables_do_not_determine_the_pose_they_say_so() -> None:
     base, guide = np.array(cell(0, 8).point("B7").position_mm), plain(cell(0, 8))[6]
     side = np.cross(guide["u"], [0.0, 0.0, 1.0])
     at = base + 15.0 * side / np.linalg.norm(side) - guide["P"]
-    zone = scan_zone(cell(0, 8), None, at[:1], at[1:2], at[2:], Rotation.identity(1))
+    zone = scan_zone(cell(0, 8), None, x=at[:1], y=at[1:2], z=at[2:], rotations=Rotation.identity(1))
     assert zone["flags"].item() == kernels.CANNOT_RUN
     assert REASONS[0] == "cable_cannot_run"
     assert zone["rejected_because"].item() & 1
@@ -212,17 +212,24 @@ def test_where_eight_cables_do_not_determine_the_pose_they_say_so() -> None:
 def test_five_cables_are_still_refused() -> None:
     rig = cell(0, 8)
     with pytest.raises(RigError, match="has 5 cables; a pose is reconstructed from at least 6"):
-        scan_zone(rig.model_copy(update={"cable": rig.cable[3:]}), None, np.zeros(1), np.zeros(1), np.zeros(1), Rotation.identity(1))
+        scan_zone(
+            rig.model_copy(update={"cable": rig.cable[3:]}),
+            None,
+            x=np.zeros(1),
+            y=np.zeros(1),
+            z=np.zeros(1),
+            rotations=Rotation.identity(1),
+        )
 
 
 def test_a_program_is_held_against_the_zone_of_eight_cables() -> None:
     rig, nodes = cell(0, 8), axis(-300, 300, 100)
     calibration = record(rig)
-    zone = scan_zone(rig, calibration, nodes, nodes, nodes, tilts(0.1, 2), start=START)
+    zone = scan_zone(rig, calibration, x=nodes, y=nodes, z=nodes, rotations=tilts(0.1, 2), start=START)
     turn = Rotation.from_rotvec([0.1, 0.05, -0.2])
     stated = {"name": "P1", "position_mm": [120.0, -80.0, 60.0], "quaternion_xyzw": turn.as_quat().tolist()}
     program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [stated]})
-    (part,) = guard(rig, calibration, zone, program, Rotation.identity())
+    (part,) = guard(rig, calibration, zone, program, rotation=Rotation.identity())
     expected = statement(rig, calibration, np.r_[stated["position_mm"], stated["quaternion_xyzw"]])
     assert part.angle_deg[0] == pytest.approx(expected["worst_pressure_angle_deg"], rel=1e-5)
     assert part.u95_mm[0] == pytest.approx(expected["u95_position_mm"], rel=6e-5)
@@ -246,6 +253,6 @@ def test_points_of_eight_cables_are_placed() -> None:
 
 def test_what_is_taken_as_exact_adds_less_to_more_cables() -> None:
     positions, turns = np.array([[100.0, 50.0, -20.0], [-80.0, 30.0, 40.0]]), Rotation.identity(1)
-    found = [{t.text: t.mm for t in taken_as_exact(cell(0, m), None, positions, turns, START)} for m in (6, 8)]
+    found = [{t.text: t.mm for t in taken_as_exact(cell(0, m), None, positions, turns, start=START)} for m in (6, 8)]
     assert found[0].keys() == found[1].keys() != set()
     assert all(found[1][text] < found[0][text] for text in found[0] if "temperature" not in text)

@@ -26,9 +26,13 @@ def test_ball_on_a_coarse_grid_has_its_volume_to_a_percent() -> None:
 def test_coarse_zone_has_the_volume_of_a_fine_one() -> None:
     rig = cell()
     coarse_nodes, fine_nodes = axis(-400, 400, 100), axis(-400, 400, 12.5)
-    limit = float(np.median(scan_zone(rig, None, coarse_nodes, coarse_nodes, coarse_nodes, tilts(0, 1))["worst_pressure_angle_deg"]))
-    coarse = scan_zone(rig, None, coarse_nodes, coarse_nodes, coarse_nodes, tilts(0, 1), limit, refine=2e-3)
-    fine = scan_zone(rig, None, fine_nodes, fine_nodes, fine_nodes, tilts(0, 1), limit)["in_zone"].values.astype(float)
+    limit = float(
+        np.median(scan_zone(rig, None, x=coarse_nodes, y=coarse_nodes, z=coarse_nodes, rotations=tilts(0, 1))["worst_pressure_angle_deg"])
+    )
+    coarse = scan_zone(rig, None, x=coarse_nodes, y=coarse_nodes, z=coarse_nodes, rotations=tilts(0, 1), limit_deg=limit, refine=2e-3)
+    fine = scan_zone(rig, None, x=fine_nodes, y=fine_nodes, z=fine_nodes, rotations=tilts(0, 1), limit_deg=limit)["in_zone"].values.astype(
+        float
+    )
     # the trapezoid rule over the box, as nodes on its faces own half a cell
     weight = np.ones(len(fine_nodes))
     weight[[0, -1]] = 0.5

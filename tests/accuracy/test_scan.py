@@ -34,7 +34,7 @@ def plan_of(rig: Rig, span: float = 400.0, step: float = 100.0, steps: int = 3) 
     nodes = axis(-span, span, step)
     positions = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
     start = np.array([0, 0, 0, 0, 0, 0, 1.0])
-    return make_plan(rig, None, positions, tilts(0.3, steps), start, full=True, near=True, bodies=BODIES)
+    return make_plan(rig, None, positions, tilts(0.3, steps), start=start, full=True, near=True, bodies=BODIES)
 
 
 def scalar(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +156,7 @@ def test_clearance_is_the_distance_of_the_free_spans() -> None:
     """A rig of straight cables, whose spans are the lines from B to P; distances by dense sampling of both."""
     rig = published()
     at, turn = np.array([100.0, -300.0, 200.0]), Rotation.from_rotvec([[0.1, -0.2, 0.3]])
-    plan = make_plan(rig, None, at[None, :], turn, np.r_[at, 0, 0, 0, 1], near=True, bodies=BODIES)
+    plan = make_plan(rig, None, at[None, :], turn, start=np.r_[at, 0, 0, 0, 1], near=True, bodies=BODIES)
     rows = plan.cables
     points = at + turn[0].apply(rows[:, 7:10])
     s = np.linspace(0, 1, 1500)

@@ -35,14 +35,14 @@ def test_angles_and_radius_are_those_of_the_definitions(rig: Rig) -> None:
     cables = plain(rig)
     for _ in range(4):
         at, turn = random.uniform(-200, 200, 3), Rotation.from_rotvec(random.uniform(-0.3, 0.3, 3))
-        zone = scan_zone(rig, None, at[:1], at[1:2], at[2:], Rotation.concatenate([turn]))
+        zone = scan_zone(rig, None, x=at[:1], y=at[1:2], z=at[2:], rotations=Rotation.concatenate([turn]))
         angles = pressure_angles(at, turn.as_matrix(), cables)
         assert zone["worst_pressure_angle_deg"].item() == pytest.approx(np.degrees(angles.max()), abs=1e-4)
         inverse = np.linalg.inv(length_rows(at, turn.as_matrix(), cables))
         # each count is rounded, and counted from somewhere within one
         covariance = inverse[3:] @ inverse[3:].T * 2 * COUNT_MM**2 / 12
         assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
-        sure = scan_zone(exactly(rig), None, at[:1], at[1:2], at[2:], Rotation.concatenate([turn]))
+        sure = scan_zone(exactly(rig), None, x=at[:1], y=at[1:2], z=at[2:], rotations=Rotation.concatenate([turn]))
         assert sure["u95_position_mm"].item() == pytest.approx(zone["u95_position_mm"].item() / np.sqrt(2.0), rel=1e-9)
     assert "the zero phase (as much again)" in zone.attrs["u95_covers"]
     assert "phase" not in sure.attrs["u95_covers"]
@@ -51,8 +51,8 @@ def test_angles_and_radius_are_those_of_the_definitions(rig: Rig) -> None:
 def test_worst_is_over_all_orientations() -> None:
     rig, nodes = cell(), axis(-100, 100, 100)
     all_of_them = tilts(0.3, 3)
-    zone = scan_zone(rig, None, nodes, nodes, nodes, all_of_them)
-    alone = [scan_zone(rig, None, nodes, nodes, nodes, all_of_them[i : i + 1]) for i in range(27)]
+    zone = scan_zone(rig, None, x=nodes, y=nodes, z=nodes, rotations=all_of_them)
+    alone = [scan_zone(rig, None, x=nodes, y=nodes, z=nodes, rotations=all_of_them[i : i + 1]) for i in range(27)]
     for name, worst in (("worst_pressure_angle_deg", np.max), ("u95_position_mm", np.max), ("shortest_cable_mm", np.min)):
         # the order in which the cables are taken may differ, and with it the rounding
         np.testing.assert_allclose(zone[name].values, worst([z[name].values for z in alone], axis=0), rtol=1e-9)
@@ -61,7 +61,7 @@ def test_worst_is_over_all_orientations() -> None:
 def test_thesis_example_at_the_origin() -> None:
     """Thesis 5.7 recomputed on its refined base points: angles 86.4 78.6 79.2 87.1 86.6 86.3, lengths 2158 to 1770 mm."""
     zero = rotation_from_angles("puma-oat", [[0.0, 0.0, 0.0]])
-    zone = scan_zone(published(), None, np.zeros(1), np.zeros(1), np.zeros(1), zero)
+    zone = scan_zone(published(), None, x=np.zeros(1), y=np.zeros(1), z=np.zeros(1), rotations=zero)
     assert zone["worst_pressure_angle_deg"].item() == pytest.approx(87.1, abs=0.05)
     assert zone["shortest_cable_mm"].item() == pytest.approx(1770, abs=0.5)
     assert zone["longest_cable_mm"].item() == pytest.approx(2158, abs=0.5)
@@ -73,7 +73,13 @@ def test_thesis_example_at_the_origin() -> None:
 def test_no_pose_of_the_published_rig_lies_within_60_degrees() -> None:
     zero = rotation_from_angles("puma-oat", [[0.0, 0.0, 0.0]])
     zone = scan_zone(
-        published(), None, axis(-750, 750, 150), axis(-750, 750, 150), axis(-300, 700, 100), zero, length_limits=(700.0, 2300.0)
+        published(),
+        None,
+        x=axis(-750, 750, 150),
+        y=axis(-750, 750, 150),
+        z=axis(-300, 700, 100),
+        rotations=zero,
+        length_limits=(700.0, 2300.0),
     )
     reachable = (zone["rejected_because"].values & (1 << REASONS.index("cable_too_long") | 1 << REASONS.index("cable_too_short"))) == 0
     assert reachable.sum() == 846
@@ -109,7 +115,7 @@ def test_linked_calibration_enters_with_the_zero_pose() -> None:
     calibration = record(rig, random)
     start = np.array([10.0, -20.0, 30.0, 0.0, 0.0, 0.0, 1.0])
     at = np.array([150.0, 120.0, -80.0])
-    zone = scan_zone(rig, calibration, at[:1], at[1:2], at[2:], Rotation.identity(1), start=start)
+    zone = scan_zone(rig, calibration, x=at[:1], y=at[1:2], z=at[2:], rotations=Rotation.identity(1), start=start)
     pose = np.concatenate([at, [0, 0, 0, 1]])[None, :]
     counts = counts_from_poses(rig, pose, start)
     both = pose_covariances(rig.cable_rows(), start, pose, counts, rig.scales(), length_variance(rig), cable_covariance(rig, calibration))
@@ -117,8 +123,8 @@ def test_linked_calibration_enters_with_the_zero_pose() -> None:
     assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
     assert "linked calibration" in zone.attrs["u95_covers"]
     # at the start pose itself only the counts are unsure
-    here = scan_zone(rig, calibration, start[:1], start[1:2], start[2:3], Rotation.identity(1), start=start)
-    alone = scan_zone(rig, None, start[:1], start[1:2], start[2:3], Rotation.identity(1))
+    here = scan_zone(rig, calibration, x=start[:1], y=start[1:2], z=start[2:3], rotations=Rotation.identity(1), start=start)
+    alone = scan_zone(rig, None, x=start[:1], y=start[1:2], z=start[2:3], rotations=Rotation.identity(1))
     assert here["u95_position_mm"].item() == pytest.approx(alone["u95_position_mm"].item(), rel=1e-12)
 
 
@@ -129,7 +135,7 @@ def test_what_cannot_run_or_is_singular_is_ninety_degrees_and_never_in_the_zone(
     # P1 inside the pulley of B1
     normal = np.cross(rig.cable_rows()[0][3:6], [0, 0, 1.0])
     at = base - arm + rig.observation_point[0].pulley_radius_mm * normal / np.linalg.norm(normal)
-    zone = scan_zone(rig, None, at[:1], at[1:2], at[2:], Rotation.identity(1), limit_deg=90.0)
+    zone = scan_zone(rig, None, x=at[:1], y=at[1:2], z=at[2:], rotations=Rotation.identity(1), limit_deg=90.0)
     assert zone["worst_pressure_angle_deg"].item() == 90.0
     assert np.isinf(zone["u95_position_mm"].item())
     assert zone["in_zone"].item() == 0
@@ -137,7 +143,9 @@ def test_what_cannot_run_or_is_singular_is_ninety_degrees_and_never_in_the_zone(
 
 
 def test_volume_is_nodes_times_their_cell(tmp_path: Path) -> None:
-    zone = scan_zone(cell(), None, axis(-300, 300, 100), axis(-300, 300, 150), axis(0, 300, 50), tilts(0.1, 2), 80.0)
+    zone = scan_zone(
+        cell(), None, x=axis(-300, 300, 100), y=axis(-300, 300, 150), z=axis(0, 300, 50), rotations=tilts(0.1, 2), limit_deg=80.0
+    )
     assert zone.attrs["nodes_in_zone"] > 0
     assert zone.attrs["zone_volume_mm3"] == pytest.approx(int(zone["in_zone"].sum()) * 100 * 150 * 50)
     write_zone(tmp_path / "zone.nc", zone)
@@ -152,9 +160,9 @@ def test_volume_is_nodes_times_their_cell(tmp_path: Path) -> None:
 
 def test_limits_asked_for_are_kept_and_named() -> None:
     nodes = axis(-300, 300, 100)
-    free = scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.2, 3))
+    free = scan_zone(cell(), None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 3))
     u95, longest = float(free["u95_position_mm"].median()), float(free["longest_cable_mm"].median())
-    held = scan_zone(cell(), None, nodes, nodes, nodes, tilts(0.2, 3), limits=Limits(80.0, (0.0, longest), u95))
+    held = scan_zone(cell(), None, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 3), limits=Limits(80.0, (0.0, longest), u95))
     expected = (free["worst_pressure_angle_deg"] <= 80) & (free["longest_cable_mm"] <= longest) & (free["u95_position_mm"] <= u95)
     np.testing.assert_array_equal(held["in_zone"].values, expected.values)
     np.testing.assert_array_equal(held["in_zone"].values == 0, held["rejected_because"].values != 0)
@@ -176,14 +184,16 @@ def test_rig_that_cannot_tell_a_pose_is_refused() -> None:
     rig = published()
     short = rig.model_copy(update={"cable": rig.cable[:5]})
     with pytest.raises(RigError, match="5 cables"):
-        scan_zone(short, None, np.zeros(1), np.zeros(1), np.zeros(1), Rotation.identity(1))
+        scan_zone(short, None, x=np.zeros(1), y=np.zeros(1), z=np.zeros(1), rotations=Rotation.identity(1))
 
 
 def test_a_place_alone_has_no_step_unless_it_is_told() -> None:
-    zone = scan_zone(cell(), None, axis(0, 0, 1), axis(0, 50, 50), axis(0, 0, 1), tilts(0, 1))
+    zone = scan_zone(cell(), None, x=axis(0, 0, 1), y=axis(0, 50, 50), z=axis(0, 0, 1), rotations=tilts(0, 1))
     assert list(zone.attrs["node_spacing_mm"]) == [0.0, 50.0, 0.0]
     assert zone.attrs["limit_deg"] == 60.0
-    told = scan_zone(cell(), None, axis(0, 0, 1), axis(0, 50, 50), axis(0, 0, 1), tilts(0, 1), spacing_mm=(10.0, 20.0, 30.0))
+    told = scan_zone(
+        cell(), None, x=axis(0, 0, 1), y=axis(0, 50, 50), z=axis(0, 0, 1), rotations=tilts(0, 1), spacing_mm=(10.0, 20.0, 30.0)
+    )
     assert list(told.attrs["node_spacing_mm"]) == [10.0, 50.0, 30.0]
 
 
@@ -194,7 +204,7 @@ def test_the_assembly_is_the_sign_of_the_rows() -> None:
     data["cable"][0], data["cable"][1] = data["cable"][1], data["cable"][0]
     signs = set()
     for one in (rig, rig_from_dict(data)):
-        found = scan_zone(one, None, nodes, nodes, nodes, Rotation.identity(1))["assembly"].values
+        found = scan_zone(one, None, x=nodes, y=nodes, z=nodes, rotations=Rotation.identity(1))["assembly"].values
         places = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1)
         sides = np.array([[[np.sign(np.linalg.det(length_rows(at, np.eye(3), plain(one)))) for at in b] for b in a] for a in places])
         np.testing.assert_array_equal(found, sides)
@@ -203,7 +213,7 @@ def test_the_assembly_is_the_sign_of_the_rows() -> None:
     far = Rotation.from_rotvec(np.outer(np.linspace(0.0, 3.0, 13), [0.0, 0.0, 1.0]))
     signs = {np.sign(np.linalg.det(length_rows(np.zeros(3), turn.as_matrix(), plain(rig)))) for turn in far}
     assert signs == {-1.0, 1.0}
-    assert scan_zone(rig, None, axis(0, 0, 1), axis(0, 0, 1), axis(0, 0, 1), far)["assembly"].item() == 0
+    assert scan_zone(rig, None, x=axis(0, 0, 1), y=axis(0, 0, 1), z=axis(0, 0, 1), rotations=far)["assembly"].item() == 0
 
 
 def test_play_is_once_where_it_was_zeroed_and_once_at_the_pose() -> None:

@@ -28,10 +28,10 @@ def reconstructed(rig: Rig, pose: np.ndarray, changes: np.ndarray) -> np.ndarray
 def worst_pose(rig: Rig, at: np.ndarray) -> tuple[np.ndarray, float, float]:
     """(pose, 95 % radius, worst angle) at the tilt with the largest radius."""
     turns = tilts(0.3, 3)
-    alone = [scan_zone(rig, None, at[:1], at[1:2], at[2:], turns[i : i + 1]) for i in range(len(turns))]
+    alone = [scan_zone(rig, None, x=at[:1], y=at[1:2], z=at[2:], rotations=turns[i : i + 1]) for i in range(len(turns))]
     radius = [z["u95_position_mm"].item() for z in alone]
     i = int(np.argmax(radius))
-    together = scan_zone(rig, None, at[:1], at[1:2], at[2:], turns)
+    together = scan_zone(rig, None, x=at[:1], y=at[1:2], z=at[2:], rotations=turns)
     assert together["u95_position_mm"].item() == pytest.approx(radius[i], rel=1e-9)
     return np.concatenate([at, turns[i].as_quat()]), radius[i], together["worst_pressure_angle_deg"].item()
 

@@ -40,7 +40,7 @@ def cell(**drum: Any) -> Rig:
 def motion(rig: Rig, speed_mm_s: float = 1500.0, rate_hz: float = 1000.0, to: FloatArray = AWAY) -> Counts:
     """Counts of a way out that never rests."""
     time_s, poses = smooth_path(HOME, [Leg(to, speed_mm_s, 10.0)], rate_hz)
-    return simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(0)).run.passes[0]
+    return simulate_run(rig, time_s, poses, noise_mm=0.0, rng=np.random.default_rng(0)).run.passes[0]
 
 
 def frames_of(rig: Rig, counts: Counts) -> Frames:

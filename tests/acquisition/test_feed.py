@@ -45,7 +45,7 @@ def test_every_layout_carries_the_counts(name: str) -> None:
     rig = rig_from_dict(rig.to_dict() | {"can": {"decoder": "raw", "sync_id": 0x85, "channel": TABLES[name]}})
     far = np.array([300.0, -300.0, 250.0, 0.0, 0.0, 0.0, 1.0])
     time_s, poses = smooth_path(HOME, [Leg(far, 2000.0), Leg(HOME, 2000.0)], 500.0)
-    counts = simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(0)).run.passes[0]
+    counts = simulate_run(rig, time_s, poses, noise_mm=0.0, rng=np.random.default_rng(0)).run.passes[0]
     got = record_feed(rig, counts)
     np.testing.assert_array_equal(got.counts.recorded, counts.recorded)
     assert set(got.events.tally) <= {"wrap"}

@@ -131,7 +131,7 @@ def test_errors_are_those_that_the_covariance_states() -> None:
     rig, ratios = body_rig(2), []
     for seed in range(4):
         campaign, true = simulated(rig, 40, 2.0, 0.01, seed, shift_mm=5.0)
-        model, found = solve_jointly(campaign, ("position", "guide"), False, free_components(campaign, False), "poses", 0)
+        model, found = solve_jointly(campaign, ("position", "guide"), False, free_components(campaign, False), frame="poses", seed=0)
         place, _ = aligned(model.poses(found.theta), true)
         own = np.arange(model.own, len(found.theta)).reshape(-1, 6)[:, 3:].ravel()
         ratios.append(float(np.mean(place**2) / np.mean(np.diag(found.covariance)[own])))

@@ -36,7 +36,9 @@ SELF = Settings(self_calibration=True)
 
 def solved(drawn: Drawn, frame: Any = "rig", prior: bool = False) -> tuple[Model, Fit]:
     campaign = drawn.campaign
-    return solve_jointly(campaign, ("position", "guide"), prior, free_components(campaign, not campaign.poses.oriented), frame, 0)
+    return solve_jointly(
+        campaign, ("position", "guide"), prior, free_components(campaign, not campaign.poses.oriented), frame=frame, seed=0
+    )
 
 
 @pytest.fixture(scope="module")

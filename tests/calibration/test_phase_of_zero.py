@@ -50,7 +50,7 @@ def test_counts_err_by_what_is_said(zeroed_there: bool) -> None:
         drawn = draw(seed, points=3, noise="rounded", phased=True)
         campaign = drawn.campaign
         if not zeroed_there:
-            elsewhere = scattered_poses(1, (300.0,) * 3, 0.3, HOME, generator)[0]
+            elsewhere = scattered_poses(1, (300.0,) * 3, 0.3, HOME, rng=generator)[0]
             exact = counts_from_poses(drawn.truth, drawn.poses, elsewhere)
             campaign = replace(campaign, counts=np.rint(exact + generator.uniform(-0.5, 0.5, 3)))
         r, V = at_the_truth(campaign, drawn.truth)
@@ -114,7 +114,7 @@ def folder_of(path: Path, rig: Rig, poses: FloatArray, names: list[str], recorde
 def test_what_dwells_leave_of_a_phase(tmp_path: Path, sigma: float, readings: int) -> None:
     """The mean of the readings at the zero pose tells the phase but for what a mean of roundings is off: of many zeroings that is met."""
     rig, n = cell_rig(5), 40
-    poses = scattered_poses(6, (300.0,) * 3, 0.3, HOME, np.random.default_rng(2))
+    poses = scattered_poses(6, (300.0,) * 3, 0.3, HOME, rng=np.random.default_rng(2))
     true = counts_from_poses(rig, poses, poses[0])
     generator, met, said = np.random.default_rng(7), [], []
     of_pose = np.repeat(np.arange(6), readings)
@@ -142,7 +142,7 @@ def test_what_dwells_leave_of_a_phase(tmp_path: Path, sigma: float, readings: in
 
 def test_still_dwells_of_an_exact_zero_leave_nothing(tmp_path: Path) -> None:
     rig = exactly(cell_rig(5))
-    poses = scattered_poses(4, (300.0,) * 3, 0.3, HOME, np.random.default_rng(2))
+    poses = scattered_poses(4, (300.0,) * 3, 0.3, HOME, rng=np.random.default_rng(2))
     recorded = np.rint(np.repeat(counts_from_poses(rig, poses, poses[0]), 3, axis=0))
     campaign = folder_of(tmp_path, rig, poses, [str(1 + k // 3) for k in range(12)], recorded)
     assert not campaign.zero_variances.any()
@@ -191,12 +191,12 @@ def test_a_plan_counts_on_phases() -> None:
     """The zero pose's errors are those of the estimator: for an exact zero and an exact pose, none."""
     rig: Any = cell_rig(2)
     sigma, never = np.repeat([1e-4, 0.02], 3), np.zeros(6)
-    rows = scattered_poses(5, (300.0,) * 3, 0.3, HOME, np.random.default_rng(1))
+    rows = scattered_poses(5, (300.0,) * 3, 0.3, HOME, rng=np.random.default_rng(1))
     for chosen, phase in ((rig, 1.0), (exactly(rig), 0.0)):
-        instrument = Instrument(chosen, chosen.cable, ("position",), 0.0 * sigma, never)
+        instrument = Instrument(chosen, chosen.cable, ("position",), 0.0 * sigma, visit=never)
         root = instrument.zero(rows[0]).root
         np.testing.assert_allclose(root @ root.T, phase * U2 * np.eye(6), atol=1e-20)
-        instrument = Instrument(chosen, chosen.cable, ("position",), sigma, never)
+        instrument = Instrument(chosen, chosen.cable, ("position",), sigma, visit=never)
         counts = counts_from_poses(chosen, rows, rows[0])
         poses = replace(poses_from_rows(rows), u_position_mm=np.full(5, 0.02), u_rotation_rad=np.full(5, 1e-4))
         campaign = Campaign(chosen, poses, chosen.cable, counts, np.zeros(6, np.int64))

@@ -81,7 +81,7 @@ def eight() -> Plan:
 
 @pytest.mark.parametrize(("u_position_mm", "u_rotation_rad"), [(0.0, 0.0), (0.05, 2e-4)])
 def test_information_summed_over_poses_is_the_estimators(u_position_mm: float, u_rotation_rad: float) -> None:
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide", "radius"), sigma_of(u_position_mm, u_rotation_rad), NEVER)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide", "radius"), sigma_of(u_position_mm, u_rotation_rad), visit=NEVER)
     rows = random_rows(12, 1)
     A = instrument.blocks(rows[1:], instrument.zero(rows[0])).reshape(-1, 36 + 6)
     covariance, rank = estimated_covariance(parameter_information(A.T @ A, 36))
@@ -91,7 +91,7 @@ def test_information_summed_over_poses_is_the_estimators(u_position_mm: float, u
 
 
 def test_recorded_poses_with_gaps_and_several_zero_poses_count_in_full() -> None:
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(0.05, 2e-4), NEVER)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(0.05, 2e-4), visit=NEVER)
     rows = random_rows(11, 2)
     whole = campaign_of(RIG, rows, 0.05, 2e-4)
     zero = np.array([0, 2, 0, 0, 2, 0])
@@ -135,7 +135,7 @@ def test_all_that_recorded_poses_share_counts_in_full() -> None:
         u_visit=np.tile(visit, (len(reference), 1)),
     )
     recorded.counts[4, 1] = recorded.counts[9, 3] = np.nan
-    instrument = Instrument(rig, rig.cable, ("position", "guide"), sigma_of(0.05, 2e-4), visit)
+    instrument = Instrument(rig, rig.cable, ("position", "guide"), sigma_of(0.05, 2e-4), visit=visit)
     before, zeros = instrument.recorded(recorded)
     more = instrument.blocks(later, zeros).reshape(-1, len(before))
     covariance, rank = estimated_covariance(parameter_information(before + more.T @ more, 30))
@@ -149,7 +149,7 @@ def test_all_that_recorded_poses_share_counts_in_full() -> None:
 @pytest.mark.parametrize("kind", ["I", "G", "D"])
 def test_exchange_is_no_worse_than_every_choice_of_the_candidates(kind: str) -> None:
     rig = two_drums()
-    instrument = Instrument(rig, rig.cable, ("position", "guide"), sigma_of(0.02, 0.0), NEVER)
+    instrument = Instrument(rig, rig.cable, ("position", "guide"), sigma_of(0.02, 0.0), visit=NEVER)
     region = Region(np.full(3, -300.0), np.full(3, 300.0), 0.0, IDENTITY)
     usable = Usable(rig, rig.cable, Limits(), CELL.centre)
     rng = np.random.default_rng(3)
@@ -163,13 +163,13 @@ def test_exchange_is_no_worse_than_every_choice_of_the_candidates(kind: str) -> 
     every = [
         criterion.value(prior + sum((blocks[k].T @ blocks[k] for k in chosen), np.zeros((12, 12)))) for chosen in combinations(range(8), 4)
     ]
-    space = candidates(instrument, region, usable, pool, np.zeros((0, 6)), zero)
+    space = candidates(instrument, region, usable, pool, taken=np.zeros((0, 6)), zero=zero)
     design = improved(grown(empty(space, prior), 4, criterion, rng), criterion, rng)
     assert criterion.value(design.information) <= min(every) + 1e-9
 
 
 def test_a_plan_beats_random_poses_and_counts_its_own_figures(eight: Plan) -> None:
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(0.0, 0.0), NEVER)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(0.0, 0.0), visit=NEVER)
     held_out = random_rows(150, 5)
     checks = instrument.gradients(held_out, CELL.centre[None, :], np.zeros(6, np.int64), RIG.cable)
 
@@ -223,7 +223,7 @@ def test_predicted_uncertainty_is_what_calibrations_of_simulated_counts_show(eig
     plan = plan_poses(RIG, Settings(10, CELL, criterion="I", u_position_mm=u_position_mm, u_rotation_rad=u_rotation_rad))
     rng = np.random.default_rng(8)
     held_out = CELL.rows(rng.uniform(0.0, 1.0, (100, 6)))
-    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(u_position_mm, u_rotation_rad), NEVER)
+    instrument = Instrument(RIG, RIG.cable, ("position", "guide"), sigma_of(u_position_mm, u_rotation_rad), visit=NEVER)
     noise = Noise(plan.poses.u_position_mm, plan.poses.u_rotation_rad)
     width = instrument.unknowns.width
     errors = []

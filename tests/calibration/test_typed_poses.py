@@ -72,7 +72,7 @@ def test_a_plan_is_of_the_poses_that_are_typed(tmp_path: Path) -> None:
     assert dict(plan.broken)["angles near singular"] > 0.0
     assert table.columns == ["pose", "x_mm", "y_mm", "z_mm", "o_deg", "a_deg", "t_deg"]
     # the figures are those of these poses
-    instrument = Instrument(rig, rig.cable, ("position", "guide"), np.zeros(6), np.zeros(6))
+    instrument = Instrument(rig, rig.cable, ("position", "guide"), np.zeros(6), visit=np.zeros(6))
     blocks = instrument.blocks(poses.rows[1:], instrument.zero(poses.rows[0]))
     A = blocks.reshape(-1, blocks.shape[2])
     covariance, rank = estimated_covariance(parameter_information(A.T @ A, 10))

@@ -51,6 +51,6 @@ def write_campaign(folder: Path, names: dict[str, str] | None = None, *, seed: i
     }  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "program.toml").write_text(tomli_w.dumps(program), encoding="utf-8")
-    simulated = simulate_run(cell_rig(seed), time_s, poses, 0.0, rng)
+    simulated = simulate_run(cell_rig(seed), time_s, poses, noise_mm=0.0, rng=rng)
     write_run(folder / "run", simulated.run)
     write_trajectory(folder / "trajectory.parquet", reconstruct(read_run(folder / "run")))

@@ -38,7 +38,7 @@ def dwelling_run(cycles: int, seed: int) -> tuple[Run, Program, dict[str, np.nda
             ],
         }
     )
-    return simulate_run(cell_rig(1), time_s, poses, 0.0, rng).run, program, {k: np.array(v) for k, v in true.items()}
+    return simulate_run(cell_rig(1), time_s, poses, noise_mm=0.0, rng=rng).run, program, {k: np.array(v) for k, v in true.items()}
 
 
 def test_pose_accuracy_and_repeatability_of_a_run() -> None:

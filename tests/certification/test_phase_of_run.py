@@ -29,7 +29,7 @@ def test_accuracy_lies_within_u95_of_the_truth() -> None:
         reached[:, :3] += rng.normal(0.0, 0.03, (CYCLES, 3))
         away = np.r_[there[:3] + 30.0, there[3:]]
         time_s, poses = smooth_path(HOME, [leg for pose in reached for leg in (Leg(pose, dwell_s=0.3), Leg(away))], 50.0)
-        run = simulate_run(cell_rig(seed), time_s, poses, 0.0, rng).run
+        run = simulate_run(cell_rig(seed), time_s, poses, noise_mm=0.0, rng=rng).run
         windows = [time_s[(np.abs(poses - pose) < 1e-12).all(axis=1)][[0, -1]].tolist() for pose in reached]
         commanded = {"name": "P1", "position_mm": there[:3].tolist(), "quaternion_xyzw": there[3:].tolist(), "windows_s": windows}
         program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [commanded]})
@@ -51,12 +51,12 @@ def test_accuracy_lies_within_u95_of_the_truth() -> None:
 
 def test_common_errors_are_drawn_by_their_own_laws() -> None:
     shared = np.tile(np.eye(6)[:, :3], (2, 1, 1))
-    errors = PoseErrors.of(np.zeros((2, 6, 6)), shared, True, (False, True, False), (False, True, False))
+    errors = PoseErrors.of(np.zeros((2, 6, 6)), shared, rounded=True, uniform=(False, True, False), counted=(False, True, False))
     drawn = errors.drawn_common(np.random.default_rng(1), 20_000)
     np.testing.assert_allclose(drawn.std(axis=0), 1.0, atol=0.03)
     assert np.abs(drawn[:, 1]).max() < np.sqrt(3.0)
     assert np.abs(drawn[:, [0, 2]]).max(axis=0).min() > 3.0
     # of any number of poses, and where nothing is said of the laws, normal
     assert errors[np.array([1])].uniform == errors.uniform
-    plain = PoseErrors.of(np.zeros((2, 6, 6)), shared, True)
+    plain = PoseErrors.of(np.zeros((2, 6, 6)), shared, rounded=True)
     assert np.abs(plain.drawn_common(np.random.default_rng(1), 20_000)).max() > 3.0

@@ -90,7 +90,7 @@ def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
     rig = cell_rig(2)
     home = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     time_s, poses = smooth_path(home, [Leg(home + [40.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0])], 500.0)
-    counts = simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(0)).run.passes[0]
+    counts = simulate_run(rig, time_s, poses, noise_mm=0.0, rng=np.random.default_rng(0)).run.passes[0]
     log = tmp_path / "drive.blf"
     with can.BLFWriter(log) as writer:
         frames = frames_from_counts(time_s, counts.recorded, counter_fields(rig, 1), rig.can_table.sync_id)

@@ -40,7 +40,7 @@ def test_a_flat_tetrahedron_has_no_volume(seed: int) -> None:
     d = {
         k: float(np.linalg.norm(a - b)) for k, a, b in (("xy", X, Y), ("px", X, P), ("py", Y, P), ("qx", X, Q), ("qy", Y, Q), ("pq", P, Q))
     }
-    near, far = (float(v) for v in flat.flat(*(np.array(d[e]) for e in flat.EDGES)))
+    near, far = (float(v) for v in flat.flat([np.array(d[e]) for e in flat.EDGES]))
     assert near <= d["pq"] <= far
     assert volume(d) == pytest.approx(float(np.linalg.det(np.array([Y - X, P - X, Q - X]))) ** 2, rel=1e-7, abs=1e-9)
     for value in (near, far):
@@ -88,7 +88,7 @@ def test_thesis_4_18_the_inner_length_of_a_flat_middle_tetrahedron() -> None:
 def test_thesis_4_3_tables() -> None:
     """Table 4.1: columns 1 and 2, near and far; 4.2, row 1; the levers' range of a distance."""
     r, side = np.array([(38, 38), (38, 45), (45, 45), (45, 38)], dtype=float), np.full(4, 20.0)
-    near, far = flat.flat(side, r[:, 0], r[:, 1], side, side)
+    near, far = flat.flat([side, r[:, 0], r[:, 1], side, side])
     np.testing.assert_allclose(near, [19.340097, 25.050101, 26.554314, 25.050101], atol=3e-5)
     np.testing.assert_allclose(far, [53.981114, 56.934106, 61.195330, 56.934106], atol=3e-5)
     # (4.22), with AP = 70, BB = 20
@@ -96,11 +96,11 @@ def test_thesis_4_3_tables() -> None:
     low, high = levers.min(), levers.max()
     assert (low, high) == pytest.approx((35.316034, 41.962389), abs=1e-6)
     r = np.array([(low, low), (high, low), (high, high), (low, high)])
-    near, far = flat.flat(np.full(4, 20.0), r[:, 0], r[:, 1], np.full(4, 35.0), np.full(4, 25.0))
+    near, far = flat.flat([np.full(4, 20.0), r[:, 0], r[:, 1], np.full(4, 35.0), np.full(4, 25.0)])
     np.testing.assert_allclose(near, [17.689124, 10.922330, 22.121028, 29.828294], atol=3e-5)
     np.testing.assert_allclose(far, [60.262255, 59.735561, 66.950312, 65.869318], atol=3e-5)
     A1 = np.array([low, high])[[0, 0]]
-    near, _ = flat.flat(np.full(2, 20.0), A1, A1, np.array([25.0, 25.0]), np.array([low, high]))
+    near, _ = flat.flat([np.full(2, 20.0), A1, A1, np.array([25.0, 25.0]), np.array([low, high])])
     np.testing.assert_allclose(near, [18.224843, 33.066021], atol=3e-5)
 
 
@@ -126,7 +126,7 @@ def test_bands_hold_every_flat_value_of_draws(seed: int, edge: str) -> None:
     t = flat.Tetrahedron("xy", "px", "py", "qx", "qy", "pq")
     found, named = flat.bands(t, limits, edge), t.seen_from(edge)
     draws = [rng.uniform(*limits[getattr(named, e)], 4000) for e in flat.EDGES]
-    near, far = flat.flat(*draws)
+    near, far = flat.flat(draws)
     fine = np.isfinite(near)
     assert fine.any()
     for band, values in ((found.near, near[fine]), (found.far, far[fine])):

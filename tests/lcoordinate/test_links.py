@@ -68,7 +68,7 @@ def test_links_through_one_line_lose_the_turn_about_it(seed: int) -> None:
     on_line, arms = at + np.outer(400.0 * rng.normal(size=6), axis), 200.0 * rng.normal(size=(6, 3))
     e = (arms - on_line) / np.linalg.norm(arms - on_line, axis=1)[:, None]
     rows, u = pluecker_rows(arms, e), np.full(6, 0.01)
-    split = Split(rows, np.zeros(3), np.arange(6), u, 200.0)
+    split = Split(rows, np.zeros(3), np.arange(6), u, size_mm=200.0)
     assert abs(split.lost.direction @ axis) == pytest.approx(1.0, abs=1e-9)
     np.testing.assert_allclose(np.cross(split.lost.point - at, axis), 0.0, atol=1e-5)
     assert abs(split.lost.pitch_mm) < 1e-5

@@ -83,7 +83,7 @@ def test_swivels_and_drums_are_calibrated_together() -> None:
     at = se3.pose(table[:, 1:4], rotation_from_angles("puma-oat", table[:, 4:]))
     channels: list[Any] = [*run.cables, *run.swivels]
     solve = {q.name for o in run.cables for q in o.parameters[:5]} | {o.parameters[-1].name for o in channels}
-    problem = AtReferencePoses(channels, run.readings, at, np.diag(np.repeat([1e-9, 0.05], 3)) ** 2, solve)
+    problem = AtReferencePoses(channels, run.readings, at, np.diag(np.repeat([1e-9, 0.05], 3)) ** 2, solve=solve)
     found = fit(problem, problem.start)
     assert (found.converged, found.rank) == (True, 42)
     truth = json.loads((run.folder / "truth.json").read_text())
@@ -97,7 +97,7 @@ def test_swivels_and_drums_are_calibrated_together() -> None:
     assert len(own) == 36
     assert off @ np.linalg.solve(covariance, off) < 36.0 + 4.0 * np.sqrt(72.0)
     # the points are where the encoders see them too: drums alone leave them less certain
-    alone = AtReferencePoses(run.cables, run.readings[:, :6], at, np.diag(np.repeat([1e-9, 0.05], 3)) ** 2, solve)
+    alone = AtReferencePoses(run.cables, run.readings[:, :6], at, np.diag(np.repeat([1e-9, 0.05], 3)) ** 2, solve=solve)
     u = {name: np.sqrt(v) for name, v in zip(alone.names, np.diag(fit(alone, alone.start).covariance), strict=True)}
     gained = [u[problem.names[i]] / np.sqrt(found.covariance[i, i]) for i in own if problem.names[i] in u]
     assert np.median(gained) > 1.3

@@ -44,11 +44,11 @@ def test_it_has_its_map() -> None:
     """Where a cable is lost the sensor holds the pose; a map has the figures of its poses, the worst over the orientations."""
     cables = cable_lengths(cell_rig(1), HOME)
     x, turns = np.array([-100.0, 50.0, 200.0]), Rotation.from_rotvec([[0.1, 0.0, 0.0], [0.0, -0.1, 0.1]])
-    five = map_channels(cables[:5], x, np.zeros(1), np.zeros(1), turns)
+    five = map_channels(cables[:5], x=x, y=np.zeros(1), z=np.zeros(1), rotations=turns)
     assert np.isinf(five["u95_position_mm"]).all()
     assert (five["worst_pressure_angle_deg"] == 90.0).all()
     channels = [*cables[:5], *sensors()]
-    both = map_channels(channels, x, np.zeros(1), np.zeros(1), turns)
+    both = map_channels(channels, x=x, y=np.zeros(1), z=np.zeros(1), rotations=turns)
     alone = [figures(channels, se3.pose([[150.0 * i - 100.0, 0.0, 0.0]], turn)) for i in range(3) for turn in turns]
     np.testing.assert_allclose(both["u95_position_mm"].values.ravel(), np.reshape([a.u95_position_mm for a in alone], (3, 2)).max(axis=1))
     # 95 of 100 draws are within the radius
@@ -67,9 +67,17 @@ def test_of_six_cables_the_map_is_the_zone(linked: bool) -> None:
     solved = [q for o in channels for q in o.parameters[:5]] if linked else []
     root = 1e-3 * g.normal(size=(len(solved), len(solved))) * np.array([[q.prior_u] for q in solved]).reshape(-1, 1)
     record = _record(solved, root @ root.T) if linked else None
-    zone = scan_zone(rig, record, x, y, z, tilts(0.2, 2), start=HOME)
+    zone = scan_zone(rig, record, x=x, y=y, z=z, rotations=tilts(0.2, 2), start=HOME)
     names = (*(q.name for q in solved), *(f"{o.name}.zero_mm" for o in channels))
-    found = map_channels(channels, x, y, z, tilts(0.2, 2), names, block_diag(root, np.diag([o.parameters[-1].prior_u for o in channels])))
+    found = map_channels(
+        channels,
+        x=x,
+        y=y,
+        z=z,
+        rotations=tilts(0.2, 2),
+        names=names,
+        root=block_diag(root, np.diag([o.parameters[-1].prior_u for o in channels])),
+    )
     np.testing.assert_allclose(found["worst_pressure_angle_deg"], zone["worst_pressure_angle_deg"], rtol=1e-9)
     # the kernels' radius is a polynomial
     np.testing.assert_allclose(found["u95_position_mm"], zone["u95_position_mm"], rtol=6e-5)

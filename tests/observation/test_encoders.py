@@ -77,7 +77,7 @@ def test_eccentricity_is_in_reading_and_row() -> None:
 )
 def test_counts_come_back_as_angles(keys: dict[str, Any]) -> None:
     rig = rig_with(sw(1, **keys), leaning=(LEVEL,))
-    run = simulate_run(rig, TIME_S, PATH, 0.0, np.random.default_rng(1)).run
+    run = simulate_run(rig, TIME_S, PATH, noise_mm=0.0, rng=np.random.default_rng(1)).run
     codes = run.passes[0].of("sw1")
     assert "zero_deg" not in keys or (codes.min() >= 0 and codes.max() < 131072)
     found = lengths_from_counts(run)
@@ -97,7 +97,7 @@ def test_codes_across_their_end_and_behind_a_gap() -> None:
     rig = rig_with(sw(1, zero_deg=0.0))
     about = float(np.degrees(span_lengths(rig.cable_rows(rig.observed)[6:], HOME[None])[0, 0]))
     rig = rig_with(sw(1, zero_deg=(about + 180.0) % 360.0 - 180.0))
-    run = simulate_run(rig, TIME_S, PATH, 0.0, np.random.default_rng(1)).run
+    run = simulate_run(rig, TIME_S, PATH, noise_mm=0.0, rng=np.random.default_rng(1)).run
     recorded = run.passes[0].recorded.copy()
     assert np.ptp(recorded[:, 6]) > 100000
     recorded[100:300, 6] = np.nan

@@ -57,7 +57,7 @@ def test_six_cables(seed: int, radius: float | None, gaps: float) -> None:
     assume(not (reference.angle > np.radians(70.0)).any())
     assert_same(screw.track(rows, HOME, changes, flags, u), reference)
     assert_same(lanes.follow(rows, HOME, screw.new_state(HOME), changes, flags, u), reference)
-    few = screw_numpy.follow(rows, HOME, screw.new_state(HOME), changes, flags)
+    few = screw_numpy.follow(rows, HOME, screw.new_state(HOME), changes, flags=flags)
     assert few is not None
     assert_same(few, reference)
     np.testing.assert_allclose(_live(rows, changes[:20], u), reference.poses[:20], rtol=0, atol=SAME_MM)
@@ -129,7 +129,7 @@ def test_covariances_of_poses(seed: int) -> None:
     G = twists(channels, at)
     for way in (pose_covariance, screw_numpy):
         np.testing.assert_allclose(way.twists(rows, at), G, rtol=1e-8, atol=1e-12)
-    own, shared = G * COUNT_MM / np.sqrt(12.0), shared_errors(channels, at, G, names, root)
+    own, shared = G * COUNT_MM / np.sqrt(12.0), shared_errors(channels, at, G, names, root=root)
     for found, expected in ((own, random), (shared, systematic)):
         u = np.sqrt(np.einsum("nii->ni", expected))
         covariance = found @ np.swapaxes(found, 1, 2)

@@ -69,6 +69,6 @@ def test_swivels_tell_the_pose_and_what_the_drums_had_out() -> None:
     # and the first pose is off by no more than both parts of its uncertainty
     G = twists(joint.channels, joint.poses.poses[:1])
     root = np.asarray(np.linalg.cholesky(joint.covariance))
-    shared = shared_errors(joint.channels, joint.poses.poses[:1], G, tuple(zeros), root)[0]
+    shared = shared_errors(joint.channels, joint.poses.poses[:1], G, tuple(zeros), root=root)[0]
     total = np.sqrt(np.diag(joint.poses.covariance[0] + shared @ shared.T))
     assert (np.abs(se3.displacement(joint.poses.poses[:1], truth[:1])[0]) < 4.0 * total).all()

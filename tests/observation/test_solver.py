@@ -72,7 +72,7 @@ def test_shared_parameters_move_the_pose_as_stated() -> None:
     channels, truth = mixed(5), poses(3, 3, reach_mm=100.0, turn_rad=0.1)
     readings = predictions(channels, truth)
     names = ("B0.x_mm", "P1.x_mm", "B3.guide_beta_deg", "i1.zero_deg")
-    found = shared_errors(channels, truth, twists(channels, truth), names, np.eye(4))
+    found = shared_errors(channels, truth, twists(channels, truth), names, root=np.eye(4))
     for k, name in enumerate(names):
         h = 1e-3
         ends = [solve_poses([_moved(o, name, s * h) for o in channels], readings, truth).poses for s in (1, -1)]

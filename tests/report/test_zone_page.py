@@ -37,7 +37,7 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="module")
 def zone(rig: Rig) -> xr.Dataset:
-    return scan_zone(rig, None, axis(-400, 400, 100), axis(-400, 400, 100), axis(-300, 300, 100), tilts(0.3, 3), full=True)
+    return scan_zone(rig, None, x=axis(-400, 400, 100), y=axis(-400, 400, 100), z=axis(-300, 300, 100), rotations=tilts(0.3, 3), full=True)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_pdf_is_whole_and_the_same_each_time(folder: Path, zone: xr.Dataset, rig
 
 
 def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:
-    empty = scan_zone(rig, None, axis(0, 100, 50), axis(0, 100, 50), axis(0, 100, 50), tilts(0.3, 3), 10.0)
+    empty = scan_zone(rig, None, x=axis(0, 100, 50), y=axis(0, 100, 50), z=axis(0, 100, 50), rotations=tilts(0.3, 3), limit_deg=10.0)
     write_zone_report(tmp_path / "empty", empty, rig)
     with opened(tmp_path / "empty" / "zone.html", tmp_path / "profile") as page:
         page.wait("document.querySelectorAll('.slider-container').length === 2")

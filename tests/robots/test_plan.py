@@ -36,7 +36,7 @@ def test_planned_poses_are_better_than_random_ones() -> None:
         over = unknowns.linearised(np.zeros(len(unknowns)), measured(zone, np.zeros((40, 3))))[1][:, POSITION]
         return float(np.einsum("nip,pq,niq->", over, C, over) / len(zone))
 
-    plan = chosen(unknowns, joints, zone, 15, 0.05)
+    plan = chosen(unknowns, joints, zone, 15, u_mm=0.05)
     assert len(set(plan.tolist())) == 15
     random = [mean_variance(rng.permutation(150)[:15]) for _ in range(20)]
     assert mean_variance(plan) < 0.9 * min(random)

@@ -45,7 +45,7 @@ def worst_pressure_angle_deg(places: FloatArray, tool: FloatArray, pose: FloatAr
 def test_the_cell_measures_all_of_its_work_space_well(seed: int) -> None:
     rig = cell_rig(seed)
     rig.require_pose()
-    poses = scattered_poses(200, (300.0, 300.0, 300.0), 0.3, HOME, np.random.default_rng(seed))
+    poses = scattered_poses(200, (300.0, 300.0, 300.0), 0.3, HOME, rng=np.random.default_rng(seed))
     places = np.array([rig.point(c.from_point).position_mm for c in rig.cable])
     tool = np.array([rig.tool[c.to_point] for c in rig.cable])
     assert max(worst_pressure_angle_deg(places, tool, p) for p in poses) < 40.0
@@ -74,11 +74,11 @@ def test_a_path_is_smooth_keeps_its_speeds_and_rests() -> None:
 
 def test_counts_are_whole_zero_at_the_start_and_noise_has_its_size() -> None:
     rig = cell_rig(1)
-    still = np.tile(scattered_poses(1, (100.0,) * 3, 0.2, HOME, np.random.default_rng(3)), (4000, 1))
+    still = np.tile(scattered_poses(1, (100.0,) * 3, 0.2, HOME, rng=np.random.default_rng(3)), (4000, 1))
     time_s = np.arange(4000) / 1000.0
-    exact = simulate_run(rig, time_s, still, 0.0, np.random.default_rng(0))
+    exact = simulate_run(rig, time_s, still, noise_mm=0.0, rng=np.random.default_rng(0))
     assert not exact.run.passes[0].recorded.any()
-    noisy = simulate_run(rig, time_s, still, 0.12, np.random.default_rng(0)).run.passes[0].recorded
+    noisy = simulate_run(rig, time_s, still, noise_mm=0.12, rng=np.random.default_rng(0)).run.passes[0].recorded
     assert (noisy == np.rint(noisy)).all()
     # 0.12 mm is 10 counts; rounding adds 1/12
     np.testing.assert_allclose(noisy.std(axis=0), math.sqrt(100 + 1 / 12), rtol=0.05)
@@ -179,8 +179,8 @@ def test_two_passes_of_three_drums_share_the_motion() -> None:
         cable["pass"], cable["channel"] = 1 + i % 2, f"ch{1 + i // 2}"
     two = rig_from_dict(data)
     time_s, rows = smooth_path(HOME, [Leg(np.array([100.0, 50.0, 0.0, 0.0, 0.0, 0.0, 1.0]))], 100.0)
-    one = simulate_run(rig, time_s, rows, 0.0, np.random.default_rng(0)).run.passes[0]
-    both = simulate_run(two, time_s, rows, 0.0, np.random.default_rng(0)).run.passes
+    one = simulate_run(rig, time_s, rows, noise_mm=0.0, rng=np.random.default_rng(0)).run.passes[0]
+    both = simulate_run(two, time_s, rows, noise_mm=0.0, rng=np.random.default_rng(0)).run.passes
     for i in range(6):
         np.testing.assert_array_equal(both[i % 2].of(f"ch{1 + i // 2}"), one.of(f"ch{i + 1}"))
 
@@ -193,6 +193,6 @@ def test_the_counts_are_those_of_an_independent_simulator(name: str, motion: str
     authority = Path(__file__).parent.parent / "authorities" / "truth"
     recorded = read_run(authority / name)
     poses = np.loadtxt(authority / motion / "truth.csv.gz", delimiter=",", skiprows=1)[:, 1:]
-    simulated = simulate_run(exactly(recorded.rig), recorded.passes[0].time_s, poses, 0.0, np.random.default_rng(0)).run
+    simulated = simulate_run(exactly(recorded.rig), recorded.passes[0].time_s, poses, noise_mm=0.0, rng=np.random.default_rng(0)).run
     for mine, theirs in zip(simulated.passes, recorded.passes, strict=True):
         np.testing.assert_array_equal(mine.recorded, theirs.recorded)

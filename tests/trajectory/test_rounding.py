@@ -37,7 +37,7 @@ def test_whitened_variance_counts_only_what_is_measured() -> None:
 def test_errors_of_counts_are_drawn_uniform_and_others_normal() -> None:
     own, rng = np.zeros((1, 6, 2)), np.random.default_rng(1)
     for rounded, most, kurtosis in ((True, np.sqrt(3.0), 1.8), (False, np.inf, 3.0)):
-        drawn = PoseErrors.of(own, np.zeros((1, 6, 0)), rounded).drawn(rng, (100_000,))
+        drawn = PoseErrors.of(own, np.zeros((1, 6, 0)), rounded=rounded).drawn(rng, (100_000,))
         assert abs(drawn.mean()) < 0.02
         assert drawn.var() == pytest.approx(1.0, rel=0.02)
         assert (drawn**4).mean() == pytest.approx(kurtosis, rel=0.05)

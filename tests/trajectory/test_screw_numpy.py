@@ -27,7 +27,7 @@ def changes(rig: Rig, poses: FloatArray, noise_mm: float = 0.0) -> FloatArray:
 def follow(rig: Rig, change: FloatArray, flags: np.ndarray | None = None) -> tuple[screw_numpy.Followed | None, FloatArray]:
     flags = np.zeros(len(change), np.int64) if flags is None else flags
     state = screw.new_state(START)
-    return screw_numpy.follow(rig.cable_rows(), START, state, change, flags), state
+    return screw_numpy.follow(rig.cable_rows(), START, state, change, flags=flags), state
 
 
 def test_where_a_run_has_got_to_is_the_kernels() -> None:
@@ -53,7 +53,7 @@ def test_what_is_not_plain_is_left_to_the_kernels() -> None:
     np.testing.assert_array_equal(state, screw.new_state(START))
     lost = screw.new_state(START)
     lost[screw.LOST] = 1.0
-    assert screw_numpy.follow(rig.cable_rows(), START, lost, change, np.zeros(300, np.int64)) is None
+    assert screw_numpy.follow(rig.cable_rows(), START, lost, change, flags=np.zeros(300, np.int64)) is None
     contradicting = change.copy()
     contradicting[200, 0] = np.nan
     assert follow(rig, contradicting)[0] is None

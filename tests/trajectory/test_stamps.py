@@ -217,8 +217,8 @@ def test_a_busy_hosts_stamps_are_no_jump() -> None:
     counts = np.rint(1.25 / 0.012 * np.arange(200))
     stamps = t.copy()
     stamps[100:120] = t[120] - 1e-3 + 5e-5 * np.arange(20)
-    found = unwrap(counts, stamps, 20000.0 / 0.012, 32)
+    found = unwrap(counts, stamps, max_rate=20000.0 / 0.012, bits=32)
     np.testing.assert_array_equal(found.counts, counts)
     # what nothing can have gone in the usual time is one still
     counts[150:] += 100_000
-    assert unwrap(counts, stamps, 20000.0 / 0.012, 32).what[150] == JUMPED
+    assert unwrap(counts, stamps, max_rate=20000.0 / 0.012, bits=32).what[150] == JUMPED

@@ -59,7 +59,7 @@ def test_steps_are_the_median_of_both_continuations_and_nothing(stride: int, kno
             every = [by_definition(time_s, mm, i, j, stride, off_s, count_mm[j]) for j in range(3)]
             if any(abs(by) > allowed for by, allowed, _ in every):
                 expected[i + stride] = every
-        got = steps_seen(time_s, mm, np.ascontiguousarray(mm.T), known, stride, count_mm, off_s)
+        got = steps_seen(time_s, mm, np.ascontiguousarray(mm.T), known, stride=stride, count_mm=count_mm, off_s=off_s)
         assert len(got) == bool(expected)
         for one in got:
             at = np.searchsorted(time_s, one.before_s)
@@ -89,14 +89,16 @@ def test_too_few_samples_show_no_step() -> None:
     for n in (3, 4):
         time_s, mm = np.linspace(0.0, INTERVAL_S * (n - 1), n), np.zeros((n, 1))
         mm[n // 2 :] = 9.0
-        assert len(steps_seen(time_s, mm, mm.T.copy(), 0, 1, np.array([0.01]), np.zeros(n - 1))) == n - 3
-        assert steps_seen(time_s, mm, mm.T.copy(), 0, 2, np.array([0.01]), np.zeros(n - 1)) == []
+        assert len(steps_seen(time_s, mm, mm.T.copy(), 0, stride=1, count_mm=np.array([0.01]), off_s=np.zeros(n - 1))) == n - 3
+        assert steps_seen(time_s, mm, mm.T.copy(), 0, stride=2, count_mm=np.array([0.01]), off_s=np.zeros(n - 1)) == []
 
 
 def test_a_step_as_large_as_what_may_slip_is_none() -> None:
     for by, seen in ((STEP_MM + 0.02 - 1e-9, False), (STEP_MM + 0.02 + 1e-9, True)):
         mm = np.where(np.arange(8) > 3, by, 0.0)[:, None]
-        assert bool(steps_seen(np.linspace(0.0, 0.07, 8), mm, mm.T.copy(), 0, 1, np.array([0.01]), np.zeros(7))) is seen
+        assert (
+            bool(steps_seen(np.linspace(0.0, 0.07, 8), mm, mm.T.copy(), 0, stride=1, count_mm=np.array([0.01]), off_s=np.zeros(7))) is seen
+        )
 
 
 def test_intervals_are_off_unless_rows_lack() -> None:

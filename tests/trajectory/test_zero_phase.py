@@ -221,8 +221,8 @@ def test_a_zeroing_lasts_until_the_cable_is_changed(passes: list[tuple[str, str,
 def test_simulated_counts_have_one_phase_for_each_zeroing() -> None:
     rig = led(*[(f"ch{i}", f"B{i}", f"P{(i + 1) // 2}", p) for p in (1, 2) for i in range(1, 7)])
     time_s, poses = motion(4000)
-    run = simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(5)).run
-    again = simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(5)).run
+    run = simulate_run(rig, time_s, poses, noise_mm=0.0, rng=np.random.default_rng(5)).run
+    again = simulate_run(rig, time_s, poses, noise_mm=0.0, rng=np.random.default_rng(5)).run
     np.testing.assert_array_equal(run.passes[1].recorded, again.passes[1].recorded)
     np.testing.assert_array_equal(run.passes[0].recorded, run.passes[1].recorded)
     true = counts_from_poses(rig, poses, START, rig.cables_of(1))
@@ -231,7 +231,7 @@ def test_simulated_counts_have_one_phase_for_each_zeroing() -> None:
     # the counts of a moving cable are off by the phase on average: as drawn, and no more than half a count
     assert np.abs(off).max() <= 1.0
     assert 0.15 < off.mean(axis=0).std() < 0.45
-    sure = simulate_run(exactly(rig), time_s, poses, 0.0, np.random.default_rng(5)).run
+    sure = simulate_run(exactly(rig), time_s, poses, noise_mm=0.0, rng=np.random.default_rng(5)).run
     assert np.abs((sure.passes[0].recorded - signs * true).mean(axis=0)).max() < 0.05
     phases = drawn_phases(rig, np.random.default_rng(1))
     np.testing.assert_array_equal(phases[:6], phases[6:])
@@ -278,7 +278,7 @@ def test_redundant_cables_contradict_each_other_no_more_than_phases_let_them() -
     time_s, poses = motion(50, rate_hz=20.0)
     means = []
     for seed in range(60):
-        found = reconstruct(simulate_run(rig, time_s, poses, 0.0, np.random.default_rng(seed)).run)
+        found = reconstruct(simulate_run(rig, time_s, poses, noise_mm=0.0, rng=np.random.default_rng(seed)).run)
         assert found.chi_squared is not None
         means.append(found.chi_squared.mean())
     assert np.mean(means) == pytest.approx(2.0, rel=0.25)

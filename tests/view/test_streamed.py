@@ -41,7 +41,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 def spoiled(rig: Rig, gap: slice = slice(250, 600)) -> Run:
     """A run with a gap over pieces' ends and a jump that comes back."""
     time_s, poses = smooth_path(HOME, [Leg(PLACE, 300.0, 1.0), Leg(HOME, 300.0, 1.0)] * 3, 1000.0)
-    run = simulate_run(rig, time_s[:N], poses[:N], 0.0, np.random.default_rng(3)).run
+    run = simulate_run(rig, time_s[:N], poses[:N], noise_mm=0.0, rng=np.random.default_rng(3)).run
     recorded = run.passes[0].recorded
     recorded[gap, 2] = np.nan
     recorded[900:1100, 1] += 3000.0

@@ -42,10 +42,10 @@ def _strict() -> Iterator[None]:
 
 def moved(rig: Rig, seconds: float = 0.5, rate_hz: float = 1000.0) -> SimulatedRun:
     rng = np.random.default_rng(5)
-    legs = [Leg(p, 300.0, 1.0) for p in scattered_poses(30, (150.0,) * 3, 0.2, HOME, rng)]
+    legs = [Leg(p, 300.0, 1.0) for p in scattered_poses(30, (150.0,) * 3, 0.2, HOME, rng=rng)]
     time_s, poses = smooth_path(HOME, legs, rate_hz)
     n = round(seconds * rate_hz)
-    return simulate_run(rig, time_s[:n], poses[:n], 0.0, rng)
+    return simulate_run(rig, time_s[:n], poses[:n], noise_mm=0.0, rng=rng)
 
 
 def with_gap(simulated: SimulatedRun) -> SimulatedRun:
@@ -289,7 +289,7 @@ def test_zone_is_coloured_by_angle(tmp_path: Path) -> None:
 
 def test_calibration_on_its_own_timeline(tmp_path: Path) -> None:
     rig = cell_rig(1)
-    poses = poses_from_rows(scattered_poses(4, (200.0,) * 3, 0.2, HOME, np.random.default_rng(2)), ["a", "b", "c", "d"])
+    poses = poses_from_rows(scattered_poses(4, (200.0,) * 3, 0.2, HOME, rng=np.random.default_rng(2)), ["a", "b", "c", "d"])
     record = CalibrationRecord.model_validate(
         {
             "schema": "lmeasure.calibration/1",

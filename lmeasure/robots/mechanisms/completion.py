@@ -28,7 +28,7 @@ KINDS = {"point on a line": 1, "line in a plane": 1, "line": 2, "point": 3, "pla
 """Kinds, and how many links complete each."""
 
 
-def completed(kind: str, given: FloatArray, anchors: FloatArray, points: FloatArray, lengths: FloatArray) -> FloatArray:
+def completed(kind: str, given: FloatArray, anchors: FloatArray, points: FloatArray, *, lengths: FloatArray) -> FloatArray:
     """(k, 7) all poses of a kind of `KINDS` through given (7,) that the links allow; k may be 0. GeometryError for another number of links,
     or where they leave a continuum of poses."""
     if kind not in KINDS:

@@ -39,7 +39,9 @@ class CrankPlatform:
     home: FloatArray
 
     @classmethod
-    def regular(cls, base_mm: float, platform_mm: float, base_pair: float, platform_pair: float, crank_mm: float, height_mm: float) -> Self:
+    def regular(
+        cls, base_mm: float, platform_mm: float, base_pair: float, platform_pair: float, *, crank_mm: float, height_mm: float
+    ) -> Self:
         """Circles of these radii, angles [rad] between the hinges of a pair, pairs of both circles at the same azimuths (the first hinge of
         the base at azimuth 0), and rods as long as a level platform at this height over upright cranks makes them."""
         for name, value in (("base_mm", base_mm), ("platform_mm", platform_mm), ("crank_mm", crank_mm), ("height_mm", height_mm)):

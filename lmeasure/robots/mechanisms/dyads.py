@@ -88,7 +88,7 @@ def all_fitted(poses: FloatArray, reach: float, starts: int, seed: int = 0) -> l
 
 
 def minimax(
-    poses: FloatArray, anchors: FloatArray, points: FloatArray, lengths: FloatArray, turn_free: bool, iterations: int = 200
+    poses: FloatArray, anchors: FloatArray, points: FloatArray, lengths: FloatArray, *, turn_free: bool, iterations: int = 200
 ) -> Minimax:
     """Links (m, 3), (m, 3), (m,) whose largest miss of poses (n, 7) is least near a start, the poses' turns about the body's z free or not.
 

@@ -125,7 +125,7 @@ class FourChains:
             slid = drives[..., 4:]
             reached = reached & ((slid >= self.slide[0]) & (slid <= self.slide[1])).all(axis=-1)
         rows = np.where(reached[..., None, None], self.jacobians(poses, drives).output, 0.0)
-        return checked(limits, reached, q, feet, rods, se3.matrices(poses)[..., 2], mass, nearness(rows, self.units))
+        return checked(limits, reached, q, feet, rods=rods, normals=se3.matrices(poses)[..., 2], mass=mass, near=nearness(rows, self.units))
 
     def uppers(self, poses: FloatArray) -> FloatArray:
         """(..., 4, 3) hinges in the base frame [mm] at poses (..., 7)."""

@@ -60,6 +60,7 @@ def checked(
     reached: BoolArray,
     angles: FloatArray,
     feet: FloatArray,
+    *,
     rods: FloatArray,
     normals: FloatArray,
     mass: FloatArray,

@@ -83,7 +83,7 @@ class Rotopod:
         reached = np.asarray(np.isfinite(q).all(axis=-1))
         rows = np.concatenate([np.cross(upper - poses[..., None, :3], rods), rods], axis=-1)
         near = nearness(np.where(reached[..., None, None], rows, 0.0), self.units)
-        return checked(limits, reached, q, feet, rods, se3.matrices(poses)[..., 2], mass, near)
+        return checked(limits, reached, q, feet, rods=rods, normals=se3.matrices(poses)[..., 2], mass=mass, near=near)
 
     @property
     def units(self) -> FloatArray:

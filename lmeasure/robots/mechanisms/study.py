@@ -42,7 +42,7 @@ class Workspace(NamedTuple):
         return float(self.inside.sum() * np.prod([a[1] - a[0] for a in self[:3]]))
 
 
-def workspace(inside: Inside, x_mm: FloatArray, y_mm: FloatArray, z_mm: FloatArray, orientation: FloatArray | None = None) -> Workspace:
+def workspace(inside: Inside, x_mm: FloatArray, y_mm: FloatArray, z_mm: FloatArray, *, orientation: FloatArray | None = None) -> Workspace:
     """Of evenly spaced nodes (at least two each way), the platform turned by the quaternion orientation (4,), by default not at all."""
     place = np.stack(np.meshgrid(x_mm, y_mm, z_mm, indexing="ij"), axis=-1)
     turn = np.array([0.0, 0.0, 0.0, 1.0]) if orientation is None else orientation

@@ -55,7 +55,7 @@ def main(out: Path) -> None:
     plan = campaign(largest_cube((-90.0, -90.0, -90.0), (90.0, 90.0, 90.0)), TESTS)
     program, commands = program_of(plan.program, plan.commands)
     done = cell_robot(5).perform(commands, plan.start, RATE_HZ, rng)
-    moved = simulate_run(cell_rig(5), done.time_s, done.poses, 0.0, rng).run
+    moved = simulate_run(cell_rig(5), done.time_s, done.poses, noise_mm=0.0, rng=rng).run
     write_run(out / "made" / "run", replace(moved, u_start=(0.02, 1e-4)))  # a start that was measured
     write_trajectory(out / "made" / "trajectory.parquet", reconstruct(read_run(out / "made" / "run")))
     write_program(out / "made" / "program.toml", timed(program, done, TESTS.settle_s))

@@ -17,7 +17,7 @@ UNITS = np.array([1 / 200.0] * 3 + [1.0] * 3)
 
 def fixture() -> CrankPlatform:
     """No dead point within 30 degrees; lengths of the recomputed fixture, metres there."""
-    return CrankPlatform.regular(300.0, 200.0, np.radians(20.0), np.radians(100.0), 50.0, 200.0)
+    return CrankPlatform.regular(300.0, 200.0, np.radians(20.0), np.radians(100.0), crank_mm=50.0, height_mm=200.0)
 
 
 def angles(*degrees: float) -> np.ndarray:
@@ -114,7 +114,7 @@ def test_the_pose_of_a_height_and_a_normal() -> None:
 
 def test_a_branch_that_is_left_is_said() -> None:
     """Nearly upright rods: all cranks turned together pass a dead point, rod and crank in line, and the other root takes over."""
-    mechanism = CrankPlatform.regular(300.0, 200.0, np.radians(20.0), np.radians(90.0), 50.0, 300.0)
+    mechanism = CrankPlatform.regular(300.0, 200.0, np.radians(20.0), np.radians(90.0), crank_mm=50.0, height_mm=300.0)
     f = np.radians(np.arange(0.0, -30.5, -0.5))
     drives = np.column_stack([f, f, f])
     way = legs.followed(mechanism, drives, mechanism.home)
@@ -162,7 +162,7 @@ def test_all_assemblies_are_found_and_the_one_followed_is_among_them() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(GeometryError, match="crank_mm is 0; it must be positive"):
-        CrankPlatform.regular(300.0, 200.0, 0.3, 1.7, 0.0, 200.0)
+        CrankPlatform.regular(300.0, 200.0, 0.3, 1.7, crank_mm=0.0, height_mm=200.0)
     # rods that cannot reach their cranks
     short = CrankPlatform(fixture().feet, fixture().points, fixture().rods * 0.2, 50.0, fixture().home)
     for method in (legs.forward, virtual_points.forward):

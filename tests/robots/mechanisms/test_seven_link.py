@@ -154,7 +154,7 @@ def test_completed_poses_keep_what_is_given_and_have_the_links(seed: int, kind: 
         "plane": se3.pose([*h, 0], Rotation.from_rotvec([0, 0, t])),
     }[kind]
     stated = se3.compose(true, free)
-    found = completed(kind, stated, anchors, points, lengths)
+    found = completed(kind, stated, anchors, points, lengths=lengths)
     assert len(found) % 2 == 0
     assert len(found) <= {"point on a line": 2, "line in a plane": 2, "line": 4, "point": 8, "plane": 6}[kind]
     off = np.abs(se3.displacement(found, np.broadcast_to(true, found.shape))).max(axis=1)
@@ -192,7 +192,7 @@ def test_no_completed_line_is_missed(seed: int) -> None:
             gap = one - other
             with np.errstate(invalid="ignore"):
                 count += int(np.sum(gap[1:] * gap[:-1] < 0.0))
-    assert len(completed("line", np.array([0, 0, 0, 0, 0, 0, 1.0]), anchors, points, lengths)) == count
+    assert len(completed("line", np.array([0, 0, 0, 0, 0, 0, 1.0]), anchors, points, lengths=lengths)) == count
 
 
 def test_the_pose_of_table_1_is_completed_by_the_first_links() -> None:
@@ -202,16 +202,16 @@ def test_the_pose_of_table_1_is_completed_by_the_first_links() -> None:
     _, by_turn = dyads.gradients(own, link.anchors, link.points)
     for j in (1, 2, 3, 4):
         for i, stated in enumerate(poses(np.zeros(10))):
-            found = completed("point on a line", stated, link.anchors[j : j + 1], link.points[j : j + 1], link.lengths[j : j + 1])
+            found = completed("point on a line", stated, link.anchors[j : j + 1], link.points[j : j + 1], lengths=link.lengths[j : j + 1])
             turn = coordinates_of(found)[:, 5] - np.radians(TABLE_3[i])
             # from table 3 by what the link misses the pose by
             expected = -off[i, j] / by_turn[i, j]
             assert np.abs(np.angle(np.exp(1j * (turn - expected)))).min() < 0.2 * abs(expected)
             assert abs(expected) < np.radians(0.6)
     with pytest.raises(GeometryError, match="completed by 2 links, not by 1"):
-        completed("line", poses(TABLE_3)[0], TABLE_2[:1, :3], TABLE_2[:1, 3:6], TABLE_2[:1, 6])
+        completed("line", poses(TABLE_3)[0], TABLE_2[:1, :3], TABLE_2[:1, 3:6], lengths=TABLE_2[:1, 6])
     with pytest.raises(GeometryError, match="does not tell the turn"):
-        completed("point on a line", poses(TABLE_3)[0], TABLE_2[:1, :3], np.array([[0.0, 0.0, 1.0]]), TABLE_2[:1, 6])
+        completed("point on a line", poses(TABLE_3)[0], TABLE_2[:1, :3], np.array([[0.0, 0.0, 1.0]]), lengths=TABLE_2[:1, 6])
 
 
 def test_links_are_recovered_from_exact_poses() -> None:
