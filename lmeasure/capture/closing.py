@@ -64,7 +64,7 @@ def lengths_of_counts(rig: Rig, channels: tuple[str, ...], passage: int) -> Floa
 
 
 def judged_return(
-    rig: Rig, channels: tuple[str, ...], passage: int, counts: FloatArray, variance: FloatArray, u_repeatability_mm: float
+    rig: Rig, channels: tuple[str, ...], passage: int, counts: FloatArray, *, variance: FloatArray, u_repeatability_mm: float
 ) -> Return:
     """Counts (m,) at the return less those at first, whose difference has the variance (m,) by reading; the robot comes back with the
     standard deviation u_repeatability_mm, twice."""

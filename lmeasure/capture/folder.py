@@ -50,7 +50,7 @@ class Reading:
         return np.asarray(np.ptp(self.counts, axis=0))
 
 
-def thinned(pose: str, passage: int, recording: int, time_s: FloatArray, counts: FloatArray) -> Reading:
+def thinned(pose: str, passage: int, recording: int, time_s: FloatArray, *, counts: FloatArray) -> Reading:
     """A reading of at most `MOST_ROWS` of a dwell's samples, spread evenly over it."""
     rows = np.unique(np.linspace(0, len(time_s) - 1, min(len(time_s), MOST_ROWS)).round().astype(np.int64))
     return Reading(pose, passage, recording, np.round(time_s[rows], 6), counts[rows])
@@ -144,7 +144,9 @@ class CaptureFolder:
         files.write_table(path, columns)
 
 
-def open_folder(path: Path, rig: Rig, channels: tuple[str, ...], passage: int, planned: Path, beside: Mapping[str, bytes]) -> CaptureFolder:
+def open_folder(
+    path: Path, rig: Rig, channels: tuple[str, ...], passage: int, *, planned: Path, beside: Mapping[str, bytes]
+) -> CaptureFolder:
     """A new folder for the poses planned, or the folder of a capture of the same rig and poses that goes on; planned poses that it has not
     are joined to its own.
 

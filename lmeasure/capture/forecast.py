@@ -61,7 +61,7 @@ class Forecast:
     """
 
     def __init__(self, rig: Rig, passage: int, poses: Poses, solve: tuple[str, ...] = ("position", "guide")) -> None:
-        self._instrument = Instrument(rig, rig.cables_of(passage), solve, np.zeros(6), np.zeros(6))
+        self._instrument = Instrument(rig, rig.cables_of(passage), solve, np.zeros(6), visit=np.zeros(6))
         self._zone = region_of(poses)
         self._lengths = lengths_over(self._instrument, self._zone, CHECKS_LOG2, 0)
         m = len(self._instrument.cables)

@@ -261,7 +261,7 @@ class Session:
             return
         was_return, first = self._is_return(), not self.folder.of_pass
         expected = None if first else self._expected(dwell.recorded[whole].mean(axis=0))
-        reading = thinned(self.goal, self.folder.passage, self.recording, dwell.time_s[whole], dwell.recorded[whole])
+        reading = thinned(self.goal, self.folder.passage, self.recording, dwell.time_s[whole], counts=dwell.recorded[whole])
         self.folder.add(reading)
         self._after_change()
         u = np.sqrt(mean_variances(self.folder.of_pass)[-1])
@@ -279,7 +279,7 @@ class Session:
         variance = mean_variances(readings)[[0, -1]].sum(axis=0)
         difference = folded(readings[-1].mean - readings[0].mean, self.folder.modulus)
         of = self.folder.rig, self.folder.channels, self.folder.passage
-        self.closure = judged_return(*of, difference, variance, self.folder.u_repeatability_mm)
+        self.closure = judged_return(*of, difference, variance=variance, u_repeatability_mm=self.folder.u_repeatability_mm)
         for line in self.closure.lines():
             self._say(line)
 

@@ -35,7 +35,7 @@ CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": [*
 
 
 def write_trajectory_page(
-    path: Path, name: str, found: Along, rig: Rig | None, inputs: Sequence[tuple[str, str]], language: str = "en"
+    path: Path, name: str, found: Along, rig: Rig | None, *, inputs: Sequence[tuple[str, str]], language: str = "en"
 ) -> None:
     """Write a self-contained HTML page of the trajectory called name, whole or not at all; inputs: files with their SHA-256."""
     words = texts(DOMAIN, language)
@@ -155,12 +155,12 @@ def _known(found: Along, language: str) -> Iterable[str]:
     """What the uncertainties hold, and what else must be known."""
     words, trajectory = texts(DOMAIN, language), found.trajectory
     yield words["covers"].format(covers=_said(trajectory.covers, language))
-    yield from (_said(note, language) for note in trajectory.notes)
+    yield from (note.text(language) for note in trajectory.notes)
     yield from (_said(taken.line(), language) for taken in trajectory.taken_as_exact)
     if found.motion is not None:
         yield words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
         if found.motion.stamps.note:
-            yield _said(found.motion.stamps.note, language)
+            yield found.motion.stamps.note.text(language)
 
 
 def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figure:

@@ -94,7 +94,7 @@ def run(
     try:
         kept, beside = with_files_beside(as_mapped(rig, link.fields), here)
         channels = tuple(f.channel for f in link.fields)
-        folder = open_folder(settings.out, kept, channels, settings.passage, settings.poses, beside)
+        folder = open_folder(settings.out, kept, channels, settings.passage, planned=settings.poses, beside=beside)
         _state_uncertainty(settings, folder, ask)
         how = stage.Settings(settings.by, settings.dwell_s, settings.settle_s, settings.closure)
         session = stage.Session(folder, how, say)

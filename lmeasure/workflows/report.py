@@ -77,7 +77,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     inputs = [(path.name, files.sha256(path)) for path in sources]
     page = settings.out / "trajectory.html"
     name = settings.measured.resolve().name
-    write_trajectory_page(page, name, found, rig, inputs, settings.language)
+    write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language)
     progress(1.0, "report")
     told = [f"{label}: {value}" for label, value in summary(found, "en")]
     figures = {"samples": float(len(trajectory.time_s)), "left_out": float(sum(s.samples for s in found.stretches if not s.ok))}

@@ -39,7 +39,7 @@ def nominal_of(rig: Rig, seed: int = 0) -> Rig:
 
 def some_poses(count: int, seed: int = 1) -> FloatArray:
     """(count, 7) poses well apart."""
-    return scattered_poses(count, (250.0, 250.0, 250.0), 0.3, HOME, np.random.default_rng(seed))
+    return scattered_poses(count, (250.0, 250.0, 250.0), 0.3, HOME, rng=np.random.default_rng(seed))
 
 
 def write_inputs(folder: Path, rig: Rig, poses: FloatArray, **columns: Any) -> tuple[Path, Path]:
@@ -57,7 +57,7 @@ def motion(rig: Rig, poses: FloatArray, dwell_s: float, zero: FloatArray | None 
     legs = [Leg(pose, speed_mm_s, 10.0, dwell_s) for pose in poses]
     time_s, rows = smooth_path(poses[0], legs, RATE_HZ)
     every = np.vstack([rows[0] if zero is None else zero, rows])
-    run = simulate_run(rig, np.arange(len(every)) / RATE_HZ, every, 0.0, np.random.default_rng(2)).run
+    run = simulate_run(rig, np.arange(len(every)) / RATE_HZ, every, noise_mm=0.0, rng=np.random.default_rng(2)).run
     return Samples(time_s, run.passes[0].recorded[1:])
 
 

@@ -41,7 +41,7 @@ class Bench:
 
     def begin(self, settings: Settings = QUICK) -> None:
         rig = read_rig(self.folder / "rig.toml")
-        self.out = open_folder(self.folder / "cal", rig, rig.channels, 1, self.folder / "planned.csv", {})
+        self.out = open_folder(self.folder / "cal", rig, rig.channels, 1, planned=self.folder / "planned.csv", beside={})
         self.events: list[Event] = []
         self.session = Session(self.out, settings, self.said.append)
 
@@ -273,7 +273,7 @@ def test_absolute_encoders_begin_anew_after_a_turn(tmp_path: Path) -> None:
     assert channels == ("ch1", "ch2", "sw1")
     rng = np.random.default_rng(0)
     for turn in range(2):
-        folder = open_folder(tmp_path / "cal", rig, channels, 1, tmp_path / "planned.csv", {})
+        folder = open_folder(tmp_path / "cal", rig, channels, 1, planned=tmp_path / "planned.csv", beside={})
         said: list[str] = []
         session = Session(folder, QUICK, said.append)
         for k, codes in enumerate(([4095, 0], [1000, 1000], [4094, 1])[turn:]):
@@ -372,14 +372,14 @@ def test_a_folder_of_something_else_and_another_rig_are_refused(tmp_path: Path) 
     bench = Bench(tmp_path)
     rig = read_rig(tmp_path / "rig.toml")
     with pytest.raises(AcquisitionError, match=r"rig\.toml: is another rig than the one given"):
-        open_folder(tmp_path / "cal", nominal_of(RIG, seed=5), rig.channels, 1, tmp_path / "planned.csv", {})
+        open_folder(tmp_path / "cal", nominal_of(RIG, seed=5), rig.channels, 1, planned=tmp_path / "planned.csv", beside={})
     with pytest.raises(OverwriteError, match="is no folder of a capture; nothing is written over it"):
-        open_folder(tmp_path, rig, rig.channels, 1, tmp_path / "planned.csv", {})
+        open_folder(tmp_path, rig, rig.channels, 1, planned=tmp_path / "planned.csv", beside={})
     moved = POSES.copy()
     moved[2, 0] += 1.0
     write_inputs(tmp_path / "other", rig, moved)
     with pytest.raises(FileFormatError, match="pose '3' is another than in"):
-        open_folder(tmp_path / "cal", rig, rig.channels, 1, tmp_path / "other" / "planned.csv", {})
+        open_folder(tmp_path / "cal", rig, rig.channels, 1, planned=tmp_path / "other" / "planned.csv", beside={})
     assert bench.read == []
 
 

@@ -40,12 +40,12 @@ def read(sources: Sequence[Source]) -> Listing:
     unread: list[Unread] = []
     frames = {"base": np.array(IDENTITY)}
     for k, source in enumerate(sources):
-        _Reader(k, source, targets, unread, frames).read()
+        _Reader(k, source, targets, unread, frames=frames).read()
     return Listing(tuple(sources), tuple(targets), frames, tuple(unread))
 
 
 class _Reader:
-    def __init__(self, k: int, source: Source, targets: list[Target], unread: list[Unread], frames: dict[str, FloatArray]) -> None:
+    def __init__(self, k: int, source: Source, targets: list[Target], unread: list[Unread], *, frames: dict[str, FloatArray]) -> None:
         self.k, self.source, self.targets, self.unread, self.frames = k, source, targets, unread, frames
         self.text = masked(source.text, "#", "\"'")
         self.named: dict[str, tuple[bool, Span]] = {}
