@@ -11,13 +11,12 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.report import html
 from lmeasure.robots.identify import Identified
-from lmeasure.robots.serial_robot import SerialRobot
 
 ARROWS = 0.1
 """Of the measured places' extent: length at which the largest error is drawn."""
 
 
-def write_robot_page(path: Path, found: Identified[SerialRobot], record: dict[str, Any]) -> None:
+def write_robot_page(path: Path, found: Identified[Any], record: dict[str, Any]) -> None:
     """Write a self-contained HTML page of the identification, whole or not at all."""
     used = found.kept & found.rows.placed
     before, after = found.nominal_errors_mm()[used], found.errors_mm()[used]
@@ -101,7 +100,7 @@ def _errors(places: FloatArray, before: FloatArray, after: FloatArray, *, with_c
     ]
 
 
-def _by_joint(found: Identified[SerialRobot], rows: Any, after: FloatArray) -> list[str]:
+def _by_joint(found: Identified[Any], rows: Any, after: FloatArray) -> list[str]:
     """Residuals across each joint's own direction of motion, against its value: what a joint does wrong shows as a wave."""
     of = found.rows.of(rows)
     state = found.state

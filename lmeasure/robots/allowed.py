@@ -46,6 +46,11 @@ class Allowed:
         """(N,) whether joint values (N, n) are allowed."""
         low, high = self.robot.limits
         flange = self.robot.forward(joints)
+        there = ~np.isnan(flange).any(axis=1)
+        if not there.all():  # legs of lengths that no pose has
+            out = np.zeros(len(joints), np.bool_)
+            out[there] = self(joints[there]) if there.any() else False
+            return out
         target = se3.compose(flange, np.broadcast_to(self.tool, flange.shape))
         good = np.asarray(((joints >= low) & (joints <= high)).all(axis=1) & np.isfinite(target).all(axis=1))
         body = self._body(joints, flange, target)

@@ -40,6 +40,11 @@ class GivenPoses:
         return np.zeros(1), np.full(1, len(self.poses) - 1.0)
 
     @property
+    def reach_mm(self) -> float:
+        """Not known."""
+        return float("inf")
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """None."""
         return ()

@@ -11,15 +11,14 @@ from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.robots.identify import Finding, Identified, Prediction
 from lmeasure.robots.judged import HeldOut, Worth
-from lmeasure.robots.robot import Place, Robot
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.robot import AnyRobot, Place
 from lmeasure.robots.told import determined, silent_directions, unknown_frames
 
 SCHEMA = "lmeasure.identified/1"
 
 
 def record(
-    found: Identified[SerialRobot],
+    found: Identified[Any],
     inputs: Sequence[Path],
     held: HeldOut | None,
     curve: Sequence[tuple[int, float, float, float]],
@@ -80,7 +79,7 @@ def write_record(path: Path, content: dict[str, Any]) -> None:
     files.write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def corrected(robot: Robot, found: Identified[SerialRobot]) -> Robot:
+def corrected(robot: AnyRobot, found: Identified[Any]) -> AnyRobot:
     """The robot with the values that were found, and its first target as its tool."""
     values = {p.name: p.value for p in found.state.robot.parameters}
     names = {p.name for p in found.fit.problem.unknowns.own}
@@ -94,7 +93,7 @@ def prediction_columns(names: Sequence[str], predicted: Prediction) -> dict[str,
     return {"name": list(names), **place, "u95_mm": predicted.u95_mm}
 
 
-def summary(found: Identified[SerialRobot], held: HeldOut | None, findings: Sequence[Finding]) -> list[str]:
+def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Finding]) -> list[str]:
     """What a person is told, line by line."""
     before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
     lines = []
@@ -113,11 +112,11 @@ def summary(found: Identified[SerialRobot], held: HeldOut | None, findings: Sequ
     return [*lines, *(f"warning {f.code}: {f.text}" for f in findings)]
 
 
-def _rotation_noise(found: Identified[SerialRobot]) -> float | None:
+def _rotation_noise(found: Identified[Any]) -> float | None:
     return float(np.degrees(found.noise.rotation_rad)) if found.rows.oriented.any() and found.tells_noise else None
 
 
-def _residuals(found: Identified[SerialRobot]) -> list[dict[str, Any]]:
+def _residuals(found: Identified[Any]) -> list[dict[str, Any]]:
     rows, errors = found.rows, found.errors_mm()
     lengths = found.fit.problem.unknowns.residuals(found.fit.x, rows)[:, 3]
     out = []

@@ -149,8 +149,9 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     uncertainty of that.
     """
     settings = settings or Settings()
+    rows, findings = _reached(robot, rows)
     kept = np.ones(len(rows), np.bool_)
-    findings = list(_copies(rows, kept)) + list(_beyond_limits(robot, rows))
+    findings += _copies(rows, kept) + _beyond_limits(robot, rows)
     frames = find_frames(robot.forward(rows.joints, rows.side), rows, settings.seed)
     unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows)
     begin = Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
@@ -220,11 +221,21 @@ def predict(
     return Prediction(found.state.predicted(rows), covariance, wider * radii_95(covariance))
 
 
+def _reached(robot: R, rows: Measurements) -> tuple[Measurements, list[Finding]]:
+    """The rows whose joint values lead to a pose; the others are named and left out. RobotError where none does."""
+    lost = np.isnan(robot.forward(rows.joints, rows.side)).any(axis=1)
+    text = "no pose has these joint values; it is set aside"
+    found = [Finding("row-out-of-reach", f"{rows.where(i)}: {text}", rows.names[i]) for i in np.flatnonzero(lost).tolist()]
+    if lost.all():
+        raise RobotError(f"{rows.where(0)}, and all others: no pose of robot {robot.name!r} has these joint values")
+    return (rows.of(np.flatnonzero(~lost)) if lost.any() else rows), found
+
+
 def _copies(rows: Measurements, kept: BoolArray) -> list[Finding]:
     out = []
     for row, earlier in repeated(rows):
         kept[row] = False
-        of = f"row {row + 1} ({rows.names[row]}): the copy of row {earlier + 1} ({rows.names[earlier]}), and used once"
+        of = f"{rows.where(row)}: the copy of {rows.where(earlier)}, and used once"
         out.append(Finding("duplicate", of, rows.names[row]))
     return out
 
@@ -237,7 +248,7 @@ def _beyond_limits(robot: R, rows: Measurements) -> list[Finding]:
         row = int(np.argmax(beyond[:, j]))
         value, unit = (rows.joints[row, j], "mm") if robot.sliding[j] else (np.degrees(rows.joints[row, j]), "deg")
         count = int(beyond[:, j].sum())
-        text = f"{robot.joint_names[j]}: {count} rows lie beyond its limits, the first {rows.names[row]} at {value:.6g} {unit}"
+        text = f"{robot.joint_names[j]}: {count} rows lie beyond its limits, the first {rows.where(row)} at {value:.6g} {unit}"
         out.append(Finding("limits", text, robot.joint_names[j], float(value)))
     return out
 
@@ -283,8 +294,15 @@ def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray) -> tuple
 
 def _outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> list[Finding]:
     out = []
-    predicted = fit.problem.unknowns.state(fit.x).predicted(rows)
-    for row in np.flatnonzero(kept & ~used):
+    state = fit.problem.unknowns.state(fit.x)
+    predicted = state.predicted(rows)
+    reach = state.robot.reach_mm + np.linalg.norm(state.targets[:, :3], axis=1)
+    away = np.linalg.norm(rows.position - state.base[:3], axis=1)
+    for row in np.flatnonzero(kept & ~used).tolist():
+        if rows.placed[row] and away[row] > reach[rows.target_of[row]]:
+            text = f"{rows.where(row)}: {away[row]:.0f} mm from the robot's base, which reaches {reach[rows.target_of[row]]:.0f} mm"
+            out.append(Finding("row-out-of-reach", f"{text}; it is set aside", rows.names[row], float(away[row])))
+            continue
         if rows.placed[row]:
             off = float(np.linalg.norm(rows.position[row] - predicted[row, :3]))
             said = f"was measured {off:.3g} mm from where the others put it"
@@ -294,5 +312,5 @@ def _outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray)
         else:
             off = float(np.abs(fit.problem.unknowns.residuals(fit.x, rows)[row]).max())
             said = f"its length is {off:.3g} mm from what the others say"
-        out.append(Finding("outlier", f"row {rows.names[row]}: {said}; it is set aside", rows.names[row], off))
+        out.append(Finding("outlier", f"{rows.where(row)}: {said}; it is set aside", rows.names[row], off))
     return out

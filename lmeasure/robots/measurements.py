@@ -37,6 +37,12 @@ class Measurements:
     covariance: FloatArray
     stated: tuple[bool, bool]
     systematic: FloatArray
+    lines: tuple[int, ...] = ()
+    """Of the file that they are from, one for each row; none where they are from none."""
+
+    def where(self, row: int) -> str:
+        """A row for a person: its name, and its line in the file."""
+        return f"row {self.names[row]}" + (f" (line {self.lines[row]})" if self.lines else "")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -69,7 +75,7 @@ class Measurements:
         """These rows alone; targets and stations keep their numbers."""
         many = ("joints", "side", "target_of", "station_of", "position", "quaternion", "length_mm", "covariance", "systematic")
         parts = {key: getattr(self, key)[rows] for key in many}
-        return replace(self, names=tuple(self.names[i] for i in rows), **parts)
+        return replace(self, names=tuple(self.names[i] for i in rows), lines=tuple(self.lines[i] for i in rows if self.lines), **parts)
 
     def with_uncertainty(self, u_position_mm: float | None = None, u_rotation_rad: float | None = None) -> "Measurements":
         """With these standard uncertainties of all rows; None leaves what there is."""

@@ -8,6 +8,7 @@ several times smaller. Two slips are found one after the other.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from lmeasure.robots.frame_start import find_frames
 from lmeasure.robots.identify import Finding
 from lmeasure.robots.inverse import reach_mm
 from lmeasure.robots.measurements import Measurements, sides
-from lmeasure.robots.robot import Revolute, Robot
+from lmeasure.robots.platform import PlatformFile
+from lmeasure.robots.robot import AnyRobot, Revolute, Robot
 
 SUSPECT_MM, SUSPECT_PART = 8.0, 0.004
 """Misfit, absolutely and in parts of how far the measured places spread, from which slips are looked for."""
@@ -30,20 +32,20 @@ SPREAD = 0.003, 2.0
 """Of measured places, in parts of the reach: what a robot can do."""
 ENOUGH = 80
 """Rows that are tried; more tell nothing more about a slip."""
-_Slip = Callable[[Robot, Measurements], tuple[Robot, Measurements]]
+_Slip = Callable[[Any, Measurements], tuple[Any, Measurements]]
 
 
 @dataclass(frozen=True)
 class Mended:
     """A robot and measurements with the slips undone that `findings` name, and `joints`, which does the same to other joint values."""
 
-    robot: Robot
+    robot: AnyRobot
     rows: Measurements
     findings: tuple[Finding, ...]
     joints: Callable[[FloatArray], FloatArray]
 
 
-def mended(robot: Robot, rows: Measurements, seed: int = 0) -> Mended:
+def mended(robot: AnyRobot, rows: Measurements, seed: int = 0) -> Mended:
     """The robot and its measurements without the slips that explain why they do not fit; unchanged where nothing explains it."""
     some = rows.of(np.unique(np.linspace(0, len(rows) - 1, min(ENOUGH, len(rows))).round().astype(int)))
     findings: list[Finding] = []
@@ -80,11 +82,16 @@ def mended(robot: Robot, rows: Measurements, seed: int = 0) -> Mended:
     return Mended(robot, rows, tuple(findings), joints)
 
 
-def _misfit(robot: Robot, rows: Measurements, seed: int) -> float:
+def _misfit(robot: AnyRobot, rows: Measurements, seed: int) -> float:
     """Rms of the rows with the robot as it is, in units from which slips are looked for."""
     try:
         model = robot.model
-        frames = find_frames(model.forward(rows.joints, rows.side), rows, seed)
+        flange = model.forward(rows.joints, rows.side)
+        there = np.flatnonzero(~np.isnan(flange).any(axis=1))
+        if len(there) <= 0.5 * len(rows):
+            return math.inf
+        rows = rows.of(there)
+        frames = find_frames(flange[there], rows, seed)
     except (RobotError, np.linalg.LinAlgError):
         return math.inf
     measured = rows.position[rows.placed] if rows.placed.any() else rows.length_mm[rows.ranged, None]
@@ -93,20 +100,47 @@ def _misfit(robot: Robot, rows: Measurements, seed: int) -> float:
     return frames.rms_mm / (SUSPECT_PART * max(spread, 1e-9)) if frames.rms_mm > SUSPECT_MM else 0.5 * frames.rms_mm / SUSPECT_MM
 
 
-def _impossible(robot: Robot, rows: Measurements) -> bool:
+def _impossible(robot: AnyRobot, rows: Measurements) -> bool:
     """Whether the places spread farther than the robot reaches, or hardly at all."""
     if not rows.placed.any():
         return False
-    part = float(np.linalg.norm(rows.position[rows.placed].std(axis=0))) / reach_mm(robot.arm)
+    part = float(np.linalg.norm(rows.position[rows.placed].std(axis=0))) / _size(robot)
     return not SPREAD[0] < part < SPREAD[1]
+
+
+def _size(robot: AnyRobot) -> float:
+    """How far its places can spread [mm]."""
+    if isinstance(robot, Robot):
+        return reach_mm(robot.arm)
+    return float(np.ptp(np.array([[leg.min_mm, leg.max_mm] for leg in robot.leg])) + np.linalg.norm(robot.tool_pose[:3]))
+
+
+def _of_platform(robot: PlatformFile) -> Iterator[tuple[Finding, _Slip]]:
+    names = [leg.name for leg in robot.leg]
+    for i, name in enumerate(names):
+        for k in range(i + 1, len(names)):
+            text = f"the values of {name} and {names[k]} are swapped in the measurements; they are put right"
+            yield Finding("swapped", text, f"{name}, {names[k]}"), _values_swapped(i, k)
+    for factor, said in ((1e3, "metres"), (25.4, "inches")):
+        text = f"the joint values are {said} where their columns say millimetres; they are taken as {said}"
+        yield Finding("units", text, "joints"), _lengths_times(factor)
+        text = f"the measured places are {said} where they are said to be millimetres; they are taken as {said}"
+        yield Finding("units", text, "measurements"), _places_times(factor)
+
+
+def _lengths_times(factor: float) -> _Slip:
+    return lambda robot, rows: (robot, _with_joints(rows, rows.joints * factor))
 
 
 def _sign(name: str) -> Finding:
     return Finding("sign", f"{name} counts the other way than the nominal robot says; its sign is turned", name)
 
 
-def _slips(robot: Robot, rows: Measurements) -> Iterator[tuple[Finding, _Slip]]:
+def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Finding, _Slip]]:
     """Every slip that is tried, with what is said of it."""
+    if not isinstance(robot, Robot):
+        yield from _of_platform(robot)
+        return
     names = [j.name for j in robot.joint]
     turning = np.array([isinstance(j, Revolute) for j in robot.joint])
     for i, name in enumerate(names):
@@ -125,7 +159,7 @@ def _slips(robot: Robot, rows: Measurements) -> Iterator[tuple[Finding, _Slip]]:
         yield Finding("units", text, "joints"), _joints_times(math.pi / 180.0)
         text = "the nominal robot's angles are radians where their names say degrees; they are taken as radians"
         yield Finding("units", text, "robot"), _robot_times(1.0, 180.0 / math.pi)
-    likely = SMALLEST_MM < reach_mm(robot.arm) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
+    likely = SMALLEST_MM < _size(robot) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
     for factor, said in ((1e3, "metres"), (1e-3, "micrometres"), (25.4, "inches")):
         if likely:
             text = f"the measured places are {said} where they are said to be millimetres; they are taken as {said}"

@@ -52,6 +52,11 @@ class RobotModel(Protocol):
         """All of them, freed or not."""
         ...
 
+    @property
+    def reach_mm(self) -> float:
+        """How far from its base the flange can be [mm]; infinity where that is not known."""
+        ...
+
     def moved(self, change: FloatArray) -> Self:
         """The robot with (p,) added to its parameters, in the robot's own numbers (rad, mm)."""
         ...

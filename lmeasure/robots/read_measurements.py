@@ -1,6 +1,7 @@
 """Measurements of a robot from a file: measurements.csv of the contract, or anybody's table with --columns."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,6 @@ from lmeasure.errors import FileFormatError
 from lmeasure.foreign import Column, ForeignTable
 from lmeasure.robots.measurements import Measurements, measured
 from lmeasure.robots.model import RobotModel
-
-UNIT_TOLERANCE = 1e-3
-"""Of a quaternion's length: other programs write four digits."""
 
 
 def read_measurements(
@@ -31,8 +29,9 @@ def read_measurements(
     names = table.text("name") if table.find("name") else [str(i + 1) for i in range(n)]
     names = [name or str(i + 1) for i, name in enumerate(names)]
     target = table.text("target") if table.find("target") else None
+    lines = tuple(table.lines)
     if joints_alone:
-        return measured(joints, names=names, target=target)
+        return replace(measured(joints, names=names, target=target), lines=lines)
     length = table.numbers("length", "mm", gaps=True) if table.find("length", "mm") else np.full(n, np.nan)
     position = np.full((n, 3), np.nan)
     if table.find("x", "mm") or np.isnan(length).any():
@@ -43,16 +42,9 @@ def read_measurements(
     if neither.any():
         what = "has neither x, y, z nor length" if np.isnan(length[np.argmax(neither)]) else "has both x, y, z and length"
         raise FileFormatError(f"{path}: row {names[int(np.argmax(neither))]} {what}")
-    quaternion = None
-    if table.find("qx"):
-        quaternion = np.column_stack([table.numbers(c, gaps=True) for c in conventions.QUATERNION_COLUMNS])
+    quaternion = table.orientation(gaps=True)
+    if quaternion is not None:
         _whole(path, quaternion, names, "qx, qy, qz, qw")
-        size = np.linalg.norm(quaternion, axis=1)
-        bad = np.abs(size - 1.0) > UNIT_TOLERANCE
-        if bad.any():
-            i = int(np.argmax(bad))
-            raise FileFormatError(f"{path}: row {names[i]}: the quaternion's length is {size[i]:.9g}, not 1")
-        quaternion = quaternion / size[:, None]
     station = None
     if not np.isnan(length).all():
         station = table.text("station")
@@ -69,7 +61,7 @@ def read_measurements(
                 f"{path}: row {names[row]}, column {column.name if column else key!r}: a standard uncertainty is negative"
             )
     turn = u["u_rotation"]
-    return measured(
+    found = measured(
         joints,
         position,
         quaternion,
@@ -80,6 +72,7 @@ def read_measurements(
         u_position_mm=u["u_position"],
         u_rotation_rad=None if turn is None else np.radians(turn),
     )
+    return replace(found, lines=lines)
 
 
 def _joint(table: ForeignTable, i: int, name: str, slides: bool) -> FloatArray:

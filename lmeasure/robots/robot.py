@@ -3,7 +3,7 @@
 import math
 from importlib.resources import files as resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -16,6 +16,9 @@ from lmeasure.errors import RobotError
 from lmeasure.poses import UNIT_TOLERANCE
 from lmeasure.robots.serial import SerialArm
 from lmeasure.robots.serial_robot import GRAVITY_M_S2, SerialRobot
+
+if TYPE_CHECKING:
+    from lmeasure.robots.platform import PlatformFile
 
 SCHEMA = "lmeasure.robot/1"
 _SHIPPED = resources("lmeasure.robots").joinpath("shipped")
@@ -205,19 +208,27 @@ class Robot(Strict):
         return self.model_copy(update={"joint": tuple(j.model_copy(update=of.get(j.name, {})) for j in self.joint)})
 
 
-def robot_from_dict(data: dict[str, Any], source: str = "robot") -> Robot:
-    """A checked robot; RobotError names the source and the key."""
+AnyRobot: TypeAlias = "Robot | PlatformFile"
+"""A robot.toml of any kind."""
+
+
+def robot_from_dict(data: dict[str, Any], source: str = "robot") -> "AnyRobot":
+    """A checked robot of the kind that is stated; RobotError names the source and the key."""
+    from lmeasure.robots.platform import PlatformFile
+
     if "schema" not in data:
         raise RobotError(f"{source}: schema: is missing; this program reads {SCHEMA!r}")
+    if data.get("kind") in ("hexapod", "cables"):
+        return checked(data, PlatformFile, source, RobotError)
     return checked(data, Robot, source, RobotError)
 
 
-def read_robot(path: Path) -> Robot:
+def read_robot(path: Path) -> "AnyRobot":
     """Read and check a robot.toml; RobotError names the file and the key."""
     return robot_from_dict(files.read_toml(path), str(path))
 
 
-def write_robot(path: Path, robot: Robot) -> None:
+def write_robot(path: Path, robot: "AnyRobot") -> None:
     """Write a robot.toml, whole or not at all."""
     files.write_toml(path, robot.to_dict())
 
@@ -231,8 +242,20 @@ def shipped_names() -> tuple[str, ...]:
     )
 
 
-def shipped(name: str) -> Robot:
+def any_shipped(name: str) -> "AnyRobot":
     """A robot that comes along, by its name; RobotError names those that there are."""
     if name not in shipped_names():
         raise RobotError(f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
     return read_robot(Path(str(_SHIPPED.joinpath(f"{name}.toml"))))
+
+
+def shipped(name: str) -> Robot:
+    """A serial arm that comes along, by its name."""
+    return serial(any_shipped(name), name)
+
+
+def serial(robot: "AnyRobot", source: str) -> Robot:
+    """The robot where it is a serial arm; RobotError where it is none."""
+    if not isinstance(robot, Robot):
+        raise RobotError(f"{source}: is a robot of kind {robot.kind!r}; a serial arm is needed here")
+    return robot

@@ -13,7 +13,7 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.robots.inverse import solutions
+from lmeasure.robots.inverse import reach_mm, solutions
 from lmeasure.robots.model import Parameter
 from lmeasure.robots.serial import ALPHA, BETA, OFFSET, A, D, SerialArm
 
@@ -75,6 +75,11 @@ class SerialRobot:
     def limits(self) -> tuple[FloatArray, FloatArray]:
         """(n,) least and largest joint values."""
         return self.arm.low, self.arm.high
+
+    @property
+    def reach_mm(self) -> float:
+        """How far from its base the flange can be [mm]."""
+        return reach_mm(replace(self.arm, tool=_HERE)) + float(np.linalg.norm(self.arm.foot[:3]))
 
     @property
     def parallel(self) -> BoolArray:

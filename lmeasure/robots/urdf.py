@@ -17,7 +17,7 @@ from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
 from lmeasure.opened import read_regular
-from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Prismatic, Robot, robot_from_dict
+from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Prismatic, Robot, robot_from_dict, serial
 from lmeasure.robots.serial_robot import NEARLY_PARALLEL
 
 LARGEST = 1 << 24
@@ -72,7 +72,7 @@ def read_urdf(path: Path, tip: str | None = None) -> Robot:
         tables.append(table)
     data: dict[str, object] = {"schema": "lmeasure.robot/1", "name": _name(root.get("name") or "robot"), "joint": tables}
     data |= {key: _place(pose) for key, pose in (("base", foot), ("tool", left)) if not np.allclose(pose, _HERE, rtol=0, atol=1e-12)}
-    return robot_from_dict(data, str(path))
+    return serial(robot_from_dict(data, str(path)), str(path))
 
 
 def write_urdf(path: Path, robot: Robot) -> None:

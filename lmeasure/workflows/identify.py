@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
@@ -11,8 +11,7 @@ from lmeasure.workflows.settings import Asked, Names, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.robots.identify import Identified
-    from lmeasure.robots.robot import Robot
-    from lmeasure.robots.serial_robot import SerialRobot
+    from lmeasure.robots.robot import AnyRobot
 
 MAPPING = "NAME=COLUMN[UNIT],..."
 
@@ -21,7 +20,7 @@ class Settings(Asked):
     """What `lmeasure identify` is asked."""
 
     robot: Annotated[
-        str, option("The nominal robot: a name (generic6, generic7, puma560, ur5), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")
+        str, option("The nominal robot: a name (such as ur5, generic7, gough), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")
     ]
     measurements: Annotated[Path, option("Joint values and what was measured at them (docs/identification.md).", metavar="FILE")]
     out: Annotated[Path, option("Folder for identified.json, robot.toml, robot.urdf and report.html.")]
@@ -45,7 +44,7 @@ class Settings(Asked):
 
 
 @workflow("identify")
-def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[SerialRobot]]":
+def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[Any]]":
     """Identify, and write record, robot, page and predictions."""
     import numpy as np
 
@@ -57,7 +56,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
     from lmeasure.robots.identify import Settings as Chosen
     from lmeasure.robots.mistaken import mended
     from lmeasure.robots.read_measurements import read_measurements
-    from lmeasure.robots.robot import write_robot
+    from lmeasure.robots.robot import Robot, write_robot
     from lmeasure.robots.urdf import write_urdf
 
     unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]
@@ -100,19 +99,21 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[S
         joints = mend.joints(asked.joints)
         files.write_table(out / "predictions.csv", identified.prediction_columns(asked.names, predict(found, joints, of)))
     write_robot(out / "robot.toml", result)
-    write_urdf(out / "robot.urdf", result)
+    if isinstance(result, Robot):
+        write_urdf(out / "robot.urdf", result)
     write_robot_page(out / "report.html", found, record)
     identified.write_record(out / "identified.json", record)
-    names = ["identified.json", "robot.toml", "robot.urdf", "report.html", *(["predictions.csv"] if asked is not None else [])]
+    urdf = ["robot.urdf"] if isinstance(result, Robot) else []  # which has words for serial arms alone
+    names = ["identified.json", "robot.toml", *urdf, "report.html", *(["predictions.csv"] if asked is not None else [])]
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
     told = tuple(f"{f.code}: {f.text}" for f in findings)
     return Result(found, (*identified.summary(found, held, findings), written), figures, told)
 
 
-def nominal(name: str, tip: str | None = None) -> "Robot":
+def nominal(name: str, tip: str | None = None) -> "AnyRobot":
     """A robot by the name under which it comes along, or from a robot.toml or .urdf."""
-    from lmeasure.robots.robot import read_robot, shipped, shipped_names
+    from lmeasure.robots.robot import any_shipped, read_robot, shipped_names
     from lmeasure.robots.urdf import read_urdf
 
     path = Path(name)
@@ -120,4 +121,4 @@ def nominal(name: str, tip: str | None = None) -> "Robot":
         return read_urdf(path, tip)
     if not path.suffix and name not in shipped_names():
         raise SettingsError("robot", f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
-    return read_robot(path) if path.suffix else shipped(name)
+    return read_robot(path) if path.suffix else any_shipped(name)

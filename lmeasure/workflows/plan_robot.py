@@ -67,6 +67,7 @@ def run_robot(settings: "Settings", progress: Progress) -> "Result[Plan]":
     else:
         joints, names = allowed.candidates(CANDIDATES, settings.seed), []
         joints = _typed(joints, model.sliding)
+        joints = joints[allowed(joints)]
     progress(0.3, "choosing")
     u = settings.u_position_mm or U_MM
     plan = planned(to_plan(model, settings.free, stands, sits, joints=joints), joints, joints, settings.poses, u_mm=u, seed=settings.seed)
