@@ -80,7 +80,7 @@ class Run(Shown):
     @property
     def known_start(self) -> FloatArray:
         """(7,) the start pose; TrajectoryError, which says what to do, where it is unknown."""
-        return _known(self.start, self.passes[0].source if self.passes else "")
+        return known(self.start, self.passes[0].source if self.passes else "")
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,11 @@ class RunHead:
     @property
     def known_start(self) -> FloatArray:
         """As that of `Run`."""
-        return _known(self.start, str(self.counts[0]))
+        return known(self.start, str(self.counts[0]))
 
 
-def _known(start: FloatArray | None, source: str) -> FloatArray:
+def known(start: FloatArray | None, source: str) -> FloatArray:
+    """(7,) the start pose; TrajectoryError, which names the source, where it is unknown."""
     if start is None:
         run = f"{source}: " if source else ""
         raise TrajectoryError(

@@ -29,6 +29,7 @@ from lmeasure.kernels.screw import (
 )
 from lmeasure.kernels.vector import add, cross, norm, rotate
 
+SEARCH_STEPS = 60
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
 LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
 
@@ -104,6 +105,67 @@ def _solve(
             return OK, iteration
         previous = step
     return NOT_CONVERGED, MAX_ITERATIONS
+
+
+@kernel
+def _cost(r: FloatArray) -> float:
+    s = 0.0
+    for j in range(len(r)):
+        s += r[j] * r[j]
+    return s
+
+
+@kernel
+def search(cables: FloatArray, targets: FloatArray, u: FloatArray, free: IntArray, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Poses (n, 7) at which readings of channels, rows (m, columns), fit targets (m,) of standard uncertainties u (m,) best, each sought
+    from its start (n, 7) by damped steps (Levenberg and Marquardt), and chi squared (n,), infinite where none was reached."""
+    n, m, f, size = len(starts), cables.shape[0], len(free), platform_size(cables)
+    poses, chi = starts.copy(), np.full(n, math.inf)
+    A, r, N, damped, b, twist, pose = (
+        np.empty((m, f)), np.empty(m), np.empty((f, f)), np.empty((f, f)), np.empty((f, 1)), np.zeros(6), np.empty(POSE_COLUMNS),
+    )  # fmt: skip
+    weights = 1.0 / u
+    for i in range(n):
+        damping, fine = 1e-3, _fill(cables, poses[i], targets, weights, free, size, A, r)
+        cost = _cost(r)
+        for _ in range(SEARCH_STEPS):
+            if not fine:
+                break
+            _normal(A, N)
+            # pivots are held against 1
+            scale = 1.0 / max(np.abs(A).max(), 1e-300)
+            for a in range(f):
+                b[a, 0] = 0.0
+                for j in range(m):
+                    b[a, 0] += A[j, a] * r[j] * scale * scale
+                for c in range(f):
+                    damped[a, c] = N[a, c] * scale * scale
+                damped[a, a] *= 1.0 + damping
+                damped[a, a] += 1e-18
+            if eliminate(damped, b) == 0.0:
+                break
+            step = 0.0
+            for c in range(f):
+                twist[free[c]] = b[c, 0]
+                step = max(step, abs(b[c, 0]))
+            copy(poses[i], pose)
+            displace(pose, twist, size)
+            fine = _fill(cables, pose, targets, weights, free, size, A, r)
+            now = _cost(r)
+            if fine and now <= cost:
+                copy(pose, poses[i])
+                done = step < 1e-6
+                cost, damping = now, max(0.1 * damping, 1e-12)
+                if done:
+                    chi[i] = cost
+                    break
+            else:
+                fine = _fill(cables, poses[i], targets, weights, free, size, A, r)
+                damping *= 10.0
+                if damping > 1e12:
+                    chi[i] = cost
+                    break
+    return poses, chi
 
 
 @kernel

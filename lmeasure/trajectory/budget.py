@@ -8,6 +8,7 @@ follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). Wh
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,11 +28,15 @@ from lmeasure.rig import Rig
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.corrections import Correction
 from lmeasure.trajectory.scheme import Scheme
-from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, unknown_zeros, zero_phase
+from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, unknown_start, unknown_zeros, zero_phase
 from lmeasure.unsolved import CALIBRATIONS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
 
+if TYPE_CHECKING:
+    from lmeasure.trajectory.origins import Told
+
 CALIBRATION = "calibration"
+ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
 SAMPLED = 64  # poses of a piece at which what is taken as exact is looked at
@@ -86,8 +91,11 @@ class Budget:
         repeatability_mm: float = 0.0,
         correction: Correction | None = None,
         temperature_c: float | None = None,
+        unknown: bool = False,
     ) -> None:
         self.correction = correction
+        self.told: Told | None = None
+        """What the run told of its origins."""
         self.rig, self._calibration, self._temperature_c = rig, calibration, temperature_c
         # where the point itself is measured its place in the tool frame does not enter
         self._exact = [
@@ -97,10 +105,7 @@ class Budget:
         ]
         observed, self._cables = rig.observed, len(rig.cable)
         self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
-        self.length_variance = length_variance(rig, observed)
-        """(m,) [mm^2, rad^2] of a single reading, the zero phase included: what readings are weighed and told apart by."""
-        self.weights = np.sqrt(self.length_variance[: self._cables].min() / self.length_variance)
-        """(m,) of readings against each other, about 1 of lengths."""
+        self._before = length_variance(rig, observed)
         self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
         """(m,) whether a channel's readings are counted from no pose."""
         # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
@@ -134,8 +139,10 @@ class Budget:
             Source(parameters, (DIMENSIONS,) * bool(dimensions.shape[1]), lambda at: self._parameter_lengths(at.poses, at.counts)),
             Source(("start pose",) * self._start_lengths.shape[1], ("the start pose",), lambda _: self._start_lengths),
         )
+        start_columns = unknown_start(rig, self.absolute) if unknown else Source((), (), lambda _: np.empty((0, 0)))
         by_length = (
             self._phase,
+            start_columns,
             Source((*late, *places), ("the passes",), self._pass_lengths),
             Source(physical, (PHYSICAL,), self._physical_lengths),
             Source(of_drums, tuple(dict.fromkeys(of_drums)), self._drum_lengths),
@@ -144,11 +151,49 @@ class Budget:
         )
         self.by_length = tuple(source for source in by_length if source.names)
         """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""
-        self.every = (*(source for source in moved if source.names), *self.by_length)
-        """All sources of systematic error."""
+        every = (*(source for source in moved if source.names), *self.by_length)
+        self.origins = tuple(source for source in every if source in (moved[1], self._phase, start_columns, by_length[-1]))
+        """The sources of what the channels count from."""
+        self.every = (*(source for source in every if source not in self.origins), *self.origins)
+        """All sources of systematic error, the origins last."""
         self.sources = tuple(name for source in self.every for name in source.names)
         self.uniform = tuple(source.uniform for source in self.every for _ in source.names)
         self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
+
+    @property
+    def length_variance(self) -> FloatArray:
+        """(m,) [mm^2, rad^2] of a single reading, the zero phase included where the run has not told it: what readings are weighed and told
+        apart by."""
+        return self._before if self.told is None else self.variance
+
+    @property
+    def weights(self) -> FloatArray:
+        """(m,) of readings against each other, about 1 of lengths."""
+        return np.asarray(np.sqrt(self.length_variance[: self._cables].min() / self.length_variance))
+
+    def use(self, told: "Told | None") -> None:
+        """Take what a run told of its origins from now on, or forget it."""
+        self.told = told
+        mixed = () if told is None else self.origins
+        self.sources = tuple(ORIGINS if source in mixed else name for source in self.every for name in source.names)
+        self.uniform = tuple(source.uniform and source not in mixed for source in self.every for _ in source.names)
+
+    @property
+    def origin_names(self) -> tuple[str, ...]:
+        """(o,) what the variables of the origins stand for."""
+        return tuple(name for source in self.origins for name in source.names)
+
+    def origin_lengths(self, time_s: FloatArray) -> FloatArray:
+        """(n, m, o) errors of the readings at times (n,) by the variables of the origins, as they were before a run told of them."""
+        n, m = len(time_s), len(self.scheme.rows)
+        nowhere = Situation(time_s, np.empty((n, 0)), np.empty((n, m)), np.empty((n, m)))
+        return self._lengths_of(nowhere, self.origins)
+
+    def offsets(self, time_s: FloatArray) -> FloatArray:
+        """(n, m) by which readings at times (n,) are too large by what the run told of its origins."""
+        if self.told is None:
+            return np.zeros((1, len(self.scheme.rows)))
+        return np.asarray(self.origin_lengths(time_s) @ self.told.mean)
 
     @property
     def calibrated(self) -> bool:
@@ -181,7 +226,11 @@ class Budget:
         return PoseCovariances(own, factors, self.sources, self.uniform)
 
     def lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
-        """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources."""
+        """(n, m, K) errors of the lengths [mm] by one standard deviation of each variable of these sources; of all, as a run told."""
+        lengths = self._lengths_of(situation, sources)
+        return lengths if self.told is None or sources is not self.every else np.asarray(lengths @ self.told.mix)
+
+    def _lengths_of(self, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
         n, m = situation.counts.shape
         every = [np.empty((n, m, 0))]
         for source in sources:
@@ -211,8 +260,8 @@ class Budget:
         random, systematic = np.empty((len(poses), 6, 6)), np.empty((len(poses), 6, 6))
         speed_mm_s, u_mm = self.speed_mm_s(lengths), lengths.u_mm
         # each counter zeroed by itself, and all anywhere: the phases scatter as the counts do, and cost nothing
-        alike = u_mm is None and len(self._phase.names) == len(self.variance)
-        sources = tuple(source for source in self.every if not (alike and source is self._phase))
+        alike = self.told is None and u_mm is None and len(self._phase.names) == len(self.variance)
+        sources = tuple(source for source in self.every if source is not self._phase) if alike else self.every
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
             own_mm = None if u_mm is None else u_mm[part]

@@ -342,20 +342,25 @@ def _joined(pieces: list[Epochs]) -> Epochs:
     return Epochs(**{name: of(name) for name in Epochs.__dataclass_fields__})  # type: ignore[arg-type]
 
 
-def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before: Doubts) -> Doubts:
-    """What is in doubt of a run, given the lengths of one piece after the other as they are used by what is known before."""
-    scheme, redundancy = reconstruction.scheme, reconstruction.redundancy
-    if redundancy is None:
-        return before
+def collected(reconstruction: Reconstruction, pieces: Iterable[Lengths]) -> tuple[Epochs, int]:
+    """The epochs of a run whose channels are redundant, and how many samples it has."""
+    redundancy = reconstruction.redundancy
+    assert redundancy is not None
     finder = EpochFinder(redundancy)
     for lengths, poses, chi_squared, travel in reconstruction.examined(pieces):
         finder.add(redundancy.epochs(lengths, travel), poses, chi_squared)
-    epochs = finder.epochs()
+    return finder.epochs(), finder.samples
 
-    def solve(changes: FloatArray) -> FloatArray:
-        return reconstruction.solve(scheme.rows, reconstruction.start, changes, np.zeros(len(changes), np.int64))
 
-    found = Consistency(reconstruction.rig, redundancy, solve, epochs, samples=finder.samples).judged(before)
+def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before: Doubts) -> Doubts:
+    """What is in doubt of a run, given the lengths of one piece after the other as they are used by what is known before."""
+    redundancy = reconstruction.redundancy
+    if redundancy is None:
+        return before
+    epochs, samples = collected(reconstruction, pieces)
+    found = Consistency(reconstruction.rig, redundancy, reconstruction.solve_from_told, epochs, samples=samples).judged(before)
+    if found.every == before.every and found.notes == before.notes:
+        return before
     notes = found.notes
     contradicted = [doubt for doubt in found.every if doubt.status == Status.INCONSISTENT]
     if not reconstruction.budget.calibrated and any(doubt.cable == EVERY for doubt in contradicted):

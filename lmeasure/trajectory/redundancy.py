@@ -89,11 +89,11 @@ class Parities:
 class Redundancy:
     """Tests of the lengths of one run against each other."""
 
-    def __init__(self, budget: Budget) -> None:
+    def __init__(self, budget: Budget, begun: FloatArray | None = None) -> None:
         self._budget, self._rows = budget, budget.scheme.rows
         self.free, self._size = budget.scheme.free_index, platform_size(budget.scheme.rows)
         at_start = span_lengths(self._rows, budget.scheme.start_of(budget.start)[None])[0]
-        self._zero = np.where(budget.absolute, 0.0, at_start)
+        self._zero = np.where(budget.absolute, 0.0, at_start - (0.0 if begun is None else begun))
         angles = self._rows[:, KIND] != CABLE
         # of what readings are compared in: lengths as they are, angles as lengths of about the same scatter
         self._unit = np.where(angles, 1.0 / budget.weights, 1.0)
@@ -103,7 +103,8 @@ class Redundancy:
         budget, used = self._budget, np.isfinite(lengths.change_mm)
         gone_on = lengths.counts if lengths.gone_on is None else lengths.gone_on
         speed = budget.speed_mm_s(lengths)
-        gone_on_mm = np.where(used, lengths.change_mm, changes_from_counts(budget.rig, gone_on, budget.rig.observed))
+        shown = changes_from_counts(budget.rig, gone_on, budget.rig.observed) - budget.offsets(lengths.time_s)
+        gone_on_mm = np.where(used, lengths.change_mm, shown)
         variance = np.broadcast_to(budget.variance + (0.0 if lengths.u_mm is None else lengths.u_mm**2), speed.shape)
         warm = lengths.temperature_c
         return Epochs(lengths.time_s, lengths.change_mm.copy(), gone_on_mm, gone_on, speed, variance, warm, travel)
@@ -139,6 +140,12 @@ class Redundancy:
         uncontrolled = diagonal * epochs.variance_mm2 < UNCONTROLLED
         weight = np.where(uncontrolled[:, :, None] | uncontrolled[:, None, :], 0.0, weight)
         return Parities(residual, used, weight, np.maximum(used.sum(axis=1) - len(self.free), 0))
+
+    def weighed(self, basis: FloatArray, residual: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, m) residuals and (n, m, m) their weights by variances (n, m) of their own, in the units of the basis (n, m, r)."""
+        own = basis * (variance / self._unit**2)[:, :, None]
+        within = np.swapaxes(basis, 1, 2) @ own
+        return residual / self._unit, np.asarray(basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2)))
 
     def basis(self, poses: FloatArray, used: BoolArray) -> FloatArray:
         """(n, m, m - f) orthonormal basis of errors of the readings, in units of about the same scatter, that no motion makes; of a cable

@@ -7,15 +7,13 @@ from numpy.typing import NDArray
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import TrajectoryError
-from lmeasure.lengths import zero_temperature
 from lmeasure.run import Run
 from lmeasure.status import Status
 from lmeasure.trajectory.budget import Budget, PoseCovariances
-from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
+from lmeasure.trajectory.prepared import prepared
 from lmeasure.trajectory.record import NAMES, Trajectory
-from lmeasure.trajectory.scheme import scheme_of
 
 
 def covariances(
@@ -38,19 +36,8 @@ def covariances(
             f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
             "it is not of this run"
         )
-    start = run.known_start
-    scheme = scheme_of(run.rig, start, constraint)
-    correction = correction_of(run.rig, scheme, scheme.start_of(start), zero_temperature(lengths, run.temperature_c))
-    budget = Budget(
-        run.rig,
-        start,
-        scheme,
-        run.calibration,
-        u_start=run.u_start,
-        clocks=aligned.clocks,
-        repeatability_mm=repeatability_mm,
-        correction=correction,
-    )
+    reconstruction, _ = prepared(aligned, constraint, repeatability_mm)
+    budget, scheme = reconstruction.budget, reconstruction.scheme
     chosen = slice(None) if samples is None else samples
     speed, u_mm = budget.speed_mm_s(lengths)[chosen], None if lengths.u_mm is None else lengths.u_mm[chosen]
     poses = trajectory.poses[chosen].copy()

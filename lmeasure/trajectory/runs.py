@@ -12,10 +12,10 @@ from lmeasure.recorded import notes_of
 from lmeasure.run import Run, RunHead
 from lmeasure.status import Status
 from lmeasure.trajectory.budget import CHUNK
-from lmeasure.trajectory.consistency import consistent
 from lmeasure.trajectory.evidence import Evidence
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.passes import Alignment, align
+from lmeasure.trajectory.prepared import prepared
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.run_covariances import closure_factors, left_out
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -41,20 +41,10 @@ def reconstruct(
     """
     aligned = align(run)
     run = aligned.run
-    reconstruction = Reconstruction(
-        run.rig,
-        run.known_start,
-        run.calibration,
-        constraint,
-        u_start=run.u_start,
-        clocks=aligned.clocks,
-        repeatability_mm=repeatability_mm,
-        temperature_c=run.temperature_c,
-    )
+    reconstruction, doubts = prepared(aligned, constraint, repeatability_mm)
     covariances = covariances or run.rig.passes > 1 or trials > 0
-    evidence = aligned.evidence
-    doubts = consistent(reconstruction, [aligned.lengths], evidence.doubts)
-    evidence, lengths = replace(evidence, doubts=doubts), aligned.lengths if doubts is evidence.doubts else aligned.without(doubts)
+    evidence = replace(aligned.evidence, doubts=doubts)
+    lengths = aligned.lengths if doubts is aligned.evidence.doubts else aligned.without(doubts)
     trajectory = reconstruction.add(lengths, covariances=covariances)
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed=seed, progress=progress)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from lmeasure.trajectory.redundancy import Redundancy
 from lmeasure.trajectory.scheme import scheme_of
 from lmeasure.trajectory.sources import PassClock
 
+if TYPE_CHECKING:
+    from lmeasure.trajectory.origins import Told
+
 COMPILING_PAYS = 2**14  # samples from which the kernels save more than they take to compile
 START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that is off by centimetres is still on its side
 START_COVERAGE = 3.0  # standard uncertainties of the start
@@ -40,6 +43,8 @@ NOT_MEASURED = "orientation not measured"
 
 class Reconstruction:
     """A run that is being reconstructed: give it the lengths of one piece of the run after the other.
+
+    begun (m,): what the channels' changes were at the start pose, where that is no pose at which they were zeroed but one that was found.
 
     RigError when the rig's cables cannot tell the pose; GeometryError when a cable cannot run at the start pose; TrajectoryError when the
     start pose is singular.
@@ -56,7 +61,9 @@ class Reconstruction:
         clocks: tuple[PassClock, ...] = (),
         repeatability_mm: float = 0.0,
         temperature_c: float | None = None,
+        begun: FloatArray | None = None,
     ) -> None:
+        self._begun = begun
         self.rig, self.scheme = rig, scheme_of(rig, start, constraint)
         rows = rig.cable_rows(rig.observed)
         drawn = rows[: len(rig.cable)]
@@ -81,9 +88,10 @@ class Reconstruction:
             repeatability_mm=repeatability_mm,
             correction=self.correction,
             temperature_c=temperature_c,
+            unknown=begun is not None,
         )
         self.covers = self.budget.covers
-        self.redundancy = Redundancy(self.budget) if self.scheme.redundancy else None
+        self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
         self._state = self._new_state(self.start)
         self._many = False
         self._travelled = np.zeros((len(self.scheme.rows), 2))
@@ -163,6 +171,8 @@ class Reconstruction:
     def corrected(self, lengths: Lengths, state: FloatArray | None = None) -> Lengths:
         """The lengths without the effects of temperature, stretch and sag that the rig states; state is where the run has got to, by
         default its start."""
+        if self.budget.told is not None:
+            lengths = replace(lengths, change_mm=lengths.change_mm - self.budget.offsets(lengths.time_s))
         if self.correction is None:
             return lengths
         begun = self._new_state(self.start) if state is None else state
@@ -177,19 +187,29 @@ class Reconstruction:
         found."""
         return np.asarray(self._follow(rows, start, self._new_state(start), changes, flags)[0])
 
+    def use(self, told: "Told | None") -> None:
+        """Take what the run told of its origins from now on, or forget it."""
+        self.budget.use(told)
+
+    def solve_from_told(self, changes: FloatArray) -> FloatArray:
+        """(n, 7) poses of samples of a run by changes (n, m) of its channels, NaN for one that is not used."""
+        return self.solve(self.scheme.rows, self.start, changes, np.full(len(changes), Status.GAP, np.int64))
+
     def _new_state(self, start: FloatArray) -> FloatArray:
         """Where a run has got to at its start, without compiling: the start pose, no change of the cables, not lost."""
         return np.concatenate([start, self._at_start(start), [0.0]])
 
     def _at_start(self, start: FloatArray) -> FloatArray:
-        """(m,) the changes at the start: none but of absolute channels."""
+        """(m,) the changes at the start: none but of absolute channels, or where it was found."""
+        begun = np.zeros(len(self.scheme.rows)) if self._begun is None else self._begun
         if not self.budget.absolute.any():
-            return np.zeros(len(self.scheme.rows))
-        return np.where(self.budget.absolute, span_rows(self.scheme.rows, start[None])[0][0], 0.0)
+            return begun
+        return np.where(self.budget.absolute, span_rows(self.scheme.rows, start[None])[0][0], begun)
 
     def _zero(self, rows: FloatArray, start: FloatArray) -> FloatArray:
         """(m,) what channels, rows (m, columns), read where their change is 0."""
-        return np.where(self.budget.absolute, 0.0, span_rows(rows, start[None])[0][0])
+        begun = 0.0 if self._begun is None else self._begun
+        return np.where(self.budget.absolute, 0.0, span_rows(rows, start[None])[0][0] - begun)
 
     def _next(self, changes: FloatArray, flags: IntArray) -> tuple[tuple[Any, ...], bool]:
         """The next samples, and whether by the compiled kernels: not as long as they are few and plain."""

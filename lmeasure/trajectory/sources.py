@@ -11,17 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.encoder_table import AngleEncoder
 from lmeasure.kernels.layout import TURN_COUNTS
-from lmeasure.rig import Rig
+from lmeasure.rig import Cable, Rig
 from lmeasure.zeroing import phase_columns
 
 PHASE = "zero phase"
 ZERO = "zero"
 ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)
 """Standard uncertainty [rad] of an angle that may be anywhere on the circle."""
+UNKNOWN_MM = 1000.0
+"""Standard uncertainty of a length against a guess that came from angles."""
 LENGTHS = "lengths of their own"
 
 
@@ -82,6 +84,16 @@ def zero_phase(rig: Rig) -> Source:
     """
     shifts = phase_columns(rig, rig.observed)
     return Source((PHASE,) * shifts.shape[1], (f"the {PHASE}",), lambda _: shifts, uniform=True)
+
+
+def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
+    """What was out, or how a swivel stood, where the counters were zeroed nobody knows where; absolute (m,) channels do not count from
+    there."""
+    u = [UNKNOWN_MM if isinstance(o, Cable) else ANYWHERE for o in rig.observed]
+    of = rig.zeroings(rig.observed)
+    relative = np.unique(of[~absolute])
+    columns = np.where((of[:, None] == relative) & ~absolute[:, None], np.array(u)[:, None], 0.0)
+    return Source(("unknown start",) * len(relative), ("an unknown start",) * bool(len(relative)), lambda _: columns)
 
 
 def unknown_zeros(rig: Rig, record: CalibrationRecord | None) -> Source:

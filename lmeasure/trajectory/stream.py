@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,11 @@ from lmeasure.findings import Finding, finding
 from lmeasure.lengths import COUNTER_STATE, Lengths, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
-from lmeasure.trajectory.consistency import consistent
+from lmeasure.trajectory.doubts import Doubts
 from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
+from lmeasure.trajectory.prepared import prepare
 from lmeasure.trajectory.record import Summary, Trajectory
 from lmeasure.trajectory.runs import covered, with_evidence
-from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.written import trajectory_writer
 
 Progress = Callable[[int, int], None]
@@ -44,11 +45,12 @@ def reconstruct_stream(
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
-    reconstruction = _reconstruction(head, rig, constraint)
     counters = np.zeros((len(rig.observed), COUNTER_STATE))
     summary = Summary()
     evidence = _evidence(head, rig)
-    evidence = replace(evidence, doubts=consistent(_reconstruction(head, rig, constraint), _pieces(head, rig, evidence), evidence.doubts))
+    pieces = partial(_pieces, head, rig)
+    reconstruction, doubts = prepare(head, rig, pieces, evidence.doubts, str(head.counts[0]), constraint)
+    evidence = replace(evidence, doubts=doubts)
     with trajectory_writer(out, covered(reconstruction.covers, evidence), angles) as write:
         for piece in read_counts_in_pieces(head.counts[0], progress):
             lengths = evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
@@ -70,15 +72,11 @@ def _evidence(head: RunHead, rig: Rig) -> Evidence:
     return finder.found()
 
 
-def _reconstruction(head: RunHead, rig: Rig, constraint: str | None) -> Reconstruction:
-    return Reconstruction(rig, head.known_start, head.calibration, constraint, u_start=head.u_start, temperature_c=head.temperature_c)
-
-
-def _pieces(head: RunHead, rig: Rig, evidence: Evidence) -> Iterator[Lengths]:
-    """Lengths of one piece after the other, without what is in doubt by itself."""
+def _pieces(head: RunHead, rig: Rig, doubts: Doubts) -> Iterator[Lengths]:
+    """Lengths of one piece after the other, without what is in these doubts."""
     counters = np.zeros((len(rig.observed), COUNTER_STATE))
     for piece in read_counts_in_pieces(head.counts[0]):
-        yield evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
+        yield doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
 
 
 def _with_widths(head: RunHead) -> tuple[Rig, list[Finding]]:

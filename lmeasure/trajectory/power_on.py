@@ -1,0 +1,164 @@
+"""Where a run begins whose start nobody stated: the poses that its absolute channels allow.
+
+Six or more angles of absolute encoders at one sample tell the pose but for a few assemblies; all are looked for from many places and
+orientations. Which of them it was the motion tells: with each the origins of the other channels are found (`origins`), and one with which
+the run contradicts itself was not it. What is left over are assemblies that the data cannot tell apart.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.errors import GeometryError, TrajectoryError
+from lmeasure.kernels import least_squares
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL
+from lmeasure.lengths import Lengths
+from lmeasure.rig import Rig
+from lmeasure.run import known
+from lmeasure.trajectory.origins import LOOSE_RAD, Told, learn
+from lmeasure.trajectory.redundancy import Epochs
+from lmeasure.trajectory.scheme import FREEDOMS
+from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.sources import unknown_zeros
+
+STARTS = 4000
+MET = 3
+"""Times that each assembly must have been met for others to be taken for impossible."""
+BATCHES = 6
+ALIKE_MM, ALIKE_RAD = 1.0, 1e-3
+"""Two solutions of one pose, at most, within the rounding of the angles."""
+WORSE = 40.0
+"""By how much more chi-squared a run is contradicted that began otherwise, times that of a degree of freedom where the model is off."""
+LISTED = 8
+TRIAL = 400
+"""Samples by which beginnings are judged."""
+
+Make = Callable[[FloatArray, FloatArray], tuple[Reconstruction, Epochs | None]]
+"""A reconstruction from a start pose (7,) and the changes (m,) there, and the epochs of the run by it, None without redundancy."""
+
+
+def absolute_channels(rig: Rig) -> FloatArray:
+    """(m,) standard uncertainties [rad] of the zeros of absolute encoders that are known well enough to find a pose by; NaN for others."""
+    u = np.abs(unknown_zeros(rig, None).lengths(None)).sum(axis=1)  # type: ignore[arg-type]
+    usable = [rig.counter(o).codes is not None and u[j] <= LOOSE_RAD for j, o in enumerate(rig.observed)]
+    return np.where(usable, u, np.nan)
+
+
+def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
+    """The first sample at which enough absolute channels are read; TrajectoryError where there is none."""
+    usable = np.isfinite(absolute_channels(rig))
+    if not usable.any():
+        return int(known(None, source)[0])
+    seen = np.isfinite(lengths.change_mm[:, usable]).sum(axis=1)
+    enough = np.flatnonzero(seen >= len(FREEDOMS))
+    if not len(enough):
+        raise TrajectoryError(
+            f"{source}: the start pose of this run is not known, and of its absolute channels {int(seen.max(initial=0))} can be read at "
+            f"once: {len(FREEDOMS)} are needed; state [start] in run.toml, or give it to `reconstruct` by --start"
+        )
+    return int(enough[0])
+
+
+def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int = 0) -> tuple[FloatArray, bool]:
+    """(k, 7) poses that fit readings (m,) of channels, rows (m, columns), of standard uncertainties u (m,), best first, and whether each
+    was met MET times."""
+    free, rng = np.arange(len(FREEDOMS)), np.random.default_rng(seed)
+    found: list[FloatArray] = []
+    met: list[int] = []
+    worst: list[float] = []
+    points = rows[rows[:, KIND] == SWIVEL]
+    middle, size = points[:, BASE_XYZ].mean(axis=0), np.linalg.norm(np.ptp(points[:, BASE_XYZ], axis=0))
+    arm = float(np.linalg.norm(points[:, ATTACHMENT_XYZ], axis=1).max())
+    spare = max(len(rows) - len(free), 1)
+    for batch in range(BATCHES):
+        places = middle + (size + arm) * rng.uniform(-1.0, 1.0, (STARTS, 3))
+        starts = se3.pose(places, Rotation.random(STARTS, rng=rng))
+        poses, chi = least_squares.search(rows, readings, u, free, np.ascontiguousarray(starts))
+        good = np.flatnonzero(chi <= WORSE * spare)
+        for pose, off in zip(poses[good], chi[good], strict=True):
+            k = next((i for i, other in enumerate(found) if _alike(pose, other)), len(found))
+            if k == len(found):
+                found.append(pose)
+                met.append(0)
+                worst.append(float(off))
+            met[k] += 1
+            if off < worst[k]:
+                found[k], worst[k] = pose, float(off)
+        if batch and met and min(met) >= MET:
+            break
+    order = np.argsort(worst)
+    return np.array(found).reshape(-1, 7)[order], bool(met) and min(met) >= MET
+
+
+def _alike(a: FloatArray, b: FloatArray) -> bool:
+    turn = 2.0 * min(float(np.linalg.norm(a[3:] - b[3:])), float(np.linalg.norm(a[3:] + b[3:])))
+    return bool(np.abs(a[:3] - b[:3]).max() <= ALIKE_MM and turn <= ALIKE_RAD)
+
+
+def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstruction:
+    """The reconstruction of a run that begins nobody knows where, lengths being those of its beginning at least, its origins found.
+
+    TrajectoryError where too few channels are absolute, no pose fits them, or several do that the run does not tell apart: all listed.
+    """
+    i = first_sample(rig, lengths, source)
+    rows, zero_u = rig.cable_rows(rig.observed), absolute_channels(rig)
+    used = np.isfinite(zero_u) & np.isfinite(lengths.change_mm[i])
+    resolution = np.array([rig.counter(o).per_count for o in rig.observed]) / np.sqrt(12.0)
+    u = np.hypot(resolution, np.nan_to_num(zero_u))
+    poses, _ = assemblies(rows[used], lengths.change_mm[i, used], u[used])
+    if rig.side is not None and len(poses):
+        from lmeasure.assemblies import by_side
+
+        poses = by_side(poses, rig.cable_rows(), np.array(rig.side))
+    if not len(poses):
+        raise TrajectoryError(f"{source}: no pose was found at which the absolute channels read what they do at {lengths.time_s[i]:.6g} s")
+    begun = np.where(np.isfinite(lengths.change_mm[i]), lengths.change_mm[i], 0.0)
+    tried: list[tuple[Reconstruction, Told | None]] = []
+    failed: Exception | None = None
+    for pose in poses:
+        try:
+            reconstruction, epochs = make(pose, begun)
+            told = None if epochs is None else learn(reconstruction, epochs, TRIAL)
+        except (GeometryError, TrajectoryError) as error:
+            failed = error
+            continue
+        tried.append((reconstruction, told))
+    if not tried:
+        assert failed is not None
+        raise failed
+    left = _standing(tried)
+    if len(left) > 1:
+        listed = "; ".join(_text(r.start) for r in left[:LISTED])
+        raise TrajectoryError(
+            f"{source}: the start pose of this run is not known, and its readings fit {len(left)} assemblies and do not tell them apart: "
+            f"{listed}; state [start] in run.toml, or side in the rig file"
+        )
+    return left[0]
+
+
+def _standing(tried: list[tuple[Reconstruction, Told | None]]) -> list[Reconstruction]:
+    """Those that the run does not contradict more than the best of them, each once."""
+    most = max((told.freedom for _, told in tried if told is not None), default=0)
+    # a beginning that loses samples on the way is contradicted by them
+    chi = [0.0 if told is None else told.chi_squared * most / max(told.freedom, 1) for _, told in tried]
+    limit = min(chi) + WORSE * max(min(chi) / max(most, 1), 1.0)
+    out: list[tuple[Reconstruction, Told | None]] = []
+    for k in np.argsort(chi, kind="stable"):
+        r, told = tried[k]
+        if chi[k] <= limit and not any(told is not None and other is not None and _same(told, other) for _, other in out):
+            out.append((r, told))
+    return [r for r, _ in out]
+
+
+def _same(a: Told, b: Told) -> bool:
+    """Whether the poses of two ways through a run are the same, where both have one."""
+    both = np.flatnonzero(np.isfinite(a.poses[:, 0]) & np.isfinite(b.poses[:, 0]))
+    return bool(len(both)) and _alike(a.poses[both[0]], b.poses[both[0]])
+
+
+def _text(pose: FloatArray) -> str:
+    place, turn = ", ".join(f"{x:.1f}" for x in pose[:3]), ", ".join(f"{x:.3f}" for x in pose[3:])
+    return f"({place}) mm with quaternion ({turn})"

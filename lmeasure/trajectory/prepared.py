@@ -1,0 +1,72 @@
+"""A run made ready to be reconstructed: where it begins, what its channels count from, which of them are in doubt."""
+
+from collections.abc import Callable, Iterable
+
+from lmeasure.arrays import FloatArray
+from lmeasure.lengths import Lengths
+from lmeasure.rig import Rig
+from lmeasure.run import Run, RunHead
+from lmeasure.trajectory.consistency import collected, consistent
+from lmeasure.trajectory.doubts import Doubts
+from lmeasure.trajectory.origins import learn
+from lmeasure.trajectory.passes import Alignment
+from lmeasure.trajectory.power_on import find_start
+from lmeasure.trajectory.redundancy import Epochs
+from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.sources import PassClock
+
+Pieces = Callable[[Doubts], Iterable[Lengths]]
+"""The lengths of a run, one piece after the other, without what is in these doubts."""
+
+
+def prepare(
+    run: Run | RunHead,
+    rig: Rig,
+    pieces: Pieces,
+    doubts: Doubts,
+    source: str,
+    constraint: str | None = None,
+    clocks: tuple[PassClock, ...] = (),
+    repeatability_mm: float = 0.0,
+) -> tuple[Reconstruction, Doubts]:
+    """The reconstruction of a run, not yet begun, with the origins of its channels as its redundancy tells them, and what is in doubt of
+    it; doubts: what is before that.
+
+    Raises what `Reconstruction` and `find_start` raise.
+    """
+
+    def made(start: FloatArray, begun: FloatArray | None = None) -> Reconstruction:
+        u_start = run.u_start if begun is None else (0.0, 0.0)
+        return Reconstruction(
+            rig,
+            start,
+            run.calibration,
+            constraint,
+            u_start=u_start,
+            clocks=clocks,
+            repeatability_mm=repeatability_mm,
+            temperature_c=run.temperature_c,
+            begun=begun,
+        )
+
+    def tried(start: FloatArray, begun: FloatArray) -> tuple[Reconstruction, Epochs | None]:
+        reconstruction = made(start, begun)
+        return reconstruction, None if reconstruction.redundancy is None else collected(reconstruction, pieces(doubts))[0]
+
+    given = run.start
+    reconstruction = find_start(rig, next(iter(pieces(doubts))), source, tried) if given is None else made(given)
+    found = consistent(reconstruction, pieces(doubts), doubts)
+    if reconstruction.redundancy is not None:
+        reconstruction.use(None)
+        learn(reconstruction, collected(reconstruction, pieces(found))[0])
+    return reconstruction, found
+
+
+def prepared(aligned: Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> tuple[Reconstruction, Doubts]:
+    """`prepare` of a run whose lengths are in memory."""
+    run, own = aligned.run, aligned.evidence.doubts
+
+    def pieces(doubts: Doubts) -> list[Lengths]:
+        return [aligned.lengths if doubts is own else aligned.without(doubts)]
+
+    return prepare(run, run.rig, pieces, own, run.passes[0].source, constraint, aligned.clocks, repeatability_mm)

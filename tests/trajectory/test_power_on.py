@@ -1,0 +1,92 @@
+"""Runs whose start nobody stated: absolute encoders of swivels tell it, through the command that a user calls."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from test_truth import AUTHORITY, truth_of
+from typer.testing import CliRunner
+
+from lmeasure import se3
+from lmeasure.cli import app
+from lmeasure.lengths import span_lengths
+from lmeasure.run import read_run
+from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory.origins import repeats
+from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.prepared import prepared
+
+
+def copied(name: str, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(AUTHORITY / name, tmp_path / name))
+
+
+def test_six_swivels_and_a_motion_tell_the_start(tmp_path: Path) -> None:
+    folder, out = copied("swivel-run", tmp_path), tmp_path / "t.csv"
+    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    found, truth = pd.read_csv(out), truth_of("swivel-run")[:, 1:]
+    assert (found.status == "ok").all()
+    poses = found[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy()
+    error = se3.displacement(poses, truth)
+    # the generic optimiser's figures (tests/authorities/truth)
+    assert np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean()) == pytest.approx(0.004527, rel=0.05)
+    assert np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()) == pytest.approx(3.751e-5, rel=0.05)
+    assert np.linalg.norm(error[0, 3:]) < 0.0034
+    u = found[["u_x_mm", "u_y_mm", "u_z_mm"]].to_numpy()
+    assert 0.7 < np.sqrt((error[:, 3:] ** 2).mean() / (u**2).mean()) < 1.3
+
+
+def test_origins_are_found_as_well_as_is_stated() -> None:
+    """Pieces in memory give what the stream does, and what the drums had out is what they had."""
+    run = read_run(AUTHORITY / "swivel-run")
+    reconstruction, _ = prepared(align(run))
+    told, budget = reconstruction.budget.told, reconstruction.budget
+    assert told is not None
+    phases = 0.012 * np.array(json.loads((AUTHORITY / "swivel-run" / "truth.json").read_text())["phase_counts"])
+    zero = span_lengths(run.rig, truth_of("swivel-run")[:1, 1:])[0] - span_lengths(run.rig, reconstruction.start[None])[0]
+    off = budget.offsets(np.zeros(1))[0, :6] - (phases - zero)
+    columns = budget.origin_lengths(np.zeros(1))[0, :6] @ told.mix[-len(told.mean) :]
+    covariance = columns @ columns.T
+    assert float(off @ np.linalg.solve(covariance, off)) < 25.0
+    assert np.sqrt(np.diag(covariance)).max() < 0.01
+    assert 0.8 < told.chi_squared / told.freedom < 1.2
+
+
+def test_without_an_absolute_channel_or_with_too_few_it_is_said(tmp_path: Path) -> None:
+    folder, out = copied("swivel-run", tmp_path), tmp_path / "t.csv"
+    rig = (folder / "rig.toml").read_text()
+    (folder / "rig.toml").write_text(rig[: rig.index("[[swivel]]")])
+    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
+    assert done.exit_code == 1
+    assert "its channels are not absolute" in str(done.exception)
+    (folder / "rig.toml").write_text(rig[: rig.rindex("[[swivel]]")])
+    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
+    assert done.exit_code == 1
+    assert not out.exists()
+
+
+def test_a_still_reading_that_fits_several_assemblies_lists_them(tmp_path: Path) -> None:
+    """Of six angles alone there are up to eight; nothing moves that could tell them apart."""
+    folder, out = copied("swivel-run", tmp_path), tmp_path / "t.csv"
+    counts = (folder / "pass1.csv").read_text().splitlines()
+    (folder / "pass1.csv").write_text("\n".join([counts[0], *[f"{0.001 * i:.3f},{counts[1].split(',', 1)[1]}" for i in range(20)]]) + "\n")
+    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
+    assert done.exit_code == 1
+    assert "assemblies and do not tell them apart" in str(done.exception)
+    assert "(0." in str(done.exception)
+    assert not out.exists()
+
+
+def test_a_reading_that_is_repeated_counts_once() -> None:
+    readings = np.array([[1.0, 5.0], [1.0, 6.0], [2.0, 6.0], [2.0, 6.0]])
+    np.testing.assert_array_equal(repeats(readings), [[2, 1], [2, 3], [2, 3], [2, 3]])
+
+
+def test_an_exact_run_with_a_start_stays_exact() -> None:
+    found = reconstruct(read_run(AUTHORITY / "swivel-run-exact"))
+    assert (found.status == 0).all()
+    assert np.abs(se3.displacement(found.poses, truth_of("swivel-run-exact")[:, 1:])[:, 3:]).max() < 1e-9
