@@ -15,7 +15,9 @@ Corrected against the print: the tangent is a sin(gamma2), not a cos(gamma2); th
 offset is C - g - K t_m/N: the radii and the centre distance do not enter it.
 """
 
+import copy
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -195,13 +197,20 @@ def with_drums(rig: Rig, measured: tuple[DrumMeasurement, ...]) -> Rig:
 
     RigError when a drum's observation point is not in the rig.
     """
-    data = rig.to_dict()
+    source = f"rig {rig.name!r}"
+    return rig_from_dict(drums_into(rig.to_dict(), measured, source), source)
+
+
+def drums_into(content: Mapping[str, Any], measured: tuple[DrumMeasurement, ...], source: str) -> dict[str, Any]:
+    """A rig.toml's content with these drums, as `with_drums`, where it need have none yet; source is named in errors."""
+    data = copy.deepcopy(dict(content))
     data.pop("calibration", None)
-    points: dict[str, dict[str, Any]] = {p["name"]: p for p in data["observation_point"]}
+    stated, assumed = data.get("observation_point"), data.get("assumed", [])
+    points: dict[Any, dict[str, Any]] = {p.get("name"): p for p in stated if isinstance(p, dict)} if isinstance(stated, list) else {}
     known: set[str] = set()
     for m in measured:
         if m.point not in points:
-            raise RigError(f"rig {rig.name!r}: has no observation_point {m.point!r}; it has {', '.join(points)}")
+            raise RigError(f"{source}: has no observation_point {m.point!r}; it has {', '.join(map(str, points))}")
         g, (u_tangent, u_offset) = drum_geometry(m), drum_uncertainty(m)
         values: dict[str, float] = {
             "counts_per_revolution": m.counts_per_revolution,
@@ -212,10 +221,13 @@ def with_drums(rig: Rig, measured: tuple[DrumMeasurement, ...]) -> Rig:
         }
         known |= {f"{m.point}.{key}" for key in values}
         uncertain = {"u_tangent_length_mm": u_tangent, "u_axial_offset_mm": u_offset}
-        drum = {key: value for key, value in points[m.point]["drum"].items() if key not in uncertain}
+        there = points[m.point].get("drum", {})
+        drum = {key: value for key, value in there.items() if key not in uncertain} if isinstance(there, dict) else {}
         points[m.point]["drum"] = drum | values | {key: u for key, u in uncertain.items() if u > 0}
-    data["assumed"] = [name for name in data.get("assumed", []) if name not in known]
-    return rig_from_dict(data, f"rig {rig.name!r}")
+    if isinstance(assumed, list):
+        left = [name for name in assumed if name not in known]
+        data |= {"assumed": left} if left or "assumed" in data else {}
+    return data
 
 
 def drum_summary(measured: DrumMeasurement) -> str:

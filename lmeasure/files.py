@@ -89,6 +89,37 @@ def write_toml(path: Path, data: Mapping[str, Any]) -> None:
     write_text(path, tomli_w.dumps(data))
 
 
+def rewrite_toml(path: Path, document: Document) -> None:
+    """Write a document's content in its text as it was read, comments and order kept, only what is different changed."""
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
+    try:
+        held = tomlkit.parse(document.text)
+        _into(held, document)
+        text = tomlkit.dumps(held)
+        kept = tomllib.loads(text) == dict(document)
+    except (TOMLKitError, ValueError):
+        kept = False
+    # what the other library reads or writes in another way is written without its comments
+    write_text(path, text if kept else tomli_w.dumps(document))
+
+
+def _into(there: Any, content: Mapping[str, Any]) -> None:
+    """Make a table of tomlkit hold the content."""
+    for key in [key for key in there if key not in content]:
+        del there[key]
+    for key, value in content.items():
+        now = there.get(key)
+        if isinstance(value, Mapping) and isinstance(now, Mapping):
+            _into(now, value)
+        elif isinstance(value, list) and isinstance(now, list) and len(value) == len(now) and all(isinstance(v, Mapping) for v in value):
+            for one, wanted in zip(now, value, strict=True):
+                _into(one, wanted)
+        elif key not in there or now != value or type(value) is bool:
+            there[key] = value
+
+
 def write_table(path: Path, columns: Mapping[str, Any], metadata: Mapping[str, str] | None = None) -> None:
     """Write .csv or .parquet, whole or not at all. NaN becomes an empty cell in CSV; metadata is kept in Parquet's schema.
 

@@ -21,11 +21,15 @@ class Document(dict[str, Any]):
 
     def __init__(self, content: dict[str, Any], text: str) -> None:
         super().__init__(content)
-        self._text = text
+        self.text = text
+
+    def holding(self, content: dict[str, Any]) -> "Document":
+        """Other content with the same text, where its keys still have their lines."""
+        return Document(content, self.text)
 
     @cached_property
     def _lines(self) -> dict[Keys, int]:
-        return dict(reversed(list(_statements(self._text))))  # a table begins at its first line
+        return dict(reversed(list(_statements(self.text))))  # a table begins at its first line
 
     def line(self, keys: Keys) -> int | None:
         """The line, from 1, of the value, else of the innermost table around it that has one."""

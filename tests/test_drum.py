@@ -180,3 +180,62 @@ def test_the_command(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, arguments).exit_code == 0
     assert read_rig(tmp_path / "out.toml").point("B2").drum.axial_offset_mm == pytest.approx(20)
     assert CliRunner().invoke(app, ["drum"]).exit_code == 2
+
+
+COMMENTED = """# my rig
+schema = "lmeasure.rig/1" # of the cell
+name = "demo"
+assumed = ["B1.axial_offset_mm", "P1"] # to be measured
+
+[[observation_point]]
+name = "B1" # over the door
+position_mm = [0, 0, 2000] # tape, 5 mm
+guide_alpha_deg = 50
+guide_beta_deg = 10
+pulley_radius_mm = 20
+# no drum yet
+
+[[observation_point]]
+name = "B2"
+position_mm = [500, 0, 2000]
+guide_alpha_deg = 50
+guide_beta_deg = 10
+pulley_radius_mm = 20
+[observation_point.drum]
+# of the old kind
+counts_per_revolution = 4096
+count_length_mm = 0.02
+groove_pitch_mm = 1.0
+tangent_length_mm = 150.0
+axial_offset_mm = 20.0
+count_sign = -1 # wired so
+
+[tool]
+P1 = [0, 0, 0]
+
+[[cable]]
+name = "c1"
+channel = "ch1"
+from = "B1"
+to = "P1"
+"""
+
+
+def test_a_rig_without_drums_gets_them_and_keeps_its_comments(tmp_path: Path) -> None:
+    """What a mechanic has before the drums are measured is read as it is."""
+    (tmp_path / "drums.toml").write_text(tomli_w.dumps({"schema": "lmeasure.drum/1", "drum": [values(), values(point="B2")]}))
+    (tmp_path / "rig.toml").write_text(COMMENTED)
+    arguments = ["drum", str(tmp_path / "drums.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "out.toml")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    rig, text = read_rig(tmp_path / "out.toml"), (tmp_path / "out.toml").read_text()
+    assert rig.point("B1").drum.counts_per_revolution == 6000
+    assert rig.point("B1").drum.axial_offset_mm == drum_geometry(measurement()).axial_offset_mm
+    assert rig.point("B2").drum.count_sign == -1
+    assert rig.assumed == ("P1",)
+    comments = [line.partition("#")[2].strip() for line in COMMENTED.splitlines() if "#" in line]
+    assert [c for c in comments if f"# {c}" not in text] == []
+    (tmp_path / "drums.toml").write_text(tomli_w.dumps({"schema": "lmeasure.drum/1", "drum": [values(point="B2")]}))
+    with pytest.raises(RigError, match=r"rig.toml:6: \[observation_point B1\].drum: is missing"):
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert read_rig(tmp_path / "out.toml") == rig

@@ -29,14 +29,17 @@ class Settings(Asked):
 @workflow("drum")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Rig]":
     """Write the rig with its drums."""
-    from lmeasure.drum import choose, drum_summary, read_drums, with_drums
-    from lmeasure.rig import read_rig, write_rig
+    from lmeasure import files
+    from lmeasure.drum import choose, drum_summary, drums_into, read_drums
+    from lmeasure.rig import rig_from_dict
 
-    before = read_rig(settings.rig)
+    before = files.read_toml(settings.rig)
     measured = choose(read_drums(settings.measurements), list(settings.point), str(settings.measurements))
-    rig = with_drums(before, measured)
+    content = before.holding(drums_into(before, measured, str(settings.rig)))
+    rig = rig_from_dict(content, str(settings.rig))
     progress(1.0, "drums")
-    write_rig(settings.out, rig)
-    dropped = f"note: the link to {before.calibration} is dropped: it was made with the drums as they were; calibrate again"
-    notes = () if before.calibration is None else (dropped,)
+    files.rewrite_toml(settings.out, content)
+    linked = before.get("calibration")
+    dropped = f"note: the link to {linked} is dropped: it was made with the drums as they were; calibrate again"
+    notes = () if linked is None else (dropped,)
     return Result(rig, (*map(drum_summary, measured), *notes), warnings=notes)
