@@ -21,6 +21,7 @@ class CounterChannel(Strict):
     """What every decoder needs to know of one counter."""
 
     channel: Name
+    """Channel of the cables that this counter serves."""
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     """Recorded counts per unit of the device."""
     range: Annotated[int, Field(ge=256, le=2**64)] | None = None
@@ -33,11 +34,17 @@ class RawChannel(CounterChannel):
     """A counter at a fixed place of a frame."""
 
     id: Identifier
+    """Identifier of the frame."""
     extended: bool = False
+    """Whether the identifier has 29 bits."""
     byte_offset: Annotated[int, Field(ge=0, le=63)] = 0
+    """First byte of the counter in the frame."""
     bits: Literal[16, 24, 32, 64] = 32
+    """Width of the counter."""
     signed: bool = True
+    """Whether its highest bit is a sign."""
     byte_order: Literal["little", "big"] = "little"
+    """Which byte comes first."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -52,7 +59,9 @@ class DbcChannel(CounterChannel):
     """A counter as a signal of a DBC file."""
 
     message: str
+    """Message of the DBC file."""
     signal: str
+    """Signal in that message."""
 
 
 class NodeChannel(CounterChannel):
@@ -62,10 +71,15 @@ class NodeChannel(CounterChannel):
     """
 
     node: Annotated[int, Field(ge=1, le=127)]
+    """Node number of the encoder."""
     serial: Annotated[int, Field(ge=0, lt=2**32)] | None = None
+    """Its serial number (1018h); another one is refused."""
     cob_id: Identifier | None = None
+    """Frame that holds the position in a log, where nobody can be asked."""
     byte_offset: Annotated[int, Field(ge=0, le=7)] = 0
+    """First byte of the position in that frame."""
     bits: Literal[16, 24, 32, 64] = 32
+    """Width of the position in that frame."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -78,11 +92,17 @@ class J1939Channel(CounterChannel):
     """A counter in a J1939 parameter group of a draw-wire sensor; source_address absent: any sender."""
 
     pgn: Annotated[int, Field(ge=0, lt=2**18)]
+    """Parameter group number."""
     source_address: Annotated[int, Field(ge=0, le=255)] | None = None
+    """Address of the sender; absent: any."""
     byte_offset: Annotated[int, Field(ge=0, le=7)] = 0
+    """First byte of the counter."""
     bits: Literal[16, 24, 32, 64] = 32
+    """Width of the counter."""
     signed: bool = False
+    """Whether its highest bit is a sign."""
     byte_order: Literal["little", "big"] = "little"
+    """Which byte comes first."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -95,34 +115,46 @@ class StartInput(Strict):
     """One bit of a frame that rises when counting starts (thesis Rashoyan 2021, 5.4); it becomes the column `sync`."""
 
     id: Identifier
+    """Identifier of the frame."""
     extended: bool = False
+    """Whether the identifier has 29 bits."""
     byte_offset: Annotated[int, Field(ge=0, le=63)] = 0
+    """Byte of the bit."""
     bit: Annotated[int, Field(ge=0, le=7)] = 0
+    """The bit, 0 the lowest."""
 
 
 class _Bus(Strict):
     """What every decoder needs to know of the bus."""
 
     bit_rate: Annotated[int, Field(gt=0, le=20_000_000)] | None = None
+    """Bits per second, handed to the adapter."""
     timing: Literal["sync", "free"] = "sync"
     """sync: every encoder latches its count at the SYNC frame and then sends it; free: each sends by its own timer."""
     sync_id: Identifier = SYNC_ID
+    """Identifier of the SYNC frame."""
     start_input: StartInput | None = None
+    """A bit that rises when counting starts."""
 
 
 class RawCan(_Bus):
     """Counters at fixed places of frames."""
 
     decoder: Literal["raw"] = "raw"
+    """Counters at fixed places of frames."""
     channel: Annotated[tuple[RawChannel, ...], Field(min_length=1)]
+    """The counters, a table `[[can.channel]]` each."""
 
 
 class DbcCan(_Bus):
     """Counters named by a DBC file, a path beside the rig file."""
 
     decoder: Literal["dbc"]
+    """Counters named by a DBC file."""
     dbc: Annotated[str, Field(min_length=1)]
+    """The DBC file, beside the rig file."""
     channel: Annotated[tuple[DbcChannel, ...], Field(min_length=1)]
+    """The counters, a table `[[can.channel]]` each."""
 
 
 class CanOpenCan(_Bus):
@@ -133,17 +165,24 @@ class CanOpenCan(_Bus):
     """
 
     decoder: Literal["cia406"]
+    """CiA 406 encoders that are asked where they put their position."""
     eds: Annotated[str, Field(min_length=1)] | None = None
+    """Their electronic data sheet, beside the rig file."""
     sync_period_ms: Annotated[float, Field(ge=0.5, le=10_000)] | None = None
+    """Period of the SYNC that this program sends; absent: a device sends it."""
     channel: Annotated[tuple[NodeChannel, ...], Field(min_length=1)]
+    """The counters, a table `[[can.channel]]` each."""
 
 
 class J1939Can(_Bus):
     """Draw-wire sensors that send parameter groups by their own timers."""
 
     decoder: Literal["j1939"]
+    """Draw-wire sensors that send parameter groups."""
     timing: Literal["sync", "free"] = "free"
+    """As above; they send by their own timers."""
     channel: Annotated[tuple[J1939Channel, ...], Field(min_length=1)]
+    """The counters, a table `[[can.channel]]` each."""
 
 
 CanTable = Annotated[RawCan | DbcCan | CanOpenCan | J1939Can, Field(discriminator="decoder")]

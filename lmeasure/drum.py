@@ -41,23 +41,41 @@ class DrumMeasurement(Strict):
     """
 
     point: Name
+    """Observation point whose drum it is."""
     counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
+    """Counts in one turn of the drum (N)."""
     groove_pitch_mm: Positive
+    """From groove to groove (t_m): ruler over ten grooves, divided by ten."""
     drum_radius_mm: Positive | None = None
+    """Half the diameter over the wound cable, less half the cable's thickness (R1)."""
     count_length_mm: Positive | None = None
+    """Pull a known length of cable and divide by the counts (c)."""
     fixed_pulley_radius_mm: Positive
+    """Radius of the fixed pulley's groove bottom, plus half the cable's thickness (R2)."""
     centre_distance_mm: Positive
+    """Between the axes of drum and fixed pulley, square to them (a)."""
     pulley_plane_mm: Length
+    """Along the drum's axis, from its end face to the middle plane of the fixed pulley (C)."""
     cable_end_mm: NotNegative
+    """From the same end face to where the cable is fastened (g)."""
     full_wind_counts: Annotated[float, Field(gt=0, le=1e12)]
+    """Counts that wind the cable up from its end until it is taut to the robot at the zero pose (K)."""
     u_groove_pitch_mm: NotNegative = 0.0
+    """Standard uncertainty of `groove_pitch_mm`."""
     u_drum_radius_mm: NotNegative = 0.0
+    """Standard uncertainty of `drum_radius_mm`."""
     u_count_length_mm: NotNegative = 0.0
+    """Standard uncertainty of `count_length_mm`."""
     u_fixed_pulley_radius_mm: NotNegative = 0.0
+    """Standard uncertainty of `fixed_pulley_radius_mm`."""
     u_centre_distance_mm: NotNegative = 0.0
+    """Standard uncertainty of `centre_distance_mm`."""
     u_pulley_plane_mm: NotNegative = 0.0
+    """Standard uncertainty of `pulley_plane_mm`."""
     u_cable_end_mm: NotNegative = 0.0
+    """Standard uncertainty of `cable_end_mm`."""
     u_full_wind_counts: NotNegative = 0.0
+    """Standard uncertainty of `full_wind_counts`."""
 
     @model_validator(mode="after")
     def _can_be_built(self) -> Self:
@@ -84,9 +102,11 @@ class DrumMeasurement(Strict):
         return self
 
 
-class _Measurements(Strict):
+class DrumsFile(Strict):
     schema_: Annotated[Literal["lmeasure.drum/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
     drum: Annotated[tuple[DrumMeasurement, ...], Field(min_length=1)]
+    """The drums, a table `[[drum]]` each."""
 
     @model_validator(mode="after")
     def _one_per_point(self) -> Self:
@@ -180,7 +200,7 @@ def drum_uncertainty(measured: DrumMeasurement) -> tuple[float, float]:
 
 def read_drums(path: Path) -> tuple[DrumMeasurement, ...]:
     """Read a measurements file (schema lmeasure.drum/1, one [[drum]] per observation point); FileFormatError names the file and key."""
-    return checked(files.read_toml(path), _Measurements, str(path)).drum
+    return checked(files.read_toml(path), DrumsFile, str(path)).drum
 
 
 def choose(measured: tuple[DrumMeasurement, ...], points: list[str], source: str) -> tuple[DrumMeasurement, ...]:

@@ -61,11 +61,15 @@ class _Run(Strict):
     """What poses and paths have in common: a name, when they were run, at what speed and load."""
 
     name: Label
+    """Name, as certificates write it."""
     windows_s: Windows = ()
+    """When it was run, [begin, end], one per cycle; `certify` can find them by itself."""
     cycles: Cycles | None = None
     """How many there should be; windows of another number are refused."""
     speed_percent: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Speed, of the rated one."""
     load_kg: Annotated[float, Field(ge=0)] | None = None
+    """Load, where it is not the program's."""
 
     @model_validator(mode="after")
     def _all_cycles(self) -> Self:
@@ -83,11 +87,17 @@ class CommandedPose(_Run):
     """
 
     position_mm: Vector
+    """Of the tool origin, base frame."""
     quaternion_xyzw: Quaternion
+    """Orientation base_from_tool."""
     approaches: tuple[Label, ...] = ()
+    """Direction each dwell was reached from (7.2.3), one per window."""
     units: tuple[Label, ...] = ()
+    """Robot each dwell belongs to (7.7), one per window."""
     settling_s: Windows = ()
+    """From before the arrival until rest, one per cycle, for stabilisation and overshoot (7.4, 7.5)."""
     limit_band_mm: Positive | None = None
+    """Band about the pose at the end for these; absent: the pose's repeatability."""
 
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
@@ -107,19 +117,33 @@ class CommandedPath(_Run):
     """
 
     kind: Literal["linear", "circular", "rectangular", "points"]
+    """Its shape, which says what else is needed."""
     start_mm: Vector | None = None
+    """Begin of a linear path; of a circular one a point on it."""
     end_mm: Vector | None = None
+    """End of a linear path."""
     centre_mm: Vector | None = None
+    """Centre of a circular path."""
     normal: Vector | None = None
+    """Axis of a circular path, about which it is run right-handed."""
     radius_mm: Positive | None = None
+    """Radius of a circular path."""
     corners_mm: Annotated[tuple[Vector, ...], Field(min_length=3)] | None = None
+    """Corners of a rectangular path, in order."""
     points_mm: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = None
+    """Corners of a path of straight pieces."""
     speed_mm_s: Positive | None = None
+    """Commanded speed."""
     quaternion_xyzw: Quaternion | None = None
+    """Orientation on it, or at its start."""
     end_quaternion_xyzw: Quaternion | None = None
+    """Orientation at its end, where that is another (8.4)."""
     stabilisation_mm: Positive | None = None
+    """Deviation within which the robot is back on the path after a corner (8.5)."""
     weave_stroke_mm: Positive | None = None
+    """Of a weave across a linear path, peak to peak (11)."""
     weave_distance_mm: Positive | None = None
+    """Way along the path of one weave."""
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -195,7 +219,9 @@ class Distance(Strict):
     """Two poses whose distance is certified (7.3)."""
 
     from_pose: Annotated[Label, Field(alias="from")]
+    """Name of one pose."""
     to_pose: Annotated[Label, Field(alias="to")]
+    """Name of the other."""
 
     @property
     def name(self) -> str:
@@ -208,22 +234,29 @@ class Posing(Distance):
     when it stays within limit_band_mm of where it ends, by default the repeatability of that pose."""
 
     windows_s: Windows = ()
+    """From before departure until rest, one per cycle."""
     limit_band_mm: Positive | None = None
+    """Band in which the robot has arrived; absent: the repeatability of the pose."""
 
 
 class Drift(Strict):
     """A pose whose cycles, so many at a time, show its drift (7.6)."""
 
     pose: Label
+    """Name of the pose."""
     group: Annotated[Whole, Field(ge=2, le=100_000)] = 10
+    """Cycles that are taken together."""
 
 
 class Compliance(Strict):
     """Dwells at a pose under forces on the tool [N, base frame], one force per window (10)."""
 
     pose: Label
+    """Name of the pose."""
     force_n: tuple[tuple[float, float, float], ...]
+    """Force on the tool, base frame, one per window."""
     windows_s: Windows = ()
+    """The dwells, one per force."""
 
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
@@ -236,11 +269,17 @@ class Tolerance(Strict):
     """Limits of a characteristic, at one pose or path or at all that have it; rule of decision by JCGM 106, else the evaluation's."""
 
     characteristic: Label
+    """Name of the characteristic, such as AP_p."""
     pose: Label | None = None
+    """Pose it is for; absent: all that have it."""
     path: Label | None = None
+    """Path it is for; absent: all that have it."""
     lower: float | None = None
+    """Least allowed value."""
     upper: float | None = None
+    """Largest allowed value."""
     rule: Literal["simple", "guarded"] | None = None
+    """Rule of decision (JCGM 106); absent: the evaluation's."""
 
     @model_validator(mode="after")
     def _limits(self) -> Self:
@@ -255,17 +294,27 @@ class Program(Shown, Strict):
     """A program.toml: poses and paths in file order, and what is to be told of them."""
 
     schema_: Annotated[Literal["lmeasure.program/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
     name: Label | None = None
+    """Name of the program."""
     angles: str | None = None
     """Convention of component-wise angles; see `lmeasure.conventions`."""
     load_kg: Annotated[float, Field(ge=0)] | None = None
+    """Load at the flange."""
     pose: tuple[CommandedPose, ...] = ()
+    """Commanded poses."""
     path: tuple[CommandedPath, ...] = ()
+    """Commanded paths."""
     distance: tuple[Distance, ...] = ()
+    """Pairs of poses whose distance is certified (7.3)."""
     drift: tuple[Drift, ...] = ()
+    """Poses whose drift is certified (7.6)."""
     posing: tuple[Posing, ...] = ()
+    """Moves whose time is certified (9)."""
     compliance: tuple[Compliance, ...] = ()
+    """Poses under forces (10)."""
     tolerance: tuple[Tolerance, ...] = ()
+    """Limits of characteristics."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -27,20 +27,28 @@ def _temperature(value: float) -> float:
     return value
 
 
-class _Pass(Strict):
+class RunPass(Strict):
     counts: str
+    """Counts file of the pass, in the run folder: .csv or .parquet."""
 
 
-class _RunFile(Strict):
+class RunFile(Strict):
     """run.toml; what its start and its recordings hold depends on the rig and on what recorded them, and is read with them."""
 
     schema_: Annotated[Literal["lmeasure.run/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
     rig: str | None = None
-    passes: Annotated[tuple[_Pass, ...], Field(alias="pass")]
+    """Rig file, in the run folder; may be missing where `--rig` names one."""
+    passes: Annotated[tuple[RunPass, ...], Field(alias="pass")]
+    """The passes, a table `[[pass]]` each; the n-th is pass n."""
     temperature_c: Annotated[float, AfterValidator(_temperature)] | None = None
+    """Temperature at the start pose, and of every pass whose counts do not state theirs."""
     start: Any = None
+    """The pose at which the counters were zeroed; absent: unknown."""
     note: Any = None
+    """A remark."""
     recording: Any = None
+    """What `record` and `import` write about each pass: bus, clock, faults, closure, digests. Not for editing."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -132,7 +140,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     data = files.read_toml(path)
     if not isinstance(data.get("pass"), list) or not data["pass"]:
         raise FileFormatError(f"{path}: [[pass]] is missing")
-    table = checked(data, _RunFile, str(path))
+    table = checked(data, RunFile, str(path))
     if table.rig is None and rig_path is None:
         raise FileFormatError(f"{path}: rig: is missing; it names the rig file inside this folder")
     rig, calibration = read_linked_rig(rig_path or inside(folder, table.rig or "", f"{path}: rig", "the run folder"))

@@ -32,20 +32,27 @@ class Body(Strict):
     """
 
     name: Annotated[str, Field(min_length=1)]
+    """By which reports call it."""
     frame: Literal["base", "tool"] = "base"
+    """Whether it stands in the cell or moves with the tool."""
     from_mm: tuple[Length, Length, Length]
+    """One end of its axis."""
     to_mm: tuple[Length, Length, Length]
+    """The other end; the same for a ball."""
     radius_mm: Annotated[float, Field(gt=0), AfterValidator(_length)]
+    """How far it reaches around the axis."""
 
 
-class _File(Strict):
+class BodiesFile(Strict):
     schema_: Annotated[Literal["lmeasure.bodies/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
     body: tuple[Body, ...]
+    """The bodies, a table `[[body]]` each."""
 
 
 def read_bodies(path: Path) -> tuple[Body, ...]:
     """Read `schema = "lmeasure.bodies/1"` and [[body]] tables; FileFormatError names the file and the key."""
-    return checked(files.read_toml(path), _File, str(path)).body
+    return checked(files.read_toml(path), BodiesFile, str(path)).body
 
 
 def body_rows(bodies: Sequence[Body]) -> FloatArray:

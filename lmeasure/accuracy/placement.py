@@ -45,7 +45,9 @@ class Box(Strict):
     """A box along the axes [mm]."""
 
     low_mm: Vector
+    """Corner with the least coordinates."""
     high_mm: Vector
+    """Corner with the largest coordinates."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -61,15 +63,20 @@ class Where(Box):
     """
 
     points: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Names of the points that may be put there."""
 
 
 class Work(Box):
     """The robot's task: a box of the tool origin and tilts about an orientation; every limit is held at all of it."""
 
     nodes: Annotated[Whole, Field(ge=2, le=20)] = 3
+    """Places along each edge at which the task is looked at."""
     tilt_rad: Annotated[float, Field(ge=0, le=math.pi)] = 0.0
+    """Largest component of the rotation vectors by which the tool is tilted."""
     tilt_steps: Annotated[Whole, Field(ge=1, le=20)] = 3
+    """Equal steps from -tilt to +tilt; 1 means no tilt."""
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """Orientation that is tilted."""
 
 
 class Placement(Strict):
@@ -80,13 +87,21 @@ class Placement(Strict):
     """
 
     schema_: Annotated[Literal["lmeasure.placement/1"], Field(alias="schema")] = "lmeasure.placement/1"
+    """What the file is, and in which version."""
     objective: Literal["pressure_angle", "u95"] = "pressure_angle"
+    """What is made best: the worst pressure angle, or the worst 95 % radius of the position."""
     tolerance_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    """How well a point is mounted, per axis; the result is the best in the worst of it."""
     length_mm: tuple[float, float] | None = None
+    """Shortest and longest cable allowed at the task."""
     task: Work
+    """Where the robot works."""
     mount: tuple[Where, ...] = ()
+    """Boxes for observation points, base frame."""
     attachment: tuple[Where, ...] = ()
+    """Boxes for attachment points, tool frame."""
     keep_out: tuple[Box, ...] = ()
+    """Boxes where no observation point may be."""
 
 
 def read_placement(path: Path) -> Placement:

@@ -49,28 +49,41 @@ class Party(Strict):
     """The laboratory or the customer."""
 
     name: Text | None = None
+    """Name."""
     address: Text | None = None
+    """Address."""
     contact: Text | None = None
+    """Telephone or mail."""
 
 
 class Item(Strict):
     """The robot under test. condition: in which it came, and what of it matters to the result (load, tool, warm-up)."""
 
     maker: Text | None = None
+    """Maker."""
     model: Text | None = None
+    """Model."""
     serial: Text | None = None
+    """Serial number."""
     controller: Text | None = None
+    """Controller and its version."""
     description: Text | None = None
+    """Anything else by which it is known."""
     condition: Text | None = None
+    """In which it came, and what of it matters to the result."""
 
 
 class Dates(Strict):
     """Days of receipt, of the measurement's begin and end, and of issue."""
 
     received: Day | None = None
+    """Day on which the robot was received."""
     measured_from: Day | None = None
+    """First day of measuring."""
     measured_to: Day | None = None
+    """Last day of measuring."""
     issued: Day | None = None
+    """Day of issue."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -85,58 +98,80 @@ class Conditions(Strict):
     """Environmental conditions during the measurement."""
 
     text: Text | None = None
+    """In words."""
     temperature_c: Annotated[float, Field(gt=-100, lt=200)] | None = None
+    """Temperature in the middle."""
     temperature_range_c: Annotated[float, Field(ge=0, lt=200)] | None = None
+    """Largest less smallest temperature."""
     humidity_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Relative humidity."""
 
 
 class Authoriser(Strict):
     """Who answers for the report."""
 
     name: Text | None = None
+    """Name."""
     role: Text | None = None
+    """Function."""
 
 
 class Accreditation(Strict):
     """Stated by the user only: without it the report is a test report of no accredited laboratory."""
 
     statement: Text
+    """What is printed."""
     body: Text
+    """Accreditation body."""
     number: Text
+    """Registration number."""
 
 
 class Details(Strict):
     """A details file, `schema = "lmeasure.report/1"`."""
 
     schema_: Annotated[Literal["lmeasure.report/1"], Field(alias="schema")] = "lmeasure.report/1"
+    """What the file is, and in which version."""
     number: Text | None = None
     """The laboratory's own number of the report."""
     country: Annotated[str, Field(pattern="^[A-Z]{2}$")] | None = None
     """ISO 3166-1 code of the laboratory's country, for the DCC."""
     location: Text | None = None
+    """Where the test was done."""
     performed_at: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] | None = None
     """Where the test was done, in the DCC's words."""
     method: Text | None = None
+    """Method of test, where it is not ISO 9283 as this program follows it."""
     deviations: Text | None = None
     """Additions to, deviations or exclusions from the method."""
     sampling: Text | None = None
+    """How robot, poses or time were chosen."""
     traceability: Text | None = None
+    """To what the instrument's calibration is traceable."""
     supplied: Text | None = None
     """Information that the customer supplied."""
     external: Text | None = None
     """Results from external providers."""
     remarks: Text | None = None
+    """Anything else."""
     logo: Text | None = None
     """The laboratory's mark on the first page: an .svg, .png or .jpg file, relative to this one."""
     show_not_stated: bool | None = None
     """A row of its own for everything that is not stated, instead of one row that names it all."""
     laboratory: Party = Party()
+    """Who measured."""
     customer: Party = Party()
+    """For whom."""
     item: Item = Item()
+    """The robot."""
     dates: Dates = Dates()
+    """Days."""
     conditions: Conditions = Conditions()
+    """Of the environment."""
     authoriser: Authoriser = Authoriser()
+    """Who answers for the report."""
     accreditation: Accreditation | None = None
+    """Only of an accredited laboratory."""
 
     def stated(self) -> dict[str, Any]:
         """What is stated, as the tables of the file; nothing else."""

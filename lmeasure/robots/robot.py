@@ -50,11 +50,17 @@ class _Link(Strict):
     """Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), the joint's value added to theta where it turns and to d where it slides."""
 
     name: Name
+    """Name of the joint; `measurements.csv` has its values in `NAME_deg` or `NAME_mm`."""
     theta_deg: Angle = 0.0
+    """Rotation about the joint's axis."""
     d_mm: Length = 0.0
+    """Shift along it."""
     a_mm: Length = 0.0
+    """Shift along the new x."""
     alpha_deg: Angle = 0.0
+    """Rotation about the new x."""
     beta_deg: Angle = 0.0
+    """Hayati's rotation about the new y, for nearly parallel axes."""
     scale: Annotated[float, Field(ge=-10.0, le=10.0)] = 1.0
     """Of the joint's value; -1 where it counts the other way."""
 
@@ -69,14 +75,23 @@ class Revolute(_Link):
     """A joint that turns."""
 
     type: Literal["revolute"] = "revolute"
+    """A joint that turns."""
     min_deg: Angle = -360.0
+    """Least value."""
     max_deg: Angle = 360.0
+    """Largest value."""
     sin1_deg: Small = 0.0
+    """Error once per turn, in phase with the sine."""
     cos1_deg: Small = 0.0
+    """The same with the cosine."""
     sin2_deg: Small = 0.0
+    """Error twice per turn, in phase with the sine."""
     cos2_deg: Small = 0.0
+    """The same with the cosine."""
     compliance_deg_per_nm: Small = 0.0
+    """How far the joint gives way under the payload's torque."""
     backlash_deg: Small = 0.0
+    """Play, whole width."""
 
     @property
     def terms(self) -> tuple[float, ...]:
@@ -89,16 +104,25 @@ class Prismatic(_Link):
     """A joint that slides."""
 
     type: Literal["prismatic"] = "prismatic"
+    """A joint that slides."""
     min_mm: Length
+    """Least value."""
     max_mm: Length
+    """Largest value."""
     pitch_mm: Annotated[float, Field(gt=0), AfterValidator(_length)] | None = None
     """Of the screw that drives it: the length of one turn, over which harmonics repeat."""
     sin1_mm: Small = 0.0
+    """Error once per pitch, in phase with the sine."""
     cos1_mm: Small = 0.0
+    """The same with the cosine."""
     sin2_mm: Small = 0.0
+    """Error twice per pitch, in phase with the sine."""
     cos2_mm: Small = 0.0
+    """The same with the cosine."""
     compliance_mm_per_n: Small = 0.0
+    """How far the joint gives way under the payload's weight."""
     backlash_mm: Small = 0.0
+    """Play, whole width."""
 
     @property
     def terms(self) -> tuple[float, ...]:
@@ -110,7 +134,9 @@ class Place(Strict):
     """A pose: of the first axis in the robot's base, or of the tool on the flange."""
 
     position_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """Position."""
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """Orientation."""
 
     @model_validator(mode="after")
     def _turns(self) -> Self:
@@ -130,6 +156,7 @@ class Payload(Strict):
     """What hangs from the flange."""
 
     mass_kg: Annotated[float, Field(ge=0, le=1e5)]
+    """Mass."""
     centre_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     """In the flange's frame."""
 
@@ -141,14 +168,19 @@ class Robot(Strict):
     """A robot as robot.toml states it."""
 
     schema_: Annotated[Literal["lmeasure.robot/1"], Field(alias="schema")] = "lmeasure.robot/1"
+    """What the file is, and in which version."""
     name: Name
+    """Name of the robot."""
     kind: Literal["serial"] = "serial"
+    """Joints one after the other."""
     base: Place | None = None
     """Robot's base from the frame whose z is the first axis; the same frame where it is not given."""
     tool: Place | None = None
     """Flange from tool."""
     payload: Payload | None = None
+    """What hangs from the flange."""
     joint: Annotated[tuple[Joint, ...], Field(min_length=1, max_length=MOST_JOINTS)]
+    """The joints from the base to the flange, a table `[[joint]]` each."""
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:

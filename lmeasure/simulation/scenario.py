@@ -40,49 +40,73 @@ class Start(Strict):
     """Where the counters are zeroed and the motion starts."""
 
     position_mm: Position = (0.0, 0.0, 0.0)
+    """Of the tool origin, base frame."""
     quaternion_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    """Orientation base_from_tool."""
 
 
 class Waypoint(Strict):
     """A pose to stop at; what is not given is taken from [motion], an orientation not given from the waypoint before."""
 
     position_mm: Position
+    """Of the tool origin, base frame."""
     quaternion_xyzw: Quaternion | None = None
+    """Orientation; absent: that of the waypoint before."""
     speed_mm_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    """Largest speed on the way there."""
     rotation_speed_deg_s: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    """Largest rate of turning on the way there."""
     dwell_s: Annotated[float, Field(ge=0, le=1e5)] | None = None
+    """Rest there."""
 
 
 class Motion(Strict):
     """Largest speeds on the way, rest at each waypoint, and how often the waypoints are gone through."""
 
     speed_mm_s: Annotated[float, Field(gt=0, le=1e6)] = 500.0
+    """Largest speed."""
     rotation_speed_deg_s: Annotated[float, Field(gt=0, le=1e5)] = 60.0
+    """Largest rate of turning."""
     dwell_s: Annotated[float, Field(ge=0, le=1e5)] = 0.2
+    """Rest at each waypoint."""
     cycles: Annotated[int, Field(ge=1, le=100_000)] = 1
+    """How often the waypoints are gone through."""
     back_to_start: bool = True
+    """Whether each cycle ends at the start."""
 
 
 class ReferencePoses(Strict):
     """A calibration campaign: scattered poses about the start, measured with the stated uncertainty."""
 
     count: Annotated[int, Field(ge=1, le=100_000)] = 12
+    """How many poses."""
     half_mm: tuple[Coordinate, Coordinate, Coordinate] = (WORK_SPACE_MM, WORK_SPACE_MM, WORK_SPACE_MM)
+    """Half the edges of the box about the start in which they lie."""
     tilt_rad: Annotated[float, Field(ge=0, le=math.pi)] = WORK_TILT_RAD
+    """Largest component of their rotation vectors."""
     u_position_mm: Annotated[float, Field(ge=0, le=1e3)] = 0.0
+    """Standard uncertainty with which positions are measured."""
     u_rotation_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """The same of orientations."""
     nominal_shift_mm: Annotated[float, Field(ge=0, le=1e3)] = 30.0
+    """How far the nominal observation points are off, per axis."""
     nominal_shift_deg: Annotated[float, Field(ge=0, le=45)] = 5.0
+    """How far the nominal guides are off."""
 
 
 class Scenario(Strict):
     """A scenario as scenario.toml states it; rig is a path beside the file, a whole rig table, or absent: the built-in cell."""
 
     schema_: Annotated[Literal["lmeasure.scenario/1"], Field(alias="schema")]
+    """What the file is, and in which version."""
     rig: str | dict[str, Any] | None = None
+    """Rig file beside this one, or a whole rig as a table; absent: the built-in cell."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Of everything that is drawn; the same gives the same counts."""
     rate_hz: Annotated[float, Field(gt=0, le=1e6)] = 1000.0
+    """Samples per second."""
     noise_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
+    """Standard deviation of noise of the lengths."""
     noise_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
     """Of encoders of angles."""
     temperature_c: Temperature | None = None
@@ -90,9 +114,13 @@ class Scenario(Strict):
     end_temperature_c: Temperature | None = None
     """At the end of the motion and at the last reference pose, reached evenly."""
     start: Start = Start()
+    """Where counters are zeroed and the motion starts."""
     motion: Motion = Motion()
+    """Speeds, rests and repetitions."""
     waypoint: tuple[Waypoint, ...] = ()
+    """The motion, a table `[[waypoint]]` for each stop; none: no run is made."""
     reference_poses: ReferencePoses | None = None
+    """A calibration campaign; absent: none is made."""
 
     def temperatures(self, count: int) -> FloatArray | None:
         """(count,) temperatures from the start to the end [deg C]; None where none is given."""
