@@ -103,6 +103,8 @@ class DrumMeasurement(Strict):
 
 
 class DrumsFile(Strict):
+    """What a mechanic measures on drums, for `lmeasure drum`."""
+
     schema_: Annotated[Literal["lmeasure.drum/1"], Field(alias="schema")]
     """What the file is, and in which version."""
     drum: Annotated[tuple[DrumMeasurement, ...], Field(min_length=1)]

@@ -58,7 +58,7 @@ Observed = Cable | Turned
 
 
 class Rig(Shown, Strict):
-    """A rig as rig.toml states it. Frozen; `cable_rows` gives the kernels' arrays."""
+    """The instrument as rig.toml states it."""
 
     schema_: Annotated[Literal["lmeasure.rig/1"], Field(alias="schema")] = "lmeasure.rig/1"
     """What the file is, and in which version."""

@@ -17,7 +17,7 @@ from lmeasure.opened import inside
 from lmeasure.recorded import Recorded, check_digests, recorded_in
 from lmeasure.rig import Rig, write_rig
 from lmeasure.shown import DataFrame, Shown, framed
-from lmeasure.start import StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
+from lmeasure.start import StartTable, StatedStart, start_in, start_of_rig, start_uncertainty, uncertainty_entries
 
 SCHEMA = "lmeasure.run/1"
 
@@ -28,12 +28,14 @@ def _temperature(value: float) -> float:
 
 
 class RunPass(Strict):
+    """A pass of the motion."""
+
     counts: str
     """Counts file of the pass, in the run folder: .csv or .parquet."""
 
 
 class RunFile(Strict):
-    """run.toml; what its start and its recordings hold depends on the rig and on what recorded them, and is read with them."""
+    """A run folder's run.toml; what its start and its recordings hold depends on the rig and on what recorded them, and is read with them."""
 
     schema_: Annotated[Literal["lmeasure.run/1"], Field(alias="schema")]
     """What the file is, and in which version."""
@@ -43,7 +45,7 @@ class RunFile(Strict):
     """The passes, a table `[[pass]]` each; the n-th is pass n."""
     temperature_c: Annotated[float, AfterValidator(_temperature)] | None = None
     """Temperature at the start pose, and of every pass whose counts do not state theirs."""
-    start: Any = None
+    start: StartTable | None = None
     """The pose at which the counters were zeroed; absent: unknown."""
     note: Any = None
     """A remark."""

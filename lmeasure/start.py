@@ -4,12 +4,14 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from lmeasure import conventions, files
 from lmeasure.arrays import FloatArray
+from lmeasure.checked import Strict
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.layout import ATTACHMENT_XYZ
 from lmeasure.poses import poses_from_rows
@@ -22,6 +24,39 @@ LENGTHS = "lengths_mm"
 START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg", "u_length_mm")
 CLEARLY = 2.0  # times farther than the nearest assembly the next one must be from the place that is stated
 LISTED = 6  # assemblies in a message
+
+
+Triple = tuple[float, float, float]
+
+
+class StartTable(Strict):
+    """The pose at which the counters were zeroed: a position with a quaternion or with angles of the rig's convention, or the lengths of
+    all cables there."""
+
+    position_mm: Triple | None = None
+    """Of the tool origin, base frame; with `lengths_mm` only about where it is."""
+    quaternion_xyzw: tuple[float, float, float, float] | None = None
+    """Orientation base_from_tool."""
+    o_a_t_deg: Triple | None = None
+    """The same in angles of a rig of `angles = "puma-oat"`."""
+    a_b_c_deg: Triple | None = None
+    """The same of `kuka-abc`."""
+    w_p_r_deg: Triple | None = None
+    """The same of `fanuc-wpr`."""
+    rx_ry_rz_deg: Triple | None = None
+    """The same of `staubli-xyz`."""
+    phi_theta_psi_deg: Triple | None = None
+    """The same of `zyz`."""
+    rx_ry_rz_rad: Triple | None = None
+    """The same of `ur-rotation-vector`."""
+    lengths_mm: dict[str, float] | None = None
+    """Length of every cable at the start, from its observation point to its attachment point along the cable, by its name."""
+    u_position_mm: Annotated[float, Field(ge=0)] | None = None
+    """Standard uncertainty of each coordinate."""
+    u_rotation_deg: Annotated[float, Field(ge=0)] | None = None
+    """Standard uncertainty of a rotation about each axis."""
+    u_length_mm: Annotated[float, Field(ge=0)] | None = None
+    """Standard uncertainty of each length."""
 
 
 @dataclass(frozen=True)

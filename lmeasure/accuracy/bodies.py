@@ -44,6 +44,8 @@ class Body(Strict):
 
 
 class BodiesFile(Strict):
+    """Bodies that cables must not touch, for `lmeasure zone --bodies`."""
+
     schema_: Annotated[Literal["lmeasure.bodies/1"], Field(alias="schema")]
     """What the file is, and in which version."""
     body: tuple[Body, ...]

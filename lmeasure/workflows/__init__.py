@@ -18,6 +18,8 @@ JOBS: dict[str, dict[str, str]] = {
         "simulate": "Simulate the instrument along a motion: what its counters would record, with the true poses beside it.",
     },
     "Build and calibrate a rig": {
+        "init": "Write a rig.toml to begin with, every dimension explained: how it is measured and what a millimetre of error costs.",
+        "schema": "Print the JSON Schema of a file that is written by hand, for editors that complete and check it.",
         "place": "Search places for observation and attachment points that make the instrument best where the robot works.",
         "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
         "check": "Walk through the self-test: which channel is which cable, direction, counts per turn, stroke and slack.",

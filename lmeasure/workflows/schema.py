@@ -1,0 +1,37 @@
+"""The JSON Schemas of the files that a person writes."""
+
+from pathlib import Path
+from typing import Annotated
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
+from lmeasure.workflows.settings import Asked, Paths, option
+
+
+class Settings(Asked):
+    """What `lmeasure schema` is asked."""
+
+    name: Annotated[str | None, option("Which file's; without it they are listed.", metavar="NAME", positional=True)] = None
+    out: Annotated[Path | None, option("Write it to this file instead of the screen.", metavar="FILE.json")] = None
+
+    def paths(self) -> Paths:
+        """A schema, of nothing."""
+        return Paths(present(self.out))
+
+
+@workflow("schema")
+def run(settings: Settings, progress: Progress = silent) -> Result[str]:
+    """Print or write a schema."""
+    from lmeasure import files
+    from lmeasure.schemas import KINDS, shipped
+
+    if settings.name is None:
+        listed = tuple(f"{name:<10} {kind.file:<15} {kind.text}" for name, kind in KINDS.items())
+        return Result("", listed)
+    if settings.name not in KINDS:
+        raise SettingsError("name", f"{settings.name!r} is not one of {', '.join(KINDS)}")
+    text = shipped(settings.name)
+    if settings.out is None:
+        return Result(text, (text.rstrip("\n"),))
+    files.write_text(settings.out, text)
+    return Result(text, (f'in the first line of a {KINDS[settings.name].file} beside it: "#:schema {settings.out.name}"',))
