@@ -1,6 +1,6 @@
 """Writes what is made of the models: the JSON Schemas that come along, and the lists of keys in rig.md and files.md.
 
-    python docs/write_keys.py
+python docs/write_keys.py
 """
 
 import json

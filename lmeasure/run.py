@@ -35,7 +35,7 @@ class RunPass(Strict):
 
 
 class RunFile(Strict):
-    """A run folder's run.toml; what its start and its recordings hold depends on the rig and on what recorded them, and is read with them."""
+    """A recorded run: its rig, its counts and where it started."""
 
     schema_: Annotated[Literal["lmeasure.run/1"], Field(alias="schema")]
     """What the file is, and in which version."""

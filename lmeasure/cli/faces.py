@@ -13,6 +13,7 @@ import typer
 
 from lmeasure import compiling
 from lmeasure.cli.words import said
+from lmeasure.errors import SettingsError
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.check import Check
@@ -114,6 +115,22 @@ def state_line() -> "Iterator[tuple[Callable[[str], None], Callable[[str], None]
         clear()
 
 
+def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
+    """With questions, where no template answers them."""
+
+    def ask(question: str, default: str) -> str:
+        try:
+            return str(typer.prompt(said(question), default=default))
+        except typer.Abort:
+            if sys.stdin is not None and sys.stdin.isatty():
+                raise
+            raise SettingsError("template", "is missing, and nobody answers; `lmeasure init --list` lists them") from None
+
+    if settings.list or settings.template is not None:
+        return workflow.run(settings)
+    return workflow.run(settings, ask=ask)
+
+
 def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
     """With a line for each stage."""
     with stages() as progress:
@@ -124,6 +141,7 @@ Face = Callable[["Workflow", Any], "Result[Any]"]
 FACES: dict[str, Face] = {
     "capture": capturing,
     "check": questions,
+    "init": beginning,
     "demo": with_stages,
     "record": recording,
     "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(text)),

@@ -70,9 +70,7 @@ def _plain(value: Any, properties: bool = False) -> Any:
     if not isinstance(value, dict):
         return value
     renamed = {} if properties else _AS_SCHEMA
-    out = {
-        renamed.get(key, key): _plain(one, key in ("properties", "$defs")) for key, one in value.items() if properties or key != "title"
-    }
+    out = {renamed.get(key, key): _plain(one, key in ("properties", "$defs")) for key, one in value.items() if properties or key != "title"}
     items = out.get("prefixItems")
     if not properties and items and all(one == items[0] for one in items):
         del out["prefixItems"]
@@ -101,9 +99,7 @@ def keys_of(model: type[BaseModel]) -> list[tuple[str, str, str, str]]:
     needed = set(schema.get("required", ()))
     # a schema that only points to another leaves out a description that is the other's own
     texts = {f.alias or name: " ".join((f.description or "").split()) for name, f in model.model_fields.items()}
-    rows = [
-        (key, _held(about), "needed" if key in needed else _default(about), texts[key]) for key, about in schema["properties"].items()
-    ]
+    rows = [(key, _held(about), "needed" if key in needed else _default(about), texts[key]) for key, about in schema["properties"].items()]
     return sorted(rows, key=lambda row: row[2] != "needed")
 
 

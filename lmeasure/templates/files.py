@@ -1,0 +1,217 @@
+"""The files of a new rig, in which every dimension says which arrow it is, how it is measured and what an error of it costs."""
+
+from collections.abc import Mapping
+
+from lmeasure.rig import ObservationPoint, Rig
+from lmeasure.schemas import shipped
+from lmeasure.templates.costs import Cost, costs
+from lmeasure.templates.shapes import HALF_MM, TILT_RAD
+
+PICTURE = "docs/images/cable.svg"
+HEAD = """\
+# {about}.
+#
+# Lengths are millimetres, angles degrees, in the robot's base frame: right-handed, Z up. Letters in quotation marks are
+# those of the picture {picture}; docs/rig.md says how everything is measured, and lists every key.
+#
+# "costs" is what an error of a value makes of a measured position before anything is calibrated: the most that the gripper
+# is off within {half:.0f} mm along each axis of where the counters are zeroed, tilted by up to {tilt:g} rad; worked out for this rig.
+# Calibration finds positions and guides, if they are right within 100 mm and 15 degrees; the rest has to be measured,
+# or stays in "assumed".
+
+schema = "lmeasure.rig/1"
+name = {name}
+# How the controller writes orientations; or {others}.
+angles = {angles}
+
+# Values that nobody has measured yet: they have wide priors and are named in reports. `lmeasure drum` takes out what it writes.
+assumed = [{assumed}]
+"""
+POINT_KEYS = {
+    "position_mm": "\"B\": where the swivel axis touches the pulley's groove. Tape from the robot's base: 30 mm is good enough",
+    "guide_alpha_deg": '"α": how far the way from B to the fixed pulley points downwards. Protractor or level; 5 degrees are good enough',
+    "guide_beta_deg": "its direction on the floor, from +Y towards +X. Protractor or tape; 5 degrees are good enough",
+    "pulley_radius_mm": '"R": swivel pulley to the middle of the cable. Caliper over the groove\'s bottom, halved, plus half the cable',
+}
+DRUM_KEYS = {
+    "counts_per_revolution": "turn the drum once and read the counter; `lmeasure check` does",
+    "count_length_mm": "cable per count. Pull 2 m along a tape and divide by the counts: better than the drum's radius",
+    "groove_pitch_mm": 'from groove to groove. Ruler over ten grooves, divided by ten; negative when paying out shortens "axial(k)"',
+    "tangent_length_mm": '"tangent length": drum to fixed pulley. Not read off directly: `lmeasure drum` has it from distances',
+    "axial_offset_mm": "\"axial(k)\" at the zero pose: drum's pay-out point to the fixed pulley's plane. `lmeasure drum` has it too",
+}
+DRUM_REST = """\
+count_sign = {sign}                 # 1: counts rise as cable is paid out. `lmeasure check` says which
+# counter_bits = 32            # after how many bits the counter starts again; without it this is inferred
+# max_cable_speed_mm_s = 20000 # faster is no motion but a fault
+"""
+TOOL = """\
+# Attachment points "P" in the tool frame, which is the controller's: caliper or the tool's drawing, from its origin along its axes.
+[tool]
+"""
+CABLES = """\
+# Which cable runs where, and which counter counts it: the n-th channel is node n of the CAN bus, unless a table [can] says
+# otherwise (docs/acquisition.md).
+"""
+
+
+def rig_text(rig: Rig, about: str, schema: str = "") -> str:
+    """rig.toml, commented; schema: where its schema lies, if it does."""
+    cost = costs(rig)
+    parts = [(f"#:schema {schema}\n" if schema else "") + _head(rig, about)]
+    parts += [_point(point, cost, number == 0) for number, point in enumerate(rig.observation_point)]
+    parts.append(TOOL + "".join(f"{name} = {_numbers(at)}{_cost(cost.get(name))}\n" for name, at in rig.tool.items()))
+    cables = "\n".join(
+        f'[[cable]]\nname = "{c.name}"\nchannel = "{c.channel}"\nfrom = "{c.from_point}"\nto = "{c.to_point}"\n'
+        + (f"pass = {c.passage}\n" if c.passage > 1 else "")
+        for c in rig.cable
+    )
+    return "\n".join([*parts, CABLES + cables])
+
+
+def _head(rig: Rig, about: str) -> str:
+    from lmeasure.conventions import CONVENTIONS
+
+    lines = [f"\n  {', '.join(_text(n) for n in rig.assumed if n.startswith(f'{p.name}.'))}," for p in rig.observation_point]
+    return HEAD.format(
+        about=about[0].upper() + about[1:],
+        picture=PICTURE,
+        half=HALF_MM,
+        tilt=TILT_RAD,
+        name=_text(rig.name),
+        angles=_text(rig.angles),
+        others=", ".join(name for name in CONVENTIONS if name != rig.angles),
+        assumed="".join(line for line in lines if line.strip(" ,\n")) + "\n" * bool(rig.assumed),
+    )
+
+
+def _point(point: ObservationPoint, cost: Mapping[str, Cost], first: bool) -> str:
+    """A point's table; the first one has every explanation, the others what an error costs."""
+    lines = ["[[observation_point]]", f'name = "{point.name}"']
+    for key, text in POINT_KEYS.items():
+        value = getattr(point, key)
+        known = cost.get(f"{point.name}.{'guide' if key.startswith('guide') else key}")
+        lines += _line(key, _numbers(value) if isinstance(value, tuple) else repr(value), text if first else "", known)
+    lines.append("[observation_point.drum]")
+    for key, text in DRUM_KEYS.items():
+        lines += _line(key, repr(getattr(point.drum, key)), text if first else "", cost.get(f"{point.name}.{key}"))
+    rest = DRUM_REST.format(sign=point.drum.count_sign) if first else f"count_sign = {point.drum.count_sign}\n"
+    return "\n".join(lines) + "\n" + rest
+
+
+def _line(key: str, value: str, text: str, cost: Cost | None) -> list[str]:
+    told = [f"# {text}"] if text else []
+    return [*told, f"{key} = {value}{_cost(cost)}"]
+
+
+def _cost(cost: Cost | None) -> str:
+    return "" if cost is None or cost.mm == 0.0 else f"  # {cost.unit} off costs {cost.mm:.2g} mm"
+
+
+def _text(text: str) -> str:
+    import json
+
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return f"[{', '.join(repr(float(v)) for v in values)}]"
+
+
+DRUMS_HEAD = """\
+#:schema schemas/drums.json
+# What is measured on the drums; docs/drum.md has the picture. Then:
+#     lmeasure drum drums.toml --rig rig.toml --out measured.toml
+# A measure's standard uncertainty, where it is known, is u_ and its key: u_centre_distance_mm = 0.5
+schema = "lmeasure.drum/1"
+"""
+DRUMS_KEYS = (
+    ("counts_per_revolution", "{counts}", "N: turn the drum once and read the counter"),
+    ("groove_pitch_mm", "{pitch}", "t_m: ruler over ten grooves, divided by ten"),
+    ("count_length_mm", "{count}", "c: pull 2 m of cable along a tape and divide by the counts"),
+    ("fixed_pulley_radius_mm", "20.0", "R2: caliper over the groove's bottom, halved, plus half the cable"),
+    ("centre_distance_mm", "{distance}", "a: between the axes of drum and fixed pulley, square to them"),
+    ("pulley_plane_mm", "40.0", "C: along the drum's axis, from its end face to the fixed pulley's middle plane"),
+    ("cable_end_mm", "5.0", "g: from the same end face to where the cable is fastened"),
+    ("full_wind_counts", "60000", "K: robot at the zero pose, cable off the drum to its end, counter zeroed, wound up until taut, read"),
+)
+PLACEMENT = """\
+#:schema schemas/placement.json
+# Where the robot works and where points may be put, for
+#     lmeasure place rig.toml --task placement.toml --out placed
+schema = "lmeasure.placement/1"
+objective = "pressure_angle"   # or "u95": what is made best, at the worst place of the task
+tolerance_mm = 5.0             # how well a point will be mounted, per axis
+
+[task]                         # box of the tool origin, base frame, and tilts of the tool
+low_mm = [{low}, {low}, {low}]
+high_mm = [{high}, {high}, {high}]
+nodes = 3                      # places along each edge that are looked at
+tilt_rad = {tilt}
+tilt_steps = 3
+
+# [[keep_out]]                 # where no point may be: the robot, a door
+# low_mm = [-500.0, -500.0, -500.0]
+# high_mm = [500.0, 500.0, 500.0]
+"""
+SCENARIO = """\
+#:schema schemas/scenario.json
+# The rig of this folder, simulated, to try everything before it is built:
+#     lmeasure simulate scenario.toml --out tried
+#     lmeasure calibrate tried/calibration --out tried/calibrated
+#     lmeasure reconstruct tried --rig tried/calibrated/rig.toml --out tried/trajectory.parquet
+# `--bus simulated:scenario.toml` stands for the bus of a `lmeasure record`.
+schema = "lmeasure.scenario/1"
+rig = "rig.toml"
+rate_hz = 250
+
+[motion]
+speed_mm_s = 250.0
+dwell_s = 1.0
+
+[[waypoint]]
+position_mm = [0, 0, 0]        # rest at the start first, for the closure
+[[waypoint]]
+position_mm = [150, 100, 50]
+[[waypoint]]
+position_mm = [-100, 150, -50]
+
+[reference_poses]              # a calibration campaign about the start
+count = 20
+u_position_mm = 0.05           # how well a laser tracker, or the robot itself, knows the poses
+u_rotation_deg = 0.01
+"""
+
+
+def folder_files(rig: Rig, about: str) -> dict[str, str]:
+    """Texts by their names in a new folder: the rig, what is measured on its drums, a task for `place`, a scenario, schemas."""
+    out = {
+        "rig.toml": rig_text(rig, about, "schemas/rig.json"),
+        "drums.toml": _drums(rig),
+        "placement.toml": _placement(rig),
+        "scenario.toml": SCENARIO,
+    }
+    return out | {f"schemas/{name.removesuffix('.toml')}.json": shipped(name.removesuffix(".toml")) for name in out}
+
+
+def _drums(rig: Rig) -> str:
+    parts = [DRUMS_HEAD]
+    for number, p in enumerate(rig.observation_point):
+        # equal radii of drum and pulley: then the tangent is the distance of the axes
+        values = {
+            "counts": p.drum.counts_per_revolution, "pitch": abs(p.drum.groove_pitch_mm), "count": p.drum.count_length_mm,
+            "distance": p.drum.tangent_length_mm,
+        }  # fmt: skip
+        lines = [f"{key} = {value.format(**values)}" + (f"  # {text}" if number == 0 else "") for key, value, text in DRUMS_KEYS]
+        parts.append("\n".join(["[[drum]]", f'point = "{p.name}"', *lines, ""]))
+    return "\n".join(parts)
+
+
+def _placement(rig: Rig) -> str:
+    boxes = [
+        f'[[mount]]\npoints = ["{p.name}"]\nlow_mm = {_numbers(tuple(v - HALF_MM for v in p.position_mm))}\n'
+        f"high_mm = {_numbers(tuple(v + HALF_MM for v in p.position_mm))}\n"
+        for p in rig.observation_point
+    ]
+    head = PLACEMENT.format(low=-HALF_MM, high=HALF_MM, tilt=TILT_RAD)
+    return "\n".join([head, "# Where each observation point may be put; a box that is flat is a wall or a beam.", *boxes])

@@ -1,0 +1,133 @@
+"""A rig to begin with."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import OverwriteError, SettingsError
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.settings import Asked, option
+
+if TYPE_CHECKING:
+    from lmeasure.rig import Rig
+    from lmeasure.templates import Answers, Template
+
+Ask = Callable[[str, str], str]
+"""Is told a question and the answer that Enter gives; gives the answer."""
+
+
+class Settings(Asked):
+    """What `lmeasure init` is asked. Files that are there are never written over, not even its own."""
+
+    out: Annotated[
+        Path,
+        option(
+            "Folder for rig.toml, drums.toml, placement.toml, scenario.toml and schemas; a name in .toml: the rig alone.",
+            metavar="FOLDER_OR_FILE",
+            positional=True,
+        ),
+    ] = Path()
+    template: Annotated[str | None, option("Shape to begin with; without it questions are asked.", metavar="NAME")] = None
+    list: Annotated[bool, option("Only list the templates.", flag="--list")] = False
+
+
+@workflow("init")
+def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = None) -> "Result[Rig | None]":
+    """Write the files; ask is for what no template knows."""
+    from lmeasure import files
+    from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of, rig_text
+
+    if settings.list:
+        return Result(None, tuple(f"{name:<14}{template.text}" for name, template in TEMPLATES.items()))
+    if settings.template is None and ask is None:
+        raise SettingsError("template", f"is missing: {', '.join(TEMPLATES)}")
+    name = settings.template
+    alone = settings.out.suffix == ".toml"
+    _refuse_to_write_over(
+        [settings.out] if alone else [settings.out / own for own in ("rig.toml", "drums.toml", "placement.toml", "scenario.toml")]
+    )
+    if name is None and ask is not None:
+        name = _choice(ask, "Which shape", tuple(TEMPLATES))
+    if name not in TEMPLATES:
+        raise SettingsError("template", f"{name!r} is not one of {', '.join(TEMPLATES)}")
+    template = TEMPLATES[name]
+    answers = Answers() if settings.template is not None or ask is None else _asked(ask, template)
+    rig = rig_of(template, answers)
+    progress(0.5, "working out what errors cost")
+    texts = (
+        {settings.out: rig_text(rig, template.text)}
+        if alone
+        else {settings.out / n: t for n, t in folder_files(rig, template.text).items()}
+    )
+    _refuse_to_write_over(list(texts))
+    for path, text in texts.items():
+        files.write_text(path, text)
+    main = settings.out if alone else settings.out / "rig.toml"
+    told = [f"{main}: {template.text}"]
+    if rig.assumed:
+        told.append(f"{len(rig.assumed)} of its values are guesses and stand in its list assumed; hold all others against your rig too")
+    measures, measured = main.with_name("drums.toml"), main.with_name("measured.toml")
+    told.append(f"next: measure the drums, and `lmeasure drum {measures} --rig {main} --out {measured}`; docs/rig.md goes on from there")
+    return Result(rig, tuple(told), files=tuple(texts))
+
+
+def _refuse_to_write_over(paths: list[Path]) -> None:
+    there = [str(path) for path in paths if path.exists() or path.is_symlink()]
+    if there:
+        raise OverwriteError(f"{', '.join(there)}: is there already, and init never writes over a file: remove it or give another name")
+
+
+def _choice(ask: Ask, question: str, options: tuple[str, ...]) -> str:
+    while True:
+        answer = ask(f"{question} ({', '.join(options)})", options[0]).strip()
+        if answer in options:
+            return answer
+        question = f"{answer!r} is none of them. Which"
+
+
+def _asked(ask: Ask, template: "Template") -> "Answers":
+    """What differs from rig to rig. Numbers are asked for again until they are some; Enter keeps a guess a guess."""
+    from lmeasure.conventions import CONVENTIONS
+    from lmeasure.templates import Answers
+    from lmeasure.templates.shapes import DRUM, PULLEY_RADIUS_MM
+
+    name = ask("Name of the rig", Answers().name).strip()
+    angles = _choice(ask, "Convention of the controller's angles", tuple(CONVENTIONS))
+    drum = {
+        "counts_per_revolution": _numbers(
+            ask, "Counts of an encoder in one turn of its drum", (DRUM["counts_per_revolution"],), whole=True
+        )[0],
+        "count_length_mm": _numbers(ask, "Cable per count [mm]", (DRUM["count_length_mm"],))[0],
+        "groove_pitch_mm": _numbers(ask, "Groove pitch of the drums [mm]", (DRUM["groove_pitch_mm"],))[0],
+    }
+    radius = _numbers(
+        ask, "Radius of the swivel pulleys to the middle of the cable [mm]; Enter if it was not measured", (PULLEY_RADIUS_MM,)
+    )
+    positions = {
+        f"B{i}": _numbers(ask, f"B{i}: where the swivel axis touches the pulley's groove, x,y,z in the base frame [mm]", place)
+        for i, place in enumerate(template.points, 1)
+    }
+    tool = {f"P{i}": _numbers(ask, f"P{i}: attachment point, x,y,z in the tool frame [mm]", at) for i, at in enumerate(template.tool, 1)}
+    measured = None if radius[0] == PULLEY_RADIUS_MM else radius[0]
+    return Answers(
+        name,
+        angles,
+        drum,
+        measured,
+        {k: (v[0], v[1], v[2]) for k, v in positions.items()},
+        {k: (v[0], v[1], v[2]) for k, v in tool.items()},
+    )
+
+
+def _numbers(ask: Ask, question: str, default: tuple[float, ...], *, whole: bool = False) -> tuple[float, ...]:
+    asked = question
+    while True:
+        answer = ask(question, ",".join(f"{v:g}" for v in default))
+        try:
+            values = tuple((int if whole else float)(part) for part in answer.replace(";", ",").split(","))
+        except ValueError:
+            values = ()
+        if len(values) == len(default) and all(abs(v) < 1e6 for v in values):
+            return values
+        kind = "a whole number" if whole else "a number" if len(default) == 1 else f"{len(default)} numbers with commas between them"
+        question = f"{answer!r} is not {kind}. {asked}"
