@@ -79,6 +79,7 @@ def test_files_validate_where_they_are_read() -> None:
 
 # what only a look at several keys at once, or at several files, can tell
 BEYOND_A_SCHEMA = (
+    "schema: is missing",
     "cable of one turn", "names no value", "no observation_point", "no point of", "another cable too", "another column", "is given",
     "numbered from 1", "length of at most", "printable", "finite number", "count_length_mm: must be a number",
 )  # fmt: skip

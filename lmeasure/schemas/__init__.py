@@ -44,7 +44,7 @@ KINDS = {
     "program": Kind("program.toml", "lmeasure.program", "Program", "poses and paths that a robot is told to take"),
     "details": Kind("details.toml", "lmeasure.certification.details", "Details", "what a report must say besides its figures"),
     "robot": Kind("robot.toml", "lmeasure.robots.robot", "Robot", "a robot's joints"),
-    "structure": Kind("structure.toml", "lmeasure.linkage", "StructureFile", "points and links of a mechanism"),
+    "structure": Kind("structure.toml", "lmeasure.linkage.links", "StructureFile", "points and links of a mechanism"),
 }
 """By the names that `lmeasure schema` takes."""
 
@@ -75,6 +75,9 @@ def _plain(value: Any, properties: bool = False) -> Any:
     if not properties and items and all(one == items[0] for one in items):
         del out["prefixItems"]
         out["items"] = items[0]
+    if not properties and "patternProperties" in out:
+        # a name that is none is refused
+        out.setdefault("additionalProperties", False)
     if not properties and isinstance(out.get("description"), str):
         out["description"] = " ".join(out["description"].split())
     return out
@@ -134,7 +137,7 @@ def _one_kind(about: dict[str, Any]) -> str:
         return f"{count} {words}" if count and count == about.get("minItems") else f"array of {words}"
     if kind == "object":
         of_any = about.get("patternProperties", {})
-        inner = about.get("additionalProperties", next(iter(of_any.values()), None))
+        inner = next(iter(of_any.values()), about.get("additionalProperties"))
         return f"table of NAME = {_held(inner)}" if isinstance(inner, dict) else "table"
     return {"string": "text", "boolean": "true or false"}.get(str(kind), "anything")
 
