@@ -37,7 +37,7 @@ def position_errors(rig: Rig, zeroed_at: FloatArray, poses: FloatArray, names: t
     """(n, 3, q) errors of the tool's position [mm] at poses (n, 7) by one unit of an error of each parameter names (q,) of the rig, whose
     counters were zeroed at a pose (7,); first order. A parameter that several cables have errs once for all."""
     channels: list[CableLength] = cable_lengths(rig, zeroed_at)
-    return np.asarray(shared_errors(channels, poses, twists(channels, poses), names, np.eye(len(names)))[:, 3:])
+    return np.asarray(shared_errors(channels, poses, twists(channels, poses), names=names, root=np.eye(len(names)))[:, 3:])
 
 
 def costs(rig: Rig, zeroed_at: FloatArray | None = None, poses: FloatArray | None = None) -> dict[str, Cost]:
