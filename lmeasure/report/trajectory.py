@@ -11,7 +11,7 @@ from lmeasure import files
 from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
 from lmeasure.arrays import FloatArray
 from lmeasure.catalogue import decimal, texts
-from lmeasure.findings import recognised
+from lmeasure.findings import Finding, recognised
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
 from lmeasure.report import html
@@ -145,8 +145,10 @@ def _status(status: int, language: str) -> str:
     return texts(DOMAIN, language)[f"status.{WORDS[status]}"]
 
 
-def _said(text: str, language: str) -> str:
+def _said(text: str | Finding, language: str) -> str:
     """A text of the computation in the page's language, as far as it is known there."""
+    if isinstance(text, Finding):
+        return text.text(language)
     found = recognised(text) if text and language != "en" else None
     return text if found is None else found.text(language)
 
