@@ -1,5 +1,5 @@
 """`python -m lmeasure`."""
 
-from lmeasure.cli import main
+from lmeasure.cli import program
 
-main()
+program()

@@ -4,6 +4,7 @@ Nothing heavy is imported before a command runs, so that `lmeasure --help` answe
 answer, said in one line; 2 wrong usage.
 """
 
+import atexit
 import errno
 import io
 import os
@@ -67,8 +68,28 @@ def _options(
     pass
 
 
+def program() -> NoReturn:
+    """Entry point of the `lmeasure` command: `main`, and then the end at once. Taking compiled code and libraries apart takes a second or
+    more, in which a person waits and nothing is done."""
+    code = INTERRUPTED
+
+    def leave() -> None:
+        os._exit(code)
+
+    atexit.register(leave)  # the first to be registered is the last to be called
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0 if end.code is None else NO_ANSWER
+        raise
+    except Exception:
+        code = NO_ANSWER
+        raise
+    raise SystemExit(0)
+
+
 def main() -> None:
-    """Entry point of the `lmeasure` command."""
+    """The command in a process that goes on, as in a test: it ends with SystemExit."""
     # before numpy is loaded: the matrices here are small, and threads of BLAS only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):

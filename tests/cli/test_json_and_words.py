@@ -150,3 +150,16 @@ def test_completion_knows_the_commands() -> None:
 def test_words_in_english_are_the_texts() -> None:
     assert said("compiled {count}", count=3) == "compiled 3"
     assert retold("Missing option '--out'.") == "Missing option '--out'."
+
+
+def test_a_command_ends_when_it_has_said_its_last_line(tmp_path: Path) -> None:
+    """What is taken apart behind it is never begun: here it would fail."""
+    code = (
+        "import sys\nclass Slow:\n    def __del__(self): print('taken apart')\nkept = Slow()\n"
+        "from lmeasure.cli import program\nsys.argv = ['lmeasure', *sys.argv[1:]]\nprogram()"
+    )
+    for words, expected in ((["--version"], 0), (["key", "--out", str(tmp_path / "k")], 0), (["verify", "nothing"], 1), (["nothing"], 2)):
+        done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+        assert done.returncode == expected, done.stderr
+        assert "taken apart" not in done.stdout
+        assert done.stdout or expected
