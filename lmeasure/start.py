@@ -21,6 +21,8 @@ NOT_GIVEN = "the start pose was not given: the base frame is taken to be the too
 """The note beside a [start] of zero that recordings without a start once had: nobody had stated it."""
 _ZERO = {"position_mm": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
 LENGTHS = "lengths_mm"
+TYPED = "angles"
+"""Three angles in whatever convention the rig has, as a person types them behind --start."""
 START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg", "u_length_mm")
 CLEARLY = 2.0  # times farther than the nearest assembly the next one must be from the place that is stated
 LISTED = 6  # assemblies in a message
@@ -74,18 +76,28 @@ def start_in(data: dict[str, Any]) -> Any | None:
 
 
 def stated_start(text: str) -> StatedStart:
-    """What a --start option states: seven numbers with commas, x, y, z [mm], qx, qy, qz, qw, or a file with a table start.
+    """What a --start option states: numbers with commas, x, y, z [mm] and three angles in the rig's convention, or qx, qy, qz, qw, or a
+    file with a table start.
 
     FileFormatError names the option or the file.
     """
-    parts = text.split(",")
-    if len(parts) == len(_ZERO["position_mm"]) + len(_ZERO["quaternion_xyzw"]):
+    parts, turns = text.split(","), {6: TYPED, 7: "quaternion_xyzw"}
+    if len(parts) in turns:
         with suppress(ValueError):
             numbers = [float(part) for part in parts]
-            return StatedStart({"position_mm": numbers[:3], "quaternion_xyzw": numbers[3:]}, f"--start {text!r}")
+            return StatedStart({"position_mm": numbers[:3], turns[len(parts)]: numbers[3:]}, f"--start {text!r}")
     if not Path(text).is_file():
-        raise FileFormatError(f"--start {text!r}: is neither seven numbers, x,y,z in mm and qx,qy,qz,qw, nor a file with the table start")
+        raise FileFormatError(
+            f"--start {text!r}: is neither six numbers, x,y,z in mm and the rig's three angles, nor seven, x,y,z and qx,qy,qz,qw, "
+            "nor a file with the table start"
+        )
     return start_from(Path(text))
+
+
+def start_from_text(text: str, rig: Rig) -> FloatArray:
+    """(7,) the pose that a --start option states for a rig; FileFormatError says what is wrong with it."""
+    stated = stated_start(text)
+    return start_of_rig(stated.table, rig, stated.source)
 
 
 def start_from(path: Path) -> StatedStart:
@@ -178,6 +190,8 @@ def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:
     convention = conventions.convention(angles)
     unit = convention.columns[0].rsplit("_", 1)[1]
     angle_key = "_".join(c.rsplit("_", 1)[0] for c in convention.columns) + f"_{unit}"
+    if TYPED in start:
+        start = {angle_key if key == TYPED else key: value for key, value in start.items()}
     known = ("position_mm", "quaternion_xyzw", angle_key, LENGTHS, *START_UNCERTAINTY)
     unknown = sorted(set(start) - set(known))
     if unknown:

@@ -106,8 +106,8 @@ def test_reconstruct_takes_the_start_that_is_given(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("start", "complaint"),
     [
-        ("1,2,3", "is neither seven numbers"),
-        ("a,b,c,d,e,f,g", "is neither seven numbers"),
+        ("1,2,3", "is neither six numbers"),
+        ("a,b,c,d,e,f,g", "is neither six numbers"),
         ("0,0,0,0,0,0,2", "the quaternion's length is 2, not 1"),
         ("nan,0,0,0,0,0,1", "position_mm must be 3 numbers"),
         ("{run}/rig.toml", r"rig.toml: [start] is missing"),

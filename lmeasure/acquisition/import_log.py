@@ -143,7 +143,10 @@ def _import_log(
         if np.isnan(column).all():
             there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
             wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
-            raise AcquisitionError(f"{log}: channel {one.channel}: not one count in frames {wanted}; identifiers in the log: {there}")
+            told = (
+                f"not one count in frames {wanted}; identifiers in the log: {there}; `lmeasure import {log} --scan` lists what they carry"
+            )
+            raise AcquisitionError(f"{log}: channel {one.channel}: {told}")
     start_s = float(assembled.counts.time_s[0])
     counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
     digest = sha256_of(log)

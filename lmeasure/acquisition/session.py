@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from lmeasure import files
 from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
@@ -17,12 +15,11 @@ from lmeasure.acquisition.import_log import fields_of_log, with_files_beside
 from lmeasure.acquisition.recorder import Progress, Recording, record
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Source, open_source
-from lmeasure.arrays import FloatArray
 from lmeasure.can_table import CanOpenCan
 from lmeasure.errors import AcquisitionError
-from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Rig
 from lmeasure.run import read_linked_rig
+from lmeasure.start import start_from_text
 
 if TYPE_CHECKING:
     import can
@@ -44,12 +41,12 @@ def record_session(
 ) -> Recording:
     """Open what the rig's `[can]` table and the bus's name ask for and record a pass; see `recorder.record`.
 
-    start: seven numbers with commas, x, y, z [mm], qx, qy, qz, qw; options: KEY=VALUE for the interface. AcquisitionError in one line.
+    start: as `start.stated_start` takes it; options: KEY=VALUE for the interface. AcquisitionError in one line.
     """
     rig, calibration = read_linked_rig(rig_path)
     if passage > rig.passes:
         raise AcquisitionError(f"{rig_path}: its cables need {rig.passes} pass(es); there is no pass {passage}")
-    pose = None if start is None else pose_from_text(start)
+    pose = None if start is None else start_from_text(start, rig)
     here = Path(rig_path).parent
     link = connect(rig, here, bus, passage=passage, options=options_from_text(options), paced=paced)
     try:
@@ -126,17 +123,6 @@ def connect(
 def _warm_up(rig: Rig, fields: tuple[CounterField, ...], passage: int) -> None:
     """Compile what decodes frames, which can take seconds the first time, while none can be lost by it."""
     new_assembler(rig, fields, passage).feed(no_frames())
-
-
-def pose_from_text(text: str) -> FloatArray:
-    """(7,) pose from seven numbers with commas; AcquisitionError says what is wrong with them."""
-    parts = text.split(",")
-    if len(parts) != 7:
-        raise AcquisitionError(f"--start {text!r}: x,y,z in mm and qx,qy,qz,qw are seven numbers, not {len(parts)}")
-    try:
-        return np.asarray(poses_from_rows(np.array([[float(part) for part in parts]])).rows[0])
-    except ValueError as error:
-        raise AcquisitionError(f"--start {text!r}: x,y,z in mm and qx,qy,qz,qw: {error}") from None
 
 
 def options_from_text(options: Sequence[str]) -> dict[str, str]:

@@ -7,10 +7,11 @@ from pydantic import Field
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.import_log import Imported
+    from lmeasure.acquisition.scan_log import Scan
     from lmeasure.start import StatedStart
 
 
@@ -22,10 +23,13 @@ class Settings(Asked):
         Field(min_length=1),
         option("Log of each pass: .blf, .asc, .log, .txt, .trc, .csv (all also .gz), .mf4 (extra mf4).", metavar="LOG...", positional=True),
     ]
-    rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
-    out: Annotated[Path, option("Run folder to write.", metavar="RUN")]
-    start: Annotated[Path | None, option("File with the start pose as table start, such as a run.toml.")] = None
-    position_mm: Annotated[tuple[float, float, float] | None, option("Start position, instead of --start.", metavar="X Y Z")] = None
+    rig: Annotated[Path | None, option("rig.toml; its [can] table says which frames carry the counters.")] = None
+    out: Annotated[Path | None, option("Run folder to write.", metavar="RUN")] = None
+    scan: Annotated[bool, option("List what the logs hold, and guess at the [can] table; nothing is written.", flag="--scan")] = False
+    start: Annotated[str | None, option(f"Start pose: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    position_mm: Annotated[
+        tuple[float, float, float] | None, option("Start position, with --quaternion-xyzw in place of --start.", metavar="X Y Z")
+    ] = None
     quaternion_xyzw: Annotated[tuple[float, float, float, float] | None, option("Start orientation.", metavar="X Y Z W")] = None
     dbc: Annotated[Path | None, option("DBC file that names the counters; default the rig's.")] = None
     bus: Annotated[str | None, option("Read only this bus of the log.")] = None
@@ -34,14 +38,25 @@ class Settings(Asked):
 
     def paths(self) -> Paths:
         """A run folder from logs, a rig, a start and a DBC file."""
+        if self.out is None:
+            return Paths(present(self.rerun), (*self.logs, *present(self.rig, self.dbc)))
+        start = () if self.start is None or not Path(self.start).is_file() else (Path(self.start),)
         ends = (".csv", ".parquet", ".events.csv")
         passes = inside(self.out, *(f"pass{n}{end}" for n in range(1, len(self.logs) + 1) for end in ends))
-        return Paths((*in_run_folder(self.out), *passes, *present(self.rerun)), (*self.logs, self.rig, *present(self.start, self.dbc)))
+        return Paths((*in_run_folder(self.out), *passes, *present(self.rerun)), (*self.logs, *start, *present(self.rig, self.dbc)))
 
 
 @workflow("import")
-def run(settings: Settings, progress: Progress = silent) -> "Result[Imported]":
-    """Read the logs and write the run folder."""
+def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | tuple[Scan, ...]]":
+    """Read the logs and write the run folder, or only look at what they hold."""
+    if settings.scan:
+        return _scanned(settings, progress)
+    if settings.rig is None:
+        raise SettingsError(
+            "rig", f"is missing: whose counters are these? `lmeasure import {settings.logs[0]} --scan` lists what the log holds"
+        )
+    if settings.out is None:
+        raise SettingsError("out", "is missing: the run folder to write")
     from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
     from lmeasure.run import read_linked_rig
     from lmeasure.start import start_of_rig, start_uncertainty
@@ -73,14 +88,30 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported]":
     return Result(imported, (*imported.summary().splitlines(), *notes), warnings=notes)
 
 
+def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple[Scan, ...]]":
+    from lmeasure.acquisition.scan_log import scan_log
+
+    found = tuple(scan_log(log, steps(progress, "bytes")) for log in settings.logs)
+    lines = [line for scan in found for line in scan.lines()]
+    counters = sum(len(c.counters) for scan in found for c in scan.carried)
+    return Result(found, tuple(lines), {"identifiers": float(sum(len(s.carried) for s in found)), "counter_like": float(counters)})
+
+
 def _start(settings: Settings) -> "StatedStart | None":
-    from lmeasure.start import StatedStart, start_from
+    from lmeasure.start import StatedStart, stated_start
 
     position, turn = settings.position_mm, settings.quaternion_xyzw
-    if (settings.start is not None and position is not None) or (position is None) != (turn is None):
-        raise SettingsError("", "give the start pose either by --start or by --position-mm and --quaternion-xyzw")
+    if settings.start is not None and (position is not None or turn is not None):
+        raise SettingsError("start", "is given, and so is --position-mm or --quaternion-xyzw; one of them states the start pose")
+    if position is not None and turn is None:
+        text = (
+            "states half of the start pose; how the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"
+        )
+        raise SettingsError("position_mm", f"{text} in the rig's own angles")
+    if turn is not None and position is None:
+        raise SettingsError("quaternion_xyzw", "states half of the start pose; where the tool was is missing: give --position-mm too")
     if settings.start is not None:
-        return start_from(settings.start)
+        return stated_start(settings.start)
     if position is None or turn is None:
         return None
     return StatedStart({"position_mm": list(position), "quaternion_xyzw": list(turn)}, "--position-mm, --quaternion-xyzw")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, Asked, Paths, Recording, option
+from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, option
 
 if TYPE_CHECKING:
     from lmeasure.run import RunHead
@@ -21,7 +21,7 @@ class Settings(Asked):
     rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own.")] = None
     start: Annotated[
         str | None,
-        option("Start pose, or a file with it as table start, instead of the run's.", metavar="X,Y,Z,QX,QY,QZ,QW|FILE"),
+        option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE"),
     ] = None
     constraint: Annotated[str | None, option("What holds the tool where cables are too few: planar or vertical-axis.")] = None
     repeatability_mm: Annotated[float, option("Standard deviation per axis of the robot between repeated passes.", ge=0.0)] = 0.0

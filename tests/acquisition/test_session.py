@@ -17,7 +17,7 @@ from lmeasure.acquisition.frames import messages_from_frames
 from lmeasure.acquisition.import_log import import_logs
 from lmeasure.acquisition.logfiles import read_log
 from lmeasure.acquisition.session import record_session
-from lmeasure.errors import AcquisitionError, FileFormatError
+from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
 from lmeasure.rig import rig_from_dict, write_rig
 from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig, read_scenario, simulate
@@ -125,14 +125,14 @@ def test_passes_of_one_motion_join_one_folder(recorded: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("asked", "complaint"),
     [
-        ({"start": "1,2,3"}, "--start '1,2,3': x,y,z in mm"),
+        ({"start": "1,2,3"}, "--start '1,2,3': is neither six numbers, x,y,z in mm and the rig's three angles, nor seven"),
         ({"start": "1,2,3,0,0,0,2"}, "the quaternion's length is 2, not 1"),
         ({"start": "a,b,c,d,e,f,g"}, "--start"),
         ({"options": ["host"]}, "--bus-option 'host': is not KEY=VALUE"),
     ],
 )
 def test_a_wrong_option_is_refused_in_one_line(asked: dict[str, Any], complaint: str, recorded: Path, tmp_path: Path) -> None:
-    with pytest.raises(AcquisitionError, match=complaint):
+    with pytest.raises(LMeasureError, match=complaint):
         record_session(recorded / "rig.toml", f"replay:{recorded / 'run' / 'pass1.log'}", tmp_path / "run", paced=False, **asked)
     assert not (tmp_path / "run").exists()
 

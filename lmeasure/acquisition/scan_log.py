@@ -1,0 +1,217 @@
+"""What a log holds when nobody says where its counters are: identifiers, rates, which bytes move and how, and a guess at the `[can]` table.
+
+A counter of a drum moves little from frame to frame against its range; a cyclic number counts the frames; a checksum does anything. So
+bytes are taken for a counter when its steps, the range gone round, stay a small part of the range, and are not all the same.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmeasure.acquisition.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.logfiles import LogReport, log_batches
+from lmeasure.arrays import IntArray
+from lmeasure.can_table import SYNC_ID
+from lmeasure.errors import FileFormatError
+
+KEPT = 200_000
+"""Frames of an identifier that are looked at."""
+LEAST = 8
+"""Frames that tell how bytes move."""
+SMALL = 1.0 / 16.0
+"""Part of a field's range that a counter steps by at most, but for a few of its steps."""
+FEW = 0.01
+ALIKE = 0.02
+"""By which the rates of a SYNC and of what answers it differ."""
+WIDTHS = (4, 3, 2)
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Field:
+    """A counter-like number at bytes first .. first + size of a frame: its order, from and to what it went, its largest step."""
+
+    first: int
+    size: int
+    order: str
+    least: int
+    most: int
+    step: int
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        span = f"{self.first}-{self.first + self.size - 1}"
+        return f"bytes {span}: counter, {8 * self.size} bits {self.order}, {self.least} .. {self.most}, steps to {self.step}"
+
+
+@dataclass(frozen=True)
+class Carried:
+    """An identifier on a bus: how many frames, how many a second, their lengths, the counter-like numbers in them, and in words how their
+    other bytes move."""
+
+    identifier: int
+    extended: bool
+    bus: str
+    frames: int
+    rate_hz: float
+    lengths: tuple[int, ...]
+    counters: tuple[Field, ...]
+    others: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """As logs write it."""
+        return f"{self.identifier:08X}x" if self.extended else f"{self.identifier:03X}"
+
+    def lines(self) -> list[str]:
+        """A line, and one for each thing in its bytes."""
+        size = ",".join(map(str, self.lengths))
+        head = f"{self.name:>9s}  {self.bus:8s} {self.frames:8d} {self.rate_hz:9.1f}/s  {size:>5s} bytes"
+        return [head, *(f"{'':11s}{text}" for text in (*(c.text for c in self.counters), *self.others))]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """All identifiers of a log, and what could not be read of it."""
+
+    path: Path
+    carried: tuple[Carried, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def sync(self) -> Carried | None:
+        """What looks like SYNC: frames without data as often as the counters come."""
+        rates = [c.rate_hz for c in self.carried if c.counters]
+        empty = [c for c in self.carried if c.lengths == (0,) and any(abs(c.rate_hz - r) <= ALIKE * r for r in rates)]
+        return min(empty, key=lambda c: (c.identifier != SYNC_ID, c.identifier), default=None)
+
+    def table(self) -> list[str]:
+        """The guess as the lines of a `[can]` table, none where nothing looks like a counter."""
+        found = [(c, f) for c in self.carried for f in c.counters]
+        if not found:
+            return []
+        sync = self.sync
+        timing = ['timing = "free"'] if sync is None else ['timing = "sync"', f"sync_id = {sync.identifier:#x}"]
+        lines = ["[can]", 'decoder = "raw"', *timing]
+        for number, (carried, field) in enumerate(found, 1):
+            bits = 32 if field.size == 4 else 8 * field.size
+            lines += ["", "[[can.channel]]", f'channel = "ch{number}"', f"id = {carried.identifier:#x}"]
+            lines += ["extended = true"] * carried.extended
+            lines += [f"byte_offset = {field.first}", f"bits = {bits}", f'byte_order = "{field.order}"']
+        return lines
+
+    def lines(self) -> list[str]:
+        """For people: the identifiers, then the guess."""
+        out = [
+            f"{self.path}: {sum(c.frames for c in self.carried)} frames",
+            *(line for c in self.carried for line in c.lines()),
+            *self.notes,
+        ]
+        table = self.table()
+        if not table:
+            return [*out, "nothing moves like a counter: was the robot moved while this was logged?"]
+        guess = "a guess for rig.toml; which drum is which `lmeasure check` tells:"
+        return [*out, "", guess, "", *table]
+
+
+def scan_log(path: Path, progress: Callable[[int, int], None] | None = None) -> Scan:
+    """Look at all frames of a log; FileFormatError where it has none, or is no log."""
+    report = LogReport()
+    found: dict[tuple[str, int, bool], _Seen] = {}
+    for batch in log_batches(path, report, progress):
+        _take(batch, found)
+    if not found:
+        why = "; ".join(report.notes())
+        raise FileFormatError(f"{path}: holds no CAN frame{': ' + why if why else ''}")
+    carried = tuple(_carried(key, found[key]) for key in sorted(found))
+    return Scan(Path(path), carried, tuple(report.notes()))
+
+
+@dataclass
+class _Seen:
+    """Frames of one identifier so far."""
+
+    first_s: float
+    last_s: float = 0.0
+    count: int = 0
+    kept: int = 0
+    lengths: frozenset[int] = frozenset()
+    data: tuple[Bytes, ...] = ()
+
+
+def _take(batch: Frames, found: dict[tuple[str, int, bool], _Seen]) -> None:
+    good = (batch.flags & (ERROR | REMOTE)) == 0
+    key = batch.identifier.astype(np.int64) * 2 + ((batch.flags & EXTENDED) != 0) + (batch.channel.astype(np.int64) << 32)
+    for one in np.unique(key[good]):
+        rows = np.flatnonzero(good & (key == one))
+        place = batch.buses[int(one >> 32)], int(one & 0xFFFFFFFF) >> 1, bool(one & 1)
+        seen = found.setdefault(place, _Seen(float(batch.time_s[rows[0]])))
+        seen.last_s, seen.count = float(batch.time_s[rows[-1]]), seen.count + len(rows)
+        seen.lengths |= frozenset(np.unique(batch.length[rows]).tolist())
+        if seen.kept < KEPT:
+            seen.data, seen.kept = (*seen.data, batch.data[rows]), seen.kept + len(rows)
+
+
+def _carried(key: tuple[str, int, bool], seen: _Seen) -> Carried:
+    bus, identifier, extended = key
+    size = min(seen.lengths)
+    data = np.vstack([part[:, :size] for part in seen.data])
+    rate = (seen.count - 1) / (seen.last_s - seen.first_s) if seen.last_s > seen.first_s else 0.0
+    counters = _counters(data) if len(data) >= LEAST else ()
+    covered = {b for c in counters for b in range(c.first, c.first + c.size)}
+    others = tuple(text for b in range(size) if b not in covered and (text := _movement(b, data[:, b])))
+    return Carried(identifier, extended, bus, seen.count, rate, tuple(sorted(seen.lengths)), counters, others)
+
+
+def _counters(data: Bytes) -> tuple[Field, ...]:
+    """Counter-like numbers that do not overlap, at even bytes, as devices align them; of the liveliest bytes first, as wide as can be."""
+    places = ((first, size, order) for first in range(0, data.shape[1] - 1, 2) for size in WIDTHS for order in ("little", "big"))
+    fits = [
+        one for first, size, order in places if first + size <= data.shape[1] if (one := _counter(data, first, size, order)) is not None
+    ]
+    found: list[Field] = []
+    for _, field in sorted(fits, key=lambda fit: (-fit[0], -fit[1].size, fit[1].first)):
+        if all(field.first >= f.first + f.size or f.first >= field.first + field.size for f in found):
+            found.append(field)
+    return tuple(sorted(found, key=lambda f: f.first))
+
+
+def _counter(data: Bytes, first: int, size: int, order: str) -> tuple[int, Field] | None:
+    """How often its low byte moves, and the field, where it moves as a counter does: in small steps, not all alike, a byte less often than
+    that below it, and as smoothly as its low byte alone: a byte that does not take what is carried is of another number."""
+    part = data[:, first : first + size].astype(np.int64)
+    part = part if order == "big" else part[:, ::-1]
+    moves = (part[1:] != part[:-1]).sum(axis=0)
+    # what stands above the bytes that move is a sign
+    if moves[-1] == 0 or (np.diff(moves) < 0).any() or not np.isin(part[0, moves == 0], (0x00, 0xFF)).all():
+        return None
+    span = 256**size
+    value: IntArray = np.asarray(part @ 256 ** np.arange(size - 1, -1, -1), np.int64)
+    steps, of_low_byte = _steps(value, span), _steps(part[:, -1], 256)
+    rough, least = (int(np.abs(np.diff(one)).max()) for one in (steps, of_low_byte))
+    if np.mean(np.abs(steps) > SMALL * span) > FEW or len(np.unique(steps)) == 1 or rough > 2 * least + 2:
+        return None
+    whole = value[0] + np.concatenate([[0], np.cumsum(steps)]) - (span if value[0] >= span // 2 else 0)
+    return int(moves[-1]), Field(first, size, order, int(whole.min()), int(whole.max()), int(np.abs(steps).max()))
+
+
+def _steps(value: IntArray, span: int) -> IntArray:
+    """Differences of numbers that begin anew after span, the shorter way."""
+    return np.asarray(np.mod(np.diff(value) + span // 2, span) - span // 2, np.int64)
+
+
+def _movement(place: int, values: Bytes) -> str:
+    """How a byte moves that belongs to no counter; nothing of one that does not."""
+    different = np.unique(values)
+    if len(different) == 1:
+        return ""
+    steps = np.mod(np.diff(values.astype(np.int64)), 256)
+    if len(np.unique(steps)) == 1:
+        return f"byte {place}: counts the frames, by {int(steps[0])}"
+    if len(different) == 2:
+        return f"byte {place}: toggles between {different[0]:02X} and {different[1]:02X}"
+    return f"byte {place}: {len(different)} values, no counter (a checksum, or a measurement)"
