@@ -1,9 +1,9 @@
 """From log files of CAN frames to a run folder."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
@@ -36,6 +36,14 @@ class Settings(Asked):
     parquet: Annotated[bool, option("Write the counts as .parquet instead of .csv.")] = False
     rerun: Annotated[Recording | None, RERUN] = None
 
+    @model_validator(mode="after")
+    def _says_whose_counters(self) -> Self:
+        if not self.scan and self.rig is None:
+            raise SettingsError("rig", f"is missing; without one `lmeasure import {self.logs[0]} --scan` lists what the log holds")
+        if not self.scan and self.out is None:
+            raise SettingsError("out", "is missing")
+        return self
+
     def paths(self) -> Paths:
         """A run folder from logs, a rig, a start and a DBC file."""
         if self.out is None:
@@ -51,12 +59,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
     """Read the logs and write the run folder, or only look at what they hold."""
     if settings.scan:
         return _scanned(settings, progress)
-    if settings.rig is None:
-        raise SettingsError(
-            "rig", f"is missing: whose counters are these? `lmeasure import {settings.logs[0]} --scan` lists what the log holds"
-        )
-    if settings.out is None:
-        raise SettingsError("out", "is missing: the run folder to write")
+    assert settings.rig is not None
+    assert settings.out is not None
     from lmeasure.acquisition.import_log import import_logs, with_dbc, write_import
     from lmeasure.run import read_linked_rig
     from lmeasure.start import start_of_rig, start_uncertainty
