@@ -83,10 +83,12 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     model = GivenPoses(of_robot.rows)
     stated = ("position" not in seen.absent, "rotation" not in seen.absent and seen.oriented)
     rows = replace(rows, covariance=seen.covariances, stated=stated)
-    found = identify(model, rows, Settings(seed=seed))
+    # stated of whole poses, and more than nothing: then that is what they scatter by, and the robot's poses are given ones
+    told = bool(all(stated) and (np.einsum("nii->ni", rows.covariance) > 0.0).all())
+    found = identify(model, rows, Settings(seed=seed, own_noise=not told))
     if not of_robot.covariances.any():
         return found
-    return identify(model, _with_robot(rows, of_robot, found), Settings(seed=seed))
+    return identify(model, _with_robot(rows, of_robot, found), Settings(seed=seed, own_noise=not told))
 
 
 def _with_robot(rows: Measurements, robot: Poses, found: Identified[GivenPoses]) -> Measurements:

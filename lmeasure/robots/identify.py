@@ -22,6 +22,8 @@ OUTLYING = 1e-6
 OUTLIER_ROUNDS = 12
 FOREIGN = 0.01
 """Of the spread of the places: errors left after identification from which on they are not those of this robot."""
+MISFIT = 1e-3
+"""Probability of the residuals under what is stated, below which that is said to be too little."""
 LEAST_SPARE = 2.0
 """Residuals beyond what they determine, with which they tell how exact robot and instrument are."""
 ENOUGH = 30
@@ -56,6 +58,8 @@ class Settings:
     free: tuple[str, ...] = ("links",)
     outliers: bool = True
     seed: int = 0
+    own_noise: bool = True
+    """Whether the robot errs beyond what is stated of the measurements; not where poses of both are stated."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -154,9 +158,9 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     findings += _copies(rows, kept) + _beyond_limits(robot, rows)
     frames = find_frames(robot.forward(rows.joints, rows.side), rows, settings.seed)
     unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows)
-    begin = Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
+    begin = Noise(0.0, 0.0) if not settings.own_noise else Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
     used = kept & ~far(frames.used, rows)
-    fit = with_noise(Problem(unknowns, rows.of(np.flatnonzero(used)), begin), np.zeros(len(unknowns)))
+    fit = with_noise(Problem(unknowns, rows.of(np.flatnonzero(used)), begin, settings.own_noise), np.zeros(len(unknowns)))
     if settings.outliers:
         fit, used = _without_outliers(fit, rows, kept)
     findings += _outlying(fit, rows, kept, used)
@@ -164,6 +168,9 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     found = Identified(robot, fit, rows, used, (), nominal, settings)
     if not fit.converged:
         findings.append(Finding("not_converged", "the least squares did not settle; the result is where they stopped"))
+    if not settings.own_noise and chi2.sf(fit.chi2, fit.freedom) < MISFIT:
+        times = float(np.sqrt(fit.chi2 / fit.freedom))
+        findings.append(Finding("misfit", f"residuals are {times:.3g} times what is stated of the poses: state more", value=times))
     if not found.tells_noise:
         text = f"{fit.equations} measured values are used up by what they determine: how exact robot and instrument are cannot be told"
         findings.append(Finding("underdetermined", f"{text}; measure more poses", value=float(fit.equations)))

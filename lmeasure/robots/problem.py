@@ -39,6 +39,8 @@ class Problem(Generic[R]):
     unknowns: Unknowns[R]
     rows: Measurements
     noise: Noise
+    own_noise: bool = True
+    """Whether the noise is looked for in the residuals, or as it is."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -162,7 +164,7 @@ def solved(problem: Problem[R], start: FloatArray, at: Linear | None = None) -> 
 def with_noise(problem: Problem[R], start: FloatArray) -> Fit[R]:
     """The optimum with the robot's noise as the residuals show it: what they scatter beyond what the instrument states."""
     fit = solved(problem, start)
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if problem.own_noise else 0):
         before = fit.problem.noise
         now = _noise(fit)
         fit = solved(replace(fit.problem, noise=now), fit.theta, fit.at)

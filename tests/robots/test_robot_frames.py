@@ -55,6 +55,13 @@ def test_the_cost_is_a_generic_optimisers() -> None:
     assert found.fit.chi2 == pytest.approx(2.0 * best.cost, rel=1e-9)
 
 
+def test_more_scatter_than_stated_is_said() -> None:
+    robot, seen, _, _ = drawn(np.random.default_rng(3))
+    assert not frames(robot, seen).findings
+    bold = frames(robot, seen.with_uncertainty(0.2 * U_MM, 0.2 * U_RAD))
+    assert [f.code for f in bold.findings] == ["misfit"]
+
+
 def test_positions_alone_tell_the_base_and_say_what_they_do_not() -> None:
     robot, seen, base, _ = drawn(np.random.default_rng(4), 20)
     seen = Poses(seen.names, seen.rows, seen.u_position_mm, np.zeros(20), oriented=False)

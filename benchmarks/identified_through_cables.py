@@ -1,0 +1,213 @@
+"""Robots measured through a cable cell: whether what `identify` states of them holds, and frames over many draws.
+
+    python benchmarks/identified_through_cables.py [--robots 200] [--frames 2000] [--write]
+
+Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod)
+and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of tests/authorities; at each pose whole counts are read, off
+by where within a count each drum was zeroed, which is drawn once for a robot, and by their rounding. Poses come from these counts by
+the linear law of the cell at the true pose; stated of them is the covariance of both at the pose. The probabilities are two-sided, of
+one determined parameter and one prediction of each robot, which are independent, within their 95 %.
+"""
+
+import argparse
+import os
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import scipy.optimize
+import scipy.stats
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lmeasure import se3
+from lmeasure.kernels.cable import span_lengths
+from lmeasure.poses import poses_from_rows
+from lmeasure.rig import read_rig
+from lmeasure.robots.frames import frames
+from lmeasure.robots.identify import Settings, identify, predict
+from lmeasure.robots.measurements import Measurements, measured
+from lmeasure.robots.robot import any_shipped
+from lmeasure.robots.told import determined
+
+FloatArray = NDArray[np.float64]
+RIG = Path(__file__).parents[1] / "tests" / "authorities" / "truth" / "cell-run" / "rig.toml"
+RESULTS = Path(__file__).parent / "results" / "identified_through_cables.md"
+SEED, POSES, COUNT_MM, REPEATS_MM = 18, 60, 0.012, 0.02
+PLACE_MM, TILT_RAD = 220.0, 0.35
+KINDS = ("generic6", "generic7", "gough")
+HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+class Cell:
+    """The cell as an instrument of poses near its middle: lengths by their derivatives, rounded to counts."""
+
+    def __init__(self) -> None:
+        self.rows = read_rig(RIG).cable_rows()
+
+    def twists(self, poses: FloatArray) -> FloatArray:
+        """(N, 6, 6) errors (rotation; place) of poses by errors of the lengths, from differences of the spans."""
+        out = np.empty((len(poses), 6, 6))
+        for k in range(6):
+            h = (1e-5 if k < 3 else 1e-2) * np.eye(6)[k]
+            ahead, behind = (
+                span_lengths(self.rows, np.ascontiguousarray(se3.displaced(poses, s * np.tile(h, (len(poses), 1))))) for s in (1, -1)
+            )
+            out[:, :, k] = (ahead - behind) / (2.0 * h[k])
+        return np.asarray(np.linalg.inv(out), dtype=np.float64)
+
+    def seen(self, poses: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Poses (N, 7) as counts tell them, and (N, 6, 6) what is stated of them: rounding and zeroing, each uniform over a count."""
+        G = self.twists(poses)
+        phase = COUNT_MM * rng.uniform(-0.5, 0.5, 6)
+        lengths = span_lengths(self.rows, np.ascontiguousarray(poses)) + phase
+        read = COUNT_MM * np.round(lengths / COUNT_MM)
+        delta = np.einsum("nij,nj->ni", G, read - lengths + phase)
+        one = COUNT_MM**2 / 12.0 * G @ np.swapaxes(G, 1, 2)
+        return se3.displaced(poses, delta), 2.0 * one
+
+
+def true_robot(name: str, rng: np.random.Generator) -> tuple[Any, Any]:
+    """The nominal robot and one that was built."""
+    nominal = any_shipped(name).model
+    size = np.array([0.3 if p.unit == "mm" else 5e-4 for p in nominal.parameters])
+    links = [not any(k in p.name for k in ("scale", "sin", "cos", "compliance", "backlash")) for p in nominal.parameters]
+    return nominal, nominal.moved(rng.normal(size=len(size)) * size * links)
+
+
+def joints_of(nominal: Any, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Joint values (count, n), and where the robot stands so that its tool is in the cell: reached by Newton's steps from drawn ones."""
+    low, high = (np.clip(v, -2.5, 2.5) if not nominal.sliding.all() else v for v in nominal.limits)
+    middle = nominal.inverse(nominal.home)[0] if nominal.sliding.all() else np.clip(rng.uniform(-1.0, 1.0, len(low)), low, high)
+    centre = nominal.forward(middle[None])[0]
+    stand = se3.compose(HERE, se3.inverse(centre))
+    out: list[FloatArray] = []
+    reach = 0.25 if nominal.sliding.all() else 1.0
+    while len(out) < count:
+        moves = np.concatenate([reach * TILT_RAD * rng.uniform(-1, 1, 3), reach * PLACE_MM * rng.uniform(-1, 1, 3)])
+        if nominal.sliding.all():
+            found = nominal.inverse(se3.displaced(centre[None], moves[None])[0])
+            out += [found[0]] if len(found) else []
+            continue
+        many = 4 * count
+        moves = rng.uniform(-1, 1, (many, 6)) * np.repeat([TILT_RAD, PLACE_MM], 3)
+        joints, goal = middle + 0.6 * rng.uniform(-1, 1, (many, len(low))), se3.displaced(np.tile(centre, (many, 1)), moves)
+        scale = np.array([500.0, 500.0, 500.0, 1.0, 1.0, 1.0])
+        for _ in range(20):
+            pose, by_joints, _ = nominal.derivatives(joints)
+            off = se3.displacement(goal, pose)
+            at = np.swapaxes(se3.at_points(pose[:, :3]) @ np.swapaxes(by_joints, 1, 2), 1, 2)
+            joints = joints + np.einsum("nij,nj->ni", np.linalg.pinv(np.swapaxes(at * scale, 1, 2), rcond=1e-3), scale * off)
+        good = (np.abs(off[:, 3:]).max(axis=1) < 1e-6) & ((joints > low) & (joints < high)).all(axis=1)
+        out += list(joints[good][: count - len(out)])
+    return np.array(out), stand
+
+
+def measured_in(cell: Cell, true: Any, joints: FloatArray, stand: FloatArray, rng: np.random.Generator) -> Measurements:
+    there = se3.compose(np.tile(stand, (len(joints), 1)), true.forward(joints))
+    there = se3.displaced(there, np.column_stack([np.zeros((len(joints), 3)), REPEATS_MM * rng.normal(size=(len(joints), 3))]))
+    poses, covariance = cell.seen(there, rng)
+    rows = measured(joints, poses[:, :3], poses[:, 3:], u_position_mm=1.0, u_rotation_rad=1.0)
+    object.__setattr__(rows, "covariance", covariance)
+    return rows
+
+
+def robots(count: int) -> list[str]:
+    lines = [
+        "| robot | robots | parameters determined | within 95 %, % | one of each robot: % | two-sided p "
+        "| predictions within u95, % | one of each robot: % | two-sided p |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    cell = Cell()
+    for name in KINDS:
+        inside, one, within, single = [], [], [], []
+        for k in range(count):
+            rng = np.random.default_rng([SEED, k, KINDS.index(name)])
+            nominal, true = true_robot(name, rng)
+            joints, stand = joints_of(nominal, POSES + 20, rng)
+            rows = measured_in(cell, true, joints, stand, rng)
+            found = identify(nominal, rows.of(np.arange(POSES)), Settings(outliers=False))
+            value = {p.name: p.value for p in true.parameters}
+            told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
+            unknowns = found.fit.problem.unknowns
+            own = [
+                abs(v - value[n]) <= 1.96 * s
+                for n, v, s, t in zip(unknowns.names, unknowns.values(found.fit.x), u, told, strict=True)
+                if t and n in value
+            ]
+            inside += own
+            one += [own[int(rng.integers(len(own)))]] if own else []
+            later = rows.of(np.arange(POSES, POSES + 20))
+            predicted = predict(found, later.joints)
+            good = np.linalg.norm(predicted.pose[:, :3] - later.position, axis=1) <= predicted.u95_mm
+            within.append(good.mean())
+            single.append(bool(good[0]))
+        p = [scipy.stats.binomtest(sum(v), len(v), 0.95).pvalue if v else float("nan") for v in (one, single)]
+        lines.append(
+            f"| {name} | {count} | {len(inside)} | {100 * np.mean(inside):.1f} | {100 * np.mean(one):.1f} | {p[0]:.2g} "
+            f"| {100 * np.mean(within):.1f} | {100 * np.mean(single):.1f} | {p[1]:.2g} |"
+        )
+        print(lines[-1], flush=True)
+    return lines
+
+
+def frame_draws(count: int) -> list[str]:
+    """Base and tool of 12 poses, 0.05 mm and 0.2 mrad stated: the truth within the joint 95 % region, and the cost beside SciPy's."""
+    inside, costs = 0, []
+    limit = scipy.stats.chi2.ppf(0.95, 12)
+    u = np.repeat([2e-4, 0.05], 3)
+    for k in range(count):
+        rng = np.random.default_rng([SEED, 9, k])
+        base, tool = (se3.pose(rng.uniform(-s, s, 3), Rotation.random(rng=rng)) for s in (1500.0, 150.0))
+        flange = se3.pose(rng.uniform(-600, 600, (12, 3)), Rotation.random(12, rng=rng))
+        there = se3.compose(se3.compose(np.tile(base, (12, 1)), flange), np.tile(tool, (12, 1)))
+        seen = se3.displaced(there, u * rng.normal(size=(12, 6)))
+        given = poses_from_rows(seen).with_uncertainty(0.05, 2e-4)
+        found = frames(poses_from_rows(flange), given)
+        state, fit = found.state, found.fit
+        off = np.concatenate([se3.displacement(a[None], b[None])[0] for a, b in ((base, state.base), (tool, state.targets[0]))])
+        size = fit.problem.unknowns.size
+        inside += bool((off / size) @ np.linalg.solve(fit.covariance, off / size) <= limit)
+        if k < 20:
+
+            def cost(x: FloatArray, state: Any = state, flange: FloatArray = flange, seen: FloatArray = seen) -> FloatArray:
+                y, z = (se3.displaced(a[None], part[None])[0] for a, part in ((state.base, x[:6]), (state.targets[0], x[6:])))
+                at = se3.compose(se3.compose(np.tile(y, (12, 1)), flange), np.tile(z, (12, 1)))
+                return np.asarray((se3.displacement(seen, at) / u).reshape(-1))
+
+            other = scipy.optimize.least_squares(
+                cost, 1e-4 * rng.normal(size=12), x_scale=np.tile(u, 2), xtol=1e-15, ftol=1e-15, gtol=1e-15
+            )
+            costs.append((fit.chi2 - 2.0 * other.cost) / (2.0 * other.cost))
+    p = scipy.stats.binomtest(inside, count, 0.95).pvalue
+    lines = [
+        "| draws | truth within the joint 95 % region, % | two-sided p | chi-squared less SciPy's, relative, worst of 20 |",
+        "|---|---|---|---|",
+        f"| {count} | {100 * inside / count:.2f} | {p:.2g} | {max(costs, key=abs):.1e} |",
+    ]
+    print(lines[-1], flush=True)
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", type=int, default=200)
+    parser.add_argument("--frames", type=int, default=2000)
+    parser.add_argument("--write", action="store_true")
+    asked = parser.parse_args()
+    parts = [("Frames", frame_draws(asked.frames)), ("Robots", robots(asked.robots))]
+    run = f"python benchmarks/{Path(__file__).name} --robots {asked.robots} --frames {asked.frames} --write"
+    where = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
+    head = f"# Robots and frames identified through cables\n\n`{run}`, seed {SEED}; {where}.\n"
+    if asked.write:
+        RESULTS.write_text(head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), encoding="utf-8")
+    sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()
