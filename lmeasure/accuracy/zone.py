@@ -327,7 +327,7 @@ def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
     if calibration is None and not stated:
         return f"{counts} only: the rig links no calibration"
     parts = " and ".join(part for part in (stated, "" if calibration is None else "the linked calibration's covariance") if part)
-    return (f"{counts} and {parts}, of the change of each length since the counters were zeroed at zero_pose_xyz_mm_qxyzw") + (
+    return (f"{counts} and {parts}, of the change of each length since the counters were zeroed at the start pose") + (
         "" if calibration is not None else "; the rig links no calibration"
     )
 

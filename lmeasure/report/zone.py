@@ -4,12 +4,13 @@ from pathlib import Path
 
 import xarray as xr
 
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.report.zone_html import write_zone_page
 from lmeasure.report.zone_pdf import write_zone_pdf
 from lmeasure.rig import Rig
 
 
-def write_zone_report(folder: Path, zone: xr.Dataset, rig: Rig) -> None:
-    """Write zone.html and zone.pdf into the folder, each whole or not at all."""
-    write_zone_page(Path(folder) / "zone.html", zone, rig)
+def write_zone_report(folder: Path, zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None = None) -> None:
+    """Write zone.html and zone.pdf into the folder, each whole or not at all; calibration: that of the zone."""
+    write_zone_page(Path(folder) / "zone.html", zone, rig, calibration)
     write_zone_pdf(Path(folder) / "zone.pdf", zone, rig)

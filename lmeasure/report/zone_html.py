@@ -12,9 +12,11 @@ from plotly.subplots import make_subplots
 from lmeasure.accuracy.extent import Extent, extent
 from lmeasure.accuracy.zone_dataset import reasons
 from lmeasure.arrays import FloatArray
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
 from lmeasure.report import html
+from lmeasure.report.zone_maps import log_colours, maps
 from lmeasure.rig import Rig
 
 Rows = list[tuple[str, ...]]
@@ -26,11 +28,11 @@ MOST_LEVELS = 41
 MOST_NODES_IN_SPACE = 40
 
 
-def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig) -> None:
-    """Write a self-contained HTML page: what was found, the zone in space and by level, figures, reasons, the rig."""
+def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None = None) -> None:
+    """Write a self-contained HTML page: what was found, the zone in space, its maps, figures, reasons, the rig. calibration: that of the
+    zone."""
     found = extent(zone)
-    space = space_figure(zone, rig).to_html(full_html=False, include_plotlyjs=True, div_id="space")
-    slices = slices_figure(zone).to_html(full_html=False, include_plotlyjs=False, div_id="slices")
+    space = html.figure(space_figure(zone, rig), "space", first=True)
     body = [
         *(html.paragraph(line) for line in findings(zone, found)),
         html.heading("The zone in space"),
@@ -40,8 +42,11 @@ def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig) -> None:
         ),
         space,
         html.heading("Level by level"),
-        html.paragraph("The white line is the edge of the zone. Point at a place to read its figures."),
-        slices,
+        html.paragraph(
+            "The white line is the edge of the zone within the limits of the sliders. Click a place: below stand its figures, the ellipsoid "
+            "that holds 95 % of its measured positions, and the direction of the cable with the largest pressure angle (orange)."
+        ),
+        *maps(zone, rig, calibration),
         html.heading("Figures"),
         html.table(("figure", "value"), figures(zone, found)),
         *_section("Test cube of ISO 9283 in the zone", html.table(*iso_table(found)) if found.cube_points else ""),
@@ -51,6 +56,7 @@ def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig) -> None:
         html.table(("reason", "nodes", "share"), rejected(zone)),
         html.heading("The rig"),
         html.table(("cable", "from", "x, mm", "y, mm", "z, mm", "pulley radius, mm", "to"), rig_rows(rig)),
+        *_section("Not in the 95 % radius", "".join(html.paragraph(line, "small") for line in taken_as_exact(zone))),
         *(html.paragraph(f"Nobody measured these values: {', '.join(rig.assumed)}.", "warning") for _ in range(bool(rig.assumed))),
     ]
     html.write_page(path, f"Accuracy zone of {rig.name}", body)
@@ -88,8 +94,12 @@ def findings(zone: xr.Dataset, found: Extent) -> list[str]:
         )
     if attrs["assemblies_in_zone"] > 1:
         lines.append("The zone holds more than one assembly: between its parts the cables do not determine the pose.")
-    taken = str(attrs.get("taken_as_exact", "")).splitlines()
-    return [*lines, f"The 95 % radius covers {attrs['u95_covers']}.", *(f"{line[:1].upper()}{line[1:]}." for line in taken)]
+    return [*lines, f"The 95 % radius covers {attrs['u95_covers']}."]
+
+
+def taken_as_exact(zone: xr.Dataset) -> list[str]:
+    """What nobody stated and nothing has solved, a sentence each."""
+    return [f"{line[:1].upper()}{line[1:]}." for line in str(zone.attrs.get("taken_as_exact", "")).splitlines()]
 
 
 def figures(zone: xr.Dataset, found: Extent) -> Rows:
@@ -202,7 +212,7 @@ def space_figure(zone: xr.Dataset, rig: Rig) -> go.Figure:
     for n, k in enumerate(levels):
         figure.add_surface(
             x=x, y=y, z=np.full((len(y), len(x)), z[k]), surfacecolor=np.float32(angle[:, :, k].T), cmin=0, cmax=90, colorscale=SCALE,
-            colorbar={"title": "worst angle, °", "len": 0.6}, opacity=0.9, visible=n == first, name=f"level {z[k]:g} mm",
+            colorbar={"title": {"text": "worst angle, °", "side": "right"}, "len": 0.5, "y": 0.35, "thickness": 14}, opacity=0.9, visible=n == first, name=f"level {z[k]:g} mm",
             hovertemplate="x %{x} y %{y} z %{z} mm<br>%{surfacecolor:.1f}°<extra></extra>",
         )  # fmt: skip
     if inside.any() and not inside.all():
@@ -217,10 +227,10 @@ def space_figure(zone: xr.Dataset, rig: Rig) -> go.Figure:
     _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
     for j, c in enumerate(rig.cable):
         line = np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]])
-        figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", line={"width": 4}, name=f"cable {html.text(c.name)}")
+        figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", line={"width": 4}, name=f"cable {html.label(c.name)}")
     points = np.array([p.position_mm for p in rig.observation_point])
     figure.add_scatter3d(
-        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text", text=[html.text(p.name) for p in rig.observation_point],
+        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text", text=[html.label(p.name) for p in rig.observation_point],
         marker={"size": 5, "color": "black"}, name="observation points",
     )  # fmt: skip
     others = [True] * (len(figure.data) - len(levels))
@@ -238,8 +248,9 @@ def space_figure(zone: xr.Dataset, rig: Rig) -> go.Figure:
             "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.9}},
         },
         height=760,
-        margin={"t": 10, "b": 10},
-        legend={"x": 0, "y": 1},
+        margin={"t": 10, "b": 10, "l": 10, "r": 10},
+        legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
+        modebar={"orientation": "v"},
     )
     return figure
 
@@ -250,16 +261,23 @@ def slices_figure(zone: xr.Dataset) -> go.Figure:
     levels = _shown_levels(len(z))
     first = len(levels) // 2
     margin = _margin(zone)
-    u95 = np.where(np.isfinite(zone["u95_position_mm"].values), zone["u95_position_mm"].values, np.nan)
-    top = float(np.nanpercentile(u95, 95)) if np.isfinite(u95).any() else 1.0
-    maps = ((zone["worst_pressure_angle_deg"].values, 90.0, 0.44, "°", ".2f"), (u95, top, 1.01, "mm", ".4f"))
+    radius = zone["u95_position_mm"].values
+    known = radius[np.isfinite(radius) & (radius > 0.0)]
+    low, top = (float(np.percentile(known, 0)), float(np.percentile(known, 95))) if len(known) else (0.1, 1.0)
+    u95 = np.log10(radius, out=np.full(radius.shape, np.nan), where=np.isfinite(radius) & (radius > 0.0))
+    span = (np.log10(low), np.log10(max(top, 1.01 * low)))
+    maps = (
+        (zone["worst_pressure_angle_deg"].values, (0.0, 90.0), 0.44, {"title": "°"}, "%{z:.2f} °"),
+        (u95, span, 1.01, {"title": "mm"} | log_colours(low, max(top, 1.01 * low)), "%{customdata:.4f} mm"),
+    )
     figure = make_subplots(1, 2, subplot_titles=("worst pressure angle, °", "95 % radius of the position, mm"), horizontal_spacing=0.14)
     for n, k in enumerate(levels):
-        for column, (values, most, place, unit, form) in enumerate(maps, 1):
+        for column, (values, ends, place, bar, told) in enumerate(maps, 1):
             figure.add_trace(
                 go.Heatmap(
-                    x=x, y=y, z=np.float32(values[:, :, k].T), zmin=0, zmax=most, colorscale=SCALE, visible=n == first,
-                    colorbar={"x": place, "title": unit}, hovertemplate=f"x %{{x}} y %{{y}} mm<br>%{{z:{form}}} {unit}<extra></extra>",
+                    x=x, y=y, z=np.float32(values[:, :, k].T), zmin=ends[0], zmax=ends[1], colorscale=SCALE, visible=n == first,
+                    customdata=np.float32(radius[:, :, k].T), colorbar={"x": place} | bar,
+                    hovertemplate=f"x %{{x}} y %{{y}} mm<br>{told}<extra></extra>",
                 ), 1, column,
             )  # fmt: skip
             figure.add_trace(

@@ -24,7 +24,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig) -> None:
     found = extent(zone)
     content: dict[str, Any] = {
         "title": f"Accuracy zone of {rig.name}",
-        "findings": page.findings(zone, found),
+        "findings": [*page.findings(zone, found), *page.taken_as_exact(zone)],
         "slices": [{"level": f"{level:g}", "svg": svg} for level, svg in _slices(zone)],
         "scale": _scale(),
         "limit": f"{zone.attrs['limit_deg']:g}",

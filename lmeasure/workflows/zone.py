@@ -109,7 +109,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     if settings.report is not None:
         from lmeasure.report.zone import write_zone_report
 
-        write_zone_report(settings.report, data, rig)
+        write_zone_report(settings.report, data, rig, calibration)
     if settings.rerun is not None:
         from lmeasure.view.stages import write_recording
 

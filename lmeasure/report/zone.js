@@ -1,0 +1,128 @@
+(() => {
+  const data = JSON.parse(document.getElementById("zone-data").textContent);
+  const read = (text) => {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    return new Float32Array(bytes.buffer);
+  };
+  const worst = read(data.worst_angle), u95 = read(data.u95), others = read(data.others);
+  const covariance = read(data.covariance), weakest = read(data.weakest), angle = read(data.angle);
+  const [nx, ny, nz] = [data.x.length, data.y.length, data.z.length];
+  const at = (i, j, k) => (i * ny + j) * nz + k;
+  const id = (name) => document.getElementById(name);
+  const [low, high] = data.range_u95.map(Math.log10);
+  const place = { i: nx >> 1, j: ny >> 1 };
+
+  const digits = (v) => (Number.isFinite(v) ? v.toPrecision(3) : "not told");
+  const limits = () => {
+    const part = Number(id("u95").value) / 1000;
+    // the slider's end asks nothing unless a limit was asked for
+    const free = part === 1 && !data.asked_u95;
+    return { level: Number(id("level").value), angle: Number(id("angle").value), u95: free ? Infinity : 10 ** (low + part * (high - low)) };
+  };
+  // positive in the zone, negative outside, 0 on its edge
+  const margin = (n, asked) => {
+    if (!others[n] || !Number.isFinite(u95[n])) return -1;
+    const byAngle = (asked.angle - worst[n]) / 90;
+    return Number.isFinite(asked.u95) ? Math.min(byAngle, Math.log10(asked.u95 / u95[n])) : byAngle;
+  };
+  const layer = (value, k) => {
+    const rows = [];
+    for (let j = 0; j < ny; j++) {
+      const row = [];
+      for (let i = 0; i < nx; i++) row.push(value(at(i, j, k)));
+      rows.push(row);
+    }
+    return rows;
+  };
+  const finite = (v) => (Number.isFinite(v) ? v : null);
+
+  const draw = () => {
+    const asked = limits();
+    id("level-told").textContent = `${data.z[asked.level]} mm`;
+    id("angle-told").textContent = `${asked.angle}°`;
+    id("u95-told").textContent = Number.isFinite(asked.u95) ? `${digits(asked.u95)} mm` : "any";
+    let inside = 0;
+    for (let n = 0; n < worst.length; n++) inside += margin(n, asked) >= 0;
+    const volume = (inside * data.spacing[0] * data.spacing[1] * data.spacing[2]) / 1e9;
+    id("left").textContent = `Within these limits: ${inside} of ${worst.length} drawn places, ${digits(volume)} m³.`;
+    const edge = layer((n) => margin(n, asked), asked.level);
+    const maps = { "map-angle": (n) => worst[n], "map-u95": (n) => finite(Math.log10(u95[n])) };
+    for (const [name, value] of Object.entries(maps)) {
+      const marked = [[data.x[place.i]], [data.y[place.j]]];
+      Plotly.restyle(name, { z: [layer(value, asked.level)] }, [0]);
+      Plotly.restyle(name, { z: [edge] }, [1]);
+      Plotly.restyle(name, { x: [marked[0]], y: [marked[1]] }, [2]);
+    }
+    tell(asked);
+  };
+
+  const tell = (asked) => {
+    const n = at(place.i, place.j, asked.level);
+    const here = [data.x[place.i], data.y[place.j], data.z[asked.level]];
+    const c = covariance.slice(6 * n, 6 * n + 6);
+    const told = Number.isFinite(c[0]);
+    const cable = data.cables[weakest[n]];
+    const rows = [
+      ["place", `(${here.join(", ")}) mm`],
+      ["in the zone", margin(n, asked) >= 0 ? "yes" : "no"],
+      ["worst pressure angle, over the orientations", `${worst[n].toFixed(1)}°`],
+      ["95 % radius of the position, worst over them", Number.isFinite(u95[n]) ? `${digits(u95[n])} mm` : "not told"],
+      ["weakest cable, in the middle orientation", told ? `${cable.name}: pressure angle ${angle[n].toFixed(1)}°` : "a cable cannot run"],
+    ];
+    const table = document.createElement("table");
+    for (const row of rows) {
+      const line = table.insertRow();
+      for (const text of row) line.insertCell().textContent = text;
+    }
+    const box = document.createElement("div");
+    box.className = "scroll text";
+    box.append(table);
+    id("place").replaceChildren(box);
+    const empty = { x: [[]], y: [[]], z: [[]] };
+    if (!told) {
+      Plotly.restyle("ellipsoid", empty, [0]);
+      Plotly.restyle("ellipsoid", empty, [1]);
+      return;
+    }
+    // Cholesky: points of the unit sphere times the root of the covariance
+    const [xx, yy, zz, xy, xz, yz] = c;
+    const root = (v) => Math.sqrt(Math.max(v, 0));
+    const a = root(xx), b = xy / a, d = xz / a, e = root(yy - b * b), f = (yz - b * d) / (e || 1), g = root(zz - d * d - f * f);
+    const shell = { x: [], y: [], z: [] };
+    for (let p = 0; p <= 24; p++) {
+      const rows3 = [[], [], []];
+      for (let q = 0; q <= 48; q++) {
+        const [t, h] = [(Math.PI * p) / 24, (2 * Math.PI * q) / 48];
+        const s = [Math.sin(t) * Math.cos(h), Math.sin(t) * Math.sin(h), Math.cos(t)].map((v) => v * data.radius);
+        rows3[0].push(a * s[0]);
+        rows3[1].push(b * s[0] + e * s[1]);
+        rows3[2].push(d * s[0] + f * s[1] + g * s[2]);
+      }
+      shell.x.push(rows3[0]);
+      shell.y.push(rows3[1]);
+      shell.z.push(rows3[2]);
+    }
+    const way = cable.base.map((v, k) => v - here[k]);
+    const length = Math.hypot(...way) || 1;
+    const size = data.radius * Math.sqrt(xx + yy + zz);
+    const line = way.map((v) => [0, (v / length) * size]);
+    Plotly.restyle("ellipsoid", { x: [shell.x], y: [shell.y], z: [shell.z] }, [0]);
+    Plotly.restyle("ellipsoid", { x: [line[0]], y: [line[1]], z: [line[2]] }, [1]);
+  };
+
+  for (const name of ["level", "angle", "u95"]) id(name).addEventListener("input", draw);
+  const nearest = (values, v) => values.reduce((best, value, k) => (Math.abs(value - v) < Math.abs(values[best] - v) ? k : best), 0);
+  const start = () => {
+    for (const name of ["map-angle", "map-u95"]) {
+      id(name).on("plotly_click", (event) => {
+        const point = event.points[0];
+        place.i = nearest(data.x, point.x);
+        place.j = nearest(data.y, point.y);
+        draw();
+      });
+    }
+    draw();
+  };
+  if (document.readyState === "complete") start();
+  else window.addEventListener("load", start);
+})();

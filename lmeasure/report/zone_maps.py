@@ -1,0 +1,159 @@
+"""The maps of a zone that answer a reader: a slider for the level and each limit, and what a clicked place is told by."""
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import xarray as xr
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from lmeasure.accuracy.ellipsoids import ellipsoids
+from lmeasure.accuracy.limits import REASONS
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.report import html
+from lmeasure.rig import Rig
+
+SCRIPT = Path(__file__).with_name("zone.js")
+SCALE = "Viridis"
+MOST_ALONG = 61
+MOST_LEVELS = 41
+ASKED = 1 << REASONS.index("pressure_angle") | 1 << REASONS.index("u95_position")
+"""Reasons that the sliders decide anew; all others stay as they were asked for."""
+RADIUS = float(np.sqrt(chi2.ppf(0.95, 3)))
+"""Of the ellipsoid that holds 95 %, in standard deviations."""
+
+
+def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None) -> list[str]:
+    """The parts of the page: sliders, what they leave of the zone, both maps, and the place that was clicked. They need plotly's code before
+    them."""
+    seen = thinned(zone)
+    data = _data(seen, zone, rig, calibration)
+    angle, u95 = data["limit_deg"], data["limit_u95"]
+    controls = (
+        _slider("level", "Level Z", 0, len(data["z"]) - 1, len(data["z"]) // 2, 1)
+        + _slider("angle", "Largest pressure angle", 0, 90, angle, 0.5)
+        # its position is on a logarithmic scale, as the colours are
+        + _slider("u95", "Largest 95 % radius of the position", 0, 1000, round(1000 * _part(u95, data)), 1)
+    )
+    figures = (
+        _titled("Worst pressure angle, °", _map(data, [0.0, 90.0]), "map-angle")
+        + _titled("95 % radius of the position, mm", _map(data, list(np.log10(data["range_u95"])), log=True), "map-u95")
+    )
+    ellipsoid = html.figure(_ellipsoid(), "ellipsoid", first=False)
+    return [
+        f'<div class="controls">{controls}</div>',
+        '<p class="strong" id="left"></p>',
+        f'<div class="row">{figures}</div>',
+        f'<div class="beside"><div id="place"></div>{ellipsoid}</div>',
+        f'<script type="application/json" id="zone-data">{json.dumps(data).replace("<", chr(92) + "u003c")}</script>',
+        f"<script>{SCRIPT.read_text(encoding='utf-8')}</script>",
+    ]
+
+
+def thinned(zone: xr.Dataset) -> xr.Dataset:
+    """The nodes that are drawn: few enough for a page."""
+    stride = {name: max(1, -(-zone.sizes[name] // (MOST_LEVELS if name == "z" else MOST_ALONG))) for name in "xyz"}
+    return zone.isel({name: slice(None, None, step) for name, step in stride.items()})
+
+
+def _data(seen: xr.Dataset, zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None) -> dict[str, Any]:
+    """What the page's script reads; arrays over x, y, z with z fastest, as little-endian floats in base64."""
+    axes = [seen[name].values.astype(np.float64) for name in "xyz"]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    turns = zone["quaternion_xyzw"].values
+    start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"], dtype=np.float64)
+    found = ellipsoids(rig, calibration, places, Rotation.from_quat(turns[len(turns) // 2]), start)
+    u95 = seen["u95_position_mm"].values.ravel().astype(np.float64)
+    known = u95[np.isfinite(u95) & (u95 > 0.0)]
+    low, high = (float(np.percentile(known, p)) for p in (0, 95)) if len(known) else (0.1, 1.0)
+    high = max(high, 1.01 * low)
+    asked = zone.attrs.get("limit_u95_mm")
+    upper = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
+    others = (seen["rejected_because"].values.ravel().astype(np.int64) & ~ASKED) == 0
+    cables = [{"name": c.name, "base": list(rig.point(c.from_point).position_mm)} for c in rig.cable]
+    return {
+        **dict(zip("xyz", (a.tolist() for a in axes), strict=True)),
+        "spacing": [float(a[1] - a[0]) if len(a) > 1 else float(s) for a, s in zip(axes, zone.attrs["node_spacing_mm"], strict=True)],
+        "limit_deg": float(zone.attrs["limit_deg"]),
+        "limit_u95": high if asked is None else float(np.clip(asked, low, high)),
+        "range_u95": [low, high],
+        "asked_u95": asked is not None,
+        "radius": RADIUS,
+        "cables": cables,
+        "worst_angle": _packed(seen["worst_pressure_angle_deg"].values.ravel()),
+        "u95": _packed(u95),
+        "others": _packed(others),
+        "covariance": _packed(found.covariance[:, upper[0], upper[1]].ravel()),
+        "weakest": _packed(found.weakest),
+        "angle": _packed(found.angle_deg),
+    }
+
+
+def _packed(values: Any) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+
+
+def _part(u95: float, data: dict[str, Any]) -> float:
+    low, high = np.log10(data["range_u95"])
+    return float((np.log10(u95) - low) / (high - low))
+
+
+def _slider(name: str, title: str, low: float, high: float, value: float, step: float) -> str:
+    limits = f'min="{low:g}" max="{high:g}" step="{step:g}" value="{value:g}"'
+    return f'<label>{html.text(title)}: <b id="{name}-told"></b><input type="range" id="{name}" {limits}></label>'
+
+
+def ticks(low: float, high: float) -> list[float]:
+    """1, 2 and 5 times powers of ten within a range, for a scale of logarithms; its ends where there are fewer than two."""
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    inside = [m * 10.0**p for p in powers for m in (1, 2, 5) if low <= m * 10.0**p <= high]
+    return inside if len(inside) > 1 else [low, high]
+
+
+def log_colours(low: float, high: float) -> dict[str, Any]:
+    """A colour scale of logarithms that is labelled by the values themselves."""
+    values = ticks(low, high)
+    return {"tickvals": [float(np.log10(v)) for v in values], "ticktext": [f"{v:.3g}" for v in values]}
+
+
+def _titled(title: str, figure: go.Figure, name: str) -> str:
+    return f"<div>{html.heading(title, 3)}{html.figure(figure, name, first=False)}</div>"
+
+
+def _map(data: dict[str, Any], span: list[float], *, log: bool = False) -> go.Figure:
+    """A map that the script fills: colours, the edge of the zone, the clicked place."""
+    bar: dict[str, Any] = {"thickness": 14, "len": 0.9} | (log_colours(*data["range_u95"]) if log else {})
+    figure = go.Figure(
+        [
+            go.Heatmap(x=data["x"], y=data["y"], z=[], zmin=span[0], zmax=span[1], colorscale=SCALE, colorbar=bar, hoverinfo="none"),
+            go.Contour(
+                x=data["x"], y=data["y"], z=[], showscale=False, hoverinfo="skip", line={"color": "white", "width": 3},
+                contours={"start": 0, "end": 0, "size": 1, "coloring": "none"},
+            ),
+            go.Scatter(x=[], y=[], mode="markers", marker={"symbol": "cross-thin-open", "size": 14, "color": "#e4572e", "line": {"width": 3}},
+                       hoverinfo="skip"),
+        ]
+    )  # fmt: skip
+    figure.update_layout(height=450, margin={"t": 28, "b": 48, "l": 60, "r": 8}, showlegend=False)
+    figure.update_xaxes(title_text="X, mm", constrain="domain")
+    figure.update_yaxes(title_text="Y, mm", constrain="domain", scaleanchor="x")
+    return figure
+
+
+def _ellipsoid() -> go.Figure:
+    """The picture of a clicked place: ellipsoid and weakest cable, which the script draws."""
+    none: list[FloatArray] = []
+    figure = go.Figure(
+        [
+            go.Surface(x=none, y=none, z=none, showscale=False, opacity=0.6, colorscale=SCALE, hoverinfo="skip"),
+            go.Scatter3d(x=none, y=none, z=none, mode="lines", line={"width": 6, "color": "#e4572e"}, hoverinfo="skip"),
+        ]
+    )
+    axes = {f"{axis}axis": {"title": f"{axis.upper()}, mm"} for axis in "xyz"}
+    figure.update_layout(height=420, margin={"t": 0, "b": 0, "l": 0, "r": 0}, showlegend=False, scene=axes | {"aspectmode": "data"})
+    return figure
