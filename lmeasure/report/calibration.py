@@ -19,10 +19,18 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
         path,
         f"Calibration of rig {record.rig}",
         [
-            *_summary(record),
-            *_silence(record),
-            *_observability(record),
+            *verdict(record, calibration.refused),
             *_moved(comparison),
+            html.heading("The rig"),
+            html.paragraph("Observation points with the cables at the first reference pose, and the reference poses. Drag to turn."),
+            html.figure(_rig(calibration), "rig", first=True),
+            *_silence(record),
+            html.heading("Residuals"),
+            html.paragraph("Measured less modelled change of each cable since its zero pose."),
+            html.figure(residuals_figure(record), "residuals", first=False),
+            *_predicted(calibration),
+            *_validation(record),
+            *_observability(record),
             html.heading("Values"),
             html.paragraph("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value."),
             *_region(record),
@@ -32,27 +40,47 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
             ),
             *_dimensions(record),
             *_ranges(record),
-            *_predicted(calibration),
-            *_validation(record),
             *_robust(record),
-            html.heading("Residuals"),
-            html.paragraph("Measured less modelled change of each cable since its zero pose."),
-            residuals_figure(record).to_html(full_html=False, include_plotlyjs=False),
-            html.heading("The rig"),
-            _rig(calibration).to_html(full_html=False, include_plotlyjs=False),
             *_coarse(record),
             html.heading("Inputs"),
-            html.table(("file", "SHA-256"), ((i.file, i.sha256) for i in record.inputs)),
+            html.table(("file", "SHA-256"), ((i.file, i.sha256) for i in record.inputs), "text"),
         ],
     )
 
 
-def _summary(record: CalibrationRecord) -> list[str]:
-    parts = [html.paragraph(f"{w.code}: {w.text}", "warning") for w in record.warnings]
-    told = f"{record.equations} equations, {record.unknowns} unknowns, {record.rank} directions determined by the counts. "
-    rms = f"Residuals {record.noise['residual_rms_mm']:.4g} mm rms; "
-    chi = f"chi-squared {record.noise['chi_squared']:.4g} with {record.noise['degrees_of_freedom']:.0f} degrees of freedom."
-    return [*parts, html.paragraph(told + rms + chi)]
+def verdict(record: CalibrationRecord, refused: str | None) -> list[str]:
+    """Whether the rig may be used, how good it is, and what to know of it first."""
+    if refused is not None:
+        kind, told = "verdict bad", f"Not to be used: {refused}."
+    elif record.unobservable or any(w.code not in HARMLESS for w in record.warnings):
+        kind, told = "verdict doubt", "Calibrated, with reservations: read what is marked below."
+    else:
+        kind, told = "verdict", "Calibrated: nothing contradicts it."
+    rows = [("reference poses", str(len({r.pose for r in record.residuals}))), ("residuals", _mm(record.noise["residual_rms_mm"], "rms"))]
+    if "position_rms_mm" in record.predicted:
+        worst = _mm(record.predicted["position_worst_mm"], "at worst") if "position_worst_mm" in record.predicted else ""
+        place = "; ".join(t for t in (_mm(record.predicted["position_rms_mm"], "rms"), worst) if t)
+        rows.append(("the tool's place over the workspace, by the calibration alone, u", place))
+    if "against_nominal" in record.validation:
+        against = record.validation["against_nominal"]
+        rows.append(("lengths at poses left out", f"{_mm(against['rms_mm'], 'rms')}; by the drawing {_mm(against['nominal_mm'], 'rms')}"))
+    if "held_out" in record.validation:
+        rows.append(("lengths at poses held out", _mm(record.validation["held_out"]["rms_mm"], "rms")))
+    chi = f"{record.noise['chi_squared']:.4g} with {record.noise['degrees_of_freedom']:.0f} degrees of freedom"
+    rows += [
+        ("equations, unknowns, directions that the counts determine", f"{record.equations}, {record.unknowns}, {record.rank}"),
+        ("chi-squared", chi),
+    ]
+    warnings = [html.paragraph(f"{w.code}: {w.text}", "warning") for w in record.warnings]
+    return [html.paragraph(told, kind), *warnings, html.table((), rows, "text")]
+
+
+def _mm(value: float, what: str) -> str:
+    return f"{value:.3g} mm {what}"
+
+
+HARMLESS = ("assumed_rotation", "assumed_position", "taken_as_exact")
+"""Warnings that only say what was taken for what was not stated."""
 
 
 def _region(record: CalibrationRecord) -> list[str]:
@@ -117,7 +145,7 @@ def _observability(record: CalibrationRecord) -> list[str]:
             x=[i for i, _ in own],
             y=[d["left"] for _, d in own],
             mode="markers",
-            name=html.text(point),
+            name=html.label(point),
             marker={"symbol": symbols, "size": 8},
         )
     figure.add_hline(y=1.0, line={"dash": "dash"})
@@ -127,10 +155,14 @@ def _observability(record: CalibrationRecord) -> list[str]:
     figure.update_layout(height=380, margin={"t": 20}, xaxis={"title": "direction, best seen first"})
     figure.update_yaxes(title="standard uncertainty left, in prior ones", type="log")
     values = go.Figure()
-    names = [html.text(p.name) for p in record.parameters]
-    values.add_scatter(x=names, y=[p.prior_u for p in record.parameters], mode="markers", name="prior", marker={"symbol": "line-ew-open"})
-    values.add_scatter(x=names, y=[p.u for p in record.parameters], mode="markers", name="calibrated")
-    values.update_layout(height=420, margin={"t": 20}, yaxis={"title": "standard uncertainty, mm or deg", "type": "log"})
+    names = [html.label(p.name) for p in record.parameters]
+    priors = [p.prior_u for p in record.parameters]
+    values.add_scatter(y=names, x=priors, mode="markers", name="prior", marker={"symbol": "line-ns-open", "size": 9})
+    values.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name="calibrated")
+    # a row for each name: they never stand in each other's way
+    values.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10}, legend={"orientation": "h", "y": 1, "yanchor": "bottom"})
+    values.update_xaxes(title="standard uncertainty, mm or deg", type="log")
+    values.update_yaxes(autorange="reversed", dtick=1, automargin=True)
     return [
         html.heading("What the counts see"),
         html.paragraph(
@@ -138,8 +170,8 @@ def _observability(record: CalibrationRecord) -> list[str]:
             "the counts know it better than the nominal rig; crosses are left to the prior. A value is a mixture of all of them, so that "
             "one weak direction spoils several values without spoiling a length."
         ),
-        figure.to_html(full_html=False, include_plotlyjs=True),
-        values.to_html(full_html=False, include_plotlyjs=False),
+        html.figure(figure, first=False),
+        html.figure(values, first=False),
     ]
 
 
@@ -210,7 +242,7 @@ def _predicted(calibration: Calibration) -> list[str]:
     )
     axes = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
     figure.update_layout(height=520, margin={"t": 10}, scene=axes)
-    return [*parts, html.paragraph("Worst cable at each pose:"), figure.to_html(full_html=False, include_plotlyjs=False)]
+    return [*parts, html.paragraph("Worst cable at each pose:"), html.figure(figure, first=False)]
 
 
 def _validation(record: CalibrationRecord) -> list[str]:
@@ -308,7 +340,7 @@ def residuals_figure(record: CalibrationRecord) -> go.Figure:
     figure = go.Figure()
     for channel in Counter(r.channel for r in record.residuals):
         own = [r for r in record.residuals if r.channel == channel]
-        figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.text(channel))
+        figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.label(channel))
     figure.update_layout(
         height=420, margin={"t": 20}, xaxis={"title": "reference pose", "type": "category"}, yaxis={"title": "residual, mm"}
     )
@@ -324,14 +356,17 @@ def _rig(calibration: Calibration) -> go.Figure:
     for j, c in enumerate(campaign.cables):
         line = [rows[j, :3], tangent[0, j], attachment[0, j]]
         figure.add_scatter3d(
-            x=[p[0] for p in line], y=[p[1] for p in line], z=[p[2] for p in line], mode="lines", line={"width": 4}, name=html.text(c.name)
+            x=[p[0] for p in line], y=[p[1] for p in line], z=[p[2] for p in line], mode="lines", line={"width": 4}, name=html.label(c.name)
         )
     points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.cables)]
     x, y, z = zip(*(p.position_mm for p in points), strict=True)
-    names = [html.text(p.name) for p in points]
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 5, "color": "black"}, name="observation points")
+    names = [f"\u00a0\u00a0{html.label(p.name)}" for p in points]
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="markers+text", text=names, textposition="middle right", marker={"size": 4, "color": "black"},
+        name="observation points",
+    )  # fmt: skip
     x, y, z = campaign.poses.rows[:, :3].T
-    names = [html.text(n) for n in campaign.poses.names]
+    names = [html.label(n) for n in campaign.poses.names]
     figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, marker={"size": 3, "color": "gray"}, name="reference poses")
     axes = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
     figure.update_layout(height=640, margin={"t": 10}, scene=axes)

@@ -90,8 +90,19 @@ UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
 """Buttons of a figure: nothing is sent anywhere, and nothing is to be selected."""
 
 
+ROOM = 40
+
+
 def figure(drawing: go.Figure, name: str | None = None, *, first: bool, language: str = "en") -> str:
     """A figure as wide as the page, its buttons in the page's language; the first one brings what draws all of them."""
+    # figures at the corner of two axes would touch
+    drawing.update_xaxes(ticklabelstandoff=5).update_yaxes(ticklabelstandoff=5)
+    if drawing.layout.modebar.orientation != "v":
+        # room for the buttons, which else lie on the legend
+        given = drawing.layout.margin.t
+        drawing.update_layout(margin={"t": ROOM if given is None else max(ROOM, given)})
+    if any(trace.type.endswith("3d") or trace.type == "surface" for trace in drawing.data) and drawing.layout.scene.camera.eye.x is None:
+        drawing.update_scenes(camera={"eye": {"x": 1.6, "y": 1.6, "z": 1.1}})
     known = texts("report", language)
     buttons = {key.removeprefix("plot."): text for key, text in known.items() if key.startswith("plot.")}
     config = {

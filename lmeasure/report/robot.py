@@ -68,7 +68,7 @@ def _curve(curve: Sequence[dict[str, Any]]) -> list[str]:
         figure.add_scatter(x=n, y=[c[key] for c in curve], mode="lines+markers", name=name)
     figure.update_layout(xaxis_title="rows", yaxis_title="mean error at rows left out [mm]", xaxis_type="log")
     # the first figure of the page brings plotly along
-    return [html.heading("Error against number of rows"), figure.to_html(full_html=False, include_plotlyjs=True)]
+    return [html.heading("Error against number of rows"), html.figure(figure, first=True)]
 
 
 def errors_figure(places: FloatArray, before: FloatArray, after: FloatArray) -> tuple[go.Figure, float]:
@@ -94,9 +94,9 @@ def _errors(places: FloatArray, before: FloatArray, after: FloatArray, *, with_c
     return [
         html.heading("Errors in space"),
         html.paragraph(f"Measured less predicted places, {size:.3g} times enlarged, before and after."),
-        space.to_html(full_html=False, include_plotlyjs=with_code),
+        html.figure(space, first=with_code),
         html.heading("Histogram"),
-        spread.to_html(full_html=False, include_plotlyjs=False),
+        html.figure(spread, first=False),
     ]
 
 
@@ -118,7 +118,7 @@ def _by_joint(found: Identified[Any], rows: Any, after: FloatArray) -> list[str]
     return [
         html.heading("Residuals against joint values"),
         html.paragraph("The part of each residual along the way on which the joint moves the target."),
-        figure.to_html(full_html=False, include_plotlyjs=False),
+        html.figure(figure, first=False),
         html.table(("joint", "rms along its motion [mm]", "target's distance from it, mean [mm, or 1]"), mean),
     ]
 

@@ -37,7 +37,7 @@ def write_structure_page(path: Path, name: str, linkage: Linkage, record: dict[s
         figures.append(("Boundary of the workspace", slices_figure(record["boundary"], pose), SLICES_WORDS))
     for number, (title, figure, words) in enumerate(figures):
         body += [html.heading(title), html.paragraph(words)]
-        body.append(figure.to_html(full_html=False, include_plotlyjs=scripts, div_id=f"figure{number}"))
+        body.append(html.figure(figure, f"figure{number}", first=scripts))
         scripts = False
     if record.get("assemblies"):
         body += [html.heading("Assemblies"), html.table(("", "x, mm", "y, mm", "z, mm", "quaternion x, y, z, w", "proved"), _rows(record))]

@@ -113,6 +113,8 @@
   for (const name of ["level", "angle", "u95"]) id(name).addEventListener("input", draw);
   const nearest = (values, v) => values.reduce((best, value, k) => (Math.abs(value - v) < Math.abs(values[best] - v) ? k : best), 0);
   const start = () => {
+    // each was drawn before those beside it took their room
+    for (const name of ["map-angle", "map-u95", "ellipsoid"]) Plotly.Plots.resize(name);
     for (const name of ["map-angle", "map-u95"]) {
       id(name).on("plotly_click", (event) => {
         const point = event.points[0];

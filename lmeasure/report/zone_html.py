@@ -43,8 +43,8 @@ def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig, calibration: Calibra
         space,
         html.heading("Level by level"),
         html.paragraph(
-            "The white line is the edge of the zone within the limits of the sliders. Click a place: below stand its figures, the ellipsoid "
-            "that holds 95 % of its measured positions, and the direction of the cable with the largest pressure angle (orange)."
+            "The white line is the edge of the zone within the limits of the sliders. Click a place: below stand its figures, the "
+            "ellipsoid that holds 95 % of its measured positions, and the direction of the cable with the largest pressure angle (orange)."
         ),
         *maps(zone, rig, calibration),
         html.heading("Figures"),
@@ -209,10 +209,11 @@ def space_figure(zone: xr.Dataset, rig: Rig) -> go.Figure:
     figure = go.Figure()
     levels = _shown_levels(len(z))
     first = len(levels) // 2
+    bar = {"title": {"text": "worst angle, °", "side": "right"}, "len": 0.5, "y": 0.35, "thickness": 14}
     for n, k in enumerate(levels):
         figure.add_surface(
             x=x, y=y, z=np.full((len(y), len(x)), z[k]), surfacecolor=np.float32(angle[:, :, k].T), cmin=0, cmax=90, colorscale=SCALE,
-            colorbar={"title": {"text": "worst angle, °", "side": "right"}, "len": 0.5, "y": 0.35, "thickness": 14}, opacity=0.9, visible=n == first, name=f"level {z[k]:g} mm",
+            colorbar=bar, opacity=0.9, visible=n == first, name=f"level {z[k]:g} mm",
             hovertemplate="x %{x} y %{y} z %{z} mm<br>%{surfacecolor:.1f}°<extra></extra>",
         )  # fmt: skip
     if inside.any() and not inside.all():
@@ -230,8 +231,9 @@ def space_figure(zone: xr.Dataset, rig: Rig) -> go.Figure:
         figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", line={"width": 4}, name=f"cable {html.label(c.name)}")
     points = np.array([p.position_mm for p in rig.observation_point])
     figure.add_scatter3d(
-        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text", text=[html.label(p.name) for p in rig.observation_point],
-        marker={"size": 5, "color": "black"}, name="observation points",
+        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text", textposition="middle right",
+        text=[f"\u00a0\u00a0{html.label(p.name)}" for p in rig.observation_point],
+        marker={"size": 4, "color": "black"}, name="observation points",
     )  # fmt: skip
     others = [True] * (len(figure.data) - len(levels))
     steps = [
@@ -245,7 +247,7 @@ def space_figure(zone: xr.Dataset, rig: Rig) -> go.Figure:
             "yaxis_title": "Y, mm",
             "zaxis_title": "Z, mm",
             "aspectmode": "data",
-            "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.9}},
+            "camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.0}},
         },
         height=760,
         margin={"t": 10, "b": 10, "l": 10, "r": 10},

@@ -29,8 +29,8 @@ RADIUS = float(np.sqrt(chi2.ppf(0.95, 3)))
 
 
 def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None) -> list[str]:
-    """The parts of the page: sliders, what they leave of the zone, both maps, and the place that was clicked. They need plotly's code before
-    them."""
+    """The parts of the page: sliders, what they leave of the zone, both maps, and the place that was clicked. Plotly's code must stand
+    before them."""
     seen = thinned(zone)
     data = _data(seen, zone, rig, calibration)
     angle, u95 = data["limit_deg"], data["limit_u95"]
@@ -40,9 +40,8 @@ def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None) -> l
         # its position is on a logarithmic scale, as the colours are
         + _slider("u95", "Largest 95 % radius of the position", 0, 1000, round(1000 * _part(u95, data)), 1)
     )
-    figures = (
-        _titled("Worst pressure angle, °", _map(data, [0.0, 90.0]), "map-angle")
-        + _titled("95 % radius of the position, mm", _map(data, list(np.log10(data["range_u95"])), log=True), "map-u95")
+    figures = _titled("Worst pressure angle, °", _map(data, [0.0, 90.0]), "map-angle") + _titled(
+        "95 % radius of the position, mm", _map(data, list(np.log10(data["range_u95"])), log=True), "map-u95"
     )
     ellipsoid = html.figure(_ellipsoid(), "ellipsoid", first=False)
     return [
@@ -127,6 +126,7 @@ def _titled(title: str, figure: go.Figure, name: str) -> str:
 
 def _map(data: dict[str, Any], span: list[float], *, log: bool = False) -> go.Figure:
     """A map that the script fills: colours, the edge of the zone, the clicked place."""
+    mark = {"symbol": "cross-thin-open", "size": 14, "color": "#e4572e", "line": {"width": 3}}
     bar: dict[str, Any] = {"thickness": 14, "len": 0.9} | (log_colours(*data["range_u95"]) if log else {})
     figure = go.Figure(
         [
@@ -135,7 +135,7 @@ def _map(data: dict[str, Any], span: list[float], *, log: bool = False) -> go.Fi
                 x=data["x"], y=data["y"], z=[], showscale=False, hoverinfo="skip", line={"color": "white", "width": 3},
                 contours={"start": 0, "end": 0, "size": 1, "coloring": "none"},
             ),
-            go.Scatter(x=[], y=[], mode="markers", marker={"symbol": "cross-thin-open", "size": 14, "color": "#e4572e", "line": {"width": 3}},
+            go.Scatter(x=[], y=[], mode="markers", marker=mark,
                        hoverinfo="skip"),
         ]
     )  # fmt: skip

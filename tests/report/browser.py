@@ -27,11 +27,47 @@ FLAGS = (
 )
 
 
+LOOK = """(() => {
+  const out = [], wide = innerWidth;
+  if (document.documentElement.scrollWidth > wide) out.push(`the page is ${document.documentElement.scrollWidth} wide`);
+  const shown = (e) => {
+    const box = e.getBoundingClientRect(), style = getComputedStyle(e);
+    return box.width > 0.5 && box.height > 0.5 && style.visibility !== 'hidden' && style.display !== 'none' && Number(style.opacity) > 0.05;
+  };
+  // plots and drawings: words must lie apart and within the picture
+  for (const picture of document.querySelectorAll('.js-plotly-plot, .drawn > svg, .bar > svg')) {
+    const frame = picture.getBoundingClientRect();
+    const words = [...picture.querySelectorAll('svg text, text')].filter((e) => shown(e) && e.textContent.trim()
+      && !e.closest('.modebar, .hoverlayer, .updatemenu-dropdown-button-group'));
+    const boxes = words.map((e) => [e.getBoundingClientRect(), e.textContent.trim().slice(0, 30)]);
+    boxes.forEach(([a, text], i) => {
+      const beyond = Math.max(frame.left - a.left, a.right - frame.right, frame.top - a.top, a.bottom - frame.bottom);
+      const name = picture.id || picture.parentElement.parentElement.className;
+      if (beyond > 2) out.push(`${name}: '${text}' is clipped by ${beyond.toFixed(1)}`);
+      for (const [b, other] of boxes.slice(0, i)) {
+        const x = Math.min(a.right, b.right) - Math.max(a.left, b.left), y = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+        if (x > 2 && y > 3) out.push(`${picture.id}: '${text}' and '${other}' collide by ${x.toFixed(1)} x ${y.toFixed(1)}`);
+      }
+    });
+  }
+  // tables: on a desk nothing has to be pushed aside to be read
+  for (const box of document.querySelectorAll('.scroll'))
+    if (wide > 1000 && box.scrollWidth > box.clientWidth + 1) out.push(`table '${box.textContent.slice(0, 40)}' is cut off`);
+  for (const e of document.querySelectorAll('h1, h2, h3, p, li, td, th, small, label, figcaption')) {
+    const box = e.getBoundingClientRect();
+    if (shown(e) && !e.closest('.scroll') && (box.left < -1 || box.right > wide + 1)) out.push(`'${e.textContent.slice(0, 40)}' runs over`);
+  }
+  return out;
+})()"""
+"""What is wrong with how a page looks, as far as a machine can tell: a list of texts."""
+
+
 class Page:
-    """One open page. `errors` holds every console error, uncaught exception and failed request so far."""
+    """One open page. `errors` holds every console error, uncaught exception and failed request so far, `requests` what it asked for."""
 
     def __init__(self, socket: ClientConnection, session: str) -> None:
         self.errors: list[str] = []
+        self.requests: list[str] = []
         self._socket, self._session, self._number = socket, session, 0
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -51,6 +87,8 @@ class Page:
             self.errors.append(str(told["exceptionDetails"].get("exception", told["exceptionDetails"])))
         elif method == "Runtime.consoleAPICalled" and told["type"] in {"error", "assert"}:
             self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in told["args"]))
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(told["request"]["url"])
         elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
             self.errors.append(told["entry"]["text"])
 
@@ -77,6 +115,18 @@ class Page:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
+    def go(self, page: Path | str) -> None:
+        """Open a page in place of this one."""
+        address = page.resolve().as_uri() if isinstance(page, Path) else page
+        self.call("Page.navigate", url=address)
+        here = f" && location.href === {json.dumps(address)}" if isinstance(page, Path) else ""
+        self.wait(f"document.readyState === 'complete'{here}")
+
+    def resize(self, width: int, height: int = 1000) -> None:
+        """Look at the page at another width; what follows the width has drawn itself anew when this returns."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.evaluate("new Promise(done => setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(() => done(1))), 300))")
+
     def shoot(self) -> str:
         """The page's whole picture, as PNG in base64."""
         return str(self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"])
@@ -96,10 +146,9 @@ def opened(page: Path | str, profile: Path) -> Iterator[Page]:
         with connect(address, max_size=None, open_timeout=60) as socket:
             target = _bare(socket, "Target.createTarget", url="about:blank")["targetId"]
             shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"])
-            for domain in ("Runtime", "Log", "Page"):
+            for domain in ("Runtime", "Log", "Page", "Network"):
                 shown.call(f"{domain}.enable")
-            shown.call("Page.navigate", url=page.resolve().as_uri() if isinstance(page, Path) else page)
-            shown.wait("document.readyState === 'complete'")
+            shown.go(page)
             yield shown
     finally:
         process.kill()

@@ -11,7 +11,7 @@ import numpy as np
 import pypdfium2
 import pytest
 import scipy.stats
-from browser import opened
+from browser import LOOK, opened
 
 sys.path.append(str(Path(__file__).parents[1] / "certification"))
 from campaigns import write_campaign
@@ -185,7 +185,10 @@ def test_page_opens_without_an_error_and_runs_nobody_elses_script(english: tuple
         )
         page.wait(f"JSON.stringify({shown}) === '[false,false,true]'")
         text = page.evaluate("document.body.innerText")
+        page.resize(390)
+        assert page.evaluate(LOOK) == []
         assert page.evaluate("typeof window.hacked") == "undefined"
+        assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
         assert page.errors == []
         # what is no script of the page does not run, and nothing is fetched, not even from the page itself
         page.evaluate(

@@ -6,11 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from browser import opened
+from browser import LOOK, opened
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
+from lmeasure.accuracy.ellipsoids import ellipsoids
 from lmeasure.accuracy.extent import extent
+from lmeasure.accuracy.limits import Limits
+from lmeasure.accuracy.radius import radii_95
 from lmeasure.accuracy.zone import axis, scan_zone, tilts
+from lmeasure.accuracy.zone_dataset import within
 from lmeasure.report.zone import write_zone_report
+from lmeasure.report.zone_maps import log_colours, ticks
 from lmeasure.rig import Rig, rig_from_dict
 
 
@@ -47,25 +54,22 @@ def folder(rig: Rig, zone: xr.Dataset, tmp_path_factory: pytest.TempPathFactory)
     return folder
 
 
-def test_page_opens_and_its_sliders_work_without_a_console_error(folder: Path, zone: xr.Dataset, tmp_path: Path) -> None:
+def test_page_opens_and_its_slider_in_space_works_without_a_console_error(folder: Path, zone: xr.Dataset, tmp_path: Path) -> None:
     levels = zone.sizes["z"]
     with opened(folder / "zone.html", tmp_path) as page:
-        page.wait("document.querySelectorAll('.slider-container').length === 2")
+        page.wait("document.querySelectorAll('.slider-container').length === 1")
         page.wait("document.querySelector('#space canvas') !== null")
-        for figure, each in (("space", 1), ("slices", 4)):
-            shown = f"document.getElementById('{figure}').data.slice(0, {levels * each}).map(t => t.visible === true)"
-            before = page.evaluate(shown)
-            assert sum(before) == each
-            assert before.index(True) == each * (levels // 2)
-            # the right and the left end of the slider's way
-            for across, level in ((0.995, levels - 1), (0.005, 0)):
-                page.click(f"#{figure} .slider-rail-touch-rect", across=across)
-                page.wait(f"document.getElementById('{figure}').layout.sliders[0].active === {level}")
-                page.wait(f"JSON.stringify({shown}.map((v, i) => v ? i : -1).filter(i => i >= 0)) === "
-                          f"JSON.stringify([...Array({each}).keys()].map(i => i + {each * level}))")  # fmt: skip
+        shown = f"document.getElementById('space').data.slice(0, {levels}).map(t => t.visible === true)"
+        assert page.evaluate(shown).index(True) == levels // 2
+        # the right and the left end of the slider's way
+        for across, level in ((0.995, levels - 1), (0.005, 0)):
+            page.click("#space .slider-rail-touch-rect", across=across)
+            page.wait(f"document.getElementById('space').layout.sliders[0].active === {level}")
+            page.wait(f"JSON.stringify({shown}.map((v, i) => v ? i : -1).filter(i => i >= 0)) === '[{level}]'")
         page.click("#space .legendtoggle")
         page.wait("document.getElementById('space').data.some(t => t.visible === 'legendonly')")
         text = page.evaluate("document.body.innerText")
+        assert page.evaluate(LOOK) == []
         assert page.errors == []
     assert "Accuracy zone of cell <b>&</b> co" in text
     assert f"The zone holds {zone.attrs['nodes_in_zone']} of them" in text
@@ -77,6 +81,66 @@ def test_page_opens_and_its_sliders_work_without_a_console_error(folder: Path, z
         "The rig",
     ):
         assert heading in text
+
+
+def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr.Dataset, rig: Rig, tmp_path: Path) -> None:
+    """Maps are those of the dataset, the zone within other limits is what `within` gives, a place has the ellipsoid of its covariance."""
+
+    def move(name: str, value: float) -> str:
+        return f"(() => {{ const e = document.getElementById('{name}'); e.value = {value}; e.dispatchEvent(new Event('input')); }})()"
+
+    with opened(folder / "zone.html", tmp_path) as page:
+        page.wait("document.getElementById('left').textContent !== ''")
+        assert f"{zone.attrs['nodes_in_zone']} of {zone['in_zone'].size}" in page.evaluate("document.getElementById('left').textContent")
+        page.evaluate(move("level", 1))
+        told = page.evaluate("document.getElementById('map-angle').data[0].z")
+        np.testing.assert_allclose(told, zone["worst_pressure_angle_deg"].values[:, :, 1].T, rtol=1e-6)
+        radius = page.evaluate("document.getElementById('map-u95').data[0].z")
+        np.testing.assert_allclose(10.0 ** np.array(radius), zone["u95_position_mm"].values[:, :, 1].T, rtol=1e-5)
+        page.evaluate(move("angle", 40))
+        page.evaluate(move("u95", 500))
+        shown = page.evaluate("[document.getElementById('u95-told'), document.getElementById('left')].map(e => e.textContent)")
+        limit = float(shown[0].removesuffix(" mm"))
+        expected = within(zone, Limits(angle_deg=40.0, u95_mm=limit))["in_zone"].values.sum()
+        # the limit is printed with three digits
+        near = (np.abs(zone["u95_position_mm"].values / limit - 1.0) < 0.005).sum()
+        assert abs(int(shown[1].split(": ")[1].split()[0]) - int(expected)) <= near
+        page.evaluate(
+            "(() => { const f = document.getElementById('map-u95'), p = {x: f.data[0].x[2], y: f.data[0].y[5]};"
+            "f.emit('plotly_click', {points: [p]}); })()"
+        )
+        at = np.array([float(zone[n][k]) for n, k in zip("xyz", (2, 5, 1), strict=True)])
+        turns = zone["quaternion_xyzw"].values
+        start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"])
+        found = ellipsoids(rig, None, at[None], Rotation.from_quat(turns[len(turns) // 2]), start)
+        text = page.evaluate("document.getElementById('place').innerText")
+        assert f"({', '.join(f'{v:g}' for v in at)}) mm" in text
+        assert f"{rig.cable[int(found.weakest[0])].name}: pressure angle {found.angle_deg[0]:.1f}°" in text
+        x, y, z = (np.array(page.evaluate(f"document.getElementById('ellipsoid').data[0].{n}")).ravel() for n in "xyz")
+        surface = np.column_stack([x, y, z])
+        # every point of it is as many standard deviations away
+        whitened = np.einsum("ni,ij,nj->n", surface, np.linalg.inv(found.covariance[0]), surface)
+        np.testing.assert_allclose(whitened, chi2.ppf(0.95, 3), rtol=1e-3)
+        assert page.errors == []
+
+
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.15)])
+def test_ellipsoids_have_the_radius_and_the_angle_of_the_zone(rig: Rig, turned: tuple[float, float, float]) -> None:
+    """One orientation: what the compiled scan gives, worked out another way."""
+    nodes, turn = axis(-400, 400, 200), Rotation.from_rotvec(turned)
+    one = scan_zone(rig, None, nodes, nodes, nodes, Rotation.from_quat([turn.as_quat()]))
+    places = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
+    found = ellipsoids(rig, None, places, turn, np.array(one.attrs["zero_pose_xyz_mm_qxyzw"]))
+    told = np.isfinite(found.angle_deg) & (one["worst_pressure_angle_deg"].values.ravel() < 89.9)
+    np.testing.assert_allclose(radii_95(found.covariance[told]), one["u95_position_mm"].values.ravel()[told], rtol=1e-9)
+    np.testing.assert_allclose(found.angle_deg[told], one["worst_pressure_angle_deg"].values.ravel()[told], atol=1e-7)
+    assert told.sum() > 50
+
+
+def test_a_scale_of_logarithms_is_labelled_by_round_values() -> None:
+    assert ticks(0.011, 0.53) == pytest.approx([0.02, 0.05, 0.1, 0.2, 0.5])
+    assert ticks(0.21, 0.3) == [0.21, 0.3]
+    assert log_colours(0.9, 110.0)["ticktext"] == ["1", "2", "5", "10", "20", "50", "100"]
 
 
 def test_page_needs_nothing_from_elsewhere(folder: Path) -> None:
@@ -97,7 +161,7 @@ def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:
     empty = scan_zone(rig, None, x=axis(0, 100, 50), y=axis(0, 100, 50), z=axis(0, 100, 50), rotations=tilts(0.3, 3), limit_deg=10.0)
     write_zone_report(tmp_path / "empty", empty, rig)
     with opened(tmp_path / "empty" / "zone.html", tmp_path / "profile") as page:
-        page.wait("document.querySelectorAll('.slider-container').length === 2")
+        page.wait("document.getElementById('left').textContent.startsWith('Within these limits: 0 of')")
         assert "No place lies in the zone" in page.evaluate("document.body.innerText")
         assert page.errors == []
 
