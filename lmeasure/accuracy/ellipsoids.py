@@ -25,11 +25,11 @@ class Ellipsoids(NamedTuple):
     angle_deg: FloatArray
 
 
-def ellipsoids(rig: Rig, calibration: CalibrationRecord | None, places: FloatArray, turn: Rotation, start: FloatArray) -> Ellipsoids:
+def ellipsoids(rig: Rig, calibration: CalibrationRecord | None, places: FloatArray, turn: Rotation, *, start: FloatArray) -> Ellipsoids:
     """Of (n, 3) places of the tool origin [mm] at one orientation base_from_tool, by the laws of `accuracy.zone.map_zone`; start (7,): pose
     at which the counters are zeroed."""
     one = Rotation.from_quat([turn.as_quat()])
-    plan = make_plan(rig, calibration, places, one, start)
+    plan = make_plan(rig, calibration, places, one, start=start)
     found = [
         _some(rig, plan.variance, plan.factor, se3.pose(some, turn), start) for some in np.split(places, range(CHUNK, len(places), CHUNK))
     ]

@@ -69,7 +69,7 @@ def _summary(certificate: dict[str, Any]) -> list[str]:
             )
             for f in shown
         ]
-        parts += ['<div class="beside"><div>', html.heading(word(language, "summary.figures"), 3), html.table(head, rows, "text figures")]
+        parts += ['<div class="beside"><div>', html.heading(word(language, "summary.figures"), 3), html.table(head, rows, "text results")]
         parts += [html.paragraph(html.indexed(word(language, "summary.bars")), "small"), "</div><div>"]
         space = pictures.errors_in_space(certificate)
         if space is not None:
@@ -99,7 +99,7 @@ def _results(certificate: dict[str, Any], measured: Measured) -> list[str]:
     head = [html.indexed(word(language, f"column.{key}")) for key in ("characteristic", "value with u95", "verdict")]
     parts = [html.paragraph(word(language, "bullseye.text"))] if measured.evaluation.poses else []
     for key, place, rows in groups:
-        table = html.table(head, [_row(language, row) for row in rows], "text figures")
+        table = html.table(head, [_row(language, row) for row in rows], "text results")
         picture = drawn.get(key)
         parts.append(html.heading(place, 3))
         if picture is None:

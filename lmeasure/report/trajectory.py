@@ -30,8 +30,6 @@ HIDDEN = "legendonly"
 AXES = ("#0072b2", "#d55e00", "#009e73")
 FAULT, LESS = "#c1272d", "#e69f00"
 STYLE = "<style>.figures td{text-align:left;overflow-wrap:anywhere}.figures th,.kinds td,.kinds th{text-align:left}</style>"
-TOOLS = ("zoom", "pan", "select", "lasso", "zoomIn", "zoomOut", "autoScale", "resetCameraLastSave", "zoom3d", "pan3d", "orbitRotation")
-CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": [*TOOLS, "tableRotation"]}
 
 
 def write_trajectory_page(
@@ -46,20 +44,16 @@ def write_trajectory_page(
         *_left_out(found, language),
         html.heading(words["space"]),
         html.paragraph(words["space.told"]),
-        _html(space_figure(found, rig, language), first=True),
+        html.figure(space_figure(found, rig, language), first=True, language=language),
         html.heading(words["time"]),
         html.paragraph(words["time.told"] + (f" {words['time.thinned']}" if len(found.rows) < len(found.u95_mm) else "")),
-        _html(time_figure(found, language)),
+        html.figure(time_figure(found, language), first=False, language=language),
         html.heading(words["known"]),
         *(html.paragraph(line) for line in _known(found, language)),
         html.heading(words["inputs"]),
         html.table((words["file"], "SHA-256"), inputs, "figures"),
     ]
     files.write_text(path, html.page(words["title"].format(name=name), body, language))
-
-
-def _html(figure: go.Figure, *, first: bool = False) -> str:
-    return str(figure.to_html(full_html=False, include_plotlyjs=first, config=CONFIG))
 
 
 def _verdict(found: Along, language: str) -> list[str]:
@@ -196,7 +190,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
         at = [i for s in own if (i := _near(s.first, known)) is not None]
         if at:
             px, py, pz = poses[at, :3].T
-            told = [html.text(_about(s, language)) for s in own]
+            told = [html.label(_about(s, language)) for s in own]
             figure.add_scatter3d(
                 x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": colour, "symbol": "diamond"}, text=told, name=words[key],
                 hoverinfo="text",
@@ -231,7 +225,7 @@ def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray, label: str) -> None:
         x=x, y=y, z=z, mode="lines", line={"width": 2, "color": "#9aa0a6"}, hoverinfo="skip", name=label, visible=HIDDEN, legendgroup=label
     )
     x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
-    names = [html.text(p.name) for p in rig.observation_point]
+    names = [html.label(p.name) for p in rig.observation_point]
     figure.add_scatter3d(
         x=x,
         y=y,
@@ -336,7 +330,7 @@ def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[int, 
         figure.add_scatter(
             x=[t for s in own for t in (s.begin_s, s.end_s, None)], y=[name, name, None] * len(own), mode="lines+markers",
             line={"width": 9, "color": LESS if ok else FAULT}, marker={"size": 7, "symbol": "line-ns-open", "color": LESS if ok else FAULT},
-            text=[html.text(_about(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False, row=row, col=1,
+            text=[html.label(_about(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False, row=row, col=1,
         )  # fmt: skip
 
 

@@ -66,7 +66,7 @@ def _data(seen: xr.Dataset, zone: xr.Dataset, rig: Rig, calibration: Calibration
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     turns = zone["quaternion_xyzw"].values
     start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"], dtype=np.float64)
-    found = ellipsoids(rig, calibration, places, Rotation.from_quat(turns[len(turns) // 2]), start)
+    found = ellipsoids(rig, calibration, places, Rotation.from_quat(turns[len(turns) // 2]), start=start)
     u95 = seen["u95_position_mm"].values.ravel().astype(np.float64)
     known = u95[np.isfinite(u95) & (u95 > 0.0)]
     low, high = (float(np.percentile(known, p)) for p in (0, 95)) if len(known) else (0.1, 1.0)

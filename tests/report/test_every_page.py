@@ -41,7 +41,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     found = calibration.calibrate(calibration.read_campaign(TRUTH / "cell-12-poses"), calibration.Settings(hold_out=("7",)))
     write_calibration_page(out / "calibration.html", found)
     nodes = axis(-300, 300, 100)
-    zone = scan_zone(found.rig, found.record, nodes, nodes, nodes, tilts(0.2, 2), 40.0, full=True)
+    zone = scan_zone(found.rig, found.record, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 2), limit_deg=40.0, full=True)
     write_zone_report(out / "zone", zone, found.rig, found.record)
     structure = load("structure")
     asked = {"file": TRUTH / "cell-12-poses" / "rig.toml", "report": out / "structure", "position_mm": "0,0,0", "quaternion": "0,0,0,1"}

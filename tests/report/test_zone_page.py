@@ -112,7 +112,7 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
         at = np.array([float(zone[n][k]) for n, k in zip("xyz", (2, 5, 1), strict=True)])
         turns = zone["quaternion_xyzw"].values
         start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"])
-        found = ellipsoids(rig, None, at[None], Rotation.from_quat(turns[len(turns) // 2]), start)
+        found = ellipsoids(rig, None, at[None], Rotation.from_quat(turns[len(turns) // 2]), start=start)
         text = page.evaluate("document.getElementById('place').innerText")
         assert f"({', '.join(f'{v:g}' for v in at)}) mm" in text
         assert f"{rig.cable[int(found.weakest[0])].name}: pressure angle {found.angle_deg[0]:.1f}°" in text
@@ -128,9 +128,9 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
 def test_ellipsoids_have_the_radius_and_the_angle_of_the_zone(rig: Rig, turned: tuple[float, float, float]) -> None:
     """One orientation: what the compiled scan gives, worked out another way."""
     nodes, turn = axis(-400, 400, 200), Rotation.from_rotvec(turned)
-    one = scan_zone(rig, None, nodes, nodes, nodes, Rotation.from_quat([turn.as_quat()]))
+    one = scan_zone(rig, None, x=nodes, y=nodes, z=nodes, rotations=Rotation.from_quat([turn.as_quat()]))
     places = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
-    found = ellipsoids(rig, None, places, turn, np.array(one.attrs["zero_pose_xyz_mm_qxyzw"]))
+    found = ellipsoids(rig, None, places, turn, start=np.array(one.attrs["zero_pose_xyz_mm_qxyzw"]))
     told = np.isfinite(found.angle_deg) & (one["worst_pressure_angle_deg"].values.ravel() < 89.9)
     np.testing.assert_allclose(radii_95(found.covariance[told]), one["u95_position_mm"].values.ravel()[told], rtol=1e-9)
     np.testing.assert_allclose(found.angle_deg[told], one["worst_pressure_angle_deg"].values.ravel()[told], atol=1e-7)
