@@ -7,12 +7,12 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import Unobservable
 from lmeasure.estimation import Parameters
+from lmeasure.estimation.observability import by_owner
 from lmeasure.observation.parameters import PLACE, TABLE
 from lmeasure.poses import Poses
 from lmeasure.rig import Cable, Rig
 
 SAME = ": the counts stay the same, only the prior holds it"
-SHARE = 0.3  # of a direction that several points share, from which a point's part is told
 _WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words}
 
 
@@ -24,43 +24,22 @@ def lines_of_sight(rig: Rig, cables: Iterable[Cable], poses: Poses) -> dict[str,
 
 
 def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dict[str, FloatArray]) -> list[Unobservable]:
-    """The undetermined directions of each owner of unknowns, strongest first.
+    """The undetermined directions of each owner of unknowns, strongest first, then those that several share (`estimation.observability`).
 
-    silent (k, p): orthonormal directions of which the data say nothing, in prior widths. Their subspace of all unknowns together has
-    no preferred basis, and would mix points; the projector onto it has: its block for one point has an eigenvalue near 1 for each
-    direction of that point alone. What is left is spread over several points, and is listed under the one that moves most. sight (3,) is
-    the unit vector from each observation point towards the middle of its poses.
+    silent (k, p): orthonormal directions of which the data say nothing, in prior widths. sight (3,) is the unit vector from each
+    observation point towards the middle of its poses.
     """
-    projector = silent.T @ silent
     out = []
-    for owner in dict.fromkeys(unknowns.owner(i) for i in range(len(unknowns.names))):
-        own = unknowns.of(owner)
-        values, vectors = np.linalg.eigh(projector[np.ix_(own, own)])
-        for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
-            if value < 0.5:
-                continue
-            change = vector * unknowns.width[own]
-            if change[np.argmax(np.abs(vector))] < 0:
-                vector, change = -vector, -change
-            keys = [unknowns.names[i].rsplit(".", 1)[1] for i in own]
-            direction = {unknowns.names[i]: float(v) for i, v in zip(own, vector, strict=True)}
-            out.append(Unobservable(point=owner, direction=direction, text=_text(owner, keys, change, vector, sight.get(owner)) + SAME))
-    alone = np.array([[u.direction.get(name, 0.0) for name in unknowns.names] for u in out]).reshape(-1, len(unknowns.names))
-    _, _, spread = np.linalg.svd(silent - silent @ alone.T @ alone)
-    return out + [_spread(unknowns, vector, sight) for vector in spread[: max(0, len(silent) - len(out))]]
-
-
-def _spread(unknowns: Parameters, vector: FloatArray, sight: dict[str, FloatArray]) -> Unobservable:
-    """A direction (p,) in prior widths that several points share."""
-    weight = {owner: float(np.linalg.norm(vector[unknowns.of(owner)])) for owner in map(unknowns.owner, range(len(vector)))}
-    parts: list[str] = []
-    for owner in sorted(weight, key=lambda name: -weight[name]):
-        own = unknowns.of(owner)
-        if weight[owner] > SHARE or not parts:
-            keys = [unknowns.names[i].rsplit(".", 1)[1] for i in own]
-            parts.append(_text(owner, keys, vector[own] * unknowns.width[own], vector[own], sight.get(owner)))
-    direction = {name: float(v) for name, v in zip(unknowns.names, vector, strict=True)}
-    return Unobservable(point=max(weight, key=lambda name: weight[name]), direction=direction, text="; ".join(parts) + SAME)
+    for found in by_owner(unknowns, silent):
+        change = found.weight * unknowns.width
+        told = [
+            _text(owner, [unknowns.names[i].rsplit(".", 1)[1] for i in own], change[own], found.weight[own], sight.get(owner))
+            for owner, own in found.parts(unknowns)
+        ]
+        of = unknowns.of(found.owner) if found.alone else range(len(unknowns.names))
+        direction = {unknowns.names[i]: float(found.weight[i]) for i in of}
+        out.append(Unobservable(point=found.owner, direction=direction, text="; ".join(told) + SAME))
+    return out
 
 
 def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> str:

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from lmeasure.arrays import BoolArray
+from lmeasure.estimation.observability import by_few
 from lmeasure.robots.problem import Fit
 from lmeasure.robots.unknowns import R
 
@@ -45,11 +45,8 @@ def silent_directions(fit: Fit[R]) -> list[Silent]:
     basis = vectors[:, values < SILENT].T
     if len(basis) == 0:
         return []
-    # echelon form: each combination has one parameter for itself, and those that it does not need are nothing
-    _, _, order = scipy.linalg.qr(basis, pivoting=True, mode="economic")
-    rows = np.linalg.solve(basis[:, order[: len(basis)]], basis)
     out = []
-    for row, pivot in zip(rows, order, strict=False):
+    for row, pivot in zip(*by_few(basis), strict=True):
         strong = [i for i in np.argsort(-np.abs(row), kind="stable") if abs(row[i]) > MENTIONED * np.abs(row).max()]
         change = row * width[:free]
         moved = (follow @ row) * width[free:]

@@ -1,0 +1,73 @@
+"""What residuals do not tell: directions of which only priors speak, chosen so that they can be put in words.
+
+Their subspace, k orthonormal directions of p parameters in prior widths as rows (k, p), has no preferred basis. Two are offered: by the
+owners of parameters, of which each may have directions of its own, and by as few parameters as can be.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.estimation.problem import Parameters
+
+SHARE = 0.3
+"""Of a direction that several owners share, from which an owner's part is told."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """weight (p,): in prior widths, of length 1; owner: whose values move most along it; alone: whether nobody else's do."""
+
+    owner: str
+    weight: FloatArray
+    alone: bool
+
+    def parts(self, parameters: Parameters) -> Iterator[tuple[str, IntArray]]:
+        """Owners whose values move with it, those that move most first, and their indices."""
+        if self.alone:
+            yield self.owner, parameters.of(self.owner)
+            return
+        own = {owner: parameters.of(owner) for owner in _owners(parameters)}
+        size = {owner: float(np.linalg.norm(self.weight[at])) for owner, at in own.items()}
+        for number, owner in enumerate(sorted(own, key=lambda name: -size[name])):
+            if size[owner] > SHARE or not number:
+                yield owner, own[owner]
+
+
+def by_owner(parameters: Parameters, silent: FloatArray) -> list[Direction]:
+    """(k) directions that span silent (k, p): those of each owner alone, strongest first, then those that owners share.
+
+    The projector onto the subspace is the same for any basis: its block for one owner has an eigenvalue near 1 for each direction of that
+    owner alone. What is left is spread over several, and is listed under the one that moves most.
+    """
+    projector = silent.T @ silent
+    out = []
+    for owner in _owners(parameters):
+        own = parameters.of(owner)
+        values, vectors = np.linalg.eigh(projector[np.ix_(own, own)])
+        for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
+            if value >= 0.5:
+                weight = np.zeros(len(parameters.names))
+                weight[own] = vector if vector[np.argmax(np.abs(vector))] >= 0 else -vector
+                out.append(Direction(owner, weight, alone=True))
+    alone = np.array([d.weight for d in out]).reshape(-1, len(parameters.names))
+    _, _, spread = np.linalg.svd(silent - silent @ alone.T @ alone)
+    for weight in spread[: max(0, len(silent) - len(out))]:
+        most = max(_owners(parameters), key=lambda name: float(np.linalg.norm(weight[parameters.of(name)])))
+        out.append(Direction(most, np.asarray(weight), alone=False))
+    return out
+
+
+def by_few(silent: FloatArray) -> tuple[FloatArray, IntArray]:
+    """(k, p) directions that span silent (k, p), in echelon form: each has one parameter for itself, whose number is in (k,) and which
+    moves by one prior width, and those that it does not need are nothing."""
+    _, _, order = scipy.linalg.qr(silent, pivoting=True, mode="economic")
+    pivots = order[: len(silent)]
+    return np.linalg.solve(silent[:, pivots], silent), np.asarray(pivots, dtype=np.int64)
+
+
+def _owners(parameters: Parameters) -> list[str]:
+    return list(dict.fromkeys(parameters.owner(i) for i in range(len(parameters.names))))
