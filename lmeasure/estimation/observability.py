@@ -66,7 +66,7 @@ def by_few(silent: FloatArray) -> tuple[FloatArray, IntArray]:
     moves by one prior width, and those that it does not need are nothing."""
     _, _, order = scipy.linalg.qr(silent, pivoting=True, mode="economic")
     pivots = order[: len(silent)]
-    return np.linalg.solve(silent[:, pivots], silent), np.asarray(pivots, dtype=np.int64)
+    return np.asarray(np.linalg.solve(silent[:, pivots], silent), dtype=np.float64), np.asarray(pivots, dtype=np.int64)
 
 
 def _owners(parameters: Parameters) -> list[str]:
