@@ -25,7 +25,6 @@ TYPED = "angles"
 """Three angles in whatever convention the rig has, as a person types them behind --start."""
 START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg", "u_length_mm")
 CLEARLY = 2.0  # times farther than the nearest assembly the next one must be from the place that is stated
-LISTED = 6  # assemblies in a message
 
 
 Triple = tuple[float, float, float]
@@ -175,11 +174,10 @@ def _lengths(table: Any, rig: Rig, path: Path | str) -> FloatArray:
 def _listed(poses: FloatArray, all_of_them: bool) -> str:
     """Assemblies for a person, and whether there may be others."""
     texts = []
-    for pose in poses[:LISTED]:
+    for pose in poses:
         place = ", ".join(f"{x:.1f}" for x in pose[:3])
         texts.append(f"({place}) mm with quaternion ({', '.join(f'{x:.3f}' for x in pose[3:])})")
-    more = "" if len(poses) <= LISTED else f" and {len(poses) - LISTED} more"
-    more += "" if all_of_them else " (there may be others, which are hard to find)"
+    more = "" if all_of_them else " (there may be others, which are hard to find)"
     return f"{len(poses)} {'assembly' if len(poses) == 1 else 'assemblies'}: {'; '.join(texts)}{more}"
 
 

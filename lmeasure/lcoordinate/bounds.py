@@ -12,9 +12,9 @@ determinant itself.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
@@ -54,6 +54,11 @@ class Bounds:
         if not (sound and abs(float(np.linalg.det(M))) > 1e-12 * float(np.linalg.norm(M, axis=1).prod())):
             raise StructureError("bounds: the links do not hold the body at the pose from which the bounds are looked for")
 
+    @cached_property
+    def _start(self) -> float:
+        """The determinant at the pose `at`."""
+        return float(np.linalg.det(self._lines(self.at)[0]))
+
     def _lines(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         return link_rows(self.base, self.body, poses) if self.lines is None else self.lines(poses)
 
@@ -71,16 +76,17 @@ class Bounds:
     def values(self, poses: FloatArray) -> FloatArray:
         """(..., k) of each limit at poses (..., 7), positive where it is kept: of angles and determinants in parts of the determinant at
         the pose `at`, of lengths in parts of the greatest. NaN where a link has no length."""
-        if self.turns is not None:
-            return np.concatenate([self._values(_turned(poses, turn)) for turn in self.turns], axis=-1)
-        return self._values(poses)
+        if self.turns is None:
+            return self._values(poses)
+        values = self._values(_turned(poses, self.turns))
+        return np.asarray(values.reshape(*values.shape[:-2], -1))
 
     def _values(self, poses: FloatArray) -> FloatArray:
         M, lengths, points = self._lines(poses)
         known = np.asarray(np.isfinite(M).all(axis=(-1, -2)))
         M = np.where(known[..., None, None], M, 0.0)
         det = np.where(known, np.linalg.det(M), np.nan)
-        start = float(np.linalg.det(self._lines(self.at)[0]))
+        start = self._start
         whole = det / start
         kept = [whole[..., None]]
         if self.limit_rad is not None:
@@ -105,8 +111,9 @@ class Bounds:
         return np.asarray(((ahead - behind) / (2.0 * step[:, None])).T)
 
 
-def _turned(poses: FloatArray, turn: FloatArray) -> FloatArray:
-    """Poses (..., 7) with their bodies turned about their origins by a quaternion (4,), in base axes."""
-    out = np.array(poses, dtype=np.float64)
-    out[..., 3:] = (Rotation.from_quat(turn) * Rotation.from_quat(poses[..., 3:].reshape(-1, 4))).as_quat().reshape(poses[..., 3:].shape)
-    return out
+def _turned(poses: FloatArray, turns: FloatArray) -> FloatArray:
+    """(..., k, 7) poses (..., 7) with their bodies turned about their origins by quaternions (k, 4), in base axes."""
+    (x, y, z, w), (a, b, c, d) = np.moveaxis(turns, -1, 0), np.moveaxis(poses[..., None, 3:], -1, 0)
+    turned = (w * a + x * d + y * c - z * b, w * b - x * c + y * d + z * a, w * c + x * b - y * a + z * d, w * d - x * a - y * b - z * c)
+    places = np.broadcast_to(poses[..., None, :3], (*poses.shape[:-1], len(turns), 3))
+    return np.concatenate([places, np.stack(turned, axis=-1)], axis=-1)

@@ -39,9 +39,9 @@ class Detour:
     norm_mm: FloatArray
 
 
-def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0) -> Detour:
+def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0, *, turns: bool = True) -> Detour:
     """The commanded poses (n, 7), and more between them where needed, led around the limits; margin: what limits are kept by beyond 0, in
-    their units (`Bounds.values`).
+    their units (`Bounds.values`); turns: whether the body may be turned, too, or is only shifted.
 
     StructureError where an end is beyond a limit, or no pose near another keeps them, or they are not kept between two poses however near,
     or two neighbours would be led to different sides.
@@ -52,7 +52,7 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0) -> Detour:
             raise StructureError(f"path: sample {k + 1}, an end, is beyond a limit itself: {worst}")
     aim = margin
     for _ in range(TRIES):
-        found = _halved(bounds, poses, margin, aim)
+        found = _halved(bounds, poses, margin, aim, turns)
         short, where = _short(bounds, found, margin)
         if short <= BETWEEN:
             break
@@ -75,15 +75,15 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0) -> Detour:
     return Detour(out, parameter, shift, turn, np.hypot(shift, rim * turn))
 
 
-def _halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float) -> list[tuple[float, FloatArray]]:
+def _halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
     """Parameters and poses of the path, each led around, with more of them where the way between two does not keep the limits."""
-    found = [(float(k), led(bounds, pose, margin, aim=aim)) for k, pose in enumerate(poses)]
+    found = [(float(k), led(bounds, pose, margin, aim=aim, turns=turns)) for k, pose in enumerate(poses)]
     for _ in range(HALVINGS):
         more: list[tuple[float, FloatArray]] = [found[0]]
         for (i, a), (j, b) in pairwise(found):
             middle = at(np.stack([a, b]), 0.5)
             if (bounds.values(middle) < margin).any():
-                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim=aim)))
+                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim=aim, turns=turns)))
             more.append((j, b))
         if len(more) == len(found):
             break
@@ -102,22 +102,31 @@ def _short(bounds: Bounds, found: list[tuple[float, FloatArray]], margin: float)
     return worst, where
 
 
-def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None) -> FloatArray:
+def led(
+    bounds: Bounds,
+    pose: FloatArray,
+    margin: float = 0.0,
+    start: FloatArray | None = None,
+    *,
+    aim: float | None = None,
+    turns: bool = True,
+) -> FloatArray:
     """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again.
 
     start (7,): where to begin, by default the pose itself; aim: by how much limits are kept where the pose does not keep the margin, by
-    default that. StructureError where none is found.
+    default that; turns: whether the body may be turned. StructureError where none is found.
     """
     if (bounds.values(pose) >= margin).all():
         return pose
     aim = margin if aim is None else aim
-    rim = rim_mm(bounds.body)
-    unit = np.diag(np.repeat([1.0 / rim, 1.0], 3))
-    now = np.zeros(6) if start is None else se3.displacement(start, pose) * np.repeat([rim, 1.0], 3)
+    # a body that is not turned has no rim that would matter: its places are told apart by the size of the rig
+    rim = rim_mm(bounds.body) if turns else max(rim_mm(bounds.body), 0.1 * rim_mm(bounds.base))
+    unit = np.diag(np.repeat([1.0 / rim, 1.0], 3))[:, 0 if turns else 3 :]
+    now = np.zeros(unit.shape[1]) if start is None else (se3.displacement(start, pose) * np.repeat([rim, 1.0], 3))[0 if turns else 3 :]
     for _ in range(STEPS):
         here = se3.displaced(pose, unit @ now)
         values = bounds.values(here)
-        rates = _rates(bounds, pose, now, unit)
+        rates = _rates(bounds, pose, now, unit, rim)
         if not (np.isfinite(values).all() and np.isfinite(rates).all()):
             break
         then = _least(rates, aim - values + rates @ now)
@@ -135,10 +144,11 @@ def led(bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray
     raise StructureError("path: no pose near the commanded one keeps the limits")
 
 
-def _rates(bounds: Bounds, pose: FloatArray, now: FloatArray, unit: FloatArray) -> FloatArray:
-    """(k, 6) rates of the limits by the displacement from the pose, in mm of the rim."""
-    step = 1e-6 / unit[3, 3] * float(1.0 / unit[0, 0])
-    ahead, behind = (bounds.values(se3.displaced(pose, (now + sign * step * np.eye(6)) @ unit)) for sign in (1.0, -1.0))
+def _rates(bounds: Bounds, pose: FloatArray, now: FloatArray, unit: FloatArray, rim: float) -> FloatArray:
+    """(k, q) rates of the limits by the displacement now (q,) from the pose, unit (6, q) being its directions, in mm of the rim."""
+    # of shifts alone farther: they are not small beside the rig, and cables over pulleys are known to 1e-13 of their limits only
+    step, each = (1e-6 if len(now) == len(unit) else 1e-4) * rim, np.eye(len(now))
+    ahead, behind = (bounds.values(se3.displaced(pose, (now + sign * step * each) @ unit.T)) for sign in (1.0, -1.0))
     return np.asarray(((ahead - behind) / (2.0 * step)).T)
 
 

@@ -14,7 +14,7 @@ from lmeasure.checked import Strict, checked
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, RADIUS
 from lmeasure.lcoordinate.structures import LINKS
-from lmeasure.rig import rig_from_dict
+from lmeasure.rig import Rig, rig_from_dict
 
 SCHEMA = "lmeasure.structure/1"
 MOST_LINKS = 24
@@ -97,14 +97,18 @@ class Linkage:
         return replace(self, lengths=np.array(lengths, dtype=np.float64))
 
 
+def linkage_of(rig: Rig) -> Linkage:
+    """The cables of a rig, of all its passes."""
+    rows = rig.cable_rows()
+    names = [(c.name, c.from_point, c.to_point) for c in rig.cable]
+    return Linkage(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], names, cables=rows)
+
+
 def read_linkage(path: Path) -> Linkage:
     """The links of a structure file, or the cables of a rig.toml; FileFormatError names file and key."""
     data = files.read_toml(path)
     if data.get("schema") != SCHEMA and "observation_point" in data:
-        rig = rig_from_dict(data, str(path))
-        rows = rig.cable_rows()
-        names = [(c.name, c.from_point, c.to_point) for c in rig.cable]
-        found = Linkage(rows[:, BASE_XYZ], rows[:, ATTACHMENT_XYZ], names, cables=rows)
+        found = linkage_of(rig_from_dict(data, str(path)))
     else:
         found = _of_file(data, path)
     m = len(found.base)

@@ -32,7 +32,7 @@ class Piece:
 
     def line(self, axis: str) -> str:
         """One line for a person."""
-        met = ", ".join(dict.fromkeys(self.limits))
+        met = ", ".join(dict.fromkeys(limit.split(" in orientation")[0] for limit in self.limits))
         size = f"closed, {self.area_mm2:.6g} mm^2" if self.area_mm2 is not None else "open: it leaves the window"
         return f"boundary at {axis} = {self.level_mm:g} mm: {size}; met: {met}"
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from lmeasure.certification.cube import Cube
     from lmeasure.program import Program
 
+KEPT = "Paths within the zone"
 EDGES = "start:stop of the box that the robot's program uses most, mm"
 
 
@@ -52,12 +53,21 @@ class Settings(Asked):
         Path | None,
         option("With --ran: start_s, end_s of each force of the compliance test, in order.", metavar="FILE.csv"),
     ] = None
+    correct: Annotated[
+        Path | None,
+        option("Instead: this program with every path led around the limits of --rig, ends kept.", metavar="PROGRAM.toml", panel=KEPT),
+    ] = None
+    rig: Annotated[Path | None, option("With --correct: the rig.", metavar="RIG.toml", panel=KEPT)] = None
+    limit_deg: Annotated[float, option("With --correct: largest pressure angle.", panel=KEPT, within=(0.0, 90.0))] = 60.0
+    length_mm: Annotated[Pair | None, option("With --correct: cable lengths.", metavar="MIN:MAX", panel=KEPT)] = None
     drift_hours: Annotated[float, option("How long the drift test lasts.", unit="h")] = 8.0
 
     def paths(self) -> Paths:
         """A program, perhaps from a zone; the one filled in is what a person may have changed since: tolerances, names."""
         if self.ran is not None:
             return Paths(folders=(self.out,))
+        if self.correct is not None:
+            return Paths(inside(self.out, "program.toml", "corrected.csv"), present(self.correct, self.rig))
         return Paths(inside(self.out, "program.toml", "commands.csv", "robodk.csv"), present(self.zone))
 
 
@@ -71,6 +81,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
         return _filled_in(settings, settings.ran)
     if settings.loaded is not None:
         raise SettingsError("loaded", "goes with --ran")
+    if settings.correct is not None:
+        return _corrected(settings, settings.correct)
+    if settings.rig is not None:
+        raise SettingsError("rig", "goes with --correct")
     cube = _cube(settings)
     chosen = Tests(
         tests=TESTS if settings.tests == ("all",) else settings.tests,
@@ -97,6 +111,32 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
         ),
         {"edge_mm": float(cube.edge_mm), "minutes": minutes},
     )
+
+
+def _corrected(settings: Settings, commanded: Path) -> "Result[Program]":
+    """A program whose paths keep the limits of a rig."""
+    from scipy.spatial.transform import Rotation
+
+    from lmeasure import files
+    from lmeasure.accuracy.correction import columns, corrected
+    from lmeasure.program import read_program, write_program
+    from lmeasure.run import read_linked_rig
+
+    if settings.rig is None:
+        raise SettingsError("correct", "needs --rig, whose limits the paths have to keep")
+    if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
+        raise SettingsError("correct", "corrects a program; it makes no other")
+    if not 0.0 < settings.limit_deg < 90.0:
+        raise SettingsError("limit_deg", f"{settings.limit_deg:g} does not lie between 0 and 90")
+    program = read_program(commanded)
+    rig, _ = read_linked_rig(settings.rig)
+    turn = Rotation.from_quat(settings.quaternion)
+    made, found = corrected(rig, program, turn, limit_deg=settings.limit_deg, lengths_mm=settings.length_mm)
+    with files.whole(settings.out / "program.toml") as written, files.whole(settings.out / "corrected.csv") as table:
+        write_program(written, made)
+        files.write_table(table, columns(found))
+    left = tuple(one.line() for one in found if one.left)
+    return Result(made, tuple(one.line() for one in found), {"led_around": float(sum(one.changed for one in found))}, left)
 
 
 def _cube(settings: Settings) -> "Cube":

@@ -60,12 +60,16 @@ class Settings(Asked):
     scheduler: Annotated[str | None, option("dask scheduler to use.", metavar="tcp://HOST:PORT", panel=COMPUTING)] = None
     checkpoint: Annotated[Path | None, option("Keep chunks here; go on after a kill.", metavar="DIR", panel=COMPUTING)] = None
     path: Annotated[Path | None, option("Hold a robot program against the zone; writes OUT.path.csv too.", metavar="PROGRAM.toml")] = None
+    boundary: Annotated[
+        bool, option("Follow the zone's edge at every level, for angle and lengths; writes OUT.boundary.csv too.", panel=COMPUTING)
+    ] = False
     report: Annotated[Path | None, option("Write zone.html and zone.pdf into this folder.", metavar="DIR")] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
         """A zone, and what is made of it, from a rig, bodies and a program."""
-        beside = () if self.path is None else (self.out.with_suffix(".path.csv"),)
+        beside: tuple[Path, ...] = () if self.path is None else (self.out.with_suffix(".path.csv"),)
+        beside += (self.out.with_suffix(".boundary.csv"),) if self.boundary else ()
         report = () if self.report is None else inside(self.report, "zone.html", "zone.pdf")
         return Paths((self.out, *present(self.rerun), *beside, *report), (self.rig, *present(self.bodies, self.path)))
 
@@ -120,6 +124,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         lines.append(f"the zone goes on beyond the box along {', '.join(over)}")
     if not data["in_zone"].values.any():
         lines += advice(data, settings.rig)
+    if settings.boundary:
+        from lmeasure.accuracy import edge
+
+        pieces, said = edge.edges(rig, data, rotations, settings.length_mm)
+        files.write_table(settings.out.with_suffix(".boundary.csv"), edge.columns(pieces))
+        lines += [*(piece.line("z") for piece in pieces), *said]
     if program is not None:
         parts = guard(rig, calibration, data, program, rotation=rotations.mean())
         files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))

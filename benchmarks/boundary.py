@@ -1,0 +1,65 @@
+"""The boundary of a workspace by following it beside rays in small steps (thesis 5.3) and beside a grid, at one accuracy.
+
+python benchmarks/boundary.py --out benchmarks/results/boundary.md
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure.lcoordinate.bounds import Bounds
+from lmeasure.lcoordinate.workspace import Slice, boundary
+
+# thesis 5.3: pairs B1, B4 - P1; B2, B5 - P2; B3, B6 - P3
+BODY = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0)] * 2, dtype=float)
+BASE = np.array([(0, -5, 0), (5, 0, 0), (-4, 1, 0), (0, -1, -4), (1, 0, -4), (0, 1, -4)], dtype=float)
+PIECE = 20_000  # poses at a time
+
+
+def main() -> None:
+    """Print the page, or write it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, help="page to write")
+    out = parser.parse_args().out
+    level = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    bounds = Bounds(BASE, BODY, level, np.radians(84.0))
+    plane = Slice(level, np.array([(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]), 40.0)
+    began = time.process_time()
+    found = boundary(bounds, plane, np.array([0.2, -1.0]), 0.5)
+    follow = time.process_time() - began
+    off = float(np.abs(bounds.values(plane.poses(found.places)).min(axis=1)).max())
+    low, high = found.places.min(axis=0), found.places.max(axis=0)
+    rng = np.random.default_rng(0)
+    draws = low + (high - low) * rng.uniform(size=(PIECE, 2))
+    bounds.inside(plane.poses(draws))
+    began = time.process_time()
+    bounds.inside(plane.poses(draws))
+    each = (time.process_time() - began) / PIECE
+    rays = len(found.places)
+    radius = float(np.linalg.norm(found.places, axis=1).mean())
+    page = ["# Boundary of a workspace, followed and scanned", "", "`benchmarks/boundary.py`; times are those of one processor.", ""]
+    page.append(
+        f"The slice y = 1 of the example of 5.3 with 84 degrees: {rays} places, closed, each on its limit to {off:.0e} of the determinant, "
+        f"in {follow:.2f} s. A pose is judged in {1e6 * each:.1f} us, in batches."
+    )
+    page += [
+        "",
+        "| accuracy, mm | nodes of a grid | its time, s | times | steps along as many rays | their time, s | times |",
+        "|---" * 7 + "|",
+    ]
+    for accuracy in (1e-1, 1e-2, 1e-3, 1e-6, 1e-9):
+        nodes, steps = float(np.prod((high - low) / accuracy)), rays * radius / accuracy
+        grid, ray = nodes * each, steps * each
+        page.append(f"| {accuracy:.0e} | {nodes:.1e} | {grid:.1e} | {grid / follow:.1e} | {steps:.1e} | {ray:.1e} | {ray / follow:.1e} |")
+    page += ["", "Times of grids and rays are the number of their poses times that of one pose, judged at 20,000 of them."]
+    page.append("Followed places are on the limit to the last line's accuracy whatever the others ask.")
+    text = "\n".join([*page, ""])
+    print(text)
+    if out:
+        out.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

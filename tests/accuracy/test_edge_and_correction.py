@@ -1,0 +1,96 @@
+"""The zone's edge by following it, and paths led around its limits: against nodes and against the zone's own figures."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from lmeasure import zone
+from lmeasure.accuracy.edge import edges
+from lmeasure.accuracy.limits import Limits
+from lmeasure.accuracy.zone import Scan, tilts
+from lmeasure.cli import app
+from lmeasure.errors import AccuracyError
+from lmeasure.linkage.links import read_linkage
+from lmeasure.linkage.slices import bounds_of
+from lmeasure.program import CommandedPath, Program, read_program, write_program
+from lmeasure.rig import read_rig
+
+TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
+RIG = TRUTH / "cell-run" / "rig.toml"
+
+
+def angle_at(place: np.ndarray, turns: Rotation) -> float:
+    """Worst pressure angle [deg] that `zone` gives for a place."""
+    x, y, z = (float(v) for v in place)
+    data = zone(RIG, x=(x, x, 1), y=(y, y, 1), z=(z, z, 1), rotations=turns)
+    return float(data["worst_pressure_angle_deg"].values[0, 0, 0])
+
+
+def test_the_edge_of_a_zone_lies_on_its_limit() -> None:
+    """Closed, of the size that nodes count, and at each place the worst angle of all orientations is the limit."""
+    rig, turns = read_rig(RIG), tilts(0.1, 2)
+    data = zone(RIG, x=(-1500, 1500, 50), y=(-1500, 1500, 50), z=(0, 0, 1), rotations=turns, scan=Scan(limits=Limits(45.0)))
+    (found,), said = edges(rig, data, turns)
+    assert (found.closed, said) == (True, [])
+    counted = float(data["in_zone"].values.sum()) * 50.0**2
+    assert found.area_mm2 == pytest.approx(counted, rel=0.02)
+    for place in found.places[:: len(found.places) // 4]:
+        assert angle_at(place, turns) == pytest.approx(45.0, abs=1e-6)
+
+
+def test_an_edge_beyond_the_box_is_open() -> None:
+    data = zone(RIG, x=(-100, 100, 50), y=(-1500, 1500, 50), z=(0, 0, 1), scan=Scan(limits=Limits(45.0)))
+    (found,), _ = edges(read_rig(RIG), data, Rotation.identity(1))
+    assert found.closed  # the window is the box's larger side
+    data = zone(RIG, x=(-100, 100, 50), y=(-100, 100, 50), z=(0, 0, 1), scan=Scan(limits=Limits(45.0)))
+    assert edges(read_rig(RIG), data, Rotation.identity(1)) == ([], ["edge at z = 0 mm: none within the scanned box"])
+    with pytest.raises(AccuracyError, match="six cables, this rig has 8"):
+        edges(read_rig(TRUTH / "eight-run" / "rig.toml"), data, Rotation.identity(1))
+
+
+PATHS = (
+    CommandedPath(name="inside", kind="linear", start_mm=(200.0, -300.0, 0.0), end_mm=(250.0, -300.0, 0.0)),
+    CommandedPath(
+        name="round", kind="circular", centre_mm=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), radius_mm=700.0, start_mm=(0.0, 700.0, 0.0)
+    ),
+    CommandedPath(name="out", kind="linear", start_mm=(0.0, 0.0, 0.0), end_mm=(5000.0, 0.0, 0.0)),
+)
+
+
+def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
+    write_program(tmp_path / "program.toml", Program(schema_="lmeasure.program/1", path=PATHS))
+    words = ["program", "--out", tmp_path / "led", "--correct", tmp_path / "program.toml", "--rig", RIG, "--limit-deg", 45]
+    done = CliRunner().invoke(app, [str(w) for w in words])
+    assert done.exit_code == 0
+    lines = done.output.splitlines()
+    assert "path inside: keeps the limits" in lines
+    assert "LEFT AS IT IS: sample 1001, an end, is beyond a limit itself" in done.output
+    inside, led, out = read_program(tmp_path / "led" / "program.toml").path
+    assert (inside, out, led.kind) == (PATHS[0], PATHS[2], "points")
+    points = led.points(5.0)
+    np.testing.assert_allclose(points[[0, -1]], [(0.0, 700.0, 0.0)] * 2, atol=1e-9)
+    angles = np.array([angle_at(p, Rotation.identity(1)) for p in points[::120]])
+    assert angles.max() < 45.0 + 1e-3
+    assert np.array([angle_at(p, Rotation.identity(1)) for p in PATHS[1].points(5.0)[::200]]).max() > 50.0
+    # the deviation is the least: no place nearer to the command keeps the limit
+    linkage = read_linkage(RIG)
+    bounds = bounds_of(linkage, np.array([200.0, -300.0, 0.0, 0.0, 0.0, 0.0, 1.0]), 45.0, None)
+    table = pd.read_csv(tmp_path / "led" / "corrected.csv")
+    k = int(table["deviation_mm"].argmax())
+    deviation = float(table["deviation_mm"].to_numpy()[k])
+    commanded = table[["commanded_x_mm", "commanded_y_mm", "commanded_z_mm"]].to_numpy(dtype=np.float64)[k]
+    rng = np.random.default_rng(0)
+    nearer = rng.normal(size=(3000, 3))
+    nearer *= 0.99 * deviation * rng.uniform(0.0, 1.0, (3000, 1)) ** (1 / 3) / np.linalg.norm(nearer, axis=1, keepdims=True)
+    poses = np.column_stack([commanded + nearer, np.tile([0.0, 0.0, 0.0, 1.0], (3000, 1))])
+    assert not bounds.inside(poses).any()
+
+
+@pytest.mark.parametrize(("words", "said"), [(["--rig", str(RIG)], "rig"), (["--correct", "p.toml"], "correct")])
+def test_a_correction_needs_program_and_rig(tmp_path: Path, words: list[str], said: str) -> None:
+    done = CliRunner().invoke(app, ["program", "--out", str(tmp_path), *words])
+    assert (done.exit_code, said in done.output) == (2, True)
