@@ -16,7 +16,7 @@ from lmeasure.cli.words import said
 from lmeasure.errors import SettingsError
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.check import Check
+    from lmeasure.acquisition.check import Check, Step
     from lmeasure.workflows import Workflow
     from lmeasure.workflows.flow import Progress, Result
     from lmeasure.workflows.settings import Asked
@@ -39,12 +39,22 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 
 
 def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
-    """With a person who does what is asked, and the table of what came of it."""
+    """With a person who does what is asked while the counts are shown, and the table of what came of it."""
+    keys = TypedLines()
+    with state_line() as (say, show):
 
-    def ask(text: str) -> None:
-        typer.prompt(said("{text}, then press Enter", text=text), default="", show_default=False, prompt_suffix=" ")
+        def ask(step: "Step") -> str:
+            words = said("{text}, then press Enter", text=said(step.text))
+            say(f"{step.number}/{step.of} {words}")
+            while not (lines := keys.typed()):
+                if keys.gone:
+                    raise typer.Abort
+                state = step.look()
+                if show is not None:
+                    show(state)
+            return lines[0]
 
-    result: Result[Check] = workflow.run(settings, lambda fraction, text: typer.echo(text), ask=ask)
+        result: Result[Check] = workflow.run(settings, lambda fraction, text: say(text), ask=ask)
     _print(result.made)
     return result
 
@@ -219,19 +229,14 @@ def stages() -> "Iterator[Progress]":
 
 
 def _print(result: "Check") -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("cable", "channel", "moved", "direction", "stroke mm", "slack mm", "counts/turn", "verdict", box=None)
+    """The table, within 80 columns, and under it every fault on a line of its own."""
+    form = "{:<12.12} {:<10.10} {:<10.10} {:>3} {:>9} {:>9} {:>15} {}"
+    typer.echo(form.format("cable", "channel", "moved", "+-", "stroke mm", "slack mm", "counts/turn", "").rstrip())
     for c in result.cables:
-        numbers = [
-            "-" if c.direction is None else f"{c.direction:+d}",
-            *("-" if value is None else form.format(value) for value, form in ((c.stroke_mm, "{:.1f}"), (c.slack_mm, "{:+.3f}"))),
-            "-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} of {c.expected_per_turn:g}",
-        ]
-        table.add_row(c.cable, c.channel, c.moved or "-", *numbers, "; ".join(c.faults) or "ok")
-    console = Console()
-    console.print(table)
-    console.print(f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts")
-    for fault in result.faults:
-        console.print(f"fault: {fault}", style="red")
+        direction = "-" if c.direction is None else f"{c.direction:+d}"
+        stroke, slack = ("-" if v is None else f"{v:{f}}" for v, f in ((c.stroke_mm, ".1f"), (c.slack_mm, "+.3f")))
+        turn = "-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} of {c.expected_per_turn:g}"
+        typer.echo(form.format(c.cable, c.channel, c.moved or "-", direction, stroke, slack, turn, "" if c.faults else "ok").rstrip())
+    typer.echo(f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts")
+    for fault in result.all_faults:
+        typer.echo(f"fault: {fault}")

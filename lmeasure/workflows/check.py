@@ -1,14 +1,13 @@
 """The self-test of a wired rig."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, option
+from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
+from lmeasure.workflows.settings import Asked, Paths, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.check import Check
+    from lmeasure.acquisition.check import Ask, Check
 
 
 class Settings(Asked):
@@ -19,17 +18,24 @@ class Settings(Asked):
     passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     turns: Annotated[bool, option("Count a turn of each drum too.", flag="--turns/--no-turns")] = True
+    write: Annotated[Path | None, option("Write the rig with channels and signs as they are to this file.", metavar="RIG.toml")] = None
+
+    def paths(self) -> Paths:
+        """A corrected rig, of a rig."""
+        return Paths(present(self.write), (self.rig,))
 
 
 @workflow("check")
-def run(settings: Settings, progress: Progress = silent, *, ask: Callable[[str], None]) -> "Result[Check]":
+def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Result[Check]":
     """Walk through the self-test: ask tells a person what to do and comes back when it is done;
     progress names the devices that were found. Faults are a failure."""
-    from lmeasure.acquisition.check import check
+    from lmeasure import files
+    from lmeasure.acquisition.check import check, corrected
     from lmeasure.acquisition.session import connect, options_from_text
-    from lmeasure.rig import read_rig
+    from lmeasure.rig import rig_from_dict
 
-    rig = read_rig(settings.rig)
+    document = files.read_toml(settings.rig)
+    rig = rig_from_dict(document, str(settings.rig))
     link = connect(rig, settings.rig.parent, settings.bus, passage=settings.passage, options=options_from_text(settings.bus_option))
     try:
         for device in link.devices:
@@ -39,4 +45,12 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Callable[[str],
         link.source.close()
     faults = result.all_faults
     failure = f"{settings.rig}: {len(faults)} fault(s), the first: {faults[0]}" if faults else ""
-    return Result(result, (), warnings=tuple(faults), failure=failure)
+    data, told = corrected(document, result)
+    if settings.write is None:
+        hint = (f"--write FILE writes a rig with {len(told)} correction(s): {'; '.join(told)}",) if told else ()
+        return Result(result, hint, warnings=tuple(faults), failure=failure)
+    content = document.holding(data)
+    rig_from_dict(content, str(settings.write))
+    files.rewrite_toml(settings.write, content)
+    lines = (*told, f"written: {settings.write}, to be checked again") if told else (f"written: {settings.write}, with nothing to correct",)
+    return Result(result, lines, warnings=tuple(faults), failure=failure)

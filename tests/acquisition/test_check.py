@@ -14,13 +14,15 @@ import pytest
 from rigged_feed import cell
 from test_buses import a_group
 
-from lmeasure.acquisition.check import Check, check
+from lmeasure.acquisition.bus_watch import BusWatch
+from lmeasure.acquisition.check import Check, Step, check
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
+from lmeasure.acquisition.frames import frames_from_messages
 from lmeasure.acquisition.session import Link
 from lmeasure.acquisition.sources import BusSource
 from lmeasure.errors import AcquisitionError
-from lmeasure.rig import Rig, rig_from_dict, write_rig
+from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 
 RIG = cell(max_cable_speed_mm_s=1e6)  # this person moves in no time
 
@@ -34,6 +36,7 @@ class Bench:
         self.fields = counter_fields(rig)
         self.counts = np.linspace(5000.0, 10000.0, len(self.fields))
         self.faults = faults
+        self.shown: list[str] = []
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -46,13 +49,22 @@ class Bench:
                 shown = np.array(self.counts, np.float64)
                 if "trembling" in self.faults:
                     shown[self.faults["trembling"]] += 5 * (k % 3)
+                if "foreign" in self.faults:
+                    bus.send(can.Message(arbitration_id=self.faults["foreign"], is_extended_id=False, data=b"\0"))
                 if "silent" in self.faults:
                     send(frames_from_counts(np.zeros(1), shown[None, :5], self.fields[:5], 0x80), bus, paced=False)
                 else:
                     send(frames_from_counts(np.zeros(1), shown[None, :], self.fields, 0x80), bus, paced=False)
                 time.sleep(0.005)
 
-    def ask(self, text: str) -> None:
+    def ask(self, step: Step) -> str:
+        assert 1 <= step.number <= step.of
+        self.shown.append(step.look())
+        self.do(step.text)
+        self.shown.append(step.look())
+        return ""
+
+    def do(self, text: str) -> None:
         words = text.split()
         names = [c.name for c in self.rig.cable]
         points = [c.from_point for c in self.rig.cable]
@@ -130,50 +142,147 @@ def two_cables() -> Rig:
 @pytest.mark.parametrize(
     ("faults", "code", "verdicts", "error"),
     [
-        ({}, 0, ["c1 ch1 ch1 +1 100.0 +0.000 6000 of 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 of 6000 ok"], ""),
         (
-            {"wiring": [1, 0], "turns": False},
+            {},
+            0,
+            ["c1 ch1 ch1 +1 100.0 +0.000 6000 of 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 of 6000 ok", "with nothing to correct"],
+            "",
+        ),
+        (
+            {"wiring": [1, 0], "turns": False, "sign": -1, "foreign": 0x1F5},
             1,
-            ["channel ch2 moved, the rig says ch1", "channel ch1 moved, the rig says ch2"],
-            "rig.toml: 2 fault(s), the first: cable c1: channel ch2 moved, the rig says ch1",
+            [
+                "fault: cable c1: channel ch2 moved, the rig says ch1",
+                "fault: cable c2: channel ch1 moved, the rig says ch2",
+                "frames) from a sender that the rig does not name",
+                "cable c1: channel ch1 -> ch2 cable c2: channel ch2 -> ch1 drum of B1: count_sign 1 -> -1 drum of B2: count_sign 1 -> -1",
+            ],
+            "the first: 1F5h (",
         ),
     ],
 )
 def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdicts: list[str], error: str, tmp_path: Path) -> None:
-    """The command in a process of its own; the person reads what it asks, does it, and presses Enter."""
+    """The command in a process of its own on a real bus; the person reads what it asks, does it, and presses Enter."""
     write_rig(tmp_path / "rig.toml", two_cables())
     group = a_group()
     bench = Bench(two_cables(), {"interface": "udp_multicast", **group}, **faults)
-    command = [sys.executable, "-m", "lmeasure", "check", "--rig", str(tmp_path / "rig.toml")]
+    command = [sys.executable, "-m", "lmeasure", "check", "--rig", str(tmp_path / "rig.toml"), "--write", str(tmp_path / "wired.toml")]
     command += ["--bus", f"udp_multicast:{group['channel']}", "--bus-option", f"port={group['port']}"]
     turns = faults.get("turns", True)
     command += [] if turns else ["--no-turns"]
-    asked = []
+    asked, after = [], []
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "200"}
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
     ) as process:
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
         try:
-            said = ""
-            while char := process.stdout.read(1):
-                said += char
-                if said.endswith("then press Enter "):
-                    asked.append(said)
-                    bench.ask(said)
-                    said = ""
-                    process.stdin.write("\n")
-                    process.stdin.flush()
+            for line in process.stdout:
+                if not line.rstrip().endswith("then press Enter"):
+                    after.append(line.rstrip())
+                    continue
+                number, _, text = line.partition(" ")
+                asked.append((number, text))
+                bench.do(text)
+                # the first fault is looked at again, once
+                again = "Type r" in text and sum("Type r" in one for _, one in asked) == 1
+                process.stdin.write("r\n" if again else "\n")
+                process.stdin.flush()
             complaint = process.stderr.read()
         finally:
             process.kill()
             bench.close()
-    assert process.wait() == code
-    assert asked[0].startswith("Leave all cables at rest")
-    assert len(asked) == 1 + 2 * (5 if turns else 3)
-    shown = " ".join(said.split())
+    assert process.wait() == code, complaint
+    assert asked[0][1].startswith("Leave all cables at rest")
+    steps = 1 + 2 * (5 if turns else 3)
+    assert asked[-1][0].startswith(f"{steps}/{steps}")
+    # a question for each cable that was wrong, and the first of them done again
+    assert len(asked) == steps + (2 + 1 + 3 if faults else 0)
+    shown = " ".join(" ".join(after).split())
     for verdict in verdicts:
         assert verdict in shown
-    assert complaint.endswith(f"{error}\n" if error else "")
+    assert max(map(len, after[: 1 + 2])) <= 80, "the table"
+    assert error in complaint
     assert len(complaint.splitlines()) == bool(error)
+    wired = read_rig(tmp_path / "wired.toml")
+    if faults:
+        assert [c.channel for c in wired.cable] == ["ch2", "ch1"]
+        assert [wired.point(c.from_point).drum.count_sign for c in wired.cable] == [-1, -1]
+    else:
+        assert wired == two_cables()
+
+
+def test_what_moves_is_shown_while_it_moves() -> None:
+    bench = Bench(wiring=[0, 4, 2, 3, 1, 5], turns=False)
+    try:
+        bench.check()
+    finally:
+        bench.close()
+    assert "mm: ch1 +100.0  ch2 +0.0" in " ".join(bench.shown)
+    assert any(text.endswith("  ch5 moves, not ch2") for text in bench.shown)
+
+
+def watched(*batches: tuple[int, int]) -> BusWatch:
+    """A watch that has seen so many frames of each identifier; an identifier of -1: error frames."""
+    watch = BusWatch(counter_fields(RIG), 0x80)
+    for identifier, count in batches:
+        error = identifier < 0
+        messages = [
+            can.Message(arbitration_id=max(identifier, 0), is_extended_id=False, is_error_frame=error, data=b"\0" * 4) for _ in range(count)
+        ]
+        watch.feed(frames_from_messages(messages, "host", "test"))
+    return watch
+
+
+def test_who_else_is_on_the_bus_is_named() -> None:
+    six = tuple((0x181 + i, 100) for i in range(6))
+    assert watched((0x80, 100), *six, (0x701, 3), (0x81, 1), (0, 2)).foreign() == []
+    assert watched((0x80, 100), *six).twice() == []
+    assert watched((0x80, 100), *six, (0x2A0, 7)).foreign() == ["2A0h (7 frames)"]
+    assert watched((0x80, 100), *six, (0x183, 100)).twice() == [
+        "channel ch3: 200 frames 183h for 100 SYNCs: more than one device sends them"
+    ]
+    (line,) = watched((0x80, 200), *six).twice()
+    assert line == "200 SYNCs for 100 frames of a counter: more than one sends the SYNC, such as another recording"
+
+
+@pytest.mark.parametrize(
+    ("batches", "told"),
+    [
+        ([(-1, 40)], "40 error frames and none that can be read: another bit rate than the 500000 bit/s of the rig, or a line without"),
+        ([], "no frame at all: nothing is connected or switched on, or another bit rate"),
+        ([(0x300, 9), (0x80, 9)], "frames come, but of 300h (9 frames); the rig's counters are in 181h, 182h"),
+    ],
+)
+def test_why_no_count_comes(batches: list[tuple[int, int]], told: str) -> None:
+    assert watched(*batches).silence(500_000).startswith(told)
+
+
+def test_error_frames_alone_are_named_over_a_real_bus() -> None:
+    """What an adapter delivers at a wrong bit rate, over sockets."""
+    group = a_group()
+    place = {"interface": "udp_multicast", **group}
+    done = threading.Event()
+
+    def noise() -> None:
+        with can.Bus(**place) as bus:
+            while not done.is_set():
+                bus.send(can.Message(is_error_frame=True))
+                time.sleep(0.01)
+
+    thread = threading.Thread(target=noise)
+    thread.start()
+    source = BusSource(lambda: can.Bus(**place), "udp_multicast:test", 250_000)
+    try:
+        with pytest.raises(AcquisitionError, match=r"error frames and none that can be read: another bit rate than the 250000 bit/s"):
+            check(RIG, Link(source, counter_fields(RIG)), lambda step: "", turns=False, settle_s=0.05)
+    finally:
+        done.set()
+        thread.join()
+        source.close()
