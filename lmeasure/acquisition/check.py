@@ -88,7 +88,7 @@ class _Again(Exception):  # noqa: N818 - no error: the person wants to
 class _Watch:
     """The counters over a link, step by step."""
 
-    def __init__(self, rig: Rig, link: Link, passage: int, ask: Ask, of: int) -> None:
+    def __init__(self, rig: Rig, link: Link, passage: int, ask: Ask, *, of: int) -> None:
         self._link, self._ask, self._of, self.number = link, ask, of, 0
         self._assembler = new_assembler(rig, link.fields, passage)
         start_input = rig.can_table.start_input
@@ -163,7 +163,7 @@ def check(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool = Tru
     AcquisitionError when a channel does not show at all; it says what the bus shows instead.
     """
     cables = rig.cables_of(passage)
-    watch = _Watch(rig, link, passage, ask, 1 + len(cables) * (5 if turns else 3))
+    watch = _Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3))
     watch.begin("Leave all cables at rest")
     time_s, rest = watch.look(REST_S)
     channels = watch.channels

@@ -267,7 +267,7 @@ def test_why_no_count_comes(batches: list[tuple[int, int]], told: str) -> None:
 def test_error_frames_alone_are_named_over_a_real_bus() -> None:
     """What an adapter delivers at a wrong bit rate, over sockets."""
     group = a_group()
-    place = {"interface": "udp_multicast", **group}
+    place: dict[str, Any] = {"interface": "udp_multicast", **group}
     done = threading.Event()
 
     def noise() -> None:
