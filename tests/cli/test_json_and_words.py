@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import string
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lmeasure import compiling
+from lmeasure.catalogue import texts
 from lmeasure.cli import app, machine, main
 from lmeasure.cli.commands import command
 from lmeasure.cli.faces import told_of_compiling
@@ -163,3 +166,33 @@ def test_a_command_ends_when_it_has_said_its_last_line(tmp_path: Path) -> None:
         assert done.returncode == expected, done.stderr
         assert "taken apart" not in done.stdout
         assert done.stdout or expected
+
+
+def test_every_text_of_the_help_is_said_in_russian() -> None:
+    known = texts("cli", "ru")
+    asked = {text for parts in JOBS.items() for text in (parts[0], *parts[1].values())}
+    for name in COMMANDS:
+        for one in command(name).params:
+            asked |= {text for text in (getattr(one, "help", None), getattr(one, "rich_help_panel", None)) if text}
+    assert sorted(asked - set(known)) == [], "add them to lmeasure/locale/ru/cli.po"
+    for english, russian in known.items():
+        names = [sorted(name for _, name, _, _ in string.Formatter().parse(text) if name) for text in (english, russian) if "{" in english]
+        assert not names or names[0] == names[1], english
+        assert sorted(re.findall(r"--[a-z][a-z-]+", russian)) == sorted(re.findall(r"--[a-z][a-z-]+", english)), english
+
+
+def test_help_and_errors_in_russian() -> None:
+    environment = {**os.environ, "LANGUAGE": "", "LC_ALL": "", "LANG": "ru_RU.UTF-8", "PYTHONUTF8": "1"}
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([sys.executable, "-m", "lmeasure", *words], capture_output=True, encoding="utf-8", env=environment)
+
+    assert "Собрать и откалибровать установку:" in run("--help").stdout
+    told = run("zone", "--help").stdout
+    assert "Пределы:" in told
+    assert "[обязательно]" in told
+    wrong = run("calibrat")
+    assert wrong.returncode == 2
+    assert "Ошибка: Нет команды 'calibrat'." in wrong.stderr
+    # what is wrong with data stays English
+    assert "nowhere: is not a run folder" in run("reconstruct", "nowhere", "--out", "t.csv").stderr
