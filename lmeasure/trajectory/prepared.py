@@ -23,6 +23,7 @@ def prepare(
     run: Run | RunHead,
     rig: Rig,
     pieces: Pieces,
+    *,
     doubts: Doubts,
     source: str,
     constraint: str | None = None,
@@ -69,4 +70,13 @@ def prepared(aligned: Alignment, constraint: str | None = None, repeatability_mm
     def pieces(doubts: Doubts) -> list[Lengths]:
         return [aligned.lengths if doubts is own else aligned.without(doubts)]
 
-    return prepare(run, run.rig, pieces, own, run.passes[0].source, constraint, aligned.clocks, repeatability_mm)
+    return prepare(
+        run,
+        run.rig,
+        pieces,
+        doubts=own,
+        source=run.passes[0].source,
+        constraint=constraint,
+        clocks=aligned.clocks,
+        repeatability_mm=repeatability_mm,
+    )

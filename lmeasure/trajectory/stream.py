@@ -49,7 +49,7 @@ def reconstruct_stream(
     summary = Summary()
     evidence = _evidence(head, rig)
     pieces = partial(_pieces, head, rig)
-    reconstruction, doubts = prepare(head, rig, pieces, evidence.doubts, str(head.counts[0]), constraint)
+    reconstruction, doubts = prepare(head, rig, pieces, doubts=evidence.doubts, source=str(head.counts[0]), constraint=constraint)
     evidence = replace(evidence, doubts=doubts)
     with trajectory_writer(out, covered(reconstruction.covers, evidence), angles) as write:
         for piece in read_counts_in_pieces(head.counts[0], progress):

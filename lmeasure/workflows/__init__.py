@@ -57,6 +57,7 @@ JOBS: dict[str, dict[str, str]] = {
         "compare": "Compare certificates: what differs beyond the instrument's uncertainty, what has moved, exchangeability.",
         "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
         "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
+        "correct": "Correct a robot's program by an identification: its targets are rewritten, all else stays byte for byte.",
         "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
     },
 }

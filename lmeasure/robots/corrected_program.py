@@ -1,0 +1,146 @@
+"""A program corrected for an identified robot: of every target a way to it chosen, corrected and written back; what was left, said."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.robots.correction import Correction, Limits, correct, fits, in_keep_out, ways
+from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewritten
+from lmeasure.robots.identified_robot import IdentifiedRobot
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a target. correction: None where no way to it was found or chosen; left: why it stays as it was, empty where it does
+    not; u95_mm: radius about the wanted place that holds 95 % of where the corrected robot goes, what clipping leaves added."""
+
+    target: Target
+    file: str
+    correction: Correction | None
+    values: tuple[float, ...]
+    left: str
+    u95_mm: float
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """outcomes in the order of the listing, and the texts of its sources."""
+
+    outcomes: tuple[Outcome, ...]
+    texts: tuple[str, ...]
+
+    @property
+    def changed(self) -> int:
+        """How many targets are corrected."""
+        return sum(not o.left for o in self.outcomes)
+
+
+def corrected_program(
+    listing: Listing, dialect: Dialect, robot: IdentifiedRobot, *, limits: Limits, near: Sequence[float] = ()
+) -> Corrected:
+    """Targets in the order in which they stand, joint values nearest to the one before, the first to near (n,) [deg, mm] or to the first
+    target of joint values. Where neither the configuration nor such values tell one way of several, a target is left.
+
+    A target in a keep-out box or on a straight way through one, as the identified robot goes to it, is left too.
+    """
+    order = sorted(range(len(listing.targets)), key=lambda i: (listing.targets[i].source, listing.targets[i].line))
+    last = _first(listing, dialect, robot, near)
+    outcomes: dict[int, Outcome] = {}
+    values: dict[int, Sequence[float]] = {}
+    place: FloatArray | None = None
+    for i in order:
+        target = listing.targets[i]
+        file = listing.sources[target.source].name
+        joints, why = _joints(target, listing, dialect, robot, last)
+        if joints is None:
+            outcomes[i] = Outcome(target, file, None, target.values, why, float("nan"))
+            continue
+        last = joints
+        found = correct(robot.nominal, robot.found, joints, limits)
+        why = found.refused or _other_flags(target, dialect, found, robot)
+        tool = listing.frames.get(target.tool, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+        at = se3.compose(robot.found.forward(found.joints[None])[0], tool)[:3]
+        if not why and in_keep_out(limits, np.array([at if place is None else place, at])) is not None:
+            why = "the way to it leads through a keep-out box"
+        place = at
+        new = list(target.values) if why else [float(v) for v in _values(target, listing, dialect, found, robot)]
+        u95 = float(robot.u95_mm(found.joints[None])[0]) + found.left_mm
+        outcomes[i] = Outcome(target, file, found, tuple(new), why, u95)
+        if not why:
+            values[i] = new
+    return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
+
+
+def _first(listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]) -> FloatArray | None:
+    if len(near):
+        return np.where(robot.nominal.sliding, near, np.radians(near))
+    for target in listing.targets:
+        if target.joints and len(target.values) == len(robot.nominal.joint_names):
+            return _of_joints(target, dialect, robot)
+    return None
+
+
+def _of_joints(target: Target, dialect: Dialect, robot: IdentifiedRobot) -> FloatArray:
+    values = np.array(target.values)
+    return np.where(robot.nominal.sliding, values, values * dialect.joint_size)
+
+
+def _joints(
+    target: Target, listing: Listing, dialect: Dialect, robot: IdentifiedRobot, last: FloatArray | None
+) -> tuple[FloatArray | None, str]:
+    """The joint values at which the controller reaches a target, or why they are not known."""
+    low, high = robot.nominal.limits
+    if target.joints:
+        if len(target.values) != len(low):
+            return None, f"{len(target.values)} joint values; the robot has {len(low)}"
+        joints = _of_joints(target, dialect, robot)
+        return (joints, "") if ((joints >= low - 1e-9) & (joints <= high + 1e-9)).all() else (None, "beyond the limits of the joints")
+    flange = se3.compose(listing.frames[target.base], dialect.pose(target.values))
+    found = ways(robot.nominal, se3.compose(flange, se3.inverse(listing.frames[target.tool])), last)
+    if not len(found):
+        return None, "out of the nominal robot's reach"
+    fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q)]
+    if not fitting:
+        return None, f"none of its {len(found)} ways has the configuration that it states"
+    if last is None and len(fitting) > 1:
+        return None, f"{len(fitting)} ways lead to it, and nothing says which; state --near"
+    return fitting[0], ""
+
+
+def _other_flags(target: Target, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> str:
+    before, after = (fits(dialect.name, target.flags, robot.nominal, q) for q in (found.before, found.joints))
+    if target.joints or not before or after:
+        return ""
+    return "corrected it would have another configuration than the program states"
+
+
+def _values(target: Target, listing: Listing, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> FloatArray:
+    """The numbers to be written."""
+    if target.joints:
+        return np.where(robot.nominal.sliding, found.joints, found.joints / dialect.joint_size)
+    pose = se3.compose(se3.compose(se3.inverse(listing.frames[target.base]), found.flange), listing.frames[target.tool])
+    return dialect.numbers(pose, target.values)
+
+
+def as_record(found: Corrected, listing: Listing, frames: Mapping[str, FloatArray]) -> dict[str, object]:
+    """The content of corrections.json."""
+    return {
+        "schema": "lmeasure.corrections/1",
+        "targets": [_record(o) for o in found.outcomes],
+        "corrected": found.changed,
+        "unread": [{"file": u.file, "line": u.line, "text": str(u)} for u in listing.unread],
+        "frames": {name: {"position_mm": row[:3].tolist(), "quaternion_xyzw": row[3:].tolist()} for name, row in frames.items()},
+    }
+
+
+def _record(o: Outcome) -> dict[str, object]:
+    out: dict[str, object] = {"name": o.target.name, "file": o.file, "line": o.target.line, "left": o.left or None}
+    out |= {"values": list(o.target.values), "corrected_values": list(o.values)}
+    if o.correction is not None:
+        c = o.correction
+        out |= {"size_mm": c.size_mm, "size_deg": float(np.degrees(c.size_rad)), "error_before_mm": c.was_mm, "error_left_mm": c.left_mm}
+        out |= {"clipped": c.clipped, "u95_mm": None if np.isnan(o.u95_mm) else o.u95_mm}
+    return out

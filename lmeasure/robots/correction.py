@@ -1,0 +1,188 @@
+"""Corrected commands: joint values at which the identified robot is where the nominal one was meant to be, and what a controller is told.
+
+A controller knows the nominal robot. Told a pose, it goes to joint values q with nominal(q) = pose, and the real flange is at found(q).
+Corrected joint values q* solve found(q*) = nominal(q) by Newton's method from q, which stays on q's branch; the pose that makes the
+controller go to them is nominal(q*). What is left is how well the robot is known and how well it repeats.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.robots.model import RobotModel
+from lmeasure.robots.serial_robot import SerialRobot
+
+STEPS = 30
+SETTLED = 1e-10
+"""Rad, and mm over a metre: when Newton's steps have ended."""
+MOST_JOINT_RAD = np.radians(5.0)
+"""A joint that a correction moves farther leaves its branch or is near a singular pose, where errors of the robot are no small changes."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """most_mm, most_rad: largest correction of the flange; clip: shorten larger ones instead of refusing them; keep_out: boxes (3, 2) in
+    the robot's base frame in which the tool's origin must not be [mm]."""
+
+    most_mm: float = 5.0
+    most_rad: float = float(np.radians(1.0))
+    clip: bool = False
+    keep_out: tuple[FloatArray, ...] = ()
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Of one target. before, joints (n,): joint values told and corrected; flange (7,): nominal pose of the latter; size_mm, size_rad:
+    by how much the told pose changes; left_mm, left_rad: by how much the identified robot then is off, not nothing where it was clipped or
+    has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does not."""
+
+    before: FloatArray
+    joints: FloatArray
+    flange: FloatArray
+    size_mm: float
+    size_rad: float
+    was_mm: float
+    left_mm: float
+    left_rad: float
+    clipped: bool
+    refused: str
+
+
+def correct(nominal: RobotModel, found: RobotModel, joints: FloatArray, limits: Limits) -> Correction:
+    """The correction of the target that the nominal robot reaches at joint values (n,)."""
+    wanted = nominal.forward(joints[None])[0]
+    solved, off = _solved(found, joints, wanted)
+    told = nominal.forward(solved[None])[0]
+    change = se3.displacement(told, wanted)
+    size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
+    refused, clipped = _refused(nominal, joints, solved, off, limits), False
+    if not refused and (size_mm > limits.most_mm or size_rad > limits.most_rad):
+        if limits.clip:
+            part = min(limits.most_mm / max(size_mm, 1e-300), limits.most_rad / max(size_rad, 1e-300))
+            solved, clipped = joints + part * (solved - joints), True
+            told = nominal.forward(solved[None])[0]
+            change = se3.displacement(told, wanted)
+            size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
+        else:
+            most = f"{limits.most_mm:g} mm and {np.degrees(limits.most_rad):g} deg are the most"
+            refused = f"a correction of {size_mm:.3f} mm and {np.degrees(size_rad):.3f} deg; {most}"
+    if refused:
+        solved, told = joints, wanted
+        size_mm = size_rad = 0.0
+    at = se3.displacement(found.forward(solved[None])[0], wanted)
+    was = se3.displacement(found.forward(joints[None])[0], wanted)
+    left = float(np.linalg.norm(at[3:])), float(np.linalg.norm(at[:3]))
+    return Correction(joints, solved, told, size_mm, size_rad, float(np.linalg.norm(was[3:])), *left, clipped, refused)
+
+
+def in_keep_out(limits: Limits, places: FloatArray) -> int | None:
+    """The first of places (k, 3) [mm, base frame], taken as the corners of one way, from which on the way is in a box; None where it is in
+    none. Ways between targets are taken as straight, which a controller's joint motions are not."""
+    for i, place in enumerate(places):
+        before = places[max(i - 1, 0)]
+        if any(_crosses(box, before, place) for box in limits.keep_out):
+            return i
+    return None
+
+
+def ways(nominal: RobotModel, flange: FloatArray, near: FloatArray | None) -> FloatArray:
+    """(k, n) joint values that take the nominal flange to a pose (7,), with the whole turns within the limits that are nearest to joint
+    values (n,) where those are given; the nearest first."""
+    found = nominal.inverse(flange)
+    if near is None or not len(found):
+        return found
+    low, high = nominal.limits
+    turns = np.where(nominal.sliding, 0.0, np.round((near - found) / (2.0 * np.pi)))
+    turned = found + 2.0 * np.pi * turns
+    turned = np.where((turned >= low) & (turned <= high), turned, found)
+    away = np.where(nominal.sliding, 0.0, turned - near)
+    return np.asarray(turned[np.argsort(np.abs(away).max(axis=1), kind="stable")])
+
+
+def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray) -> bool:
+    """Whether joint values (n,) are those that a target's configuration says, as far as it can be told of this robot.
+
+    krl: bit i of T is set where axis i + 1 is negative; bit 0 of S behind the first axis, bit 1 with the elbow up. rapid: cf1, cf4, cf6
+    are the quarters of axes 1, 4, 6, floor(q / 90 degrees); cfx 4 and more behind the first axis, odd where axis 5 is negative. fanuc:
+    whole turns of axes 1, 4, 6, T in front of the first axis. Where the arm stands is told of elbow arms with a spherical wrist alone.
+    """
+    if not isinstance(robot, SerialRobot) or robot.sliding.any() or len(joints) != 6:
+        return True
+    q = np.degrees(joints)
+    arm = _arm(robot, joints) if robot.arm.is_elbow else None
+    if dialect == "krl" and {"S", "T"} <= set(flags):
+        turned = all(bool(flags["T"] >> i & 1) == bool(q[i] < 0.0) or abs(q[i]) < 1e-6 for i in range(6))
+        return turned and (arm is None or (bool(flags["S"] & 1), bool(flags["S"] & 2)) == arm)
+    if dialect == "rapid" and "cf1" in flags:
+        quarters = all(int(np.floor(q[i] / 90.0)) == flags[key] or _at_quarter(q[i]) for key, i in (("cf1", 0), ("cf4", 3), ("cf6", 5)))
+        wrist = bool(flags["cfx"] & 1) == bool(q[4] < 0.0) or abs(q[4]) < 1e-6
+        return quarters and (arm is None or ((flags["cfx"] >= 4) == arm[0] and wrist))
+    if dialect == "fanuc" and "turn1" in flags:
+        turns = all(int(np.round(q[i] / 360.0)) == flags[f"turn{k}"] for k, i in ((1, 0), (2, 3), (3, 5)))
+        return turns and (arm is None or bool(flags["front"]) != arm[0])
+    return True
+
+
+def _arm(robot: SerialRobot, joints: FloatArray) -> tuple[bool, bool]:
+    """(behind, up): whether the wrist's centre is behind the first axis, as its joint is turned, and whether the elbow is bent upwards."""
+    points, along = robot.arm.axes(joints[None])
+    shoulder, elbow, wrist = (points[0, i] for i in (1, 2, 4))
+    up, side = along[0, 0], along[0, 1]
+    # the second axis points to the left or to the right of an arm that faces forward at zero
+    _, zero_along = robot.arm.axes(np.zeros((1, 6)))
+    forward = np.cross(side, up)
+    ahead = np.cross(zero_along[0, 1], zero_along[0, 0]) @ se3.matrices(robot.arm.foot)[:, 0]
+    forward = forward if ahead > 0.0 else -forward
+    way = wrist - points[0, 0]
+    bent = np.cross(elbow - shoulder, wrist - shoulder) @ np.cross(forward, up)
+    return bool(way @ forward < 0.0), bool(bent < 0.0)
+
+
+def _at_quarter(degrees: float) -> bool:
+    return abs(degrees / 90.0 - round(degrees / 90.0)) < 1e-8
+
+
+def _solved(found: RobotModel, joints: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Joint values (n,) at which the robot is where it is wanted, and what is left (6,)."""
+    solved = joints.copy()
+    for _ in range(STEPS):
+        pose, twists, _ = found.derivatives(solved[None], of=np.empty(0, dtype=np.int64))
+        off = se3.displacement(wanted, pose[0])
+        rows = np.concatenate([twists[0, :, :3], (twists[0, :, 3:] + np.cross(twists[0, :, :3], pose[0, :3])) / 1e3], axis=1).T
+        step = np.linalg.lstsq(rows, off / ([1.0] * 3 + [1e3] * 3), rcond=1e-9)[0]
+        step = step / max(1.0, float(np.abs(step).max()) / 0.1) if not found.sliding.any() else step
+        solved = solved + step
+        if np.abs(step).max() < SETTLED:
+            break
+    return solved, se3.displacement(wanted, found.forward(solved[None])[0])
+
+
+def _refused(nominal: RobotModel, joints: FloatArray, solved: FloatArray, off: FloatArray, limits: Limits) -> str:
+    low, high = nominal.limits
+    moved = np.where(nominal.sliding, 0.0, np.abs(solved - joints))
+    if not np.isfinite(solved).all() or (len(joints) >= 6 and np.abs(off / ([1.0] * 3 + [1e3] * 3)).max() > 1e-6):
+        return "the identified robot does not reach it"
+    if moved.max() > MOST_JOINT_RAD:
+        name = nominal.joint_names[int(np.argmax(moved))]
+        return f"{name} would move by {np.degrees(moved.max()):.1f} deg: near a singular pose, or another branch"
+    beyond = np.flatnonzero((solved < low) | (solved > high))
+    if len(beyond):
+        j = int(beyond[0])
+        value, unit = (solved[j], "mm") if nominal.sliding[j] else (np.degrees(solved[j]), "deg")
+        return f"{nominal.joint_names[j]} would be at {value:.4f} {unit}, beyond its limit"
+    return ""
+
+
+def _crosses(box: FloatArray, start: FloatArray, stop: FloatArray) -> bool:
+    """Whether the straight way between two points meets a box (3, 2): slabs."""
+    way = stop - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, last = (box[:, 0] - start) / way, (box[:, 1] - start) / way
+    still = way == 0.0
+    inside = (start >= box[:, 0]) & (start <= box[:, 1])
+    enter = np.where(still, np.where(inside, -np.inf, np.inf), np.minimum(first, last))
+    leave = np.where(still, np.where(inside, np.inf, -np.inf), np.maximum(first, last))
+    return bool(max(enter.max(), 0.0) <= min(leave.min(), 1.0))

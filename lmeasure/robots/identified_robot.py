@@ -1,0 +1,98 @@
+"""An identified robot read back from its folder: nominal and found values, where it stands, and how well its places are known."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import norm, t
+
+from lmeasure import files, se3
+from lmeasure.accuracy.radius import radii_95
+from lmeasure.arrays import FloatArray
+from lmeasure.errors import FileFormatError
+from lmeasure.robots.model import RobotModel
+from lmeasure.robots.robot import AnyRobot, read_robot
+
+TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
+
+
+@dataclass(frozen=True)
+class IdentifiedRobot:
+    """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
+    (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be told; freedom of that; misfit:
+    factor by which held-out rows lay farther off than stated."""
+
+    nominal: RobotModel
+    found: RobotModel
+    base: FloatArray
+    tool: FloatArray
+    names: tuple[str, ...]
+    covariance: FloatArray
+    noise_mm: float
+    freedom: float
+    misfit: float
+
+    def u95_mm(self, joints: FloatArray) -> FloatArray:
+        """(N,) [mm] radius that holds 95 % of where the target is from where it is predicted at joint values (N, n): by identification and
+        the robot itself, without the instrument. NaN where the robot's own part could not be told."""
+        rows = self._rows(joints)
+        own = self.noise_mm**2 * np.eye(3)
+        spread = self.misfit**2 * (rows @ self.covariance @ np.swapaxes(rows, 1, 2) + own)
+        if np.isnan(self.noise_mm):
+            return np.full(len(joints), np.nan)
+        return np.asarray(float(t.ppf(0.975, self.freedom) / norm.ppf(0.975)) * radii_95(spread))
+
+    def _rows(self, joints: FloatArray) -> FloatArray:
+        """(N, 3, p) derivatives of the target's place in the instrument's frame by the unknowns, in the units of their names."""
+        own = {p.name: (i, p.size) for i, p in enumerate(self.found.parameters)}
+        flange, _, twists = self.found.derivatives(joints)
+        in_base = se3.apply(flange, np.broadcast_to(self.tool[:3], (len(joints), 3)))
+        turn = se3.matrices(self.base)
+        out = np.zeros((len(joints), 3, len(self.names)))
+        degree = np.radians(1.0)
+        for k, name in enumerate(self.names):
+            owner, _, key = name.rpartition(".")
+            if name in own:
+                i, size = own[name]
+                out[:, :, k] = (twists[:, i, 3:] + np.cross(twists[:, i, :3], in_base)) @ turn.T * size
+            elif owner == "base" and key in TURNS:
+                out[:, :, k] = np.cross(np.eye(3)[TURNS.index(key)], in_base @ turn.T) * degree
+            elif owner == "base":
+                out[:, PLACES.index(key), k] = 1.0
+            elif owner == self._first_target and key in PLACES:
+                out[:, :, k] = (turn @ se3.matrices(flange))[:, :, PLACES.index(key)]
+        return out
+
+    @property
+    def _first_target(self) -> str:
+        return next((name.rpartition(".")[0] for name in self.names if name.startswith(("tool.", "target_"))), "")
+
+
+def read_identified(folder: Path) -> IdentifiedRobot:
+    """The robot of a folder that `lmeasure identify` wrote; FileFormatError where identified.json is not of it."""
+    path = folder / "identified.json"
+    robot = read_robot(folder / "robot.toml")
+    try:
+        data = json.loads(files.read_bytes(path))
+        parameters = data["parameters"]
+        nominal = {p["name"]: float(p["nominal"]) for p in parameters if p["nominal"] is not None}
+        noise, held = data["noise"]["position_mm"], data["held_out"] or {}
+        covariance = np.array(data["covariance"], dtype=np.float64)
+        names = tuple(str(p["name"]) for p in parameters)
+        base, tool = (np.array([*data[key]["position_mm"], *data[key]["quaternion_xyzw"]], dtype=np.float64) for key in ("base", "tool"))
+        freedom = float(data["freedom"])
+        scale, misfit = float("nan") if noise is None else float(noise), float(held.get("misfit", 1.0))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: not what `lmeasure identify` writes: {error!r}") from None
+    if covariance.shape != (len(names), len(names)) or not np.isfinite(covariance).all():
+        raise FileFormatError(f"{path}: the covariance is not of its {len(names)} parameters")
+    return IdentifiedRobot(_nominal(robot, nominal, path), robot.model, base, tool, names, covariance, scale, max(freedom, 1.0), misfit)
+
+
+def _nominal(robot: AnyRobot, values: dict[str, float], path: Path) -> RobotModel:
+    known = {p.name for p in robot.model.parameters}
+    strange = sorted(set(values) - known)
+    if strange:
+        raise FileFormatError(f"{path}: {strange[0]} is no parameter of the robot.toml beside it")
+    return robot.with_values(values).model

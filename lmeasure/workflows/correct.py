@@ -1,0 +1,152 @@
+"""From an identified robot to programs that take it where they were meant to."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from lmeasure.errors import RobotError, SettingsError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
+from lmeasure.workflows.settings import BOX, Asked, Box, Names, Numbers, Paths, Spans, option
+
+if TYPE_CHECKING:
+    from lmeasure.arrays import FloatArray
+    from lmeasure.robots.corrected_program import Corrected
+
+
+class Settings(Asked):
+    """What `lmeasure correct` is asked."""
+
+    programs: Annotated[
+        tuple[Path, ...],
+        Field(min_length=1),
+        option(
+            "Files of one program: KRL .src and .dat, RAPID .mod, FANUC .ls, Universal Robots .script, .csv.",
+            metavar="FILE...",
+            positional=True,
+        ),
+    ]
+    identified: Annotated[Path, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER")]
+    out: Annotated[Path, option("Folder for the corrected files, under their names, and corrections.json.")]
+    dialect: Annotated[str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.")] = ""
+    frames: Annotated[
+        Path | None, option("Frames and tools that the program names but does not state (docs/correction.md).", metavar="FILE.toml")
+    ] = None
+    near: Annotated[
+        Numbers | None, option("Joint values (deg, mm) near the first target, where several ways lead to it.", metavar="Q1,Q2,...")
+    ] = None
+    most_mm: Annotated[float, option("Largest correction of a place.", ge=0)] = 5.0
+    most_deg: Annotated[float, option("Largest correction of an orientation.", ge=0)] = 1.0
+    clip: Annotated[bool, option("Shorten corrections that are larger, instead of leaving their targets.")] = False
+    keep_out: Annotated[Box | None, Spans(","), option("Box in the robot's base in which the tool must not be.", metavar=BOX)] = None
+    skip: Annotated[Names, option("Targets to leave as they are.", metavar="NAME,...")] = ()
+
+    def paths(self) -> Paths:
+        """Corrected files from programs and an identification."""
+        outputs = inside(self.out, "corrections.json", *(path.name for path in self.programs))
+        inputs = (*self.programs, *present(self.frames), *inside(self.identified, "identified.json", "robot.toml"))
+        return Paths(outputs, inputs)
+
+
+@workflow("correct")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
+    """Correct, and write the programs and what was done."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from lmeasure import files
+    from lmeasure.robots.corrected_program import as_record, corrected_program
+    from lmeasure.robots.correction import Limits
+    from lmeasure.robots.dialects.known import dialect_of, opened
+    from lmeasure.robots.dialects.program_text import Unread
+    from lmeasure.robots.identified_robot import read_identified
+
+    names = [path.name for path in settings.programs]
+    if len(set(names)) != len(names):
+        raise SettingsError("programs", "two files of one name would be written to one")
+    robot = read_identified(settings.identified)
+    if settings.near and len(settings.near) != len(robot.nominal.joint_names):
+        raise SettingsError("near", f"{len(settings.near)} joint values; the robot has {len(robot.nominal.joint_names)}")
+    sources = opened(settings.programs)
+    dialect = dialect_of(settings.programs, sources, settings.dialect)
+    stated = {} if settings.frames is None else read_frames(settings.frames)
+    listing = dialect.read(sources).stated(stated)
+    strange = [name for name in settings.skip if name not in {t.name for t in listing.targets}]
+    if strange:
+        raise SettingsError("skip", f"the program has no target {strange[0]!r}")
+    left = tuple(Unread(sources[t.source].name, t.line, f"{t.name}: skipped") for t in listing.targets if t.name in settings.skip)
+    listing = replace(listing, targets=tuple(t for t in listing.targets if t.name not in settings.skip), unread=(*listing.unread, *left))
+    if not listing.targets:
+        first = f"; the first that was left: {listing.unread[0]}" if listing.unread else ""
+        raise RobotError(f"{', '.join(names)}: no target that can be corrected as {dialect.name}{first}")
+    progress(0.2, "correcting")
+    box = () if settings.keep_out is None else (np.array(settings.keep_out),)
+    limits = Limits(settings.most_mm, float(np.radians(settings.most_deg)), settings.clip, box)
+    found = corrected_program(listing, dialect, robot, limits=limits, near=settings.near or ())
+    progress(0.9, "writing")
+    for name, text in zip(names, found.texts, strict=True):
+        files.write_bytes(settings.out / name, text.encode("latin-1"))
+    record = as_record(found, listing, listing.frames)
+    record["inputs"] = [{"file": str(p), "sha256": files.sha256(p)} for p in settings.paths().inputs]
+    files.write_text(settings.out / "corrections.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
+    done = [o for o in found.outcomes if not o.left and o.correction is not None]
+    lines = [f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"]
+    figures: dict[str, float] = {"corrected": found.changed}
+    if done:
+        size, was = (max(getattr(o.correction, key) for o in done) for key in ("size_mm", "was_mm"))
+        worst = max(o.u95_mm for o in done)
+        lines.append(f"largest correction {size:.3f} mm; the identified robot was off by up to {was:.3f} mm")
+        lines.append(
+            f"U95 of where it goes now: {worst:.3f} mm at most" if np.isfinite(worst) else "U95 of where it goes now: cannot be told"
+        )
+        figures |= {"largest_correction_mm": size, "largest_error_before_mm": was, "largest_u95_mm": worst}
+    remarks = [f"{o.file}:{o.target.line}: {o.target.name}: {o.left}" for o in found.outcomes if o.left] + [str(u) for u in listing.unread]
+    lines += [f"left as it was: {text}" for text in remarks]
+    lines.append(f"written: {', '.join(str(settings.out / n) for n in [*names, 'corrections.json'])}")
+    return Result(found, tuple(lines), figures, tuple(remarks))
+
+
+def read_frames(path: Path) -> "dict[str, FloatArray]":
+    """Frames by the names that a program has for them: tables with position_mm, and quaternion_xyzw or angles of a convention."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from lmeasure import files, se3
+    from lmeasure.conventions import CONVENTIONS, MAX_LENGTH_MM, rotation_from_angles
+    from lmeasure.errors import FileFormatError
+    from lmeasure.poses import UNIT_TOLERANCE
+
+    out = {}
+    for name, table in dict(files.read_toml(path)).items():
+        if name == "schema":
+            continue
+        where = f"{path}: [{name}]"
+        if not isinstance(table, dict):
+            raise FileFormatError(f"{where}: must be a table with position_mm and quaternion_xyzw or angles")
+        angles = {f"{c.name.replace('-', '_')}_{'rad' if c.axes == 'rotvec' else 'deg'}": c.name for c in CONVENTIONS.values()}
+        known = {"position_mm", "quaternion_xyzw", *angles}
+        for key, value in table.items():
+            numbers = value if isinstance(value, list) else []
+            if key not in known:
+                raise FileFormatError(f"{where}: {key} is not known; known: {', '.join(sorted(known))}")
+            if len(numbers) != (4 if key == "quaternion_xyzw" else 3) or not all(isinstance(v, int | float) for v in numbers):
+                raise FileFormatError(f"{where}: {key} must be {4 if key == 'quaternion_xyzw' else 3} numbers")
+        place = np.array(table.get("position_mm", [0.0, 0.0, 0.0]), dtype=np.float64)
+        if not (np.abs(place) <= MAX_LENGTH_MM).all():
+            raise FileFormatError(f"{where}: position_mm must be lengths of at most {MAX_LENGTH_MM:.0f} mm")
+        turned = [key for key in table if key != "position_mm"]
+        if len(turned) > 1:
+            raise FileFormatError(f"{where}: an orientation is stated twice: {', '.join(turned)}")
+        if not turned:
+            turn = Rotation.identity()
+        elif turned == ["quaternion_xyzw"]:
+            quaternion = np.array(table["quaternion_xyzw"], dtype=np.float64)
+            if not abs(np.linalg.norm(quaternion) - 1.0) <= UNIT_TOLERANCE:
+                raise FileFormatError(f"{where}: quaternion_xyzw is of length {np.linalg.norm(quaternion):.6g}, not 1")
+            turn = Rotation.from_quat(quaternion)
+        else:
+            turn = rotation_from_angles(angles[turned[0]], table[turned[0]])
+        out[str(name)] = se3.pose(place, turn)
+    return out
