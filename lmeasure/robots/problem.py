@@ -1,4 +1,5 @@
-"""An identification as a problem of least squares: whitened residuals, derivatives and priors, and the noise that the residuals show."""
+"""An identification as a problem of `estimation.normal_equations`: residuals whitened row by row, derivatives and priors, and the noise
+that the residuals show."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,6 +8,7 @@ from typing import Generic
 import numpy as np
 
 from lmeasure.arrays import FloatArray
+from lmeasure.estimation.normal_equations import optimum
 from lmeasure.robots.measurements import POSITION, ROTATION, Measurements
 from lmeasure.robots.unknowns import R, Unknowns
 
@@ -14,9 +16,6 @@ LEAST_MM, LEAST_RAD = 1e-6, 1e-9
 """Least noise where none is stated: exact numbers are weighed as rounded to a nanometre."""
 ROUNDS = 12
 SETTLED = 1e-3
-STEPS = 60
-SMALL = 1e-4
-"""Of a standard uncertainty: a step that is smaller ends."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,10 @@ class Problem(Generic[R]):
         residuals, jacobian = self.unknowns.linearised(theta * self.unknowns.size, self.rows)
         return Linear(residuals, jacobian * self.unknowns.size)
 
+    def shifted(self, at: "Linear", step: FloatArray) -> "Linear":
+        """The same a small step (p,) farther."""
+        return Linear(at.residuals - at.jacobian @ step, at.jacobian)
+
     def whitened(self, at: "Linear") -> tuple[FloatArray, FloatArray]:
         """(e,) residuals, measured less predicted, in standard deviations, and (e, p) derivatives of what is predicted."""
         known, W = self.rows.known, self._whitening
@@ -121,44 +124,14 @@ class Fit(Generic[R]):
 
 
 def solved(problem: Problem[R], start: FloatArray, at: Linear | None = None) -> Fit[R]:
-    """The optimum near start (p,): Levenberg's steps with the priors everywhere, which are too wide to move what is determined.
+    """The optimum near start (p,), with the priors everywhere, which are too wide to move what is determined.
 
     at: what is predicted near start, where it is known already.
     """
-    theta, damping = start.copy(), 0.0
-    at = problem.linearised(theta) if at is None else at
-    prior = 1.0 / problem.width**2
-    residuals, jacobian = problem.whitened(at)
-    now = float(residuals @ residuals + theta @ (prior * theta))
-    converged = False
-    information = jacobian.T @ jacobian
-    for _ in range(STEPS):
-        normal = information + np.diag(prior)
-        size = 1.0 / np.sqrt(np.diag(normal))
-        scaled = normal * np.outer(size, size) + damping * np.eye(len(size))
-        step = size * np.linalg.solve(scaled, size * (jacobian.T @ residuals - prior * theta))
-        # how far it goes in standard uncertainties
-        if float(step @ normal @ step) < SMALL**2:
-            theta, converged = theta + step, True
-            # so near that nothing but the residuals changes
-            at = Linear(at.residuals - at.jacobian @ step, at.jacobian)
-            residuals = residuals - jacobian @ step
-            break
-        tried = problem.linearised(theta + step)
-        r, j = problem.whitened(tried)
-        then = float(r @ r + (theta + step) @ (prior * (theta + step)))
-        if then <= now:
-            theta, at, residuals, jacobian, now = theta + step, tried, r, j, then
-            information = jacobian.T @ jacobian
-            damping = damping / 10.0 if damping > 1e-9 else 0.0
-        else:
-            damping = max(10.0 * damping, 1e-6)
-            if damping > 1e8:
-                break
-    normal = information + np.diag(prior)
-    size = 1.0 / np.sqrt(np.diag(normal))
-    covariance = np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
-    return Fit(problem, theta, (covariance + covariance.T) / 2, information, float(residuals @ residuals), len(residuals), converged, at)
+    found = optimum(problem, start, at)
+    return Fit(
+        problem, found.theta, found.covariance, found.information, found.chi2, found.equations, found.converged, found.at
+    )  # fmt: skip
 
 
 def with_noise(problem: Problem[R], start: FloatArray) -> Fit[R]:
