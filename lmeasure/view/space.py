@@ -30,7 +30,7 @@ ARC_POINTS = 13
 CIRCLE_POINTS = 25
 
 GREY, WHITE, TRUTH_COLOUR = (130, 130, 130), (235, 235, 235), (120, 220, 120)
-# worst pressure angle: teal to yellow within the limit, on to red at 90 degrees
+# the 95 % radius, or without it the worst pressure angle: teal to yellow, on to red
 ZONE_COLOURS = ((33, 145, 140), (253, 231, 37), (170, 20, 30))
 SKIN = (33, 145, 140, 70)
 
@@ -151,9 +151,19 @@ def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
     nodes = np.stack(np.meshgrid(*(zone[axis].to_numpy() for axis in "xyz"), indexing="ij"), axis=-1)
     limit = float(zone.attrs["limit_deg"])
     known = np.isfinite(angle)
+    shade, middle, top, told = angle, limit, 90.0, "teal is small, yellow the limit, red 90 deg"
+    if "u95_position_mm" in zone:
+        u95 = zone["u95_position_mm"].transpose("x", "y", "z").to_numpy().astype(np.float64)
+        ends = np.log10(np.percentile(u95[np.isfinite(u95) & (u95 > 0.0)], (0, 50, 95))) if np.isfinite(u95).any() else np.zeros(3)
+        # logarithms, from the least on: few places would else take all the colours
+        shade = np.log10(np.where(np.isfinite(u95) & (u95 > 0.0), u95, 10.0 ** ends[2])) - ends[0]
+        middle, top = ends[1] - ends[0], max(ends[2] - ends[0], 1e-9)
+        told = "colours are the 95 % radius: " + ", ".join(
+            f"{colour} {10.0**end:.3g} mm" for colour, end in zip(("teal", "yellow", "red"), ends, strict=True)
+        )
     for name, mask, radius in (("inside", inside & known, THICK), ("outside", ~inside & known, THIN)):
         values = angle[mask]
-        shades = [np.interp(values, (0.0, limit, 90.0), channel) for channel in zip(*ZONE_COLOURS, strict=True)]
+        shades = [np.interp(shade[mask], (0.0, middle, top), channel) for channel in zip(*ZONE_COLOURS, strict=True)]
         cloud = rr.Points3D(metres(nodes[mask]), colors=np.stack(shades, axis=-1).astype(np.uint8), radii=radius)
         rec.log(f"/world/zone/{name}", cloud, rr.AnyValues(worst_pressure_angle_deg=values), static=True)
     vertices, triangles = zone_surface(zone)
@@ -162,6 +172,6 @@ def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
         rec.log("/world/zone/surface", skin, static=True)
     drawn = int((inside & known).sum())
     return [
-        f"zone: {drawn} of {angle.size} nodes inside a worst pressure angle of {limit:g} deg; teal is small, yellow the limit, red 90 deg",
+        f"zone: {drawn} of {angle.size} nodes inside a worst pressure angle of {limit:g} deg; {told}",
         *([f"zone: {int((~known).sum())} nodes have no angle and are not drawn"] if not known.all() else []),
     ]

@@ -47,6 +47,7 @@ def write_recording(
     netCDF. LMeasureError when the file cannot be written.
     """
     lines = list(notes)
+    told = False
     with _recording_of(rig, path) as rec:
         if nominal is not None:
             log_rig(rec, nominal, "/world/nominal", GREY, labelled=False)
@@ -56,7 +57,10 @@ def write_recording(
         if trajectory is not None:
             lines += log_trajectory(rec, rig, trajectory, errors or {})
             if run is not None:
-                _residual_series(rec, rig).add(trajectory.time_s, length_residuals(align(run).run, trajectory.poses))
+                residuals = length_residuals(align(run).run, trajectory.poses)
+                _residual_series(rec, rig).add(trajectory.time_s, residuals)
+                told = _tells(residuals)
+                lines += [] if told else [NOTHING_LEFT]
         if truth is not None:
             if trajectory is None and run is not None:
                 lines += log_truth(rec, rig, run, truth)
@@ -69,9 +73,9 @@ def write_recording(
             lines += log_zone(rec, zone)
         _log_notes(rec, rig, lines)
         passes = 0 if run is None else len(run.passes)
-        blueprint = _blueprint(
-            rig, passes, trajectory=trajectory is not None, record=record is not None, zone=zone is not None, errors=bool(errors)
-        )
+        moved = trajectory is not None
+        seen = {"record": record is not None, "zone": zone is not None, "errors": bool(errors)}
+        blueprint = _blueprint(rig, passes, trajectory=moved, residuals=told, **seen)
         rec.send_blueprint(blueprint, make_active=True, make_default=True)
 
 
@@ -85,21 +89,23 @@ def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
     rig = head.rig
     with _recording_of(rig, path) as rec:
         motion, residuals = TrajectoryLog(rec, rig), LengthResiduals(rig, head.known_start, head.temperature_c)
-        of_cables, of_channels = _residual_series(rec, rig), None
+        of_cables, of_channels, told = _residual_series(rec, rig), None, False
 
         def add(counts: Counts, lengths: Lengths, trajectory: Trajectory) -> None:
-            nonlocal of_channels
+            nonlocal of_channels, told
             if of_channels is None:
                 of_channels = _counts_series(rec, counts, 1)
             of_channels.add(counts.time_s, counts.recorded, counts.first)
             motion.add(trajectory)
-            of_cables.add(trajectory.time_s, residuals.of(lengths, trajectory.poses), counts.first)
+            left = residuals.of(lengths, trajectory.poses)
+            told = told or _tells(left)
+            of_cables.add(trajectory.time_s, left, counts.first)
             # what waits to be written is memory too
             rec.flush()
 
         yield add
-        _log_notes(rec, rig, motion.end())
-        rec.send_blueprint(_blueprint(rig, 1, trajectory=True), make_active=True, make_default=True)
+        _log_notes(rec, rig, [*motion.end(), *([] if told else [NOTHING_LEFT])])
+        rec.send_blueprint(_blueprint(rig, 1, trajectory=True, residuals=told), make_active=True, make_default=True)
 
 
 @contextmanager
@@ -109,6 +115,20 @@ def _recording_of(rig: Rig, path: Path) -> Iterator[rr.RecordingStream]:
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_rig(rec, rig, "/world/rig", WHITE, labelled=True)
         yield rec
+
+
+GRID_M, FAINT = 0.5, (120, 120, 120, 60)
+"""Lines of the floor, which lies under the lowest observation point: half a metre apart."""
+ROUNDING_MM = 1e-6
+NOTHING_LEFT = (
+    "residuals of the cables are rounding alone, less than 1e-6 mm, and no plot shows them: as many cables as unknowns leave nothing over"
+)
+
+
+def _tells(residuals: FloatArray) -> bool:
+    """Whether residuals are more than what the solver's rounding leaves."""
+    known = np.abs(residuals[np.isfinite(residuals)])
+    return bool(len(known)) and float(known.max()) > ROUNDING_MM
 
 
 def _counts_series(rec: rr.RecordingStream, counts: Counts, passage: int) -> CableSeries:
@@ -139,7 +159,9 @@ def _log_notes(rec: rr.RecordingStream, rig: Rig, lines: Sequence[str]) -> None:
     rec.log("/notes", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def _blueprint(rig: Rig, passes: int, *, trajectory: bool, record: bool = False, zone: bool = False, errors: bool = False) -> rrb.Blueprint:
+def _blueprint(
+    rig: Rig, passes: int, *, trajectory: bool, residuals: bool = False, record: bool = False, zone: bool = False, errors: bool = False
+) -> rrb.Blueprint:
     """Space on the left, seen from outside the rig; the plots of what there is on the right; the notes under them."""
 
     def plot(name: str, origin: str) -> rrb.TimeSeriesView:
@@ -148,6 +170,7 @@ def _blueprint(rig: Rig, passes: int, *, trajectory: bool, record: bool = False,
     points = metres(np.array([p.position_mm for p in rig.observation_point]))
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     size = max(float(np.ptp(points, axis=0).max()), 0.5)
+    floor = rr.components.Plane3D((0.0, 0.0, 1.0), float(min(points[:, 2].min(), 0.0)))
     eye = rrb.EyeControls3D(position=middle + size * np.array([0.75, -0.9, 0.5]), look_target=middle, eye_up=(0, 0, 1))
 
     def space(name: str, contents: Sequence[str]) -> rrb.Spatial3DView:
@@ -157,7 +180,7 @@ def _blueprint(rig: Rig, passes: int, *, trajectory: bool, record: bool = False,
             contents=contents,
             eye_controls=eye,
             overrides={"/world/zone/outside": rrb.EntityBehavior(visible=False)},
-            line_grid=rrb.LineGrid3D(visible=False),
+            line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_M, plane=floor, color=FAINT, stroke_width=1.0),
         )
 
     # a zone is full of nodes: it has a view of its own, or hides the gripper
@@ -167,7 +190,7 @@ def _blueprint(rig: Rig, passes: int, *, trajectory: bool, record: bool = False,
     pages: list[rrb.Vertical] = []
     if trajectory:
         motion: list[rrb.View] = [plot("Position [mm]", "/position_mm"), plot("Worst pressure angle [deg]", "/worst_pressure_angle_deg")]
-        if passes:
+        if residuals:
             motion.append(plot("Residual of each cable [mm]", "/residual_mm"))
         motion.append(rrb.StateTimelineView(name="Status", origin="/status_lane"))
         spread: list[rrb.View] = [plot("Error against truth", "/errors")] if errors else []
@@ -180,8 +203,8 @@ def _blueprint(rig: Rig, passes: int, *, trajectory: bool, record: bool = False,
         plots = [plot(f"Counts, pass {i}", f"/counts/pass{i}") for i in range(1, passes + 1)]
         pages.append(rrb.Vertical(*plots, name="Counts"))
     if record:
-        residuals = plot("Calibration residuals [mm] (timeline: pose)", "/calibration_residual_mm")
-        pages.append(rrb.Vertical(residuals, name="Calibration"))
+        of_poses = plot("Calibration residuals [mm] (timeline: pose)", "/calibration_residual_mm")
+        pages.append(rrb.Vertical(of_poses, name="Calibration"))
     text: list[rrb.View] = [rrb.TextDocumentView(name="Notes", origin="/notes")]
     if trajectory:
         text.append(rrb.TextLogView(name="Status", origin="/status"))

@@ -287,6 +287,24 @@ def test_zone_is_coloured_by_angle(tmp_path: Path) -> None:
     assert (np.diff([value for _, value in redness]) > 0).all()
 
 
+def test_zone_is_coloured_by_its_radius_where_that_is_known(tmp_path: Path) -> None:
+    """Each tenfold radius is as far along the colours as the one before, whatever the angles are."""
+    data = zone()
+    radius = 10.0 ** np.linspace(-2.0, 0.0, 12).reshape(3, 2, 2)
+    radius[0, 0, 0] = np.inf
+    write_recording(tmp_path / "zone.rrd", cell_rig(0), zone=data.assign(u95_position_mm=(("x", "y", "z"), radius[::-1])))
+    shown = []
+    for side in ("inside", "outside"):
+        angle = np.array(stored(tmp_path / "zone.rrd", f"/world/zone/{side}", "worst_pressure_angle_deg")[1][0])
+        colour = np.array(stored(tmp_path / "zone.rrd", f"/world/zone/{side}", "Points3D:colors")[1][0], dtype=np.uint32)
+        shown += list(zip(angle, ((colour >> 24) & 0xFF).astype(int) - ((colour >> 16) & 0xFF).astype(int), strict=True))
+    angles = data["worst_pressure_angle_deg"].values
+    by_radius = sorted((radius[::-1][np.isclose(angles, a)][0], redness) for a, redness in shown)
+    assert (np.diff([redness for r, redness in by_radius]) >= 0).all()
+    assert by_radius[0][1] < by_radius[-1][1] - 100
+    assert "colours are the 95 % radius" in stored(tmp_path / "zone.rrd", "/notes", "TextDocument:text")[1][0][0]
+
+
 def test_calibration_on_its_own_timeline(tmp_path: Path) -> None:
     rig = cell_rig(1)
     poses = poses_from_rows(scattered_poses(4, (200.0,) * 3, 0.2, HOME, rng=np.random.default_rng(2)), ["a", "b", "c", "d"])
@@ -334,7 +352,10 @@ def test_opens_with_a_blueprint(written: tuple[Path, SimulatedRun, Trajectory]) 
         origins |= {v[0] for v in values.get("ViewBlueprint:space_origin", []) if v}
         names |= {v[0] for v in values.get("ViewBlueprint:display_name", []) if v}
         timeline = next((v[0] for v in values.get("TimePanelBlueprint:timeline", []) if v), timeline)
-    assert {"/world", "/residual_mm", "/worst_pressure_angle_deg", "/u_position_mm", "/status", "/notes"} <= origins
+    assert {"/world", "/worst_pressure_angle_deg", "/u_position_mm", "/status", "/notes"} <= origins
+    # six cables leave nothing over but rounding: it is kept, and not plotted
+    assert "/residual_mm" not in origins
+    assert "rounding alone" in stored(written[0], "/notes", "TextDocument:text")[1][0][0]
     assert "Rig and gripper" in names
     assert timeline == "time"
 
