@@ -1,12 +1,12 @@
 """Which poses of a robot to measure for its identification: `plan-poses --robot`."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lmeasure.errors import SettingsError
-from lmeasure.workflows.flow import Progress, Result, present
+from lmeasure.workflows.flow import Progress, Result
 from lmeasure.workflows.identify import nominal
+from lmeasure.workflows.plan_settings import Settings, poses_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,27 +15,13 @@ if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
     from lmeasure.rig import Rig
     from lmeasure.robots.plan import Plan
-    from lmeasure.workflows.plan_poses import Settings
 
-OPTIONS = ("free", "candidates", "keep_out", "zone", "base", "tool", "tip")
-"""What is asked of a robot alone."""
 U_MM = 0.05
 """Standard uncertainty of a measured coordinate, robot and instrument together, where none is stated."""
 CANDIDATES = 1500
 
 
-def poses_file(out: Path) -> Path:
-    """Where the poses of a joint table go."""
-    return out.with_name(f"{out.stem}_poses.csv")
-
-
-def files_of(settings: "Settings") -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """Outputs, and inputs besides the rig."""
-    robot = Path(str(settings.robot))
-    return (settings.out, poses_file(settings.out)), present(robot if robot.suffix else None, settings.candidates, settings.zone)
-
-
-def run_robot(settings: "Settings", progress: Progress) -> "Result[Plan]":
+def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     """Plan poses of a robot, and write its joint values and the poses expected at them."""
     import numpy as np
 
@@ -117,7 +103,7 @@ def _pose(values: tuple[float, ...], name: str) -> "FloatArray":
     return np.concatenate([values[:3], turn])
 
 
-def _zone(settings: "Settings") -> "xr.Dataset | Rig | None":
+def _zone(settings: Settings) -> "xr.Dataset | Rig | None":
     from lmeasure.accuracy.zone_dataset import read_zone
     from lmeasure.rig import read_rig
 
