@@ -198,6 +198,9 @@ class Consistency:
             said = finding("cable.left_out.unknown")
             if most is not None:
                 said = finding("cable.left_out", mm=float(error[most]), u_mm=float(u[most]))
+                if not isinstance(self._rig.observed[cable], Cable):
+                    deg, u_deg = np.degrees([error[most], u[most]]).tolist()
+                    said = finding("encoder.left_out", deg=deg, u_deg=u_deg)
             out.append(Doubt(cable, after, until, Status.INCONSISTENT, said))
             mask = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
             self._epochs.change_mm[mask, cable] = np.nan

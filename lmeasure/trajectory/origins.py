@@ -39,13 +39,19 @@ LOOSE_RAD = 0.1
 class Told:
     """What a run told of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins last,
     by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that had a
-    part in it."""
+    part in it; covariance (K, K) of all shared variables, C."""
 
     mean: FloatArray
     mix: FloatArray
     chi_squared: float
     freedom: int
     poses: FloatArray
+    covariance: FloatArray
+
+
+def chosen(epochs: Epochs, most: int = MOST) -> Epochs:
+    """Most of them at most, spread over the run."""
+    return epochs.at(np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), most)).round().astype(np.intp)))
 
 
 def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> Told | None:
@@ -57,7 +63,7 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
     redundancy, budget = reconstruction.redundancy, reconstruction.budget
     assert budget.told is None, "epochs are those of a reconstruction that has not learned"
     names = budget.origin_names
-    epochs = epochs.at(np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), most)).round().astype(np.intp)))
+    epochs = chosen(epochs, most)
     loose = _loose(reconstruction, epochs)
     if redundancy is None or not names or not len(epochs):
         return None
@@ -96,7 +102,7 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
         step, mean = np.abs(new - mean), new
         if (step <= SETTLED * np.sqrt(np.diag(C)[-o:])).all():
             break
-    told = Told(mean, _mixed(C, o), total, freedom, poses)
+    told = Told(mean, _mixed(C, o), total, freedom, poses, C)
     reconstruction.use(told)
     return told
 

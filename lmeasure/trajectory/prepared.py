@@ -1,19 +1,28 @@
 """A run made ready to be reconstructed: where it begins, what its channels count from, which of them are in doubt."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
 
 from lmeasure.arrays import FloatArray
+from lmeasure.findings import finding
 from lmeasure.lengths import Lengths
-from lmeasure.rig import Rig
+from lmeasure.rig import Cable, Rig
 from lmeasure.run import Run, RunHead
+from lmeasure.status import Status
 from lmeasure.trajectory.consistency import collected, consistent
-from lmeasure.trajectory.doubts import Doubts
+from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.origins import learn
 from lmeasure.trajectory.passes import Alignment
 from lmeasure.trajectory.power_on import find_start
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.slips import Slip, slip
 from lmeasure.trajectory.sources import PassClock
+
+SLIPS = 8
+"""Found one after the other."""
 
 Pieces = Callable[[Doubts], Iterable[Lengths]]
 """The lengths of a run, one piece after the other, without what is in these doubts."""
@@ -57,10 +66,36 @@ def prepare(
     given = run.start
     reconstruction = find_start(rig, next(iter(pieces(doubts))), source, tried) if given is None else made(given)
     found = consistent(reconstruction, pieces(doubts), doubts)
-    if reconstruction.redundancy is not None:
+    for _ in range(SLIPS):
+        if reconstruction.redundancy is None:
+            break
         reconstruction.use(None)
-        learn(reconstruction, collected(reconstruction, pieces(found))[0])
+        epochs = collected(reconstruction, pieces(found))[0]
+        told = learn(reconstruction, epochs)
+        slipped = None if told is None else slip(reconstruction, epochs, told)
+        if slipped is None:
+            break
+        found = _with(found, slipped, rig)
     return reconstruction, found
+
+
+def _with(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
+    """The doubts and what a slip adds: its channel is not used behind it, or no sample where others explain the readings as well."""
+    observed, when = rig.observed, {"begin": finding("time.at", s=slipped.after_s), "end": finding("time.end")}
+    if slipped.others:
+        cable = EVERY
+        said = finding("slip.among", names=", ".join(observed[j].name for j in (slipped.channel, *slipped.others)))
+        note = finding("channels.contradict", **when, said=said)
+    else:
+        cable, o = slipped.channel, observed[slipped.channel]
+        length = isinstance(o, Cable)
+        by, u = (slipped.by, slipped.u) if length else np.degrees([slipped.by, slipped.u]).tolist()
+        said = finding("slip.length", mm=by, u_mm=u) if length else finding("slip.angle", deg=by, u_deg=u)
+        kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
+        note = finding("channel.left_out", **when, what=finding(f"channel.{kind}", name=o.name), said=said)
+    new = Doubt(cable, slipped.after_s, np.inf, Status.INCONSISTENT, said)
+    every = tuple(sorted((*doubts.every, new), key=lambda d: (d.after_s, d.cable)))
+    return replace(doubts, every=every, notes=(*doubts.notes, note))
 
 
 def prepared(aligned: Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> tuple[Reconstruction, Doubts]:

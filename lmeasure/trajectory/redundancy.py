@@ -96,7 +96,7 @@ class Redundancy:
         self._zero = np.where(budget.absolute, 0.0, at_start - (0.0 if begun is None else begun))
         angles = self._rows[:, KIND] != CABLE
         # of what readings are compared in: lengths as they are, angles as lengths of about the same scatter
-        self._unit = np.where(angles, 1.0 / budget.weights, 1.0)
+        self.unit = np.where(angles, 1.0 / budget.weights, 1.0)
 
     def epochs(self, lengths: Lengths, travel: FloatArray | None) -> Epochs:
         """A piece of the run; its changes may be set to NaN. travel (n, m) as `Budget.travel` gives it."""
@@ -132,7 +132,7 @@ class Redundancy:
             residual[part] = np.where(mine, self.residuals(placed, at.gone_on_mm), 0.0)
             basis, shared = self.basis(placed, mine), self.shared(at, placed, mine)
             within = np.swapaxes(basis, 1, 2) @ self._covariance(at, shared, mine) @ basis
-            weight[part] = basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2)) / np.outer(self._unit, self._unit)
+            weight[part] = basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2)) / np.outer(self.unit, self.unit)
         both = used[:, :, None] & used[:, None, :]
         weight = np.where(both, weight, 0.0)
         # rounding alone, where as many cables are left as there are unknowns
@@ -143,26 +143,26 @@ class Redundancy:
 
     def weighed(self, basis: FloatArray, residual: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n, m) residuals and (n, m, m) their weights by variances (n, m) of their own, in the units of the basis (n, m, r)."""
-        own = basis * (variance / self._unit**2)[:, :, None]
+        own = basis * (variance / self.unit**2)[:, :, None]
         within = np.swapaxes(basis, 1, 2) @ own
-        return residual / self._unit, np.asarray(basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2)))
+        return residual / self.unit, np.asarray(basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2)))
 
     def basis(self, poses: FloatArray, used: BoolArray) -> FloatArray:
         """(n, m, m - f) orthonormal basis of errors of the readings, in units of about the same scatter, that no motion makes; of a cable
         that is not used the unit vector is in it."""
         rows = span_rows_of(self._rows, np.ascontiguousarray(poses))
         rows[:, :, :3] /= self._size
-        rows /= self._unit[:, None]
+        rows /= self.unit[:, None]
         scaled = np.where(used[:, :, None], rows[:, :, self.free], 0.0)
         return np.asarray(np.linalg.qr(scaled, mode="complete")[0][:, :, len(self.free) :])
 
     def shared(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> FloatArray:
         """(n, m, K) errors of the readings, as `basis` has them, that the whole run has in common, by variables of unit variance."""
         lengths = self._budget.lengths_of(epochs.situation(poses), self._budget.every)
-        return np.where(used[:, :, None] & np.isfinite(lengths), lengths, 0.0) / self._unit[:, None]
+        return np.where(used[:, :, None] & np.isfinite(lengths), lengths, 0.0) / self.unit[:, None]
 
     def _covariance(self, epochs: Epochs, shared: FloatArray, used: BoolArray) -> FloatArray:
-        own = np.where(used, epochs.variance_mm2 / self._unit**2, 1.0)
+        own = np.where(used, epochs.variance_mm2 / self.unit**2, 1.0)
         return np.asarray(shared @ np.swapaxes(shared, 1, 2) + own[:, :, None] * np.eye(own.shape[1]))
 
     def jointly(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> tuple[float, FloatArray, int]:
@@ -170,10 +170,10 @@ class Redundancy:
         epoch; the same cables are used at all of them."""
         basis = self.basis(poses, used)
         basis = basis[:, :, : int(used[0].sum()) - len(self.free)] if used.all() else _without_unused(basis, used)
-        residual = np.where(used, self.residuals(poses, epochs.gone_on_mm), 0.0) / self._unit
+        residual = np.where(used, self.residuals(poses, epochs.gone_on_mm), 0.0) / self.unit
         parity = np.einsum("njr,nj->nr", basis, residual)
         shared = np.swapaxes(basis, 1, 2) @ self.shared(epochs, poses, used)
-        own = np.swapaxes(basis, 1, 2) @ (np.where(used, epochs.variance_mm2 / self._unit**2, 0.0)[:, :, None] * basis)
+        own = np.swapaxes(basis, 1, 2) @ (np.where(used, epochs.variance_mm2 / self.unit**2, 0.0)[:, :, None] * basis)
         n, r = parity.shape
         each = shared @ np.swapaxes(shared, 1, 2) + own
         alone = np.einsum("nr,nr->n", parity, np.linalg.solve(each, parity[:, :, None])[:, :, 0])
