@@ -19,7 +19,7 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import REFERENCE_C, effects_of, zero_at
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import length_gradients, span_lengths, span_rows_of
-from lmeasure.kernels.layout import PARAMETERS
+from lmeasure.kernels.layout import CABLE, KIND, PARAMETERS
 from lmeasure.lengths import Lengths, count_variance
 from lmeasure.observation.cable_effects import ATTACHMENT, OTHERS
 from lmeasure.observation.parameters import TABLE, Owner
@@ -28,7 +28,18 @@ from lmeasure.rig import Rig
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.corrections import Correction
 from lmeasure.trajectory.scheme import Scheme
-from lmeasure.trajectory.sources import PHASE, PassClock, Situation, Source, own_lengths, unknown_start, unknown_zeros, zero_phase
+from lmeasure.trajectory.sources import (
+    ANYWHERE,
+    PHASE,
+    UNKNOWN_MM,
+    PassClock,
+    Situation,
+    Source,
+    own_lengths,
+    unknown_start,
+    unknown_zeros,
+    zero_phase,
+)
 from lmeasure.unsolved import CALIBRATIONS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
 from lmeasure.zeroing import length_variance
 
@@ -36,6 +47,7 @@ if TYPE_CHECKING:
     from lmeasure.trajectory.origins import Told
 
 CALIBRATION = "calibration"
+RESTORED = "restored origin"
 ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
@@ -96,6 +108,8 @@ class Budget:
         self.correction = correction
         self.told: Told | None = None
         """What the run told of its origins."""
+        self.restored: tuple[tuple[int, float, float], ...] = ()
+        """Channels (index) that go on from another origin, behind a time and until one [s]."""
         self.rig, self._calibration, self._temperature_c = rig, calibration, temperature_c
         # where the point itself is measured its place in the tool frame does not enter
         self._exact = [
@@ -159,6 +173,32 @@ class Budget:
         self.sources = tuple(name for source in self.every for name in source.names)
         self.uniform = tuple(source.uniform for source in self.every for _ in source.names)
         self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
+
+    def restore(self, cable: int, after_s: float, until_s: float = np.inf) -> None:
+        """Let a channel that slipped or lost its origin behind a time go on from another one, which the run is to tell."""
+        assert self.told is None
+        u = ANYWHERE if self.scheme.rows[cable, KIND] != CABLE else UNKNOWN_MM
+        own = np.where(np.arange(len(self.scheme.rows)) == cable, u, 0.0)[:, None]
+
+        def lengths(at: Situation) -> FloatArray:
+            return np.asarray(((at.time_s > after_s) & (at.time_s <= until_s))[:, None, None] * own)
+
+        source = Source((RESTORED,), ("restored origins",), lengths)
+        self.origins, self.every = (*self.origins, source), (*self.every, source)
+        self.restored = (*self.restored, (cable, after_s, until_s))
+        self.use(None)
+
+    def restored_origins(self) -> list[tuple[int, float, float, float, float]]:
+        """Of each restored channel its index, from when and until when [s], by how much its readings were too large, and the standard
+        uncertainty of that, as the run told."""
+        if self.told is None:
+            return []
+        out, n = [], len(self.restored)
+        for k, (cable, after_s, until_s) in enumerate(self.restored, len(self.told.mean) - n):
+            u = ANYWHERE if self.scheme.rows[cable, KIND] != CABLE else UNKNOWN_MM
+            i = len(self.told.covariance) - len(self.told.mean) + k
+            out.append((cable, after_s, until_s, float(self.told.mean[k]) * u, float(np.sqrt(self.told.covariance[i, i])) * u))
+        return out
 
     @property
     def length_variance(self) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.findings import finding
+from lmeasure.findings import Finding, finding
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Cable, Rig
 from lmeasure.run import Run, RunHead
@@ -66,34 +66,88 @@ def prepare(
     given = run.start
     reconstruction = find_start(rig, next(iter(pieces(doubts))), source, tried) if given is None else made(given)
     found = consistent(reconstruction, pieces(doubts), doubts)
+    if reconstruction.redundancy is None:
+        return reconstruction, found
+    reconstruction.use(None)
+    found = _restored(reconstruction, found)
     for _ in range(SLIPS):
-        if reconstruction.redundancy is None:
-            break
         reconstruction.use(None)
         epochs = collected(reconstruction, pieces(found))[0]
         told = learn(reconstruction, epochs)
         slipped = None if told is None else slip(reconstruction, epochs, told)
         if slipped is None:
             break
-        found = _with(found, slipped, rig)
+        reconstruction.use(None)
+        again = any(cable == slipped.channel for cable, _, _ in reconstruction.budget.restored)
+        if slipped.others or reconstruction.budget.absolute[slipped.channel] or again:
+            found = _with(found, slipped, rig)
+        else:
+            reconstruction.budget.restore(slipped.channel, slipped.after_s)
+            found = _meanwhile(found, slipped, rig)
+    if reconstruction.budget.restored:
+        # what goes on must agree with the others there
+        after = consistent(reconstruction, pieces(found), found)
+        if after is not found:
+            found = after
+            reconstruction.use(None)
+            learn(reconstruction, collected(reconstruction, pieces(found))[0])
+        found = replace(found, notes=(*found.notes, *_told(reconstruction)))
     return reconstruction, found
+
+
+def _restored(reconstruction: Reconstruction, doubts: Doubts) -> Doubts:
+    """The doubts without those of channels that lost their origins but count on: with more channels than unknowns the others tell from
+    where."""
+    budget = reconstruction.budget
+    lost = [d for d in doubts.every if d.status == Status.ORIGIN_LOST and d.cable != EVERY and not budget.absolute[d.cable]]
+    # a channel that errs again and again is not one that slipped
+    once = [d for d in lost if sum(other.cable == d.cable for other in doubts.every) == 1]
+    if not once or len(once) > reconstruction.scheme.redundancy:
+        return doubts
+    for d in once:
+        budget.restore(d.cable, d.after_s, d.until_s)
+    return replace(doubts, every=tuple(d for d in doubts.every if d not in once))
+
+
+def _told(reconstruction: Reconstruction) -> list[Finding]:
+    """What is said of restored channels in a summary."""
+    out = []
+    for cable, after_s, _, by, u in reconstruction.budget.restored_origins():
+        o = reconstruction.rig.observed[cable]
+        kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
+        what = finding(f"channel.{kind}", name=o.name)
+        if isinstance(o, Cable):
+            out.append(finding("origin.restored.length", what=what, after_s=after_s, mm=by, u_mm=u))
+        else:
+            out.append(finding("origin.restored.angle", what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
+    return out
+
+
+def _meanwhile(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
+    """The doubts and one of the time within which the channel slipped, nobody knows when exactly."""
+    new = Doubt(slipped.channel, slipped.from_s, slipped.after_s, Status.INCONSISTENT, _said(slipped, rig))
+    return replace(doubts, every=tuple(sorted((*doubts.every, new), key=lambda d: (d.after_s, d.cable))))
+
+
+def _said(slipped: Slip, rig: Rig) -> Finding:
+    if isinstance(rig.observed[slipped.channel], Cable):
+        return finding("slip.length", mm=slipped.by, u_mm=slipped.u)
+    return finding("slip.angle", deg=float(np.degrees(slipped.by)), u_deg=float(np.degrees(slipped.u)))
 
 
 def _with(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
     """The doubts and what a slip adds: its channel is not used behind it, or no sample where others explain the readings as well."""
-    observed, when = rig.observed, {"begin": finding("time.at", s=slipped.after_s), "end": finding("time.end")}
+    observed, when = rig.observed, {"begin": finding("time.at", s=slipped.from_s), "end": finding("time.end")}
     if slipped.others:
         cable = EVERY
         said = finding("slip.among", names=", ".join(observed[j].name for j in (slipped.channel, *slipped.others)))
         note = finding("channels.contradict", **when, said=said)
     else:
         cable, o = slipped.channel, observed[slipped.channel]
-        length = isinstance(o, Cable)
-        by, u = (slipped.by, slipped.u) if length else np.degrees([slipped.by, slipped.u]).tolist()
-        said = finding("slip.length", mm=by, u_mm=u) if length else finding("slip.angle", deg=by, u_deg=u)
+        said = _said(slipped, rig)
         kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
         note = finding("channel.left_out", **when, what=finding(f"channel.{kind}", name=o.name), said=said)
-    new = Doubt(cable, slipped.after_s, np.inf, Status.INCONSISTENT, said)
+    new = Doubt(cable, slipped.from_s, np.inf, Status.INCONSISTENT, said)
     every = tuple(sorted((*doubts.every, new), key=lambda d: (d.after_s, d.cable)))
     return replace(doubts, every=every, notes=(*doubts.notes, note))
 

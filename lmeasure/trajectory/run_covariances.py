@@ -9,7 +9,7 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.run import Run
 from lmeasure.status import Status
-from lmeasure.trajectory.budget import Budget, PoseCovariances
+from lmeasure.trajectory.budget import RESTORED, Budget, PoseCovariances
 from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.prepared import prepared
@@ -93,7 +93,8 @@ def closure_factors(
 def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArray:
     """(n, m) cables that `ok` samples name because they were not used."""
     out = np.zeros((len(trajectory.time_s), len(cables)), np.bool_)
-    ok = trajectory.status == Status.OK
+    # a restored channel is named too, and used
+    ok = (trajectory.status == Status.OK) & np.array([not str(cause).startswith(RESTORED) for cause in trajectory.cause], dtype=np.bool_)
     for names in set(trajectory.cable[ok]) - {""}:
         mask = ok & (trajectory.cable == names)
         out[np.ix_(mask, [cables.index(name) for name in names.split(NAMES) if name in cables])] = True

@@ -18,7 +18,7 @@ from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
 from lmeasure.status import Status
 from lmeasure.trajectory import screw_numpy
-from lmeasure.trajectory.budget import Budget
+from lmeasure.trajectory.budget import RESTORED, Budget
 from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.lost import NEARLY, explain, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
@@ -239,6 +239,12 @@ class Reconstruction:
             mask = without & (left_out == missing).all(axis=1)
             cable[mask] = NAMES.join(np.array(lengths.cables)[missing])
             cause[mask] = [f"without it: {text}" for text in lengths.cause[mask]]
+        for j, after_s, until_s, *_ in self.budget.restored_origins():
+            mask = ok & (lengths.time_s > after_s) & (lengths.time_s <= until_s) & ~left_out[:, j]
+            alone = mask & (cable == "")
+            cable[alone] = lengths.cables[j]
+            said = f"{RESTORED}: {lengths.cables[j]} goes on from another origin behind {after_s:.6g} s"
+            cause[mask] = [f"{before}; {said}" if before else said for before in cause[mask]]
         return cause, cable
 
     def _lost_at(self, pose: FloatArray) -> str:

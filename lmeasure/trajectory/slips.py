@@ -25,10 +25,11 @@ LEAST = 1e-3
 
 @dataclass(frozen=True)
 class Slip:
-    """A step of a channel (index) behind a time [s], by so much [mm, rad] with its standard uncertainty; others (k,): channels that explain
-    the readings as well, nothing where it is certain."""
+    """A step of a channel (index) at some time behind from_s and up to after_s [s], by so much [mm, rad] with its standard uncertainty;
+    others (k,): channels that explain the readings as well, nothing where it is certain."""
 
     channel: int
+    from_s: float
     after_s: float
     by: float
     u: float
@@ -70,7 +71,11 @@ def slip(reconstruction: Reconstruction, epochs: Epochs, told: Told) -> Slip | N
     others = tuple(int(k) for k in np.flatnonzero(best > gain[i, j] - CLEARER) if k != j)
     unit = float(redundancy.unit[j])
     size, u = float(behind[i, j] / left[i, j]) * unit, float(left[i, j] ** -0.5) * unit
-    return Slip(j, float(epochs.time_s[known[i - 1]]), size, u, others)
+    likely = np.flatnonzero(gain[:, j] < gain[i, j] - CLEARER)
+    first = int(likely[likely < i].max(initial=0)) + 1
+    last = int(likely[likely > i].min(initial=len(known))) - 1
+    time_s = epochs.time_s[known]
+    return Slip(j, float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), size, u, others)
 
 
 def _behind(values: FloatArray) -> FloatArray:

@@ -1,0 +1,105 @@
+"""Channels that slip in runs of six drums and six swivels: what is told of them, and poses that are as good as is stated."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from test_truth import AUTHORITY
+
+from lmeasure import Trajectory, se3
+from lmeasure.arrays import FloatArray
+from lmeasure.rig import rig_from_dict
+from lmeasure.run import Run, read_run
+from lmeasure.simulation.instrument import simulate_run
+from lmeasure.trajectory import covariances, reconstruct
+
+TIME_S = np.arange(0.0, 6.0, 0.004)
+WAY = np.array([0.2, -0.15, 0.25, 150.0, 120.0, -100.0])
+PATH = se3.displaced(
+    np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+    np.where([True, False, True, True, False, True], np.sin(0.9 * TIME_S)[:, None], np.sin(1.7 * TIME_S)[:, None]) * WAY,
+)
+
+
+@cache
+def sound() -> Run:
+    rig = read_run(AUTHORITY / "swivel-run").rig
+    return simulate_run(rig, TIME_S, PATH, noise_mm=0.0, rng=np.random.default_rng(1)).run
+
+
+def faulty(channel: str, by: FloatArray | float, run: Run | None = None) -> Run:
+    run = run or sound()
+    counts = run.passes[0]
+    recorded, j = counts.recorded.copy(), counts.channels.index(channel)
+    recorded[:, j] += by
+    if channel.startswith("sw"):
+        recorded[:, j] %= 131072
+    return replace(run, passes=(replace(counts, recorded=recorded),))
+
+
+def stated_errors(found: Trajectory) -> FloatArray:
+    """(k,) errors of the places that are `ok`, in standard uncertainties."""
+    ok = found.status == 0
+    return np.asarray(np.linalg.norm(found.poses[ok, :3] - PATH[ok, :3], axis=1) / np.linalg.norm(found.u[ok, :3], axis=1))
+
+
+def behind(sample: int) -> FloatArray:
+    return (np.arange(len(TIME_S)) >= sample).astype(float)
+
+
+@pytest.mark.parametrize(("by", "known"), [(500.0, True), (20.0, False), (8.0, True)])
+def test_a_drum_that_slips_goes_on_from_a_restored_origin(by: float, known: bool) -> None:
+    run = faulty("ch3", by * behind(700))
+    found = reconstruct(run if known else replace(run, start=None))
+    assert (found.status == 0).all()
+    assert stated_errors(found).max() < 3.5
+    notes = [str(note) for note in found.notes if "went on from another origin" in str(note)]
+    assert len(notes) == 1
+    assert notes[0].startswith("cable c3 ")
+    size = float(notes[0].split(" by ")[1].split(" mm")[0])
+    assert size == pytest.approx(by * 0.012, abs=0.01, rel=0.005)
+    last = found.cause[-1]
+    assert last.startswith("restored")
+    assert found.cable[-1] == "c3"
+    # as good as before at the end, where the restored channel is used
+    whole = reconstruct(sound())
+    assert found.u[-1, 0] < 1.3 * whole.u[-1, 0]
+    law = covariances(found, run if known else replace(run, start=None))
+    np.testing.assert_allclose(law.random, found.random, rtol=1e-6, atol=1e-15)
+
+
+def test_a_swivel_that_slips_on_its_shaft_or_sticks_is_left_out() -> None:
+    found = reconstruct(faulty("sw4", 60.0 * behind(700)))
+    assert (found.status == 0).all()
+    assert set(found.cable[:650]) == {""}
+    assert set(found.cable[720:]) == {"sw4"}
+    assert stated_errors(found).max() < 3.5
+    codes = sound().passes[0].of("sw2")
+    stuck = np.where((np.arange(len(codes)) >= 500) & (np.arange(len(codes)) < 900), codes[500] - codes, 0.0)
+    found = reconstruct(faulty("sw2", stuck))
+    assert (found.status == 0).all()
+    assert set(found.cable[520:890]) == {"sw2"}
+    assert set(found.cable[950:]) == {""}
+    assert stated_errors(found).max() < 3.5
+
+
+def test_a_sound_run_says_nothing() -> None:
+    for run in (sound(), replace(sound(), start=None)):
+        found = reconstruct(run)
+        assert set(found.cable) == {""}
+        assert stated_errors(found).max() < 3.0
+
+
+def test_a_zero_that_nobody_knows_and_incremental_swivels() -> None:
+    data = sound().rig.to_dict()
+    unknown = [{k: v for k, v in s.items() if i or not k.endswith("zero_deg")} for i, s in enumerate(data["swivel"])]
+    found = reconstruct(replace(sound(), rig=rig_from_dict(data | {"swivel": unknown})))
+    assert (found.status == 0).all()
+    assert stated_errors(found).max() < 3.5
+    keys = {"absolute": False, "count_sign": -1, "counter_bits": 16}
+    counting = [{k: v for k, v in s.items() if not k.endswith("zero_deg")} | keys for s in data["swivel"]]
+    rig = rig_from_dict(data | {"swivel": counting})
+    found = reconstruct(simulate_run(rig, TIME_S, PATH, noise_mm=0.0, rng=np.random.default_rng(2)).run)
+    assert (found.status == 0).all()
+    assert stated_errors(found).max() < 3.5
