@@ -36,7 +36,10 @@ def covariances(
             f"{run.passes[0].source}: has {len(lengths.time_s)} samples, the trajectory has {len(trajectory.time_s)} or at other times: "
             "it is not of this run"
         )
-    reconstruction, _ = prepared(aligned, constraint, repeatability_mm)
+    reconstruction, doubts = prepared(aligned, constraint, repeatability_mm)
+    if doubts is not aligned.evidence.doubts:
+        # as they were used: some counts are not, and those of restored channels are
+        lengths = aligned.without(doubts)
     budget, scheme = reconstruction.budget, reconstruction.scheme
     chosen = slice(None) if samples is None else samples
     speed, u_mm = budget.speed_mm_s(lengths)[chosen], None if lengths.u_mm is None else lengths.u_mm[chosen]
