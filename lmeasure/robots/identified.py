@@ -9,9 +9,10 @@ import numpy as np
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
+from lmeasure.robots.fields import Place
 from lmeasure.robots.identify import Finding, Identified, Prediction
 from lmeasure.robots.judged import HeldOut, Worth
-from lmeasure.robots.robot import AnyRobot, Place
+from lmeasure.robots.robot import AnyRobot
 from lmeasure.robots.told import determined, silent_directions, unknown_frames
 
 SCHEMA = "lmeasure.identified/1"

@@ -20,8 +20,8 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.checked import Name, Strict
 from lmeasure.lcoordinate.pluecker import pluecker_rows
+from lmeasure.robots.fields import Length, Place
 from lmeasure.robots.model import Parameter
-from lmeasure.robots.robot import Length, Place
 
 LEGS = 6
 WAY, STEPS = 12, 8

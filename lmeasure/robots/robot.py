@@ -3,22 +3,19 @@
 import math
 from importlib.resources import files as resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.checked import Name, Strict, checked
-from lmeasure.conventions import LARGEST_ANGLE, MAX_LENGTH_MM
 from lmeasure.errors import RobotError
-from lmeasure.poses import UNIT_TOLERANCE
+from lmeasure.robots.fields import Angle, Length, Place, Small
+from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.serial import SerialArm
 from lmeasure.robots.serial_robot import GRAVITY_M_S2, SerialRobot
-
-if TYPE_CHECKING:
-    from lmeasure.robots.platform import PlatformFile
 
 SCHEMA = "lmeasure.robot/1"
 _SHIPPED = resources("lmeasure.robots").joinpath("shipped")
@@ -27,23 +24,6 @@ GEOMETRY = frozenset(
     ("name", "type", "theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg", "min_deg", "max_deg", "min_mm", "max_mm", "pitch_mm")
 )
 """Keys of a joint that say where its axis lies and how far it goes."""
-
-
-def _length(value: float) -> float:
-    if not abs(value) <= MAX_LENGTH_MM:
-        raise ValueError(f"must be a length of at most {MAX_LENGTH_MM:.0f} mm")
-    return value
-
-
-def _angle(value: float) -> float:
-    if not abs(value) <= LARGEST_ANGLE:
-        raise ValueError(f"must be an angle of at most {LARGEST_ANGLE:g} degrees")
-    return value
-
-
-Length = Annotated[float, AfterValidator(_length)]
-Angle = Annotated[float, AfterValidator(_angle)]
-Small = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
 class _Link(Strict):
@@ -109,7 +89,7 @@ class Prismatic(_Link):
     """Least value."""
     max_mm: Length
     """Largest value."""
-    pitch_mm: Annotated[float, Field(gt=0), AfterValidator(_length)] | None = None
+    pitch_mm: Annotated[Length, Field(gt=0)] | None = None
     """Of the screw that drives it: the length of one turn, over which harmonics repeat."""
     sin1_mm: Small = 0.0
     """Error once per pitch, in phase with the sine."""
@@ -128,28 +108,6 @@ class Prismatic(_Link):
     def terms(self) -> tuple[float, ...]:
         """In the order of `serial_robot.TERMS`, mm and N."""
         return (self.scale - 1.0, self.sin1_mm, self.cos1_mm, self.sin2_mm, self.cos2_mm, self.compliance_mm_per_n, self.backlash_mm)
-
-
-class Place(Strict):
-    """A pose: of the first axis in the robot's base, or of the tool on the flange."""
-
-    position_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
-    """Position."""
-    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    """Orientation."""
-
-    @model_validator(mode="after")
-    def _turns(self) -> Self:
-        length = math.hypot(*self.quaternion_xyzw)
-        if not abs(length - 1.0) <= UNIT_TOLERANCE:
-            raise ValueError(f"quaternion_xyzw: its length is {length:.9g}, not 1")
-        return self
-
-    @property
-    def row(self) -> FloatArray:
-        """(7,) pose."""
-        quaternion = np.array(self.quaternion_xyzw)
-        return np.concatenate([self.position_mm, quaternion / np.linalg.norm(quaternion)])
 
 
 class Payload(Strict):
@@ -240,14 +198,12 @@ class Robot(Strict):
         return self.model_copy(update={"joint": tuple(j.model_copy(update=of.get(j.name, {})) for j in self.joint)})
 
 
-AnyRobot: TypeAlias = "Robot | PlatformFile"
+AnyRobot: TypeAlias = Robot | PlatformFile
 """A robot.toml of any kind."""
 
 
-def robot_from_dict(data: dict[str, Any], source: str = "robot") -> "AnyRobot":
+def robot_from_dict(data: dict[str, Any], source: str = "robot") -> AnyRobot:
     """A checked robot of the kind that is stated; RobotError names the source and the key."""
-    from lmeasure.robots.platform import PlatformFile
-
     if "schema" not in data:
         raise RobotError(f"{source}: schema: is missing; this program reads {SCHEMA!r}")
     if data.get("kind") in ("hexapod", "cables"):
@@ -255,12 +211,12 @@ def robot_from_dict(data: dict[str, Any], source: str = "robot") -> "AnyRobot":
     return checked(data, Robot, source, RobotError)
 
 
-def read_robot(path: Path) -> "AnyRobot":
+def read_robot(path: Path) -> AnyRobot:
     """Read and check a robot.toml; RobotError names the file and the key."""
     return robot_from_dict(files.read_toml(path), str(path))
 
 
-def write_robot(path: Path, robot: "AnyRobot") -> None:
+def write_robot(path: Path, robot: AnyRobot) -> None:
     """Write a robot.toml, whole or not at all."""
     files.write_toml(path, robot.to_dict())
 
@@ -274,7 +230,7 @@ def shipped_names() -> tuple[str, ...]:
     )
 
 
-def any_shipped(name: str) -> "AnyRobot":
+def any_shipped(name: str) -> AnyRobot:
     """A robot that comes along, by its name; RobotError names those that there are."""
     if name not in shipped_names():
         raise RobotError(f"{name!r} is no robot that comes along; known: {', '.join(shipped_names())}, or the name of a file")
@@ -286,7 +242,7 @@ def shipped(name: str) -> Robot:
     return serial(any_shipped(name), name)
 
 
-def serial(robot: "AnyRobot", source: str) -> Robot:
+def serial(robot: AnyRobot, source: str) -> Robot:
     """The robot where it is a serial arm; RobotError where it is none."""
     if not isinstance(robot, Robot):
         raise RobotError(f"{source}: is a robot of kind {robot.kind!r}; a serial arm is needed here")

@@ -44,7 +44,7 @@ from lmeasure.unsolved import CALIBRATIONS, Taken, Unsolved, Warmth, exact, last
 from lmeasure.zeroing import length_variance
 
 if TYPE_CHECKING:
-    from lmeasure.trajectory.origins import Told
+    from lmeasure.trajectory.sources import Told
 
 CALIBRATION = "calibration"
 RESTORED = "restored origin"

@@ -16,14 +16,13 @@ The rounding of a count that stands still is one error, however often it is read
 variance. Where a channel moves on from sample to sample that is nothing.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.sources import Told
 
 MOST = 4096
 """Samples of a run that have a part in it, spread over it."""
@@ -33,20 +32,6 @@ SETTLED = 1e-3
 """Of a standard uncertainty."""
 LOOSE_RAD = 0.1
 """Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses."""
-
-
-@dataclass(frozen=True)
-class Told:
-    """What a run told of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins last,
-    by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that had a
-    part in it; covariance (K, K) of all shared variables, C."""
-
-    mean: FloatArray
-    mix: FloatArray
-    chi_squared: float
-    freedom: int
-    poses: FloatArray
-    covariance: FloatArray
 
 
 def chosen(epochs: Epochs, most: int = MOST) -> Epochs:

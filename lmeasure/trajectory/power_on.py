@@ -18,11 +18,11 @@ from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.run import known
-from lmeasure.trajectory.origins import LOOSE_RAD, Told, learn
+from lmeasure.trajectory.origins import LOOSE_RAD, learn
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import unknown_zeros
+from lmeasure.trajectory.sources import Told, unknown_zeros
 
 STARTS = 4000
 MET = 3

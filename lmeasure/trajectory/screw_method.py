@@ -27,7 +27,7 @@ from lmeasure.trajectory.scheme import scheme_of
 from lmeasure.trajectory.sources import PassClock
 
 if TYPE_CHECKING:
-    from lmeasure.trajectory.origins import Told
+    from lmeasure.trajectory.sources import Told
 
 COMPILING_PAYS = 2**14  # samples from which the kernels save more than they take to compile
 START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that is off by centimetres is still on its side

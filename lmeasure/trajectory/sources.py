@@ -141,3 +141,17 @@ def drawn(sources: tuple[Source, ...], generator: np.random.Generator) -> FloatA
 def standard(generator: np.random.Generator, shape: tuple[int, ...], uniform: bool) -> FloatArray:
     """Draws of unit variance, uniform or normal."""
     return np.sqrt(12.0) * (generator.random(shape) - 0.5) if uniform else generator.standard_normal(shape)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a run told of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins last,
+    by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that had a
+    part in it; covariance (K, K) of all shared variables, C."""
+
+    mean: FloatArray
+    mix: FloatArray
+    chi_squared: float
+    freedom: int
+    poses: FloatArray
+    covariance: FloatArray

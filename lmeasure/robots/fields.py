@@ -1,0 +1,51 @@
+"""What files of robots have in common: lengths, angles, and places of frames."""
+
+import math
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from lmeasure.arrays import FloatArray
+from lmeasure.checked import Strict
+from lmeasure.conventions import LARGEST_ANGLE, MAX_LENGTH_MM
+from lmeasure.poses import UNIT_TOLERANCE
+
+
+def _length(value: float) -> float:
+    if not abs(value) <= MAX_LENGTH_MM:
+        raise ValueError(f"must be a length of at most {MAX_LENGTH_MM:.0f} mm")
+    return value
+
+
+def _angle(value: float) -> float:
+    if not abs(value) <= LARGEST_ANGLE:
+        raise ValueError(f"must be an angle of at most {LARGEST_ANGLE:g} degrees")
+    return value
+
+
+Length = Annotated[float, AfterValidator(_length)]
+Angle = Annotated[float, AfterValidator(_angle)]
+Small = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+class Place(Strict):
+    """A pose: of the first axis in the robot's base, or of the tool on the flange."""
+
+    position_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """Position."""
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """Orientation."""
+
+    @model_validator(mode="after")
+    def _turns(self) -> Self:
+        length = math.hypot(*self.quaternion_xyzw)
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
+            raise ValueError(f"quaternion_xyzw: its length is {length:.9g}, not 1")
+        return self
+
+    @property
+    def row(self) -> FloatArray:
+        """(7,) pose."""
+        quaternion = np.array(self.quaternion_xyzw)
+        return np.concatenate([self.position_mm, quaternion / np.linalg.norm(quaternion)])
