@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.trajectory.origins import CHUNK, Told, chosen, repeats
+from lmeasure.trajectory.origins import CHUNK, chosen, repeats
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.sources import Told
 
 SLIPPED = 40.0
 """Chi-squared from which a step is none of rounding: once in 3e9 for one channel and time, of which a run has some ten thousand."""
