@@ -140,7 +140,7 @@ def test_compiling_is_told_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, 
         told = capsys.readouterr().err
         assert compiling.names == ["inner", "outer"]
         assert ("compiling the numerical kernels" in told) == terminal
-        assert ("compiled 2 kernels in 0 s, kept for later: inner, outer" in told) == terminal
+        assert bool(re.search(r"compiled 2 kernels in \d+ s, kept for later: inner, outer", told)) == terminal
 
 
 def test_completion_knows_the_commands() -> None:

@@ -167,7 +167,7 @@ def test_an_uncertainty_of_the_start_that_is_none_is_refused(tmp_path: Path, val
     text = (tmp_path / "run.toml").read_text()
     shown = str(value).lower() if not isinstance(value, str) else f'"{value}"'
     (tmp_path / "run.toml").write_text(text.replace("[start]", f"[start]\nu_position_mm = {shown}"))
-    with pytest.raises(FileFormatError, match=r"run.toml: start: u_position_mm = .* is not a standard uncertainty"):
+    with pytest.raises(FileFormatError, match=r"run.toml:\d+: start.u_position_mm: "):
         read_run(tmp_path)
 
 
