@@ -19,8 +19,8 @@ from lmeasure.findings import recognised
 from lmeasure.lengths import counts_from_poses
 from lmeasure.observation.cable_effects import ATTACHMENT, ECCENTRICITY, EFFECTS, CableEffect
 from lmeasure.poses import Poses
+from lmeasure.report import zone_html
 from lmeasure.report.calibration import write_calibration_page
-from lmeasure.report.zone_html import findings
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run, read_run_head, write_run
 from lmeasure.trajectory import Trajectory, reconstruct
@@ -187,8 +187,8 @@ def test_a_rig_that_grows_wants_to_know_how_warm_it_was() -> None:
 def test_a_zone_says_it_on_its_page() -> None:
     x, y, z = (np.linspace(-100.0, 100.0, 3) for _ in range(3))
     zone = scan_zone(rig_from_dict(nominal(truth(2))), None, x=x, y=y, z=z, rotations=tilts(0.0, 1), limit_deg=80.0)
-    lines = findings(zone, extent(zone))
-    assert [line.split(":")[1].split(";")[0].strip() for line in lines if line.startswith("Taken as exact")] == WHAT
+    lines = zone_html.taken_as_exact(zone)
+    assert [line.split(":")[1].split(";")[0].strip() for line in lines] == WHAT
 
 
 def test_certificates_in_russian_say_it_in_russian() -> None:

@@ -74,7 +74,8 @@ def prepare(
         reconstruction.use(None)
         epochs = collected(reconstruction, pieces(found))[0]
         told = learn(reconstruction, epochs)
-        slipped = None if told is None else slip(reconstruction, epochs, told)
+        # what a channel that hung for a while read before it was seen to would pass for a slip of another
+        slipped = None if told is None else slip(reconstruction, epochs.without(_wrong(found, reconstruction)), told)
         if slipped is None:
             break
         reconstruction.use(None)
@@ -93,6 +94,12 @@ def prepare(
             learn(reconstruction, collected(reconstruction, pieces(found))[0])
         found = replace(found, notes=(*found.notes, *_told(reconstruction)))
     return reconstruction, found
+
+
+def _wrong(doubts: Doubts, reconstruction: Reconstruction) -> list[int]:
+    """Channels that contradict the others for a while, other than those that go on from a restored origin."""
+    restored = {cable for cable, _, _ in reconstruction.budget.restored}
+    return sorted({d.cable for d in doubts.every if d.cable != EVERY and d.status == Status.INCONSISTENT} - restored)
 
 
 def _restored(reconstruction: Reconstruction, doubts: Doubts) -> Doubts:

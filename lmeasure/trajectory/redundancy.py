@@ -11,7 +11,7 @@ chi-squared is r^T W r, of m - f degrees of freedom; the error that cable j alon
 uncertainty 1/sqrt(W_jj): infinite where the others do not control it (Baarda 1968; Teunissen 2006, 4.4).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,12 @@ class Epochs:
         values = self.time_s, self.change_mm, self.gone_on_mm, self.counts, self.speed_mm_s, self.variance_mm2
         time_s, change, gone_on, counts, speed, variance = (v[index] for v in values)
         return Epochs(time_s, change, gone_on, counts, speed, variance, some(self.temperature_c), some(self.travel))
+
+    def without(self, cables: list[int]) -> "Epochs":
+        """The same, nothing of these cables used."""
+        change = self.change_mm.copy()
+        change[:, cables] = np.nan
+        return replace(self, change_mm=change)
 
     def situation(self, poses: FloatArray) -> Situation:
         """What errors of their lengths depend on, at poses (n, 7)."""

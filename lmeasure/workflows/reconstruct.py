@@ -59,8 +59,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
         return Result(summary, tuple(summary.text().splitlines()))
     progress(0.0, "reconstruct")
     recorded = read_run(settings.run, settings.rig, stated)
-    drawn = (0, 0, None) if linear else (settings.trials, settings.seed, steps(progress, "monte-carlo"))
-    trajectory = reconstruct(recorded, settings.constraint, settings.repeatability_mm, *drawn)
+    trajectory = reconstruct(
+        recorded,
+        settings.constraint,
+        settings.repeatability_mm,
+        trials=0 if linear else settings.trials,
+        seed=0 if linear else settings.seed,
+        progress=None if linear else steps(progress, "monte-carlo"),
+    )
     progress(1.0, "reconstruct")
     write_trajectory(settings.out, trajectory, named)
     if settings.rerun is not None:

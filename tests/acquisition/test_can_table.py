@@ -55,7 +55,7 @@ def test_a_table_is_written_as_it_was_read() -> None:
         ),
         ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1, "byte_offset": 62}]}, "32 bits from byte 62 do not fit a frame"),
         ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1, "byteorder": "big"}]}, "did you mean 'byte_order'"),
-        ({"decoder": "raw", "channel": [{"channel": "ch2", "id": 1}]}, "channel 'ch1' of the cables is missing"),
+        ({"decoder": "raw", "channel": [{"channel": "ch2", "id": 1}]}, "channel 'ch1' of the rig is missing"),
         ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1}, {"channel": "ch1", "id": 2}]}, "channel 'ch1' is given 2 times"),
         (
             {"decoder": "cia406", "channel": [{"channel": "ch1", "node": 128}]},
