@@ -17,6 +17,7 @@ from scipy.stats import qmc
 
 from lmeasure.calibration.coarse import coarse_solutions
 from lmeasure.conventions import rotation_from_angles
+from lmeasure.kernels.layout import CABLE_COLUMNS
 from lmeasure.observation.wrap import span_rows
 
 FloatArray = NDArray[np.float64]
@@ -49,7 +50,7 @@ def places(poses: FloatArray, counts: FloatArray, attachment: FloatArray, sets: 
     """(q, 3) places of B whose cable lengths are the counts' (4,), for sets (q, 6) of all else in the order of LEAST; NaN where none is
     found."""
     a, b, radius, pitch, tangent, offset = sets.T
-    cables = np.zeros((len(sets), 17))
+    cables = np.zeros((len(sets), CABLE_COLUMNS))
     cables[:, 3:6] = np.column_stack([-np.cos(a) * np.sin(b), -np.cos(a) * np.cos(b), np.sin(a)])
     cables[:, 6], cables[:, 7:10] = radius, attachment
     at_drum = np.hypot(tangent, offset + counts[:, None] * pitch / COUNTS_PER_TURN)
