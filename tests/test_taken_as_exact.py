@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from test_unsolved import START, nominal, run_of, truth
 
 from lmeasure import unsolved
-from lmeasure.accuracy.extent import extent
 from lmeasure.accuracy.zone import scan_zone, tilts
 from lmeasure.calibration import Campaign, calibrate
 from lmeasure.calibration_record import CalibrationRecord
