@@ -41,12 +41,13 @@ class Corrected:
 def corrected_program(
     listing: Listing, dialect: Dialect, robot: IdentifiedRobot, *, limits: Limits, near: Sequence[float] = ()
 ) -> Corrected:
-    """Targets in the order in which they stand, joint values nearest to the one before, the first to near (n,) [deg, mm] or to the first
-    target of joint values. Where neither the configuration nor such values tell one way of several, a target is left.
+    """Targets in the order in which first motions to them stand, joint values nearest to the one before, at first to near (n,) [deg, mm]
+    or to the first target of joint values. Where neither the configuration nor such values tell one way of several, a target is left.
 
-    A target in a keep-out box or on a straight way through one, as the identified robot goes to it, is left too.
+    A target in a keep-out box or on a straight way through one, as the identified robot goes to it, is left too. Jumps, loops and calls
+    are not followed: a way that only they make is not looked at.
     """
-    order = sorted(range(len(listing.targets)), key=lambda i: (listing.targets[i].source, listing.targets[i].line))
+    order = sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved)
     last = _first(listing, dialect, robot, near)
     outcomes: dict[int, Outcome] = {}
     values: dict[int, Sequence[float]] = {}
@@ -77,7 +78,7 @@ def corrected_program(
 def _first(listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]) -> FloatArray | None:
     if len(near):
         return np.where(robot.nominal.sliding, near, np.radians(near))
-    for target in listing.targets:
+    for target in sorted(listing.targets, key=lambda t: t.moved):
         if target.joints and len(target.values) == len(robot.nominal.joint_names):
             return _of_joints(target, dialect, robot)
     return None

@@ -7,6 +7,7 @@ motion takes with an offset, or that is not taught (asterisks), is left.
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,6 +44,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
         unread.append(Unread(source.name, source.line(place), why))
 
     used: dict[int, set[str]] = {}
+    first: dict[int, int] = {}
     for m in _MOTION.finditer(text, *body):
         if m[2].lstrip().startswith("!"):
             continue
@@ -54,6 +56,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
                     leave(m.start(1), f"{m[1]} {register[0]}: a position that is computed")
             else:
                 used.setdefault(int(number), set()).add(by[1].upper() if by else "")
+                first.setdefault(int(number), m.start(2) + register.start())
     current = {"UF": {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UFRAME_NUM"}}
     current["UT"] = {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UTOOL_NUM"}
     for m in _POSITION.finditer(text, *positions):
@@ -72,7 +75,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
             if isinstance(found, str):
                 leave(m.start(), f"{name}: {found}")
             else:
-                targets.append(found)
+                targets.append(replace(found, moved=(k, first[number])))
 
 
 def _target(k: int, source: Source, name: str, span: Span, current: dict[str, set[str]]) -> Target | str:

@@ -42,6 +42,7 @@ class _Reader:
         self.fdat: dict[str, tuple[str, str]] = {}
         self.frames: dict[str, FloatArray] = {NULL: np.array(IDENTITY)}
         self.used: dict[str, set[tuple[str, str]]] = {}
+        self.first: dict[str, tuple[int, int]] = {}
         self.targets: list[Target] = []
         self.unread: list[Unread] = []
 
@@ -123,6 +124,7 @@ class _Reader:
             elif name in self.points:
                 own = self.fdat.get(f"F{name[1:]}") if name.startswith("X") and (base, tool) == ("$BASE", "$TOOL") else None
                 self.used.setdefault(name, set()).add(own or (base, tool))
+                self.first.setdefault(name, (k, start))
             else:
                 self._leave(k, start, f"{kind} {name}: is not declared here")
 
@@ -155,7 +157,8 @@ class _Reader:
             return
         flags: dict[str, int] = {key: int(found[key][0]) for key in ("S", "T") if key in found}
         values, spans = zip(*(found[key] for key in wanted), strict=True)
-        self.targets.append(Target(name, k, self.sources[k].line(span[0]), joints, values, spans, *frames, flags))
+        moved = self.first.get(name, (k, span[0]))
+        self.targets.append(Target(name, k, self.sources[k].line(span[0]), joints, values, spans, *frames, flags, moved))
 
     def _aggregate(self, k: int, span: Span) -> dict[str, tuple[float, Span]] | None:
         """Fields of {E6POS: X 1.0, Y ...} with their places; None where one is no number."""

@@ -47,7 +47,8 @@ class Unread:
 @dataclass(frozen=True)
 class Target:
     """A position of a program. values: its numbers as written, in the dialect's units, spans their places in the source; joints: whether
-    they are joint values; base, tool: names of the frames that it is told in, of `Listing.frames`; flags: of its configuration, by name."""
+    they are joint values; base, tool: names of the frames that it is told in, of `Listing.frames`; flags: of its configuration, by name;
+    moved: source and place of the first motion to it, which need not stand where the target does."""
 
     name: str
     source: int
@@ -58,6 +59,7 @@ class Target:
     base: str = ""
     tool: str = ""
     flags: Mapping[str, int] = field(default_factory=dict)
+    moved: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ class _Reader:
         self.points: dict[str, tuple[int, str, str, Span]] = {}
         self.frames: dict[str, FloatArray] = {"wobj0": np.array(IDENTITY), "tool0": np.array(IDENTITY)}
         self.used: dict[str, set[tuple[str, str]]] = {}
+        self.first: dict[str, tuple[int, int]] = {}
         self.targets: list[Target] = []
         self.unread: list[Unread] = []
 
@@ -121,6 +122,7 @@ class _Reader:
             if operand.startswith("["):
                 self._take(k, f"{move} of line {self.sources[k].line(start)}", (start, start + len(operand) - 1), frames)
             elif operand.lower() in self.points:
+                self.first.setdefault(operand.lower(), (k, start))
                 self.used.setdefault(operand.lower(), set()).add(("wobj0", "tool0") if move.lower().startswith("moveabs") else frames)
             elif re.fullmatch(r"\w+", operand):
                 self._leave(k, start, f"{move} {operand}: is not declared here")
@@ -133,14 +135,14 @@ class _Reader:
             self._leave(k, span[0], f"{name}: a list with what is no number")
             return
         shape = [len(v) for v in values]
-        place = self.sources[k].line(span[0])
+        place, moved = self.sources[k].line(span[0]), self.first.get(name.lower(), (k, span[0]))
         if shape == [6, 6]:
             numbers, spans = zip(*values[0], strict=True)
-            self.targets.append(Target(name, k, place, True, numbers, spans, *frames))
+            self.targets.append(Target(name, k, place, True, numbers, spans, *frames, moved=moved))
         elif shape == [3, 4, 4, 6]:
             numbers, spans = zip(*values[0], *values[1], strict=True)
             flags = dict(zip(("cf1", "cf4", "cf6", "cfx"), (int(v) for v, _ in values[2]), strict=True))
-            self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags))
+            self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags, moved))
         else:
             self._leave(k, span[0], f"{name}: neither a robtarget nor a jointtarget")
 

@@ -73,7 +73,7 @@ def _read(sources: Sequence[Source], turn: tuple[str, ...], place: tuple[str, ..
                 unread.append(Unread(source.name, source.line(start), f"{name}: a cell that is no number"))
                 continue
             base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
-            targets.append(Target(name, k, source.line(start), not posed, values, spans, base, tool))
+            targets.append(Target(name, k, source.line(start), not posed, values, spans, base, tool, moved=(k, start)))
     return Listing(tuple(sources), tuple(targets), {"base": np.array(IDENTITY), "tool": np.array(IDENTITY)}, tuple(unread))
 
 

@@ -50,6 +50,7 @@ class _Reader:
         self.text = masked(source.text, "#", "\"'")
         self.named: dict[str, tuple[bool, Span]] = {}
         self.used: dict[str, set[tuple[str, str]]] = {}
+        self.first: dict[str, int] = {}
 
     def read(self) -> None:
         text = self.text
@@ -115,6 +116,7 @@ class _Reader:
             self._take(line, argument, False, (base, tool))
         elif operand in self.named:
             self.used.setdefault(operand, set()).add((base, tool))
+            self.first.setdefault(operand, argument[0])
         else:
             self._leave(argument[0], f"{move} {operand}: a target that is computed or set elsewhere")
 
@@ -124,7 +126,8 @@ class _Reader:
             self._leave(span[0], f"{name}: not six numbers")
             return
         values, spans = zip(*found, strict=True)
-        self.targets.append(Target(name, self.k, self.source.line(span[0]), not is_pose, values, spans, *frames))
+        moved = self.k, self.first.get(name, span[0])
+        self.targets.append(Target(name, self.k, self.source.line(span[0]), not is_pose, values, spans, *frames, moved=moved))
 
     def _six(self, span: Span) -> list[tuple[float, Span]] | None:
         """The six numbers of a list in brackets, with their places; None where anything else stands there."""

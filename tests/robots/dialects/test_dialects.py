@@ -227,6 +227,24 @@ def test_numbers_and_poses_are_inverse(name: str, seed: int) -> None:
     assert np.abs(se3.displacement(dialect.pose(dialect.numbers(row, old).tolist()), row)).max() < 1e-9
 
 
+MOTIONS = {
+    "krl": ["XP1", "XP2", "XHOME", "TAUGHT", "LIN of line 17", "CIRC of line 20", "CIRC of line 20", "LIN of line 30"],
+    "rapid": ["jHome", "p10", "p20", "MoveL of line 19", "MoveC of line 20", "MoveC of line 20", "pBelt"],
+    "fanuc": ["P[1]", "P[2]", "P[4]", "P[5]", "P[6]"],
+    "ur-script": [
+        *("home_q", "at_part_p", "movej of line 15", "movel of line 16"),
+        *("movec of line 17", "movec of line 17", "movel of line 23"),
+    ],
+}
+
+
+@pytest.mark.parametrize("name", sorted(MOTIONS))
+def test_targets_are_ordered_by_their_motions(name: str) -> None:
+    """Not by where their numbers stand: data come before or behind all motions, and in another order."""
+    _, listing = of(name)
+    assert [t.name for t in sorted(listing.targets, key=lambda t: t.moved)] == MOTIONS[name]
+
+
 CUT = {"krl": KRL_DATA + KRL_SOURCE, "rapid": RAPID, "fanuc": FANUC, "ur-script": UR}
 ENDS = {"krl": ".src", "rapid": ".mod", "fanuc": ".ls", "ur-script": ".script"}
 
