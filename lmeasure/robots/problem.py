@@ -8,7 +8,7 @@ from typing import Generic
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.estimation.normal_equations import optimum
+from lmeasure.estimation.normal_equations import Optimum, optimum
 from lmeasure.robots.measurements import POSITION, ROTATION, Measurements
 from lmeasure.robots.unknowns import R, Unknowns
 
@@ -94,18 +94,10 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Fit(Generic[R]):
-    """An optimum: theta (p,) changes in the units of the names, their covariance (p, p), information (p, p) of the measurements alone,
-    chi2 of the residuals, the number of them, and the degrees of freedom that they leave."""
+class Fit(Optimum[Linear], Generic[R]):
+    """The optimum of an identification: theta (p,) are changes in the units of the names."""
 
     problem: Problem[R]
-    theta: FloatArray
-    covariance: FloatArray
-    information: FloatArray
-    chi2: float
-    equations: int
-    converged: bool
-    at: Linear
 
     @property
     def spare(self) -> float:
@@ -128,10 +120,7 @@ def solved(problem: Problem[R], start: FloatArray, at: Linear | None = None) -> 
 
     at: what is predicted near start, where it is known already.
     """
-    found = optimum(problem, start, at)
-    return Fit(
-        problem, found.theta, found.covariance, found.information, found.chi2, found.equations, found.converged, found.at
-    )  # fmt: skip
+    return Fit(**vars(optimum(problem, start, at)), problem=problem)
 
 
 def with_noise(problem: Problem[R], start: FloatArray) -> Fit[R]:
