@@ -107,7 +107,7 @@ def test_a_zero_that_nobody_knows_and_incremental_swivels() -> None:
 
 
 def test_drums_alone_are_not_searched_for_slips(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What their calibration has wrong is the same in all samples, and passed for slips of sound cables (`benchmarks/faults.py --alarms`)."""
+    """What a calibration has wrong is alike in all samples, and passed for slips of sound cables (`benchmarks/faults.py --alarms`)."""
 
     def searched(*_: object) -> None:
         raise AssertionError("searched")
