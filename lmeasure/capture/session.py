@@ -9,15 +9,13 @@ import numpy as np
 
 from lmeasure.acquisition.events import Event
 from lmeasure.acquisition.samples import Samples
-from lmeasure.arrays import FloatArray
-from lmeasure.calibration.campaign import Campaign, of_cables, read_campaign
 from lmeasure.capture.closing import Return, judged_return
 from lmeasure.capture.folder import CaptureFolder, mean_variances, thinned
-from lmeasure.capture.forecast import Expected, Forecast, Worth
+from lmeasure.capture.forecast import Worth
+from lmeasure.capture.progress import Progress
 from lmeasure.capture.rest import Rest, folded, still_counts
 from lmeasure.capture.trust import BACK, Trust
 from lmeasure.capture.words import expected_line, pose_line, reading_lines, surprise, surprising, worth_line
-from lmeasure.errors import LMeasureError
 
 By = Literal["key", "rest", "both"]
 
@@ -65,11 +63,9 @@ class Session:
         self._trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
         self._seen_events = 0
         self._pending: list[Samples] = []
-        self._campaign: Campaign | None = None
-        self._forecast: Forecast | None = None
+        self._progress = Progress(folder, say)
         self.keys = settings.by != "rest"
         self.closure: Return | None = None
-        self.worth: Worth | None = None
         self.finished = self.stopped = False
         self.goal: str | None = self._next()
         self._begin()
@@ -78,6 +74,11 @@ class Session:
     def to_read(self) -> int:
         """How many readings there will be, the return among them."""
         return len(self._poses) - len(self._skipped) + self.settings.closure
+
+    @property
+    def worth(self) -> Worth | None:
+        """Of the readings so far; None where nothing can be said of it."""
+        return self._progress.worth
 
     # --- what comes in ---
 
@@ -158,7 +159,7 @@ class Session:
             self._say("nothing to take back")
             return
         reading = self.folder.take_back()
-        self._after_change()
+        self._progress.renew()
         if not self.folder.of_pass:
             self._trust.restore()
         self.closure, self.finished = None, False
@@ -237,7 +238,8 @@ class Session:
             np.abs(folded(mean - self.folder.of_pass[-1].mean, self.folder.modulus)) <= AWAY * self._band
         ).all() or self._held_s >= self._rest.since_s:
             return False
-        expected = self._expected(mean)
+        assert self.goal is not None
+        expected = self._progress.expected(self.goal, mean)
         if expected is None or not surprising(expected).any():
             return True
         self._held_s = self._rest.now_s
@@ -260,10 +262,10 @@ class Session:
             self._refuse(why)
             return
         was_return, first = self._is_return(), not self.folder.of_pass
-        expected = None if first else self._expected(dwell.recorded[whole].mean(axis=0))
+        expected = None if first else self._progress.expected(self.goal, dwell.recorded[whole].mean(axis=0))
         reading = thinned(self.goal, self.folder.passage, self.recording, dwell.time_s[whole], counts=dwell.recorded[whole])
         self.folder.add(reading)
-        self._after_change()
+        self._progress.renew()
         u = np.sqrt(mean_variances(self.folder.of_pass)[-1])
         for line in reading_lines(reading, self.folder.channels, u):
             self._say(line)
@@ -329,10 +331,10 @@ class Session:
         done = len(self.folder.of_pass)
         if done:
             self._say(f"going on: {done} readings are there, of poses {', '.join(dict.fromkeys(r.pose for r in self.folder.of_pass))}")
-        self._after_change()
-        if self._forecast is not None:
+        self._progress.renew()
+        if self._progress.of_all is not None:
             self._say(f"all {len(self._poses)} poses promise:")
-            self._say(worth_line(self._forecast.of_all, len(self._poses)).replace("U95 by now", "U95"))
+            self._say(worth_line(self._progress.of_all, len(self._poses)).replace("U95 by now", "U95"))
         if self.settings.by != "rest":
             self._say(HELP)
         if self.goal is None:
@@ -381,44 +383,3 @@ class Session:
         if self.settings.closure and len(read) > 1 and readings[-1].pose != readings[0].pose:
             return readings[0].pose
         return None
-
-    def _after_change(self) -> None:
-        """The campaign and its worth once the readings are others."""
-        self._campaign = self._read_campaign()
-        self.worth = None
-        try:
-            if self._forecast is None and self._poses.oriented:
-                self._forecast = Forecast(self.folder.rig, self.folder.passage, self._poses)
-            if self._forecast is not None and self._campaign is not None and self._campaign.used.any():
-                self.worth = self._forecast.worth(self._campaign)
-        except LMeasureError as error:
-            self._say(f"  no forecast: {error}")
-
-    def _read_campaign(self) -> Campaign | None:
-        """What the calibration will find in the folder, of this pass."""
-        readings = self.folder.of_pass
-        if not readings or not self._poses.oriented:
-            return None
-        cables = self.folder.rig.cables_of(self.folder.passage)
-        if len({r.pose for r in readings}) < 2:
-            first = self._poses.of(np.array([self._poses.names.index(readings[0].pose)]))
-            return Campaign(self.folder.rig, first, cables, self._true_counts(readings[0].mean)[None, :], np.zeros(len(cables), np.int64))
-        try:
-            campaign = read_campaign(self.folder.path)
-        except LMeasureError as error:
-            self._say(f"  ! {error}")
-            return None
-        return of_cables(campaign, [j for j, c in enumerate(campaign.cables) if c.passage == self.folder.passage])
-
-    def _true_counts(self, mean: FloatArray) -> FloatArray:
-        """(c,) true counts k of the pass' cables of recorded ones (m,)."""
-        drums, column = self.folder.rig.drums_of(self.folder.passage), dict(zip(self.folder.channels, mean, strict=True))
-        cables = self.folder.rig.cables_of(self.folder.passage)
-        return np.array([column[c.channel] * drums[c.channel].count_sign / drums[c.channel].scale for c in cables])
-
-    def _expected(self, mean: FloatArray) -> Expected | None:
-        """The counts (m,) held against what is expected at the goal."""
-        if self._forecast is None or self._campaign is None or self.goal is None:
-            return None
-        pose = self._poses.of(np.array([self._poses.names.index(self.goal)]))
-        return self._forecast.expected(self._campaign, pose, self._true_counts(mean)[None, :])
