@@ -11,13 +11,14 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.findings import Finding, finding
-from lmeasure.lengths import Lengths, Reason, with_reasons
+from lmeasure.lengths import Lengths, with_reasons
 from lmeasure.rig import Rig
 from lmeasure.status import Status
 from lmeasure.trajectory.continuity import Away, Continuity
 from lmeasure.trajectory.standing import Stood
 from lmeasure.trajectory.steps import Break
 from lmeasure.trajectory.visits import LEAST_CABLES, NEAR_MM, Rests
+from lmeasure.unused_counts import Reason
 
 EVERY = -1
 """Instead of a cable: all of them."""
