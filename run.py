@@ -1,7 +1,7 @@
 """Set up lmeasure beside this file, then run it. Needs only Python itself.
 
     python3 run.py                      set up, then the demo
-    python3 run.py test [PYTEST ARGS]   set up, then the tests
+    python3 run.py test [PYTEST ARGS]   set up, then the tests: the whole suite on all processors, named files in one process
     python3 run.py COMMAND ...          set up, then `lmeasure COMMAND ...`
 
 Everything is installed into `.venv` in this folder, with uv when it is on the PATH, else with pip. A stamp written last says what was
@@ -29,6 +29,8 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 WINDOWS = os.name == "nt"
 SAY_S = 5.0
+ON_ALL_PROCESSORS = ("-n", "logical", "--maxprocesses", "8", "--dist", "worksteal")
+"""Of the whole suite. A worker goes through neighbouring tests, which share what is made once, and at the end takes others' tests."""
 PROBE = "import importlib.metadata as m, sys; m.distribution('lmeasure'); print(sys.version)"
 
 
@@ -41,8 +43,13 @@ def plan(arguments: list[str]) -> tuple[frozenset[str], list[str]]:
     if not arguments:
         return frozenset(), ["lmeasure", "demo"]
     if arguments[0] == "test":
-        return frozenset({"test"}), ["pytest", *arguments[1:]]
+        return frozenset({"test"}), ["pytest", *(() if names_some(arguments[1:]) else ON_ALL_PROCESSORS), *arguments[1:]]
     return frozenset(), ["lmeasure", *arguments]
+
+
+def names_some(arguments: list[str]) -> bool:
+    """Whether arguments of pytest name files or folders: a few tests begin sooner in one process, and can be looked into."""
+    return any(not a.startswith("-") and (ROOT / a.partition("::")[0]).exists() for a in arguments)
 
 
 def script(name: str) -> Path:

@@ -15,6 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 NONE: frozenset[str] = frozenset()
 TEST = frozenset({"test"})
+EVERYWHERE = ["-n", "logical", "--maxprocesses", "8", "--dist", "worksteal"]
 
 
 @pytest.fixture
@@ -69,8 +70,10 @@ def machine(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Machine:
     ("arguments", "extras", "command"),
     [
         ([], NONE, ["lmeasure", "demo"]),
-        (["test"], TEST, ["pytest"]),
-        (["test", "-k", "wrap"], TEST, ["pytest", "-k", "wrap"]),
+        (["test"], TEST, ["pytest", *EVERYWHERE]),
+        (["test", "-k", "wrap"], TEST, ["pytest", *EVERYWHERE, "-k", "wrap"]),
+        (["test", "pyproject.toml"], TEST, ["pytest", "pyproject.toml"]),
+        (["test", "-x", "pyproject.toml::test_a", "--pdb"], TEST, ["pytest", "-x", "pyproject.toml::test_a", "--pdb"]),
         (["calibrate", "folder", "--out", "test"], NONE, ["lmeasure", "calibrate", "folder", "--out", "test"]),
         (["--help"], NONE, ["lmeasure", "--help"]),
     ],
