@@ -4,27 +4,26 @@ A person pulls and turns, the program looks at the counters. Counts per turn are
 """
 
 import copy
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lmeasure.acquisition.assembly import new_assembler
-from lmeasure.acquisition.bus_watch import BusWatch
+from lmeasure.acquisition.check_encoders import STEPS, EncoderCheck, encoder_checked
+from lmeasure.acquisition.check_watch import AGAIN as AGAIN
+from lmeasure.acquisition.check_watch import LEAST_PULL_MM, Watch
+from lmeasure.acquisition.check_watch import Ask as Ask
+from lmeasure.acquisition.check_watch import Step as Step
 from lmeasure.acquisition.session import Link
-from lmeasure.arrays import FloatArray
 from lmeasure.errors import AcquisitionError
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Cable, Rig, Turned
 
 REST_S = 1.0
 """How long the counters are looked at before anything is moved."""
-PATIENCE_S = 2.0
-"""How much longer for the first of them."""
 QUIET_COUNTS = 3.0
-"""Spread of a counter at rest."""
-LEAST_PULL_MM = 20.0
+QUIET_DEG = 0.01
+"""Spread of a counter at rest, of an encoder whichever is more."""
 CROSSTALK = 0.2
 """Of the pulled cable's way: what another channel may move with it."""
 TURN_TOLERANCE = 0.01
@@ -48,113 +47,23 @@ class CableCheck:
 
 
 @dataclass(frozen=True)
-class Step:
-    """What a person is asked to do: which step of how many at most, and how the counters stand meanwhile."""
-
-    text: str
-    number: int
-    of: int
-    look: Callable[[], str]
-    """Takes what has come for a tenth of a second, and says in a line what moved since the step began."""
-
-    def __str__(self) -> str:
-        return f"{self.number} of {self.of}: {self.text}"
-
-
-Ask = Callable[[Step], str]
-"""Shows a step and returns when the person has done it: "r" to do the cable again, anything else to go on."""
-AGAIN = "r"
-
-
-@dataclass(frozen=True)
 class Check:
-    """The self-test: sample rate [Hz], spread at rest per channel [counts], one row per cable, faults of the whole."""
+    """The self-test: sample rate [Hz], spread at rest per channel [counts], one row per cable and per encoder, faults of the whole."""
 
     rate_hz: float
     spread: dict[str, float]
     cables: tuple[CableCheck, ...]
     faults: tuple[str, ...]
+    encoders: tuple[EncoderCheck, ...] = ()
 
     @property
     def all_faults(self) -> list[str]:
         """One line each."""
-        return [*self.faults, *(f"cable {c.cable}: {f}" for c in self.cables for f in c.faults)]
-
-
-class _Again(Exception):  # noqa: N818 - no error: the person wants to
-    """The cable is to be done again."""
-
-
-class _Watch:
-    """The counters over a link, step by step."""
-
-    def __init__(self, rig: Rig, link: Link, passage: int, ask: Ask, *, of: int) -> None:
-        self._link, self._ask, self._of, self.number = link, ask, of, 0
-        self._assembler = new_assembler(rig, link.fields, passage)
-        start_input = rig.can_table.start_input
-        self.bus = BusWatch(link.fields, rig.can_table.sync_id, () if start_input is None else (start_input.id,))
-        self.channels = [f.channel for f in link.fields]
-        drums = rig.drums_of(passage)
-        self.mm = np.array([drums[c].count_length_mm / drums[c].scale for c in self.channels])
-        self.last: FloatArray | None = None
-        self._least = self._most = np.full(len(self.channels), np.nan)
-
-    def look(self, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """(n,) times and (n, m) counts that came since the last look and within the next seconds."""
-        times, rows = [np.empty(0)], [np.empty((0, len(self._link.fields)))]
-        end = time.monotonic() + seconds
-        while time.monotonic() < end or (len(times) == 1 and seconds > 0 and time.monotonic() < end + PATIENCE_S):
-            frames = self._link.source.receive(0.02)
-            if frames is None:
-                break
-            self.bus.feed(frames)
-            # a look at the counters, not at their times: nothing need wait for a busy host's stamps
-            samples = self._assembler.feed(replace(frames, timestamp_source="log"))
-            if len(samples.time_s):
-                times.append(samples.time_s)
-                rows.append(samples.recorded)
-        time_s, recorded = np.concatenate(times), np.vstack(rows)
-        seen = recorded[np.isfinite(recorded).all(axis=1)]
-        if len(seen):
-            self.last = seen[-1]
-            self._least = np.fmin(self._least, seen.min(axis=0))
-            self._most = np.fmax(self._most, seen.max(axis=0))
-        return time_s, recorded
-
-    def begin(self, text: str) -> None:
-        """The first step, before there need be counts."""
-        self.number += 1
-        self._ask(Step(text, self.number, self._of, lambda: self._said(self.last, "")))
-        self.look(0.0)
-
-    def step(self, text: str, settle_s: float, wanted: str = "") -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-        """The counts when the person has done it, and the least and largest on the way; wanted: the channel that should move."""
-        self.look(0.02)
-        self.number += 1
-        self._least = self._most = np.full(len(self.channels), np.nan)
-        begun = self.last
-        if self._ask(Step(text, self.number, self._of, lambda: self._said(begun, wanted))).strip().lower() == AGAIN:
-            raise _Again
-        _, rows = self.look(settle_s)
-        if self.last is None or not np.isfinite(rows).any(axis=0).all():
-            raise AcquisitionError(f"no counts any more at: {text}")
-        return self.last, (self._least, self._most)
-
-    def _said(self, begun: FloatArray | None, wanted: str) -> str:
-        self.look(0.1)
-        if self.last is None or begun is None:
-            return "no counts"
-        moved = (self.last - begun) * self.mm
-        j = int(np.argmax(np.abs(moved)))
-        counts = "  ".join(f"{c} {v:+.1f}" for c, v in zip(self.channels, moved, strict=True))
-        instead = (
-            f"  {self.channels[j]} moves, not {wanted}" if wanted and abs(moved[j]) > LEAST_PULL_MM and self.channels[j] != wanted else ""
-        )
-        return f"mm: {counts}{instead}"
-
-    def faults(self) -> dict[str, int]:
-        """Faults of the frames so far."""
-        return dict(self._assembler.events.tally)
+        return [
+            *self.faults,
+            *(f"cable {c.cable}: {f}" for c in self.cables for f in c.faults),
+            *(f"{e.what}: {f}" for e in self.encoders for f in e.faults),
+        ]
 
 
 def check(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool = True, settle_s: float = 0.3) -> Check:
@@ -163,7 +72,8 @@ def check(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool = Tru
     AcquisitionError when a channel does not show at all; it says what the bus shows instead.
     """
     cables = rig.cables_of(passage)
-    watch = _Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3))
+    turned = tuple(o for o in rig.observed if isinstance(o, Turned) and o.passage == passage)
+    watch = Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3) + STEPS * len(turned))
     watch.begin("Leave all cables at rest")
     time_s, rest = watch.look(REST_S)
     channels = watch.channels
@@ -177,45 +87,41 @@ def check(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool = Tru
         )
     rate = (len(time_s) - 1) / (time_s[-1] - time_s[0])
     spread = {c: float(np.nanmax(column) - np.nanmin(column)) for c, column in zip(channels, rest.T, strict=True)}
-    faults = [f"channel {c}: moves by {s:g} counts at rest" for c, s in spread.items() if s > QUIET_COUNTS]
+    quiet = np.where(watch.lengths, QUIET_COUNTS, np.maximum(QUIET_COUNTS, QUIET_DEG / watch.unit))
+    faults = [f"channel {c}: moves by {s:g} counts at rest" for (c, s), most in zip(spread.items(), quiet, strict=True) if s > most]
     results = tuple(_cable(rig, watch, cable, turns=turns, settle_s=settle_s) for cable in cables)
     moved = [c.moved for c in results if c.moved is not None]
     faults += [f"channel {c} moves with {moved.count(c)} cables" for c in dict.fromkeys(moved) if moved.count(c) > 1]
+    encoders = tuple(encoder_checked(watch, one, turned, turns=turns, settle_s=settle_s) for one in turned)
+    moved = [e.moved for e in encoders if e.moved is not None]
+    faults += [f"channel {c} moves with {moved.count(c)} encoders" for c in dict.fromkeys(moved) if moved.count(c) > 1]
     faults += watch.bus.twice()
     faults += [f"{who} from a sender that the rig does not name" for who in watch.bus.foreign()]
     faults += [f"{n} {kind}" for kind, n in sorted(watch.faults().items()) if kind != "wrap"]
-    return Check(float(rate), spread, results, tuple(faults))
+    return Check(float(rate), spread, results, tuple(faults), encoders)
 
 
-def _cable(rig: Rig, watch: _Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
+def _cable(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
     """One cable, again as often as the person wants."""
-    begun = watch.number
-    while True:
-        watch.number = begun
-        try:
-            found = _once(rig, watch, cable, turns=turns, settle_s=settle_s)
-            if found.faults:
-                watch.number -= 1  # a question, and no step more
-                watch.step(f"Cable {cable.name}: {'; '.join(found.faults)}. Type {AGAIN} to do it again, or go on", 0.05)
-        except _Again:
-            continue
-        return found
+    return watch.until_right(
+        lambda: _once(rig, watch, cable, turns=turns, settle_s=settle_s), lambda found: (f"Cable {cable.name}", found.faults)
+    )
 
 
-def _once(rig: Rig, watch: _Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
-    drum, channels, mm = rig.point(cable.from_point).drum, watch.channels, watch.mm
+def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
+    drum, channels, mm, drums = rig.point(cable.from_point).drum, watch.channels, watch.unit, np.flatnonzero(watch.lengths)
     start = watch.step(f"Cable {cable.name} at {cable.from_point}: get ready, do not pull yet", settle_s)[0]
     end, extremes = watch.step(f"Pull cable {cable.name} out by about 100 mm and hold it", settle_s, cable.channel)
     back, _ = watch.step(f"Let cable {cable.name} back to where it was", settle_s)
     way = np.abs(end - start) * mm
-    j = int(np.argmax(way))
+    j = int(drums[np.argmax(way[drums])])
     faults = []
     if way[j] < LEAST_PULL_MM:
-        return CableCheck(cable.name, cable.channel, faults=(f"no channel moved by {LEAST_PULL_MM:g} mm",))
+        return CableCheck(cable.name, cable.channel, faults=(f"no channel moved by {LEAST_PULL_MM:g} mm{watch.instead(way)}",))
     moved = channels[j]
     if moved != cable.channel:
         faults.append(f"channel {moved} moved, the rig says {cable.channel}")
-    others = [c for i, c in enumerate(channels) if i != j and way[i] > CROSSTALK * way[j]]
+    others = [channels[i] for i in drums if i != j and way[i] > CROSSTALK * way[j]]
     if others:
         faults.append(f"{', '.join(others)} moved with it")
     direction = int(np.sign(end[j] - start[j]))
@@ -239,7 +145,7 @@ def _once(rig: Rig, watch: _Watch, cable: Cable, *, turns: bool, settle_s: float
 
 def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any], list[str]]:
     """A rig.toml's content with the channels and signs that the self-test showed, and what was corrected, a line each. Channels are only
-    corrected where each cable moved one of its own."""
+    corrected where each cable, and each encoder, moved one of its own."""
     data = copy.deepcopy(dict(content))
     told: list[str] = []
     moved = [c.moved for c in result.cables]
@@ -256,4 +162,16 @@ def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any]
         if c.direction is not None and c.direction != before:
             told.append(f"drum of {point}: count_sign {before} -> {c.direction}")
             points[point]["drum"]["count_sign"] = c.direction
+    turned = {table["channel"]: table for kind in ("swivel", "inclination") for table in data.get(kind, ())}
+    found = [e.moved for e in result.encoders]
+    if None not in found and len(set(found)) == len(found):
+        for e in result.encoders:
+            if e.moved != e.channel:
+                told.append(f"{e.what}: channel {e.channel} -> {e.moved}; see that its zero_deg is that encoder's")
+                turned[e.channel]["channel"] = e.moved
+    for e in result.encoders:
+        before = turned[e.channel].get("count_sign", 1)
+        if e.direction is not None and e.direction != before:
+            told.append(f"{e.what}: count_sign {before} -> {e.direction}")
+            turned[e.channel]["count_sign"] = e.direction
     return data, told

@@ -74,7 +74,9 @@ class CounterState:
             return counts
         full = self.field.scale * self.field.modulus
         if self.codes:
-            return counts % full
+            turned = counts % full
+            # what is a rounding below a whole turn would be a code that there is not
+            return np.asarray(np.where(turned < full, turned, 0.0))
         raised = counts + full / 2
         return (raised if ((raised >= 0) & (raised < full)).all() else raised % full) - full / 2
 
@@ -90,7 +92,10 @@ class CounterState:
     def _origin_lost(
         self, values: IntArray, steps: IntArray, limit: FloatArray, times: FloatArray, samples: IntArray, events: EventLog
     ) -> int | None:
-        """Row from which the origin is lost: after a pause in which the counter could have wrapped unseen, or a start again at zero."""
+        """Row from which the origin is lost: after a pause in which the counter could have wrapped unseen, or a start again at zero; never
+        that of absolute codes."""
+        if self.codes:
+            return None
         found: list[tuple[int, str, str]] = []
         if self.field.modulus < NO_RANGE and not self.wraps_later:
             pauses = np.flatnonzero(limit > self.field.modulus / 2)

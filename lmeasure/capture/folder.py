@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from lmeasure import files
+from lmeasure.acquisition.codes import folded, moduli
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration.dwells import mean_variance, pooled_scatter
-from lmeasure.capture.rest import folded, moduli
 from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError
 from lmeasure.poses import AXIS_COLUMNS, Poses, read_poses
 from lmeasure.rig import Rig, read_rig, write_rig

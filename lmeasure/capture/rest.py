@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lmeasure.acquisition.codes import GoneOn
 from lmeasure.acquisition.samples import Samples
 from lmeasure.arrays import FloatArray
 from lmeasure.rig import Drum, Rig
@@ -32,17 +33,6 @@ def still_counts(rig: Rig, channels: tuple[str, ...], passage: int) -> FloatArra
     return np.maximum(np.array(still), STILL_COUNTS)
 
 
-def moduli(rig: Rig, channels: tuple[str, ...], passage: int) -> FloatArray:
-    """(m,) how many codes absolute encoders have before they begin anew, 0 of channels that count on."""
-    return np.array([float(rig.counters_of(passage)[c].codes or 0) for c in channels])
-
-
-def folded(difference: FloatArray, modulus: FloatArray) -> FloatArray:
-    """Differences (..., m) of counts, of absolute encoders the shorter way round."""
-    turn = np.where(modulus > 0.0, modulus, 1.0)
-    return np.where(modulus > 0.0, (difference + turn / 2.0) % turn - turn / 2.0, difference)
-
-
 @dataclass(frozen=True)
 class Leap:
     """A channel that moved by so many counts from one sample to the next, alone and at once."""
@@ -61,8 +51,7 @@ class Rest:
     """
 
     def __init__(self, channels: tuple[str, ...], band: FloatArray, modulus: FloatArray) -> None:
-        self.channels, self._band, self._modulus = channels, band, modulus
-        self._latest = np.full(len(channels), np.nan)
+        self.channels, self._band, self._gone_on = channels, band, GoneOn(modulus)
         self.time_s, self.counts = np.empty(0), np.empty((0, len(channels)))
         self.begun_s = self.since_s = self.now_s = np.nan
         self._seen_s, self._speed = np.full(len(channels), -np.inf), np.zeros(len(channels))
@@ -73,7 +62,7 @@ class Rest:
         """The next samples; what is not of the rest that they end in is let go."""
         if not len(samples.time_s):
             return
-        samples = Samples(samples.time_s, self._gone_on(samples.recorded[:, : len(self.channels)]))
+        samples = Samples(samples.time_s, self._gone_on.of(samples.recorded[:, : len(self.channels)]))
         self.begun_s = float(samples.time_s[0]) if np.isnan(self.begun_s) else self.begun_s
         self.now_s = float(samples.time_s[-1])
         there = np.isfinite(samples.recorded)
@@ -89,18 +78,6 @@ class Rest:
             self.since_s = float(whole.time_s[moved])
         first = max(moved, int(np.searchsorted(whole.time_s, self.now_s - LONGEST_S)))
         self.time_s, self.counts = whole.time_s[first:], whole.recorded[first:]
-
-    def _gone_on(self, recorded: FloatArray) -> FloatArray:
-        """Counts (n, m) without the turns after which absolute encoders begin anew."""
-        out = recorded.copy()
-        for j in np.flatnonzero(self._modulus):
-            there = np.flatnonzero(np.isfinite(recorded[:, j]))
-            if len(there):
-                first = recorded[there[0], j] if np.isnan(self._latest[j]) else self._latest[j]
-                steps = folded(np.diff(recorded[there, j], prepend=first)[:, None], self._modulus[j : j + 1])[:, 0]
-                out[there, j] = first + np.cumsum(steps)
-                self._latest[j] = out[there[-1], j]
-        return out
 
     def _look_for_leaps(self, piece: Samples) -> Samples:
         """Steps that have one before and one behind them; the samples with which those of the next piece are looked at."""

@@ -7,13 +7,14 @@ from typing import Literal
 
 import numpy as np
 
+from lmeasure.acquisition.codes import folded
 from lmeasure.acquisition.events import Event
 from lmeasure.acquisition.samples import Samples
 from lmeasure.capture.closing import Return, judged_return
 from lmeasure.capture.folder import CaptureFolder, mean_variances, thinned
 from lmeasure.capture.forecast import Worth
 from lmeasure.capture.progress import Progress
-from lmeasure.capture.rest import Rest, folded, still_counts
+from lmeasure.capture.rest import Rest, still_counts
 from lmeasure.capture.trust import BACK, Trust
 from lmeasure.capture.words import expected_line, pose_line, reading_lines, surprise, surprising, worth_line
 

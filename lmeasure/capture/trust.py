@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lmeasure.acquisition.codes import folded, moduli
 from lmeasure.arrays import FloatArray
 from lmeasure.capture.closing import lengths_of_counts
 from lmeasure.capture.folder import Reading
-from lmeasure.capture.rest import folded, moduli
 from lmeasure.rig import Rig
 
 KEPT_COUNTS = 3.0

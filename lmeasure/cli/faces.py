@@ -237,6 +237,13 @@ def _print(result: "Check") -> None:
         stroke, slack = ("-" if v is None else f"{v:{f}}" for v, f in ((c.stroke_mm, ".1f"), (c.slack_mm, "+.3f")))
         turn = "-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} of {c.expected_per_turn:g}"
         typer.echo(form.format(c.cable, c.channel, c.moved or "-", direction, stroke, slack, turn, "" if c.faults else "ok").rstrip())
+    for n, e in enumerate(result.encoders):
+        if n == 0:
+            typer.echo(form.format("encoder", "channel", "moved", "+-", "turned deg", "back deg", "", "").rstrip())
+        direction = "-" if e.direction is None else f"{e.direction:+d}"
+        turned, back = ("-" if v is None else f"{v:{f}}" for v, f in ((e.turned_deg, ".1f"), (e.back_deg, "+.3f")))
+        name = e.what.removeprefix("swivel of ").removeprefix("inclination ")
+        typer.echo(form.format(name, e.channel, e.moved or "-", direction, turned, back, "", "" if e.faults else "ok").rstrip())
     typer.echo(f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts")
     for fault in result.all_faults:
         typer.echo(f"fault: {fault}")

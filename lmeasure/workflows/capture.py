@@ -146,6 +146,8 @@ def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | N
 
     folder = session.folder
     cables = tuple(c.model_copy(update={"passage": 1}) for c in folder.rig.cables_of(folder.passage))
+    turning = {c.from_point for c in cables}
+    swivels = tuple(s for s in folder.rig.swivel if s.point in turning and (s.cable is None or s.cable in [c.name for c in cables]))
     asked_to_end = False
     samples, since = 0, time.monotonic()
 
@@ -166,7 +168,7 @@ def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | N
             asked_to_end = True
 
     recording = record(
-        folder.rig.model_copy(update={"cable": cables}),  # a recording of its own, of one pass
+        folder.rig.model_copy(update={"cable": cables, "swivel": swivels}),  # a recording of its own, of one pass
         link.source,
         link.fields,
         folder.frames(session.recording),

@@ -15,7 +15,7 @@ from rigged_feed import cell
 from test_buses import a_group
 
 from lmeasure.acquisition.bus_watch import BusWatch
-from lmeasure.acquisition.check import Check, Step, check
+from lmeasure.acquisition.check import Check, Step, check, corrected
 from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.feed import frames_from_counts, send, virtual_place
 from lmeasure.acquisition.frames import frames_from_messages
@@ -59,7 +59,7 @@ class Bench:
 
     def ask(self, step: Step) -> str:
         assert 1 <= step.number <= step.of
-        self.shown.append(step.look())
+        self.shown.append(step.look() if len(self.shown) < 4 else "")
         self.do(step.text)
         self.shown.append(step.look())
         return ""
@@ -70,14 +70,29 @@ class Bench:
         points = [c.from_point for c in self.rig.cable]
         if words[0] == "Pull":
             self._move(names.index(words[2]), 100.0 / 0.012)
+        elif text.startswith("Let the swivel"):
+            self._turn([s.point for s in self.rig.swivel].index(words[5]), -45.0 + self.faults.get("play_deg", 0.0))
         elif words[0] == "Let":
             self._move(names.index(words[2]), -(100.0 - self.faults.get("slip_mm", 0.0)) / 0.012)
-        elif words[0] == "Turn":
+        elif text.startswith("Turn the drum"):
             self._move(points.index(words[4]), 6000.0 * self.faults.get("scale", 1.0))
+        elif text.startswith("Turn the swivel"):
+            self._turn([s.point for s in self.rig.swivel].index(words[5]), 45.0)
+        elif words[0] == "Tilt":
+            self._turn(len(self.rig.swivel), -5.0 if "back" in words else 5.0)
+
+    def _turn(self, encoder: int, degrees: float) -> None:
+        """As a person does, nearly; codes begin anew after a revolution."""
+        at = len(self.rig.cable) + self.faults.get("encoders", range(9))[encoder]
+        e = self.rig.encoders[encoder]
+        self.counts[at] = (self.counts[at] + round(degrees * 1.1 / 360.0 * self.faults.get("codes", e.counts_per_revolution))) % 2**17
 
     def _move(self, cable: int, counts: float) -> None:
         wiring = self.faults.get("wiring", range(6))
         self.counts[wiring[cable]] += round(counts) * self.faults.get("sign", 1)
+        # the pulley turns a little with its cable
+        if self.rig.encoders:
+            self.counts[len(self.rig.cable) + cable] += 90
 
     def check(self) -> Check:
         source = BusSource(lambda: can.Bus(**self.bus), "virtual:bench")
@@ -221,6 +236,63 @@ def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdic
         assert [wired.point(c.from_point).drum.count_sign for c in wired.cable] == [-1, -1]
     else:
         assert wired == two_cables()
+
+
+def with_encoders(**swivel: Any) -> Rig:
+    """Two cables, the encoders of their swivels, and an axis of an inclinometer."""
+    data = two_cables().to_dict()
+    data["swivel"] = [
+        {"point": f"B{i}", "channel": f"sw{i}", "counts_per_revolution": 2**17, "max_speed_deg_s": 1e6} | swivel for i in (1, 2)
+    ]
+    data["inclination"] = [{"channel": "level", "axis": [1.0, 0.0, 0.0], "counts_per_revolution": 2**17, "max_speed_deg_s": 1e6}]
+    return rig_from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("faults", "told", "corrected_to"),
+    [
+        ({}, [], []),
+        (
+            {"turns": False, "encoders": [1, 0, 2], "count_sign": -1},
+            [
+                "swivel of B1: channel sw2 turned, the rig says sw1",
+                "swivel of B1: counts up, the rig says count_sign = -1",
+                "swivel of B2: channel sw1 turned, the rig says sw2",
+                "swivel of B2: counts up, the rig says count_sign = -1",
+            ],
+            ["swivel of B1: channel sw1 -> sw2; see that its", "swivel of B2: count_sign -1 -> 1"],
+        ),
+        pytest.param(
+            {"codes": 2**15, "play_deg": 4.0, "encoders": [0, 2, 2]},
+            [
+                "swivel of B1: came back +1.10 degrees from where it was",
+                "swivel of B1: turned by 12 degrees with counts_per_revolution = 131072; if it was by about 45, a revolution",
+                "swivel of B2: no swivel turned by 5 degrees, but level moved by 12 degrees",
+            ],
+            [],
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_encoders_are_turned_and_told(faults: dict[str, Any], told: list[str], corrected_to: list[str]) -> None:
+    """Codes that stand next to their end, and pulleys that turn a little while their cables are pulled."""
+    rig = with_encoders(**{key: faults[key] for key in ("count_sign",) if key in faults})
+    bench = Bench(rig, **faults)
+    bench.counts[2:] = 2**17 - 400
+    try:
+        result = bench.check()
+    finally:
+        bench.close()
+    assert len(result.all_faults) == len(told), result.all_faults
+    for line, start in zip(result.all_faults, told, strict=True):
+        assert line.startswith(start)
+    said = corrected(rig.to_dict(), result)[1]
+    assert all(any(line.startswith(start) for line in said) for start in corrected_to)
+    if not told:
+        assert [e.moved for e in result.encoders] == ["sw1", "sw2", "level"]
+        assert any("deg: sw1 -49.5  sw2 +0.0  level +0.0" in line for line in bench.shown)
+        assert [e.turned_deg for e in result.encoders] == pytest.approx([49.5, 49.5, 5.5], abs=0.01)
+        assert said == []
 
 
 def test_what_moves_is_shown_while_it_moves() -> None:

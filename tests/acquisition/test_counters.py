@@ -61,3 +61,14 @@ def test_rests_are_the_stretches_that_keep_their_count(column: list[float]) -> N
             stretches.append([i])
     want = [[s[0], s[-1]] for s in stretches if time_s[s[-1]] - time_s[s[0]] >= 0.3]
     assert rests(time_s, recorded, 0.3).tolist() == want
+
+
+def test_an_absolute_code_of_zero_is_no_beginning_anew() -> None:
+    """Behind a pause, or in a hurry, an encoder may come upon its code 0 from anywhere; a code just below a turn is none that it has."""
+    field = CounterField("sw1", 0x187, ALL_BITS, False, 0, 32, "little", False, 4096)
+    counter, events = CounterState(field, max_rate=40_960.0, wraps_later=True, codes=True), EventLog()
+    values, time_s = np.array([1000, 1001, 0, 3000, 2999]), np.array([0.0, 0.01, 5.0, 9.0, 9.01])
+    shown = counter.shown(counter.advance(values, time_s, np.arange(5), events))
+    np.testing.assert_array_equal(shown, values)
+    assert "reset" not in events.tally
+    np.testing.assert_array_equal(counter.shown(np.array([-1e-17, 4095.5, 4096.25])), [0.0, 4095.5, 0.25])
