@@ -57,7 +57,8 @@ _CHANNELS = [
     "tests/observation/test_solver.py",
     "tests/observation/test_runs_of_sensors.py",
 ]
-_ESTIMATED = ["tests/estimation/test_least_squares.py", "tests/estimation/test_judging.py"]
+_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging")]
+_STRAIGHT = ["tests/lcoordinate/test_straight.py", "-k", "not forty and not monodromy"]
 _KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
 _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
@@ -74,6 +75,17 @@ CORE = {
     "kernels/zone_six.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
     "kernels/zone_redundant.py": ["tests/accuracy/test_redundant_zone.py"],
     "lcoordinate/singularity.py": ["tests/lcoordinate/test_singularity.py"],
+    "lcoordinate/architecture.py": ["tests/lcoordinate/test_architecture.py"],
+    "lcoordinate/certified.py": _STRAIGHT,
+    "lcoordinate/levers.py": ["tests/lcoordinate/test_levers.py"],
+    "lcoordinate/pluecker.py": ["tests/lcoordinate/test_links.py", "tests/lcoordinate/test_singularity.py"],
+    "lcoordinate/singular.py": ["tests/lcoordinate/test_links.py"],
+    "lcoordinate/starts.py": _STRAIGHT,
+    "lcoordinate/straight.py": _STRAIGHT,
+    "lcoordinate/structures.py": ["tests/lcoordinate/test_structures.py", "tests/lcoordinate/test_architecture.py"],
+    "lcoordinate/study.py": _STRAIGHT,
+    "lcoordinate/tetrahedra.py": _STRAIGHT,
+    "lcoordinate/workspace.py": ["tests/lcoordinate/test_workspace.py", "-k", "not led"],
     "lcoordinate/intervals.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/flat.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/bounds.py": ["tests/lcoordinate/test_workspace.py"],
@@ -85,6 +97,11 @@ CORE = {
     "estimation/deletion.py": _ESTIMATED,
     "estimation/robust.py": _ESTIMATED,
     "estimation/explanations.py": _ESTIMATED,
+    "estimation/problem.py": _ESTIMATED,
+    "estimation/exchange.py": ["tests/estimation/test_exchange.py"],
+    "estimation/information.py": ["tests/estimation/test_exchange.py"],
+    "estimation/observability.py": ["tests/estimation/test_observability.py"],
+    "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
     "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
     "calibration/unknowns.py": [
@@ -391,6 +408,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--files", nargs="+", default=[""], help="parts of names, such as iso9283 or kernels/cable")
     parser.add_argument("--sample", type=int, help="so many of each file, chosen by the seed; default all")
+    parser.add_argument("--together", type=int, help="so many of all files together: what tests see of the core as a whole")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--limit-s", type=float, default=600.0, help="longest time of a file's tests")
     parser.add_argument("--again", action="store_true", help="only what survived by the report that stands")

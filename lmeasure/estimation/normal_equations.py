@@ -60,13 +60,15 @@ def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Op
     for _ in range(STEPS):
         normal = information + np.diag(prior)
         size = 1.0 / np.sqrt(np.diag(normal))
-        scaled = normal * np.outer(size, size) + damping * np.eye(len(size))
-        step = size * np.linalg.solve(scaled, size * (jacobian.T @ residuals - prior * theta))
-        # how far it goes in standard uncertainties
+        scaled, downhill = normal * np.outer(size, size), size * (jacobian.T @ residuals - prior * theta)
+        step = size * np.linalg.solve(scaled, downhill)
+        # how far the whole step goes in standard uncertainties: one made short by damping says nothing of that
         if float(step @ normal @ step) < SMALL**2:
             theta, converged, at = theta + step, True, problem.shifted(at, step)
             residuals = residuals - jacobian @ step
             break
+        if damping > 0.0:
+            step = size * np.linalg.solve(scaled + damping * np.eye(len(size)), downhill)
         tried = problem.linearised(theta + step)
         r, j = problem.whitened(tried)
         then = float(r @ r + (theta + step) @ (prior * (theta + step)))

@@ -1,13 +1,16 @@
 """Problems that have nothing to do with cables."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from lmeasure.estimation import Nuisance, Parameters, Problem
 
 FloatArray = NDArray[np.float64]
+Function = Callable[[FloatArray], FloatArray]
 
 
 class Circle(Problem):
@@ -119,3 +122,60 @@ class Stations(Problem):
     def covariance(self, theta: FloatArray) -> FloatArray:
         same = self.station[:, None] == self.station
         return self.u**2 * (np.eye(len(self.target)) + self.since_first * same)
+
+
+class Curve(Problem):
+    """Residuals (e,) that err by one each, by a function of values (p,) in prior widths from nominal ones, and its derivatives (e, p). With
+    beside there is a place too, of which nothing is known before and which two more residuals tell; values do not hang on it."""
+
+    def __init__(self, of: Function, by: Function, nominal: FloatArray, *, beside: bool = False) -> None:
+        self.parameters = Parameters(tuple(f"curve.{i}" for i in range(len(nominal))), nominal, np.ones(len(nominal)))
+        self.of, self.by, self.beside = of, by, beside
+        if beside:
+            self.nuisance = Nuisance(1, ("place",), np.zeros(len(of(nominal)) + 2, np.int64), np.zeros(0, np.int64))
+
+    def residuals(self, theta: FloatArray) -> FloatArray:
+        r = self.of(theta[: self.own])
+        return np.r_[r, theta[-1] - 3.0, theta[-1] - 3.0] if self.beside else r
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        J = self.by(theta[: self.own])
+        return scipy.linalg.block_diag(J, np.ones((2, 1))) if self.beside else J
+
+    def covariance(self, theta: FloatArray) -> FloatArray:
+        return np.eye(len(self.residuals(theta)))
+
+
+class Tied:
+    """The gauge of stations in a plane: nothing tells how the whole is shifted and turned, so the first station is put where it
+    nominally is and the second one in the direction that it nominally has from there."""
+
+    def __init__(self, problem: Stations, *, keeps_prior: bool = False) -> None:
+        self.problem, self.keeps_prior = problem, keeps_prior
+        self.at = np.r_[np.zeros(problem.own), problem.nominal.targets.reshape(-1)]
+        way = problem.nominal.stations[1] - problem.nominal.stations[0]
+        self.normal = np.array([-way[1], way[0]]) / np.linalg.norm(way)
+
+    @property
+    def conditions(self) -> FloatArray:
+        """(3, P) of small changes."""
+        C = np.zeros((3, len(self.at)))
+        C[0, 0] = C[1, 1] = 1.0
+        C[2, :4] = np.r_[-self.normal, self.normal]
+        return C
+
+    def motions(self, theta: FloatArray) -> FloatArray:
+        points = (self.at + theta).reshape(-1, 2)
+        turn = np.column_stack([-points[:, 1], points[:, 0]])
+        return np.column_stack([np.tile([1.0, 0.0], len(points)), np.tile([0.0, 1.0], len(points)), turn.reshape(-1)])
+
+    def settled(self, theta: FloatArray) -> FloatArray:
+        points, first, second = (self.at + theta).reshape(-1, 2), *self.problem.nominal.stations[:2]
+        (x, y), (to_x, to_y) = points[1] - points[0], second - first
+        angle = np.arctan2(to_y, to_x) - np.arctan2(y, x)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return np.asarray(((points - points[0]) @ turn.T + first).reshape(-1) - self.at)
+
+    def projection(self, theta: FloatArray) -> FloatArray:
+        G, C = self.motions(theta), self.conditions
+        return np.eye(len(theta)) - G @ np.linalg.solve(C @ G, C)

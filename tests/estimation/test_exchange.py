@@ -1,16 +1,21 @@
 """Which measurements to make: updates against the criterion itself, the search against trying everything, sums against covariances."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from problems import Line, Readings
 
 from lmeasure.estimation import fit
 from lmeasure.estimation.exchange import Criterion, Numbered, empty, grown, improved, ordered
 from lmeasure.estimation.information import blocks, estimated_covariance, parameter_information
+
+FloatArray = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("kind", ["I", "G", "D"])
@@ -65,3 +70,69 @@ def test_information_of_readings_that_share_an_error_is_the_estimators() -> None
     covariance, rank = estimated_covariance(parameter_information(np.einsum("nmq,nmr->qr", A, A), 2))
     assert rank == found.rank == 2
     np.testing.assert_allclose(covariance * np.outer(width, width), found.covariance, rtol=1e-9)
+
+
+@dataclass(frozen=True)
+class OnALine:
+    """Places at which a parabola may be read, from -1 to 1 and coarsely spaced, by an instrument of so much gain."""
+
+    gain: float = 1.0
+
+    @property
+    def pool(self) -> FloatArray:
+        return np.array([-1.0, -0.7, -0.3, 0.2, 0.6, 1.0])[:, None]
+
+    @property
+    def told(self) -> FloatArray:
+        return self.blocks(self.pool)
+
+    def blocks(self, points: FloatArray) -> FloatArray:
+        return self.gain * np.vander(points[:, 0], 3, increasing=True)[:, None, :]
+
+    def apart(self, tried: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(~np.isclose(tried, points[:, 0]).any(axis=1))
+
+    def beside(self, point: FloatArray) -> FloatArray:
+        return np.clip(point[0] + np.array([-0.1, 0.1]), -1.0, 1.0)[:, None]
+
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable["OnALine"]:
+        return () if near else (OnALine(0.5), OnALine(3.0), OnALine(2.0))
+
+
+def test_places_beside_and_what_all_hang_on_are_tried_too() -> None:
+    """The best three places for a parabola are the ends and the middle (Atkinson, Donev and Tobias 2007, 11.2), two steps from the nearest
+    candidate; and the best of the instruments."""
+    criterion = Criterion("D", np.eye(3))
+    design = grown(empty(OnALine(), 1e-9 * np.eye(3)), 3, criterion, np.random.default_rng(0))
+    assert set(design.points[:, 0]) == {-1.0, 1.0, 0.2}
+    better = improved(design, criterion, np.random.default_rng(0))
+    np.testing.assert_allclose(np.sort(better.points[:, 0]), [-1.0, 0.0, 1.0], atol=1e-12)
+    assert better.candidates.gain == 3.0
+    # det of the information: the square of the Vandermonde determinant and of the gain
+    np.testing.assert_allclose(np.linalg.det(better.information), 4.0 * 3.0**6, rtol=1e-6)
+
+
+def test_worth_an_exchange_is_what_makes_the_criterion_less() -> None:
+    """Variances by their ratio, logarithms of a determinant by their difference."""
+    by_variance, by_determinant = Criterion("I", np.eye(2)), Criterion("D", np.eye(2))
+    assert by_variance.better(0.9, 1.0)
+    assert not by_variance.better(1.0, 1.0)
+    assert not by_variance.better(0.99999, 1.0)
+    assert by_determinant.better(-5.1, -5.0)
+    assert not by_determinant.better(-5.0, -5.0)
+    assert not by_determinant.better(-5.00001, -5.0)
+
+
+def test_numbered_candidates_are_what_their_numbers_say() -> None:
+    told = np.random.default_rng(2).normal(size=(3, 1, 2))
+    design = grown(empty(Numbered(told), np.eye(2)), 2, None, np.random.default_rng(1))
+    other = Numbered(told[::-1])
+    moved = design.of(other)
+    np.testing.assert_array_equal(moved.points, design.points)
+    np.testing.assert_array_equal(moved.blocks, told[2 - design.points[:, 0].astype(int)])
+
+
+def test_what_data_tell_less_of_than_the_prior_keeps_its_width() -> None:
+    covariance, rank = estimated_covariance(np.diag([100.0, 0.5]))
+    np.testing.assert_allclose(covariance, np.diag([0.01, 1.0]))
+    assert rank == 1
