@@ -1,5 +1,6 @@
 """A calibration campaign: a nominal rig, reference poses of the robot, and what the counters showed there."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,9 @@ from lmeasure.calibration_record import Input
 from lmeasure.checked import gathered
 from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
-from lmeasure.lengths import counts_from_poses
+from lmeasure.lengths import ARM_MM, counts_from_poses
 from lmeasure.poses import Poses, joined, read_poses
-from lmeasure.rig import Cable, Drum, Rig, read_rig
+from lmeasure.rig import AngleEncoder, Cable, Drum, Observed, Rig, Turned, read_rig
 from lmeasure.zeroing import zeroed_exactly
 
 _REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
@@ -27,13 +28,14 @@ STILL_MM = 1.0  # beyond it the counts of a dwell are not of a robot that stands
 class Campaign:
     """Counts at reference poses.
 
-    poses (n); cables (m) that were measured; counts (n, m) true counts k decoded with the nominal sign and scale, NaN where a pose was
-    not counted; zero (m,) index of the pose at which each cable's counter was zeroed.
+    poses (n); cables (m) that were measured, and behind them the encoders of angles that were read; counts (n, m) true counts k decoded
+    with the nominal sign and scale, those of absolute encoders modulo a revolution, NaN where a pose was not counted; zero (m,) index of
+    the pose at which each counter was zeroed, of no meaning to absolute ones.
     """
 
     rig: Rig
     poses: Poses
-    cables: tuple[Cable, ...]
+    cables: tuple[Observed, ...]
     counts: FloatArray
     zero: IntArray
     inputs: tuple[Input, ...] = ()
@@ -59,6 +61,21 @@ class Campaign:
         return np.arange(len(self.poses)) if self.reference is None else self.reference
 
     @property
+    def drums(self) -> tuple[Cable, ...]:
+        """The cables alone: the first channels."""
+        return tuple(c for c in self.cables if isinstance(c, Cable))
+
+    @property
+    def from_zero(self) -> BoolArray:
+        """(m,) whether a channel counts from its zero pose; absolute encoders do not."""
+        return np.array([self.rig.counter(c).codes is None for c in self.cables], dtype=np.bool_)
+
+    @property
+    def mm_per_unit(self) -> FloatArray:
+        """(m,) what makes residuals of all channels millimetres: those of angles are what they are at `ARM_MM`."""
+        return np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in self.cables])
+
+    @property
     def zero_variances(self) -> FloatArray:
         """(m,) variances of what the zero poses' readings are off [recorded counts^2].
 
@@ -69,7 +86,8 @@ class Campaign:
         """
         if self.zero_variance is not None:
             return self.zero_variance
-        return np.where(zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0), 0.0, 1.0 / 12.0)
+        known = zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0)
+        return np.where(known | ~self.from_zero, 0.0, 1.0 / 12.0)
 
     @property
     def zero_readings(self) -> IntArray:
@@ -86,8 +104,8 @@ class Campaign:
     @property
     def used(self) -> BoolArray:
         """(n, m) True where a count gives an equation: counted, and not the cable's own zero pose."""
-        mask = np.isfinite(self.counts)
-        mask[self.zero, np.arange(len(self.cables))] = False
+        mask, since = np.isfinite(self.counts), np.flatnonzero(self.from_zero)
+        mask[self.zero[since], since] = False
         return mask
 
 
@@ -174,9 +192,13 @@ def read_campaign(folder: Path) -> Campaign:
     if lost:
         raise gathered(str(path), [f"{path}:{line}: pose: {name!r} is not in reference_poses.csv" for line, name in lost])
     passage = table.numbers("pass") if "pass" in table.columns else np.ones(len(names))
-    cables = tuple(c for c in rig.cable if c.passage in set(passage.tolist()))
-    if not cables:
+    measured = tuple(c for c in rig.observed if c.passage in set(passage.tolist()))
+    if not any(isinstance(c, Cable) for c in measured):
         raise FileFormatError(f"{path}: no cable of the rig belongs to pass {passage[0]:g}")
+    # a drum without a column is an error; what an encoder shows is more than what was always needed
+    cables = tuple(c for c in measured if isinstance(c, Cable) or c.channel in table.columns)
+    unread = dict.fromkeys(c.channel for c in measured if c not in cables)
+    notes = tuple(f"encoder {channel}: counts.csv has no column of it; nothing is told of it" for channel in unread)
     pose_of = np.array([index[name] for name in names])
     visit_of = _visits(pose_of, passage)
     stated = files.read_table(folder / "reference_poses.csv")
@@ -191,12 +213,15 @@ def read_campaign(folder: Path) -> Campaign:
     for j, c in enumerate(cables):
         recorded = table.numbers(c.channel, gaps=True)
         rows = np.flatnonzero(passage == c.passage)
-        drum = rig.point(c.from_point).drum
+        drum = rig.counter(c)
         readings = {}
         for i in dict.fromkeys(place[visit_of[row], pose_of[row]] for row in rows.tolist()):
             own = [row for row in rows.tolist() if place[visit_of[row], pose_of[row]] == i and np.isfinite(recorded[row])]
             if own:
-                readings[i] = _dwell(recorded[own], drum, f"{path}:{own[0] + 2}: channel {c.channel}")
+                what = f"{path}:{own[0] + 2}: channel {c.channel}"
+                if drum.codes is not None and not ((recorded[own] >= 0) & (recorded[own] < drum.codes)).all():
+                    raise FileFormatError(f"{what}: {recorded[own[0]]:g} is no code of an absolute encoder of 0 .. {drum.codes - 1}")
+                readings[i] = _dwell(recorded[own], drum, what)
                 counted[i, j] = own[0]
                 if warm is not None:
                     temperature[i, j] = warm[own].mean()
@@ -206,6 +231,8 @@ def read_campaign(folder: Path) -> Campaign:
             variance[i, j] = mean_variance(scatter, len(values))
             dwelt = dwelt or len(values) > 1
         zero[j] = place[visit_of[rows[0]], pose_of[rows[0]]]
+        if drum.codes is not None:
+            continue
         read = readings.get(int(zero[j]), np.zeros(1))
         if not (drum.zero_exact and not read.any()) or (scatter > 0.0 and len(read) > 1):
             at_zero[j] = variance[zero[j], j]
@@ -218,6 +245,7 @@ def read_campaign(folder: Path) -> Campaign:
         counts,
         zero,
         inputs,
+        notes,
         temperature_c=None if warm is None else temperature,
         dwell_variance=variance if dwelt else None,
         zero_variance=at_zero if dwelt else None,
@@ -254,13 +282,14 @@ def _temperatures(stated: files.Table, counts: files.Table, pose_of: IntArray) -
     return values
 
 
-def _dwell(recorded: FloatArray, drum: Drum, what: str) -> FloatArray:
+def _dwell(recorded: FloatArray, drum: Drum | AngleEncoder, what: str) -> FloatArray:
     """The readings of one dwell, a wrap among them undone; FileFormatError where the robot cannot have stood still."""
     change = recorded - recorded[0]
-    if drum.counter_bits is not None:
-        full = 2.0**drum.counter_bits
+    full = drum.codes if drum.codes is not None else None if drum.counter_bits is None else 2.0**drum.counter_bits
+    if full is not None:
         change = change - full * np.rint(change / full)
-    moved = float(change.max() - change.min()) * drum.count_length_mm / drum.scale
+    at_mm = 1.0 if isinstance(drum, Drum) else ARM_MM
+    moved = float(change.max() - change.min()) * drum.per_count / drum.scale * at_mm
     if moved > STILL_MM:
         raise FileFormatError(
             f"{what}: moves {moved:.3g} mm between readings of one dwell; a robot that stands still moves less than {STILL_MM:g}"
@@ -332,6 +361,9 @@ def _checked(campaign: Campaign, path: Path) -> Campaign:
         counted = int(np.isfinite(campaign.counts[:, j]).sum())
         if counted < MIN_POSES:
             raise CalibrationError(f"{path}: channel {c.channel} is counted at {counted} pose(s); {MIN_POSES} are the least")
+        if isinstance(c, Turned):
+            _check_turning(campaign, j, f"{path}: channel {c.channel}")
+            continue
         if campaign.counts[:, j][campaign.used[:, j]].any():
             continue
         drum = campaign.rig.point(c.from_point).drum
@@ -347,6 +379,26 @@ def _checked(campaign: Campaign, path: Path) -> Campaign:
             )
         notes.append(f"channel {c.channel}: all its counts are zero; its cable is taken to have kept its length")
     return replace(campaign, notes=(*campaign.notes, *notes)) if notes else campaign
+
+
+LEAST_TURN = math.radians(1.0)
+
+
+def _check_turning(campaign: Campaign, j: int, what: str) -> None:
+    """CalibrationError where an encoder shows one count alone, and should turn by the nominal rig."""
+    if np.nanmax(campaign.counts[:, j]) > np.nanmin(campaign.counts[:, j]):
+        return
+    try:
+        turn = (
+            float(np.ptp(_predicted(campaign, j)[np.isfinite(campaign.counts[:, j])])) * campaign.rig.counter(campaign.cables[j]).per_count
+        )
+    except GeometryError:
+        return
+    if turn > LEAST_TURN:
+        raise CalibrationError(
+            f"{what} does not move: all its counts are {np.nanmax(campaign.counts[:, j]):g}, where the nominal rig has its angle change by "
+            f"{math.degrees(turn):.3g} deg; leave its column out if the encoder is dead"
+        )
 
 
 def _predicted(campaign: Campaign, j: int) -> FloatArray:
@@ -365,7 +417,7 @@ def _unwrapped(campaign: Campaign) -> Campaign:
     counts = campaign.counts.copy()
     notes = []
     for j, c in enumerate(campaign.cables):
-        drum = campaign.rig.point(c.from_point).drum
+        drum = campaign.rig.counter(c)
         if drum.counter_bits is None or drum.counter_bits > 32:
             continue
         full = 2.0**drum.counter_bits / drum.scale

@@ -18,7 +18,7 @@ from lmeasure.calibration.solve import Calibration
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.observation.parameters import PLACE, parameter_names, value_of
+from lmeasure.observation.parameters import ENCODER_ZERO, PLACE, parameter_names, value_of
 from lmeasure.rig import Cable, Rig, read_rig
 
 SIGNIFICANT = 0.01
@@ -163,8 +163,8 @@ def _tested(name: str, z: FloatArray, covariances: tuple[FloatArray, FloatArray]
 def _lengths(old: Earlier, new: Calibration, seed: int) -> tuple[tuple[LengthShift, ...], list[str]]:
     campaign = new.campaign
     earlier = {(c.from_point, c.to_point, c.passage) for c in old.rig.cable}
-    cables = tuple(c for c in campaign.cables if (c.from_point, c.to_point, c.passage) in earlier)
-    dropped = [c.name for c in campaign.cables if c not in cables]
+    cables = tuple(c for c in campaign.drums if (c.from_point, c.to_point, c.passage) in earlier)
+    dropped = [c.name for c in campaign.drums if c not in cables]
     if not cables:
         return (), dropped
     rows = np.vstack([campaign.poses.rows[campaign.zero[0]], workspace(campaign, seed)])
@@ -226,7 +226,9 @@ def _width(old: CalibrationRecord, new: CalibrationRecord, name: str) -> float:
 
 
 def _known(rig: Rig, name: str) -> bool:
-    owner = name.rsplit(".", 1)[0]
+    owner, key = name.rsplit(".", 1)
+    if key == ENCODER_ZERO:
+        return owner in {e.channel for e in rig.encoders}
     return owner.removeprefix("tool.") in (rig.tool if owner.startswith("tool.") else {p.name for p in rig.observation_point})
 
 

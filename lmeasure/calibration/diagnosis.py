@@ -16,6 +16,7 @@ from lmeasure import conventions, se3
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration_record import Finding
 from lmeasure.estimation import Fit
+from lmeasure.rig import Cable
 
 Judge = Callable[[Campaign, str], Fit]
 """The best fit of one observation point to a campaign, with the prior on every direction."""
@@ -147,7 +148,8 @@ def _swaps(campaign: Campaign, suspects: list[str]) -> Iterator[Hypothesis]:
     cables = [j for j, c in enumerate(campaign.cables) if c.from_point in suspects]
     for i, j in combinations(cables, 2):
         a, b = campaign.cables[i], campaign.cables[j]
-        if a.passage != b.passage:
+        # a drum's counts and an encoder's codes are nothing alike
+        if a.passage != b.passage or isinstance(a, Cable) != isinstance(b, Cable):
             continue
         counts = campaign.counts.copy()
         counts[:, [i, j]] = counts[:, [j, i]]
@@ -160,7 +162,9 @@ def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
     for j, c in enumerate(campaign.cables):
         if c.from_point != point:
             continue
-        for factor in (*SCALES, -1.0, *(-s for s in SCALES)):
+        # codes that are modulo a revolution have no other scale
+        drawn = isinstance(c, Cable)
+        for factor in (*SCALES, -1.0, *(-s for s in SCALES)) if drawn else (-1.0,):
             counts = campaign.counts.copy()
             counts[:, j] /= factor
             read = f"at scale {factor:g}, not at the rig's" if factor > 0 else "with the other sign"
@@ -168,7 +172,7 @@ def _channels(campaign: Campaign, point: str) -> Iterator[Hypothesis]:
             text = f"channel {c.channel}: its counts fit when it is decoded {read}"
             yield Hypothesis("scale" if factor > 0 else "sign", text, (point,), replace(campaign, counts=counts), c.channel, factor)
         for other in campaign.rig.tool:
-            if other != c.to_point:
+            if isinstance(c, Cable) and other != c.to_point:
                 cables = list(campaign.cables)
                 cables[j] = c.model_copy(update={"to_point": other})
                 text = f"channel {c.channel}: its counts fit when cable {c.name} is tied to {other}, not to {c.to_point}"

@@ -11,6 +11,7 @@ from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.unknowns import Model, unknowns_of
 from lmeasure.estimation.explanations import Explanation, Key
 from lmeasure.observation.parameters import GROUPS, group_names
+from lmeasure.rig import Cable
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Otherwise:
             if name == "stated":
                 noise = noise.times(math.sqrt(1.0 + u**2))
             elif name == "length":
-                own = np.array([channel in (None, c.channel) for c in model.campaign.cables])
+                own = np.array([channel == c.channel or (channel is None and isinstance(c, Cable)) for c in model.campaign.cables])
                 noise = noise.with_lengths(np.where(own, u, 0.0))
             else:
                 noise = noise.widened(0.0 if name == "rotation" else u, 0.0 if name == "position" else u / arm_mm(model))
@@ -78,17 +79,17 @@ def pose_errors(model: Model, theta: FloatArray) -> FloatArray:
 def arm_mm(model: Model) -> float:
     """Distance of the attachment points from the tool's origin, root mean square: a turn by 1/arm moves them like a shift of 1 mm."""
     tool = model.campaign.rig.tool
-    size = float(np.sqrt(np.mean([np.sum(np.square(tool[c.to_point])) for c in model.campaign.cables])))
+    size = float(np.sqrt(np.mean([np.sum(np.square(tool[c.to_point])) for c in model.campaign.drums])))
     return size if size > 0.0 else 1.0
 
 
 def _length_errors(model: Model, cables: IntArray) -> FloatArray:
-    """(e, c) of independent errors of each length of the cables; that at the zero pose is in every residual of its cable."""
+    """(e, c) of independent errors of each reading of the channels; that at the zero pose is in every residual of its channel."""
     own = np.isin(model.cable_index, cables)
-    zero = (model.cable_index[:, None] == cables).astype(np.float64)
+    zero = (model.cable_index[:, None] == cables[model.campaign.from_zero[cables]]).astype(np.float64)
     return np.hstack([np.diag(own.astype(np.float64))[:, own], zero])
 
 
 def every_length(model: Model) -> Explanation:
     """All cables' lengths err on their own, alike."""
-    return Explanation("length", _length_errors(model, np.arange(len(model.campaign.cables))), lasting=True)
+    return Explanation("length", _length_errors(model, np.arange(len(model.campaign.drums))), lasting=True)

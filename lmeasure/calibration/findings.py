@@ -22,9 +22,10 @@ def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable]
     out = []
     for owner in dict.fromkeys(u.point for u in silent):
         own = [u for u in silent if u.point == owner]
-        cables = [j for j, c in enumerate(campaign.cables) if owner in (c.from_point, f"tool.{c.to_point}")]
-        equations = int(np.isin(model.cable_index, cables).sum())
-        share = float(np.sqrt(np.mean(by_prior.length_mm[:, cables] ** 2)))
+        seen = [j for j, c in enumerate(campaign.cables) if owner in (c.from_point, f"tool.{c.to_point}", c.channel)]
+        equations = int(np.isin(model.cable_index, seen).sum())
+        cables = [j for j in seen if j < len(campaign.drums)]
+        share = float(np.sqrt(np.mean(by_prior.length_mm[:, cables] ** 2))) if cables else 0.0
         text = (
             f"{owner}: {equations} equations leave {len(own)} of {len(model.parameters.of(owner))} unknowns undetermined; there the "
             f"nominal rig's priors decide ({share:.4f} mm rms of the predicted lengths)"
@@ -35,7 +36,7 @@ def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable]
 
 def unknown_temperature(campaign: Campaign) -> list[Finding]:
     """A rig that says how it grows, and counts that do not say how warm it was."""
-    effects = effects_of(campaign.rig, campaign.cables)
+    effects = effects_of(campaign.rig, campaign.drums)
     if effects is None or not effects.thermal or campaign.temperature_c is not None:
         return []
     text = f"the rig states expansions and no file a temperature_c: {effects.reference_c:g} deg C is taken, the rig's reference"

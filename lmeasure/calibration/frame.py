@@ -11,15 +11,19 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.unknowns import Frame, Model
+from lmeasure.encoder_table import Inclination
 from lmeasure.estimation import Parameters
 from lmeasure.kernels.cable import guide_direction
-from lmeasure.observation.parameters import GUIDE, PLACE
+from lmeasure.observation.parameters import GUIDE, PLACE, zero_name
+from lmeasure.observation.wrap import guide as guide_frame
+from lmeasure.rig import Turned
 
 MAX_STEPS = 50
 SETTLED = 1e-12
@@ -47,8 +51,8 @@ class Chosen:
         return self.frame == "rig"
 
     def motions(self, theta: FloatArray) -> FloatArray:
-        """(P, 6) `motions`."""
-        return motions(self.model, theta)
+        """(P, g) `motions`."""
+        return motions(self.model, theta) @ free_motions(self.model)
 
     def settled(self, theta: FloatArray) -> FloatArray:
         """(P,) `in_frame`."""
@@ -63,9 +67,38 @@ def _places(model: Model) -> tuple[FloatArray, FloatArray]:
     """(q, 3) indices of the coordinates of the observation points, and (q, 2) of their guide angles, among the unknowns; both are
     solved for."""
     at = {name: i for i, name in enumerate(model.parameters.names)}
-    points = dict.fromkeys(c.from_point for c in model.campaign.cables)
+    points = dict.fromkeys(c.from_point for c in model.campaign.drums)
     place, guide = (np.array([[at[f"{p}.{key}"] for key in keys] for p in points]) for keys in (PLACE, GUIDE))
     return place, guide
+
+
+def _zeros(model: Model) -> tuple[IntArray, IntArray]:
+    """(s,) indices of the zeros of swivels among the unknowns, and (s, 2) of the guide angles that each is counted from."""
+    at = {name: i for i, name in enumerate(model.parameters.names)}
+    every = {zero_name(c): c.from_point for c in model.campaign.cables if isinstance(c, Turned) and c.from_point}
+    found = [(at[name], [at[f"{point}.{key}"] for key in GUIDE]) for name, point in every.items() if name in at]
+    return np.array([i for i, _ in found], dtype=np.int64), np.array([g for _, g in found], dtype=np.int64).reshape(len(found), 2)
+
+
+def free_motions(model: Model) -> FloatArray:
+    """(6, g) which of the turns about the base axes and shifts no residual says anything of: all; but an encoder that knows where up is
+    leaves only the turns about that, an inclinometer or a swivel whose zero is exact."""
+    names, ways = model.parameters.names, []
+    for c in model.campaign.cables:
+        if isinstance(c, Turned) and isinstance(c.encoder, Inclination):
+            ways.append(np.array(c.encoder.up) / np.linalg.norm(c.encoder.up))
+        elif isinstance(c, Turned) and c.encoder.absolute and zero_name(c) not in names:
+            ways.append(np.array([0.0, 0.0, 1.0]))
+    if not ways:
+        return np.eye(6)
+    held = np.vstack([np.eye(3) - np.outer(way, way) for way in ways])
+    return scipy.linalg.block_diag(scipy.linalg.null_space(held, rcond=1e-6), np.eye(3))
+
+
+def _turned_zeros(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    """(s, 3) derivatives of swivels' zeros [rad] by turns of everything about the base axes [rad]. The turn twists a guide's frame by w.u
+    about u, its angles alone by -sin(alpha) dbeta (`kernels.angles`); the reading stays what it was, so the zero follows the difference."""
+    return np.stack([-np.sin(beta) / np.cos(alpha), -np.cos(beta) / np.cos(alpha), np.zeros_like(beta)], axis=1)
 
 
 def _turned_guides(alpha: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -83,6 +116,8 @@ def motions(model: Model, theta: FloatArray) -> FloatArray:
     out[place] = se3.at_points(theta[place])[:, 3:]
     for i, by_turn in enumerate(_turned_guides(*np.radians(theta[guide]).T)):
         out[guide[:, i], :3] = np.degrees(by_turn)
+    zeros, of = _zeros(model)
+    out[zeros, :3] = np.degrees(_turned_zeros(*np.radians(theta[of]).T))
     rows, shifts = model.poses(theta), model.shifts(theta)
     every = np.zeros((len(rows), 6, 6))
     every[:, :3, :3] = np.degrees(np.linalg.inv(se3.left_jacobians(shifts[:, :3])))
@@ -97,11 +132,16 @@ def moved(model: Model, theta: FloatArray, move: FloatArray) -> FloatArray:
     out = theta.copy()
     place, guide = _places(model)
     out[place] = turn.apply(theta[place]) + shift
+    zeros, of = _zeros(model)
+    before = [guide_frame(*np.radians(theta[own])) for own in of]
     for a, b in guide:
         u = turn.apply(guide_direction(math.radians(theta[a]), math.radians(theta[b])))
         alpha, beta = math.degrees(math.asin(max(-1.0, min(1.0, u[2])))), math.degrees(math.atan2(-u[0], -u[1]))
         # on the branch of what it was
         out[a], out[b] = alpha, beta + 360.0 * round((theta[b] - beta) / 360.0)
+    for zero, own, frame in zip(zeros, of, before, strict=True):
+        carried, new = turn.apply(frame[1]), guide_frame(*np.radians(out[own]))
+        out[zero] += math.degrees(math.atan2(carried @ new[2], carried @ new[1]))
     rows, stated = model.poses(theta), model.campaign.poses.rows
     turned = (turn * se3.rotation(rows) * se3.rotation(stated).inv()).as_rotvec()
     every = np.column_stack([np.degrees(turned), turn.apply(rows[:, :3] + model.arms) + shift - model.arms - stated[:, :3]])
@@ -121,12 +161,12 @@ def _weights(model: Model, frame: Frame) -> FloatArray:
 
 def in_frame(model: Model, theta: FloatArray, frame: Frame) -> FloatArray:
     """The same rig and poses moved as a whole to where the weighted squared shifts are least (Gauss-Newton over the six motions)."""
-    root = np.sqrt(_weights(model, frame))
+    root, free = np.sqrt(_weights(model, frame)), free_motions(model)
     for _ in range(MAX_STEPS):
-        G = motions(model, theta) * root[:, None]
+        G = motions(model, theta) @ free * root[:, None]
         size = np.linalg.norm(G, axis=0)
         move = np.linalg.lstsq(G / size, -root * (theta - model.start))[0] / size
-        theta = moved(model, theta, move)
+        theta = moved(model, theta, free @ move)
         if float(np.linalg.norm(move * size)) < SETTLED * max(1.0, float(np.linalg.norm(root * (theta - model.start)))):
             break
     return theta
@@ -134,7 +174,8 @@ def in_frame(model: Model, theta: FloatArray, frame: Frame) -> FloatArray:
 
 def to_frame(model: Model, theta: FloatArray, frame: Frame) -> FloatArray:
     """(P, P) S-transformation of deviations of the unknowns theta, which lie in the frame, P = p + d n."""
-    G, C = motions(model, theta), condition(model, theta, frame)
+    free = free_motions(model)
+    G, C = motions(model, theta) @ free, free.T @ condition(model, theta, frame)
     return np.asarray(np.eye(len(theta)) - G @ np.linalg.solve(C @ G, C))
 
 
@@ -156,4 +197,10 @@ def condition(model: Model, theta: FloatArray, frame: Frame) -> FloatArray:
         s, c, t = np.sin(beta), np.cos(beta), np.tan(alpha)
         C[:2, guide[:, 0]] -= by_beta * (1.0 + t**2) * np.array([s, c])
         C[:2, guide[:, 1]] += by_alpha * np.array([s, c]) + by_beta * t * np.array([-c, s])
+        zeros, of = _zeros(model)
+        for zero, (a, b) in zip(away[zeros], of, strict=True):
+            alpha, beta = math.radians(theta[a]), math.radians(theta[b])
+            s, c, cos = math.sin(beta), math.cos(beta), math.cos(alpha)
+            C[:2, a] -= zero * math.tan(alpha) / cos * np.array([s, c])
+            C[:2, b] += zero / cos * np.array([-c, s])
     return np.asarray(C)

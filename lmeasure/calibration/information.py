@@ -17,9 +17,9 @@ from lmeasure.calibration.unknowns import Model, unknowns_of
 from lmeasure.estimation import Parameters
 from lmeasure.estimation.information import blocks
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import count_variance, counts_from_poses
+from lmeasure.lengths import ARM_MM, count_variance, counts_from_poses
 from lmeasure.poses import poses_from_rows
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Cable, Observed, Rig
 from lmeasure.zeroing import phase_columns
 
 
@@ -40,21 +40,25 @@ class Instrument:
     anew in every pass. Everything is linearised at the rig's own values.
     """
 
-    def __init__(self, rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...], sigma: FloatArray, *, visit: FloatArray) -> None:
+    def __init__(self, rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...], sigma: FloatArray, *, visit: FloatArray) -> None:
         self.rig, self.cables, self.sigma, self.visit = rig.without_effects(), cables, sigma, visit
         self._passage = np.array([c.passage for c in cables])
         self.unknowns: Parameters = unknowns_of(self._campaign(np.zeros((0, 7)), np.zeros((0, 7)), np.zeros(0, np.int64), ()), solve)
-        self._variance = count_variance(rig, cables)
+        self._per_unit = np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in cables])
+        self._variance = count_variance(rig, cables) * self._per_unit**2
 
     def zero(self, row: FloatArray) -> Zero:
-        """All counters zeroed at one pose (7,), known as well as any other, each anywhere within a count unless its zero is exact."""
-        P = cable_kernels.span_rows(self.rig.cable_rows(self.cables), row)
-        phases = phase_columns(self.rig, self.cables)
+        """All counters zeroed at one pose (7,), known as well as any other, each anywhere within a count unless its zero is exact. Absolute
+        encoders count from no pose."""
+        since = np.array([self.rig.counter(c).codes is None for c in self.cables])
+        per_unit = np.where(since, self._per_unit, 0.0)[:, None]
+        P = cable_kernels.span_rows(self.rig.cable_rows(self.cables), row) * per_unit
+        phases = phase_columns(self.rig, self.cables) * per_unit
         anew = [np.where((self._passage == n)[:, None], P * self.visit, 0.0) for n in np.unique(self._passage) if self.visit.any()]
         shared = np.hstack([P * self.sigma, *anew, phases])
         return Zero(row[None, :], np.zeros(len(self.cables), np.int64), _root(shared @ shared.T)[1])
 
-    def _campaign(self, zeros: FloatArray, rows: FloatArray, of: IntArray, cables: tuple[Cable, ...]) -> Campaign:
+    def _campaign(self, zeros: FloatArray, rows: FloatArray, of: IntArray, cables: tuple[Observed, ...]) -> Campaign:
         """What the rig would count, not rounded, at the zero poses (z, 7) and then at rows (n, 7)."""
         every = np.ascontiguousarray(np.vstack([zeros, rows]))
         poses = poses_from_rows(every)
@@ -62,12 +66,14 @@ class Instrument:
             return Campaign(self.rig, poses, self.cables, np.zeros((0, len(self.cables))), np.zeros(len(self.cables), np.int64))
         kernel_rows = self.rig.cable_rows(cables)
         lengths = cable_kernels.span_lengths(kernel_rows, every)
-        counts = cable_kernels.counts_from_changes(kernel_rows, lengths - lengths[of, np.arange(len(cables))])
+        since = np.array([self.rig.counter(c).codes is None for c in cables])
+        begun = np.where(since, lengths[of, np.arange(len(cables))], 0.0)
+        counts = cable_kernels.counts_from_changes(kernel_rows, lengths - begun)
         counts[: len(zeros)] = np.nan
-        counts[of, np.arange(len(cables))] = 0.0
+        counts[of[since], np.flatnonzero(since)] = 0.0
         return Campaign(self.rig, poses, cables, counts, of)
 
-    def gradients(self, rows: FloatArray, zero: FloatArray, of: IntArray, cables: tuple[Cable, ...]) -> FloatArray:
+    def gradients(self, rows: FloatArray, zero: FloatArray, of: IntArray, cables: tuple[Observed, ...]) -> FloatArray:
         """(n, m, p) derivatives of modelled less measured changes [mm] at usable poses rows (n, 7), since the zero poses zero (z, 7) that
         of (m,) names, by the unknowns in units of their prior widths."""
         model = Model(self._campaign(zero, rows, of, cables), self.unknowns)
@@ -82,7 +88,10 @@ class Instrument:
         if not (self.sigma.any() or self.visit.any()):
             return blocks(A, self._variance)
         kernel_rows = self.rig.cable_rows(self.cables)
-        P = np.array([cable_kernels.span_rows(kernel_rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6)
+        P = (
+            np.array([cable_kernels.span_rows(kernel_rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6)
+            * self._per_unit[:, None]
+        )
         stated, anew = ((P * u**2) @ P.transpose(0, 2, 1) for u in (self.sigma, self.visit))
         V = np.diag(self._variance) + stated + np.where(self._passage[:, None] == self._passage, anew, 0.0)
         return blocks(A, V)

@@ -43,7 +43,7 @@ def begun_jointly(campaign: Campaign, rig: Parameters, free: tuple[int, ...], fr
     """The fit from the nominal rig with the prior on every direction; of orientations to begin with, where none is known, from the best."""
     starts = oriented(campaign, seed) if 0 in free and not campaign.poses.oriented else [campaign]
     models = [model_of(start, rig, free, frame) for start in starts]
-    return min(((m, fit(m, m.start, prior_everywhere=True)) for m in models), key=lambda found: found[1].objective)
+    return min(((m, fit(m, m.zeros_begun(m.start), prior_everywhere=True)) for m in models), key=lambda found: found[1].objective)
 
 
 def fitted_pose(model: Model, theta: FloatArray, pose: int, seed: int) -> FloatArray:
@@ -53,10 +53,11 @@ def fitted_pose(model: Model, theta: FloatArray, pose: int, seed: int) -> FloatA
     mine = model.pose_index == pose
     cables, now = model.cable_index[mine], model.poses(theta)[pose]
     rows = np.ascontiguousarray(model.cables(theta)[0][cables])
+    per_unit = model.campaign.mm_per_unit[cables]
     # what the free spans must measure there
-    length = span_lengths(rows, now[None])[0] - model.residuals(theta)[mine]
+    readings = span_lengths(rows, now[None])[0] - model.residuals(theta)[mine] / per_unit
     out = theta.copy()
-    out[own] = fit_pose(rows, length, model.campaign.poses.rows[pose], model.free, begun=theta[own], seed=seed)
+    out[own] = fit_pose(rows, per_unit, readings, model.campaign.poses.rows[pose], model.free, begun=theta[own], seed=seed)
     return out
 
 

@@ -11,6 +11,7 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.kernels import search
 from lmeasure.lengths import changes_from_counts
+from lmeasure.rig import Cable
 
 CANDIDATES_LOG2 = 13
 SWEEPS = 60
@@ -50,7 +51,7 @@ def point_data(campaign: Campaign, point: str) -> PointData:
     """The data of all cables that leave one observation point."""
     points, changes, zeroed = [], [], []
     for j, c in enumerate(campaign.cables):
-        if c.from_point != point:
+        if c.from_point != point or not isinstance(c, Cable):
             continue
         rows = np.concatenate([[campaign.zero[j]], np.flatnonzero(campaign.used[:, j])])
         points.append(campaign.poses.points(campaign.rig.tool[c.to_point])[rows])

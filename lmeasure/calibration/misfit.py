@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.explanations import Otherwise, arm_mm, every_length
 from lmeasure.calibration.noise import ASSUMED
 from lmeasure.calibration.unknowns import Model
@@ -14,6 +14,8 @@ from lmeasure.calibration_record import Finding
 from lmeasure.estimation import Fit
 from lmeasure.estimation.explanations import CHANCE, evidence, explained, improbable, settled
 from lmeasure.estimation.explanations import Explained as State
+from lmeasure.lengths import ARM_MM
+from lmeasure.rig import Cable
 
 DOUBTED = 0.02
 """Probability under which residuals raise no alarm, and yet lengths that err are reckoned with in what is measured."""
@@ -27,7 +29,7 @@ _OPTIONS = {"position": "--u-position-mm", "rotation": "--u-rotation-deg", "pose
 @dataclass(frozen=True)
 class Explained:
     """What residuals were put down to: the problem as it is solved now, its fit, findings; whether a noise level was estimated from the
-    residuals; u_length_mm (m,): what the lengths of each cable err by on their own, at other poses as here."""
+    residuals; u_length_mm (m,): what the lengths of each cable err by on their own, at other poses as here, and angles at `ARM_MM`."""
 
     model: Model
     fit: Fit
@@ -52,7 +54,7 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
         findings = [_estimated(state, name) for name in absent]
     if not (telling or improbable(found)):
         doubt = evidence(found, found.V).best(every_length(model))[0] if improbable(found, DOUBTED) else 0.0
-        return Explained(model, found, findings, False, np.full(len(model.campaign.cables), doubt))
+        return Explained(model, found, findings, False, np.where(_drawn(model), doubt, 0.0))
     if blamed:
         rms = _rms(found)
         text = f"residuals of {rms:.3g} mm rms exceed the noise; look first at what is named above ({', '.join(blamed)})"
@@ -63,6 +65,11 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     return _covered(state, [*findings, *_told(state, begun)], _rms(begun.fit))
 
 
+def _drawn(model: Model) -> BoolArray:
+    """(m,) which channels are cables."""
+    return np.array([isinstance(c, Cable) for c in model.campaign.cables], dtype=np.bool_)
+
+
 def _rms(found: Fit) -> float:
     return float(np.sqrt(np.mean(found.residuals**2)))
 
@@ -71,12 +78,12 @@ def _covered(state: State[Model], findings: list[Finding], before: float) -> Exp
     """What is left unexplained goes into the covariance, and into the lengths."""
     model, found = state.problem, state.fit
     known = model.noise.u_length_mm
-    u_length = np.maximum(np.zeros(len(model.campaign.cables)) if known is None else known, state.doubt)
+    u_length = np.maximum(np.zeros(len(model.campaign.cables)) if known is None else known, np.where(_drawn(model), state.doubt, 0.0))
     if improbable(found):
         excess = found.chi2 / found.freedom
         # as if each length were off on its own: what stands behind it is not known, and may be in every length that is measured later
         u = evidence(found, found.V).best(every_length(model))[0]
-        u_length = np.hypot(u_length, u or _rms(found) * math.sqrt(1.0 - 1.0 / excess))
+        u_length = np.hypot(u_length, np.where(_drawn(model), u or _rms(found) * math.sqrt(1.0 - 1.0 / excess), 0.0))
         found = replace(found, covariance=np.asarray(found.covariance * excess), excess=excess)
         if not any(w.code == "misfit" for w in findings):
             text = (
@@ -123,7 +130,13 @@ def _told(state: State[Model], begun: State[Model]) -> list[Finding]:
         u = _size(state, name, channel)
         if not u:
             continue
-        if name == "length":
+        encoder = channel is not None and not next(isinstance(c, Cable) for c in state.problem.campaign.cables if c.channel == channel)
+        if name == "length" and encoder:
+            text = (
+                f"{rms}; angles of encoder {channel} that err by {math.degrees(u / ARM_MM):.3g} deg on their own (it stands off its axis, "
+                "has play, or its pulley does not follow the cable) explain them best, and the uncertainties of this rig include that"
+            )
+        elif name == "length":
             whose = "each cable" if channel is None else f"channel {channel}"
             text = (
                 f"{rms}; lengths of {whose} that err by {u:.3g} mm on their own (run-out, eccentric pulleys, friction) explain them best, "

@@ -8,18 +8,18 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import Unobservable
 from lmeasure.estimation import Parameters
 from lmeasure.estimation.observability import by_owner
-from lmeasure.observation.parameters import PLACE, TABLE
+from lmeasure.observation.parameters import ENCODER_ZERO, PLACE, TABLE
 from lmeasure.poses import Poses
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Observed, Rig
 
 SAME = ": the counts stay the same, only the prior holds it"
-_WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words}
+_WORDS = {p.key: (p.words, p.unit) for p in TABLE if p.words} | {ENCODER_ZERO: ("its zero", "deg")}
 
 
-def lines_of_sight(rig: Rig, cables: Iterable[Cable], poses: Poses) -> dict[str, FloatArray]:
+def lines_of_sight(rig: Rig, cables: Iterable[Observed], poses: Poses) -> dict[str, FloatArray]:
     """(3,) unit vectors, base frame, from the cables' observation points towards the middle of the poses."""
     middle = poses.rows[:, :3].mean(axis=0)
-    ways = {c.from_point: middle - np.array(rig.point(c.from_point).position_mm) for c in cables}
+    ways = {c.from_point: middle - np.array(rig.point(c.from_point).position_mm) for c in cables if c.from_point}
     return {name: way / max(float(np.linalg.norm(way)), 1e-9) for name, way in ways.items()}
 
 

@@ -21,7 +21,7 @@ from lmeasure.estimation.exchange import CRITERIA, Criterion, Design, empty, gro
 from lmeasure.estimation.information import estimated_covariance, parameter_information
 from lmeasure.kernels.cable import span_lengths
 from lmeasure.poses import Poses, joined, poses_from_rows
-from lmeasure.rig import Cable, Rig
+from lmeasure.rig import Cable, Observed, Rig
 from lmeasure.shown import DataFrame, Shown
 
 Progress = Callable[[int, int], None]
@@ -108,9 +108,10 @@ def plan_poses(rig: Rig, settings: Settings, recorded: Campaign | None = None, p
         raise CalibrationError(f"a plan of {settings.poses} poses: it must have {least} to {MAX_POSES}")
     if settings.criterion not in CRITERIA:
         raise CalibrationError(f"the criterion {settings.criterion!r} is not one of {', '.join(CRITERIA)}")
-    cables = _cables(rig, settings, recorded)
+    channels = _channels(rig, settings, recorded)
+    cables = tuple(c for c in channels if isinstance(c, Cable))
     sigma = np.repeat([settings.u_rotation_rad, settings.u_position_mm], 3)
-    instrument = Instrument(rig, cables, settings.solve, sigma, visit=repeatability(recorded))
+    instrument = Instrument(rig, channels, settings.solve, sigma, visit=repeatability(recorded))
     zone = settings.zone or replace(settings.region, angles=None)
     targets, checks = (lengths_over(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
     start = settings.region.centre if recorded is None else recorded.poses.rows[recorded.zero[0]]
@@ -150,13 +151,13 @@ def repeatability(recorded: Campaign | None) -> FloatArray:
     return np.zeros(6) if recorded is None or recorded.u_visit is None else np.asarray(recorded.u_visit.max(axis=0))
 
 
-def _cables(rig: Rig, settings: Settings, recorded: Campaign | None) -> tuple[Cable, ...]:
+def _channels(rig: Rig, settings: Settings, recorded: Campaign | None) -> tuple[Observed, ...]:
     if recorded is None:
-        cables = tuple(c for c in rig.cable if c.passage in settings.passes)
-        if not cables:
+        cables = tuple(c for c in rig.observed if c.passage in settings.passes)
+        if not any(isinstance(c, Cable) for c in cables):
             raise CalibrationError(f"rig {rig.name!r}: no cable belongs to pass {', '.join(str(n) for n in settings.passes)}")
         return cables
-    own = {(c.name, c.channel, c.from_point, c.to_point, c.passage) for c in rig.cable}
+    own = {(c.name, c.channel, c.from_point, c.to_point, c.passage) for c in rig.observed}
     for c in recorded.cables:
         if (c.name, c.channel, c.from_point, c.to_point, c.passage) not in own:
             raise CalibrationError(f"rig {rig.name!r}: cable {c.name} of the recorded campaign is not one of its cables")

@@ -71,7 +71,7 @@ def solve_point(campaign: Campaign, name: str, settings: Settings, roughly: bool
     model = Model(own, unknowns)
     nominal = campaign.rig.point(name)
     coarse = {}
-    for j, c in enumerate(own.cables):
+    for j, c in enumerate(own.drums):
         rows = np.flatnonzero(np.isfinite(own.counts[:, j]))
         # thesis 5.6: straight cables, dl = k * 0.012 mm; the drum's own part is as small as the wrap that is left out
         change = own.counts[rows, j] * nominal.drum.count_length_mm
@@ -93,7 +93,7 @@ def solve_point(campaign: Campaign, name: str, settings: Settings, roughly: bool
                 start[unknowns.names.index(key)] = value
         starts.append(start)
     best, *others = sorted(
-        (fit(model, start, settings.prior, roughly=roughly) for start in _distinct(starts, unknowns.width)),
+        (fit(model, model.zeros_begun(start), settings.prior, roughly=roughly) for start in _distinct(starts, unknowns.width)),
         key=lambda f: f.objective,
     )
     rivals = [f for f in others if f.objective < best.objective + diagnosis.EVIDENCE and _apart(best, f, unknowns.width) > APART]

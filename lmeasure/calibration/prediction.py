@@ -46,7 +46,7 @@ def workspace(campaign: Campaign, seed: int) -> FloatArray:
 def taken_as_exact(campaign: Campaign, rig: Rig, record: CalibrationRecord, rows: FloatArray) -> tuple[unsolved.Taken, ...]:
     """What nobody stated and nothing has solved, and what usual sizes of it would add to the tool's place at (n, 7) poses of the workspace;
     to all lengths together where the cables do not make a pose."""
-    cables, kernel_rows, start = campaign.cables, rig.cable_rows(campaign.cables), campaign.poses.rows[campaign.zero[0]]
+    cables, kernel_rows, start = campaign.drums, rig.cable_rows(campaign.drums), campaign.poses.rows[campaign.zero[0]]
     rows = np.ascontiguousarray(rows[:: -(-len(rows) // TAKEN_AT)])
     counts = counts_from_poses(rig.without_effects(), rows, start, cables)
     m = len(cables)
@@ -54,7 +54,7 @@ def taken_as_exact(campaign: Campaign, rig: Rig, record: CalibrationRecord, rows
         twists = np.linalg.inv(cable_kernels.span_rows_of(kernel_rows, rows))
     else:
         twists = np.broadcast_to(np.vstack([np.zeros((3, m)), np.eye(m)]), (len(rows), 3 + m, m))
-    warm = None if campaign.temperature_c is None else campaign.temperature_c[np.isfinite(campaign.counts)]
+    warm = None if campaign.temperature_c is None else campaign.temperature_c[:, :m][np.isfinite(campaign.counts[:, :m])]
     effects = effects_of(rig, cables)
     warmth = unsolved.Warmth(
         record.temperature_c,
@@ -73,7 +73,7 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
     """Propagate the record's covariance, and that of dimensions which the rig states and nothing solved, to lengths and poses over the
     reference poses' workspace; counters zeroed at the zero pose. solved: the covariance of the record's parameters alone."""
     rows = workspace(campaign, seed)
-    cables = campaign.cables
+    cables = campaign.drums
     zero = campaign.poses.rows[campaign.zero[0]]
     kernel_rows, scales = rig.cable_rows(cables), rig.scales(cables)
     lengths = cable_kernels.span_lengths(kernel_rows, rows)

@@ -157,7 +157,7 @@ def predicted_entry(campaign: Campaign, predicted: Prediction) -> dict[str, obje
         "poses": len(predicted.rows),
         "lengths": [
             {"cable": c.name, "rms_mm": float(np.sqrt(np.mean(u[:, j] ** 2))), "worst_mm": float(u[:, j].max())}
-            for j, c in enumerate(campaign.cables)
+            for j, c in enumerate(campaign.drums)
         ],
     }
     if predicted.pose.size:

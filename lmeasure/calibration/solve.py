@@ -95,7 +95,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     whole = counted_poses(campaign) if free else campaign
     kept_out = all_visits(whole, settings.hold_out)
     campaign = without_poses(whole, kept_out)
-    steps = 3 if free else len({c.from_point for c in campaign.cables}) + 2
+    steps = 3 if free else len({c.from_point for c in campaign.drums}) + 2
     begun = _begun_jointly(campaign, settings, free) if free else _begun(campaign, settings, progress, steps)
     campaign = begun.model.campaign
     if progress:
@@ -124,7 +124,8 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     judged = _held_out(whole, model, found, kept_out, settings.seed)
     campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
     dimensions = dimensions_of(model, found)
-    rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json"), dimensions)
+    u = np.sqrt(np.maximum(np.diag(found.covariance)[: model.own], 0.0))
+    rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u), dimensions)
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
     silent = observability.unobservable_directions(model.parameters, found.silent, sight)
     record = make_record(campaign, model, found, where, findings=findings, silent=silent, rig=rig, dimensions=dimensions)
@@ -149,7 +150,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
             ),
             "predicted": predicted_entry(campaign, predicted),
             "validation": record.validation | held_out_entry(judged) | nominal_entry(compared),
-            "u_length_mm": {c.name: float(u) for c, u in zip(campaign.cables, explained.u_length_mm, strict=True) if u > 0.0},
+            "u_length_mm": {c.name: float(u) for c, u in zip(campaign.drums, explained.u_length_mm, strict=False) if u > 0.0},
             "robust": {} if weights is None else weights_entry(campaign, weights),
             "settings": asdict(settings) | {"solve": list(settings.solve), "hold_out": list(settings.hold_out)},
         }
@@ -163,7 +164,7 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
     """Each point alone first, at the reference poses: coarse solutions, LP-search, descent."""
     model = model_of(campaign, unknowns_of(campaign, settings.solve))
     points: list[Point] = []
-    for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.cables)):
+    for i, name in enumerate(dict.fromkeys(c.from_point for c in campaign.drums)):
         if progress:
             progress(i, steps)
         points.append(solve_point(campaign, name, settings))
@@ -176,6 +177,7 @@ def _begun(campaign: Campaign, settings: Settings, progress: Progress | None, st
     for point in points:
         for value, name in zip(point.fit.theta, point.model.names, strict=True):
             start[model.names.index(name)] = value
+    start = model.zeros_begun(start)
     return _Begun(model, fit(model, start, settings.prior), gross, points, {p.name: p.boxes for p in points})
 
 
@@ -191,7 +193,7 @@ def _begun_jointly(campaign: Campaign, settings: Settings, free: tuple[int, ...]
 
     stated = fit(model, first.theta, prior_everywhere=True)
     gross = diagnosis.diagnose_together(model.campaign, stated, judge, screen, places_known=model.places_known)
-    names = dict.fromkeys(c.from_point for c in campaign.cables)
+    names = dict.fromkeys(c.from_point for c in campaign.drums)
     # nearest to the reference poses the whole may lie anywhere
     searched = {} if model.frame == "poses" else {name: [box_of(campaign, name, settings)] for name in names}
     return _Begun(model, first, gross, [], searched)

@@ -10,10 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.campaign import Campaign, of_cables
 from lmeasure.calibration.unknowns import ROTATIONS, Model
 from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Parameters
+from lmeasure.kernels import layout
 from lmeasure.kernels.cable import span_lengths, span_rows
 
 TURNS = 512  # orientations of a single pose that are looked at
@@ -26,7 +27,7 @@ def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
 
     CalibrationError when nothing could tell them.
     """
-    used = list(dict.fromkeys(c.to_point for c in campaign.cables))
+    used = list(dict.fromkeys(c.to_point for c in campaign.drums))
     if len(used) == 1:
         name = used[0]
         if not campaign.poses.oriented and any(campaign.rig.tool[name]):
@@ -42,9 +43,10 @@ def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
     what = "--self" if not trusted else "reference_poses.csv: has no orientations"
     if not trusted and len(campaign.cables) <= len(free):
         body, least = ("one point", 4) if len(free) == 3 else ("a body", 7)
+        kind = "cables" if len(campaign.drums) == len(campaign.cables) else "channels"
         raise CalibrationError(
-            f"--self: {len(campaign.cables)} cables bring {len(campaign.cables)} equations at a pose of {len(free)} unknowns, and nothing "
-            f"is left over for the rig; {body} calibrates itself with {least} cables or more"
+            f"--self: {len(campaign.cables)} {kind} bring {len(campaign.cables)} equations at a pose of {len(free)} unknowns, and nothing "
+            f"is left over for the rig; {body} calibrates itself with {least} {kind} or more"
         )
     if 0 in free:
         points = np.array([campaign.rig.tool[name] for name in used])
@@ -117,7 +119,8 @@ def check_equations(campaign: Campaign, rig: Parameters, free: tuple[int, ...]) 
 def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     """The campaign with orientations that the counts fit best at the nominal rig, from several orientations of all poses at first."""
     spread = Rotation.concatenate([Rotation.create_group("O"), Rotation.random(12, rng=np.random.default_rng([seed, 17]))])
-    model = Model(campaign, Parameters((), np.zeros(0), np.zeros(0)), free=ROTATIONS)
+    drums = of_cables(campaign, list(range(len(campaign.drums))))
+    model = Model(drums, Parameters((), np.zeros(0), np.zeros(0)), free=ROTATIONS)
     found = []
     for turn in np.degrees(spread.as_rotvec()):
         done = scipy.optimize.least_squares(
@@ -133,10 +136,13 @@ def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
     return [replace(campaign, poses=replace(campaign.poses, rows=rows, oriented=True)) for rows in chosen[:CANDIDATES]]
 
 
-def fit_pose(rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: IntArray, *, begun: FloatArray, seed: int) -> FloatArray:
+def fit_pose(
+    rows: FloatArray, per_unit: FloatArray, readings: FloatArray, stated: FloatArray, free: IntArray, *, begun: FloatArray, seed: int
+) -> FloatArray:
     """The free components (d,) [deg, mm] of a pose's shift from the stated one (7,) at which the free spans of the cables, rows (m,
-    CABLE_COLUMNS), are of the given lengths (m,) in the least squares sense: the best that begun (d,) and, where orientations are free,
-    those of many that miss the lengths least lead to."""
+    CABLE_COLUMNS), are of the given lengths (m,), and encoders read the given angles, in the least squares sense, per_unit (m,) [mm]: the
+    best that begun (d,) and, where orientations are free, those of many that miss the readings least lead to."""
+    turned = rows[:, layout.KIND] != layout.CABLE
     unit = np.where(free < 3, math.radians(1.0), 1.0)
 
     def shift(v: FloatArray) -> FloatArray:
@@ -147,11 +153,16 @@ def fit_pose(rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: 
     def pose(v: FloatArray) -> FloatArray:
         return se3.displaced(stated, shift(v))
 
+    def missed(poses: FloatArray) -> FloatArray:
+        off = span_lengths(rows, poses) - readings
+        off[:, turned] -= 2.0 * np.pi * np.round(off[:, turned] / (2.0 * np.pi))
+        return np.asarray(np.nan_to_num(off * per_unit, nan=1e6))
+
     def residuals(v: FloatArray) -> FloatArray:
-        return np.nan_to_num(span_lengths(rows, pose(v)[None])[0] - length_mm, nan=1e6)
+        return np.asarray(missed(pose(v)[None])[0])
 
     def jacobian(v: FloatArray) -> FloatArray:
-        J = np.nan_to_num(span_rows(rows, pose(v)))
+        J = np.nan_to_num(span_rows(rows, pose(v))) * per_unit[:, None]
         J[:, :3] = J[:, :3] @ se3.left_jacobians(shift(v)[None, :3])[0]
         return np.asarray(J[:, free] * unit)
 
@@ -159,7 +170,7 @@ def fit_pose(rows: FloatArray, length_mm: FloatArray, stated: FloatArray, free: 
     if 0 in free:
         turns = Rotation.random(TURNS, rng=np.random.default_rng([seed, 29]))
         there = se3.pose(stated[:3], turns * se3.rotation(stated))
-        miss = np.sum(np.nan_to_num(span_lengths(rows, there) - length_mm, nan=1e6) ** 2, axis=1)
+        miss = np.sum(missed(there) ** 2, axis=1)
         nearest = np.degrees(turns[np.argsort(miss)[:FOLLOWED]].as_rotvec())
         starts += [np.r_[turn, np.zeros(len(free) - 3)] for turn in nearest]
     found = [scipy.optimize.least_squares(residuals, v, jac=jacobian, method="lm", ftol=1e-12, xtol=1e-12, max_nfev=50) for v in starts]

@@ -14,10 +14,12 @@ from lmeasure.calibration.noise import Noise
 from lmeasure.effects import Zero, effects_of
 from lmeasure.estimation import Nuisance, Parameters, Problem
 from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels import layout
 from lmeasure.lengths import count_variance
-from lmeasure.observation.parameters import FACTORS, SCALE, UNSIGNED, Slots, parameter_names, solved_parameters, with_values
+from lmeasure.observation.cable_effects import ATTACHMENT
+from lmeasure.observation.parameters import ENCODER_ZERO, SCALE, UNSIGNED, Slots, parameter_names, solved_parameters, with_values
 from lmeasure.poses import Poses
-from lmeasure.rig import Rig
+from lmeasure.rig import Rig, Turned
 from lmeasure.unsolved import Unsolved, stated
 
 Frame = Literal["rig", "poses"]
@@ -33,9 +35,11 @@ def unknowns_of(campaign: Campaign, solve: tuple[str, ...]) -> Parameters:
 
 
 class Model(Problem):
-    """Length residuals of a campaign as a function of its unknowns, with analytic derivatives.
+    """Residuals of a campaign as a function of its unknowns, with analytic derivatives.
 
-    The residual of cable j at pose i is [F(P_i) - D(k_i)] - [F(P_0) - D(k_0)]: modelled less measured change since the zero pose [mm].
+    The residual of cable j at pose i is [F(P_i) - D(k_i)] - [F(P_0) - D(k_0)]: modelled less measured change since the zero pose [mm]. That
+    of an encoder of angles is likewise modelled less measured, the shortest way around, and as much of a millimetre as it is at `ARM_MM`;
+    an absolute one counts from no pose, but from its zero.
 
     The unknowns are the rig's, and behind them, where components of the poses are free (which of `COMPONENTS`), rotations and shifts of the
     counted poses, at, from the stated ones, base axes, R = Exp(rotation) R_stated. Nothing is known of these beforehand, and what the file
@@ -67,12 +71,19 @@ class Model(Problem):
         self._poses = np.ascontiguousarray(campaign.poses.rows)
         self.pose_index, self.cable_index = np.nonzero(campaign.used)
         self._zero = campaign.zero[self.cable_index]
+        self._per_unit = campaign.mm_per_unit
+        since = campaign.from_zero
+        self._since = since[self.cable_index]
+        self._turned = self._per_unit[self.cable_index] != 1.0
+        self._turn_mm = 2.0 * math.pi * self._per_unit[self.cable_index]
+        drums = campaign.drums
         place = {name: i for i, name in enumerate(unknowns.names)}
         self._where = np.array([[place.get(n, -1) for n in row] for row in parameter_names(campaign.rig, campaign.cables)])
-        self._effects = effects_of(campaign.rig, campaign.cables)
-        self.unsolved = Unsolved(campaign.rig, stated(campaign.rig, campaign.cables, unknowns.names), campaign.cables)
+        self._drums = len(drums)
+        self._effects = effects_of(campaign.rig, drums)
+        self.unsolved = Unsolved(campaign.rig, stated(campaign.rig, drums, unknowns.names), drums)
         self._slots = slots = Slots(self._rows, self._where >= 0)
-        self._in_slots, self._unit = self._where[slots.cable, slots.parameter], FACTORS[slots.parameter]
+        self._in_slots = self._where[slots.cable, slots.parameter]
         self._scaled = np.flatnonzero(self._where[:, SCALE] >= 0)
         own = self._where[self.cable_index]
         equation, parameter = np.nonzero(own >= 0)
@@ -83,7 +94,7 @@ class Model(Problem):
         if free:
             names = tuple(f"pose {campaign.poses.names[i]}.{COMPONENTS[c]}" for i in self.at for c in free)
             block = np.searchsorted(self.at, self.pose_index)
-            self.nuisance = Nuisance(len(free), names, block, np.searchsorted(self.at, np.unique(campaign.zero)))
+            self.nuisance = Nuisance(len(free), names, block, np.searchsorted(self.at, np.unique(campaign.zero[since])))
 
     @property
     def equations(self) -> int:
@@ -163,25 +174,42 @@ class Model(Problem):
         scales = self._scales.copy()
         scales[self._scaled] = theta[self._where[self._scaled, SCALE]]
         counts = np.where(np.isfinite(self.campaign.counts), self.campaign.counts, 0.0) * (self._scales / scales)
-        return self._slots.filled(self._rows, theta[self._in_slots] * self._unit), scales, counts
+        return self._slots.filled(self._rows, theta[self._in_slots] * self._factor[self._in_slots]), scales, counts
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(e,) modelled less measured changes [mm]; infinite where a cable cannot run."""
         rows, _, counts = self.cables(theta)
         poses = self.poses(theta)
-        f = cable_kernels.span_lengths(rows, poses) - cable_kernels.changes_from_counts(rows, counts)
-        r = f[self.pose_index, self.cable_index] - f[self._zero, self.cable_index]
+        f = (cable_kernels.span_lengths(rows, poses) - cable_kernels.changes_from_counts(rows, counts)) * self._per_unit
+        r = self._since_zero(f)
+        r[self._turned] -= (self._turn_mm * np.round(r / self._turn_mm))[self._turned]
         if self._effects is not None:
             zero, every, k, warm = self._situation(poses, counts)
-            r = r + self._effects.excess(rows, zero, every, k, temperature_c=warm)[self.pose_index, self.cable_index]
+            excess = self._effects.excess(rows[: self._drums], zero, every, k, temperature_c=warm)
+            r = r + self._of_drums(excess)[self.pose_index, self.cable_index]
         return np.where(np.isfinite(r), r, 1e6)
 
+    def _since_zero(self, every: FloatArray) -> FloatArray:
+        """(e, ...) of each residual's pose and channel from (n, m, ...), less the same at the zero pose where it counts from there."""
+        begun = every[self._zero, self.cable_index]
+        begun[~self._since] = 0.0
+        return np.asarray(every[self.pose_index, self.cable_index] - begun)
+
+    def _of_drums(self, values: FloatArray) -> FloatArray:
+        """(n, m, ...) of all channels from the cables' (n, drums, ...): nothing of the others."""
+        out = np.zeros((len(values), len(self._rows), *values.shape[2:]))
+        out[:, : self._drums] = values
+        return out
+
     def _situation(self, poses: FloatArray, counts: FloatArray) -> tuple[Zero, FloatArray, FloatArray, FloatArray]:
-        """Where each cable's equations start, the poses (n, 7), true counts and temperatures (n, m): what the effects depend on."""
+        """Where each cable's equations start, the poses (n, 7), true counts and temperatures (n, drums): what the effects depend on."""
         assert self._effects is not None
-        warm = np.full(counts.shape, self._effects.reference_c) if self.campaign.temperature_c is None else self.campaign.temperature_c
-        start = self.campaign.zero, np.arange(counts.shape[1])
-        return Zero(poses[self.campaign.zero], counts[start], warm[start]), poses, counts, warm
+        m, warm = self._drums, self.campaign.temperature_c
+        counts = np.ascontiguousarray(counts[:, :m])
+        warm = np.full(counts.shape, self._effects.reference_c) if warm is None else np.ascontiguousarray(warm[:, :m])
+        zero = self.campaign.zero[:m]
+        start = zero, np.arange(m)
+        return Zero(poses[zero], counts[start], warm[start]), poses, counts, warm
 
     def reading_covariance(self) -> FloatArray:
         """(e, e) covariance of the residuals [mm^2] from reading the counters."""
@@ -198,7 +226,7 @@ class Model(Problem):
         """
         campaign, j = self.campaign, self.cable_index
         # uniform within half a count is a twelfth
-        of_count = 12.0 * count_variance(campaign.rig, campaign.cables)
+        of_count = 12.0 * count_variance(campaign.rig, campaign.cables) * self._per_unit**2
         own = of_count[j] / 12.0 if campaign.dwell_variance is None else of_count[j] * campaign.dwell_variance[self.pose_index, j]
         u_zero, reading = np.sqrt(of_count * campaign.zero_variances), campaign.zero_readings
         uncertain = np.unique(reading[u_zero > 0.0])
@@ -226,16 +254,18 @@ class Model(Problem):
         rows, _, counts = self.cables(theta)
         poses = self.poses(theta)
         zero, every, k, warm = self._situation(poses, counts)
+        rows = rows[: self._drums]
         at, given = (self.pose_index, self.cable_index), (rows, zero, every, k)
-        columns = [shift[at] for shift in self._effects.property_shifts(*given, temperature_c=warm)]
+        columns = [self._of_drums(shift)[at] for shift in self._effects.property_shifts(*given, temperature_c=warm)]
         temperature = self._effects.temperature_shifts(*given, temperature_c=warm)
         if temperature is not None:
-            first, later = (shift[at] for shift in temperature)
+            first, later = (self._of_drums(shift)[at] for shift in temperature)
             for i in range(len(poses)):
                 columns.append(np.where(self._zero == i, first, 0.0) + np.where(self.pose_index == i, later, 0.0))
         friction = self._effects.tension_shift(rows, poses)
         if friction is not None:
-            for j in range(counts.shape[1]):
+            friction = self._of_drums(friction)
+            for j in range(self._drums):
                 columns.append(np.where(self.cable_index == j, friction[self._zero, self.cable_index], 0.0))
         shifts = np.array(columns).reshape(-1, self.equations)
         V = shifts.T @ shifts
@@ -245,10 +275,30 @@ class Model(Problem):
 
     def unsolved_shifts(self, theta: FloatArray) -> FloatArray:
         """(e, q) how the residuals [mm] would change by one standard uncertainty of each of the `unsolved` variables but play."""
-        rows, _, counts = self.cables(theta)
-        poses, zero = self.poses(theta), self.campaign.zero
-        begun = Zero(poses[zero], counts[zero, np.arange(len(zero))], np.zeros(len(zero)))
-        return np.asarray(self.unsolved.shifts(rows, begun, poses, counts)[self.pose_index, self.cable_index])
+        rows, scales, counts = self.cables(theta)
+        m = self._drums
+        poses, zero = self.poses(theta), self.campaign.zero[:m]
+        begun = Zero(poses[zero], counts[zero, np.arange(m)], np.zeros(m))
+        drawn = self.unsolved.shifts(rows[:m], begun, poses, np.ascontiguousarray(counts[:, :m]))
+        out = np.asarray(self._of_drums(drawn)[self.pose_index, self.cable_index])
+        if len(rows) == m or not any(v.kind is ATTACHMENT for v in self.unsolved.variables):
+            return out
+        # an encoder sees where its cable is tied to the tool too
+        g = cable_kernels.length_gradients(rows, poses, counts, scales) * self._per_unit[:, None]
+        by_point = self._since_zero(g)[:, layout.BY_ATTACHMENT : layout.BY_ATTACHMENT + 3]
+        column = 0
+        for v in self.unsolved.variables:
+            if v.kind is ATTACHMENT:
+                tied = np.array([c.to_point == v.owner for c in self.campaign.cables])[self.cable_index] & self._turned
+                out[tied, column : column + 3] = v.u * by_point[tied]
+            column += len(v.names)
+        return out
+
+    @property
+    def _play_mm(self) -> FloatArray:
+        """(m,) half the width of the band in which a reading lies by the way it was come from."""
+        half = [math.radians(getattr(c.encoder, "backlash_deg", None) or 0.0) / 2.0 for c in self.campaign.cables if isinstance(c, Turned)]
+        return np.concatenate([self.unsolved.play_mm, half * self._per_unit[self._drums :]])
 
     def unsolved_covariance(self, theta: FloatArray) -> FloatArray | None:
         """(e, e) covariance of the residuals [mm^2] from what the rig states to be uncertain and is not solved; None for nothing.
@@ -256,10 +306,11 @@ class Model(Problem):
         A dimension, a drum that runs out, an eccentric pulley err alike in all equations. Which way a cable was pulled to where it rests
         nobody recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
         """
-        if not self.unsolved:
+        play = self._play_mm[self.cable_index] ** 2
+        if not (self.unsolved or play.any()):
             return None
-        shifts, play = self.unsolved_shifts(theta), self.unsolved.play_mm[self.cable_index] ** 2
-        same = self.cable_index[:, None] == self.cable_index
+        shifts = self.unsolved_shifts(theta)
+        same = (self.cable_index[:, None] == self.cable_index) & self._since
         return np.asarray(shifts @ shifts.T + np.diag(play) + np.where(same, play, 0.0))
 
     def measurement_covariance(self, theta: FloatArray) -> FloatArray:
@@ -297,11 +348,11 @@ class Model(Problem):
             reference, poses = campaign.reference_of, np.arange(len(campaign.poses))
             # a length at the zero pose is in every residual of its cable
             at, zero = reference[self.pose_index], reference[campaign.zero[self.cable_index]]
-            h = (at[:, None] == poses).astype(np.float64) - (zero[:, None] == poses)
+            h = (at[:, None] == poses).astype(np.float64) - ((zero[:, None] == poses) & self._since[:, None])
             V = V + same * ((h * noise.robust_variance_mm2) @ h.T)
         if noise.u_length_mm is not None:
             own = noise.u_length_mm[self.cable_index] ** 2
-            V = V + np.diag(own) + np.where(self.cable_index[:, None] == self.cable_index, own, 0.0)
+            V = V + np.diag(own) + np.where((self.cable_index[:, None] == self.cable_index) & self._since, own, 0.0)
         return np.asarray(V)
 
     def uniform(self) -> tuple[FloatArray, FloatArray]:
@@ -319,7 +370,9 @@ class Model(Problem):
         """(e, P) derivatives of the residuals by the unknowns, in the units of their names."""
         rows, scales, counts = self.cables(theta)
         g = cable_kernels.length_gradients(rows, self.poses(theta), counts, scales)
-        g = g[self.pose_index, self.cable_index] - g[self._zero, self.cable_index]
+        if len(rows) > self._drums:
+            g *= self._per_unit[:, None]
+        g = self._since_zero(g)
         J = np.zeros((self.equations, self.own))
         equation, parameter, unknown = self._derivatives
         J[equation, unknown] = g[equation, parameter]
@@ -356,15 +409,32 @@ class Model(Problem):
     def pose_jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, n, 6) derivatives of the residuals by small errors (rotation [rad]; translation [mm]) of each reference pose."""
         rows, _, _ = self.cables(theta)
-        by_pose = np.array([cable_kernels.span_rows(rows, pose) for pose in self.poses(theta)])
+        by_pose = np.array([cable_kernels.span_rows(rows, pose) for pose in self.poses(theta)]) * self._per_unit[:, None]
         out = np.zeros((self.equations, len(by_pose), 6))
-        every = np.arange(self.equations)
+        every, since = np.arange(self.equations), np.flatnonzero(self._since)
         out[every, self.pose_index] += by_pose[self.pose_index, self.cable_index]
-        out[every, self._zero] -= by_pose[self._zero, self.cable_index]
+        out[since, self._zero[since]] -= by_pose[self._zero[since], self.cable_index[since]]
+        return out
+
+    def zeros_begun(self, theta: FloatArray) -> FloatArray:
+        """theta with the zeros of encoders where all their readings together put them, the rest being as it is."""
+        out, r = theta.copy(), self.residuals(theta)
+        for i, name in enumerate(self.parameters.names):
+            channel, _, key = name.rpartition(".")
+            if key == ENCODER_ZERO:
+                own = np.array([c.channel == channel for c in self.campaign.cables])[self.cable_index]
+                angles = r[own] / self._per_unit[self.cable_index[own]]
+                out[i] = math.remainder(theta[i] + math.degrees(np.angle(np.exp(1j * angles).sum())), 360.0)
         return out
 
 
-def rig_with(campaign: Campaign, unknowns: Parameters, theta: FloatArray, calibration: str | None) -> Rig:
-    """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges."""
+def rig_with(campaign: Campaign, unknowns: Parameters, theta: FloatArray, calibration: str | None, u: FloatArray | None = None) -> Rig:
+    """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges; zeros of encoders state their standard
+    uncertainties u (p,) too."""
     rig = with_values(campaign.rig, dict(zip(unknowns.names, theta.tolist(), strict=True)))
-    return rig.model_copy(update={"calibration": calibration})
+    known = {} if u is None else {n.removesuffix(f".{ENCODER_ZERO}"): float(s) for n, s in zip(unknowns.names, u, strict=True)}
+    swivels, leaning = (
+        tuple(e.model_copy(update={"u_zero_deg": min(known[e.channel], 360.0)}) if e.channel in known else e for e in of)
+        for of in (rig.swivel, rig.inclination)
+    )
+    return rig.model_copy(update={"calibration": calibration, "swivel": swivels, "inclination": leaning})

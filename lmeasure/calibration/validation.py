@@ -58,7 +58,8 @@ def held_out(whole: Model, theta: FloatArray, fit: Fit, poses: tuple[str, ...]) 
 def shifted_lengths(model: Model, poses: IntArray) -> FloatArray:
     """(e, c) how the residuals follow a common shift of each length at the poses: a zero pose shifts all residuals of its cables."""
     campaign = model.campaign
-    there = np.isin(model.pose_index, poses).astype(np.float64) - np.isin(campaign.zero[model.cable_index], poses)
+    begun = np.isin(campaign.zero, poses) & campaign.from_zero
+    there = np.isin(model.pose_index, poses).astype(np.float64) - begun[model.cable_index]
     columns = there[:, None] * (model.cable_index[:, None] == np.arange(len(campaign.cables)))
     return np.asarray(columns[:, columns.any(axis=0)])
 

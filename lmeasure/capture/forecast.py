@@ -110,7 +110,7 @@ class Forecast:
             variance = np.einsum("ei,ij,ej->e", J, covariance, J) + np.diag(with_it.measurement_covariance(theta))[own]
         except (LMeasureError, np.linalg.LinAlgError):
             return None
-        return Expected(tuple(campaign.cables[j] for j in with_it.cable_index[own]), -residuals, np.sqrt(variance))
+        return Expected(tuple(campaign.drums[j] for j in with_it.cable_index[own]), -residuals, np.sqrt(variance))
 
 
 def region_of(poses: Poses) -> Region:

@@ -60,7 +60,7 @@ class Progress:
         except LMeasureError as error:
             self._say(f"  ! {error}")
             return None
-        return of_cables(campaign, [j for j, c in enumerate(campaign.cables) if c.passage == folder.passage])
+        return of_cables(campaign, [j for j, c in enumerate(campaign.drums) if c.passage == folder.passage])
 
     def _true_counts(self, mean: FloatArray) -> FloatArray:
         """(c,) true counts k of the pass' cables of recorded ones (m,)."""

@@ -15,8 +15,12 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import CalibrationError, RigError
 from lmeasure.kernels import layout
 from lmeasure.kernels.cable import guide_direction
-from lmeasure.rig import Cable, Drum, ObservationPoint, Observed, Rig, rig_from_dict
+from lmeasure.rig import AngleEncoder, Cable, Drum, ObservationPoint, Observed, Rig, Turned, rig_from_dict
 
+ANYWHERE_DEG = 360.0 / math.sqrt(12.0)
+"""Standard uncertainty of an angle that may be anywhere on the circle."""
+ENCODER_ZERO = "zero_deg"
+"""What is found of an absolute encoder of angles, by the name of its channel: the angle at count 0."""
 EXACT = 1e-9
 """Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same."""
 
@@ -37,6 +41,7 @@ class Owner(StrEnum):
     POINT = "observation point"
     DRUM = "drum"
     ATTACHMENT = "attachment point"
+    ENCODER = "encoder"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,11 +170,16 @@ def _names(observed: Observed) -> list[str]:
     if isinstance(observed, Cable):
         return [p.name(observed) for p in TABLE]
     names = [""] * len(TABLE)
-    names[layout.BY_ANGLE_ZERO] = f"{observed.name}.zero_deg"
+    names[layout.BY_ANGLE_ZERO] = zero_name(observed)
     if observed.from_point:
         names[layout.BY_BASE : layout.BY_BETA + 1] = [f"{observed.from_point}.{key}" for key in (*PLACE, *GUIDE)]
         names[layout.BY_ATTACHMENT : layout.BY_ATTACHMENT + 3] = attachment_names(observed.to_point)
     return names
+
+
+def zero_name(observed: Turned) -> str:
+    """The calibration record's name of an encoder's zero."""
+    return f"{observed.name}.{ENCODER_ZERO}"
 
 
 def attachment_names(point: str) -> tuple[str, ...]:
@@ -177,8 +187,9 @@ def attachment_names(point: str) -> tuple[str, ...]:
     return tuple(f"tool.{point}.{p.key}" for p in _OF_TOOL)
 
 
-def solved_parameters(rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...]) -> tuple[Parameter, ...]:
-    """What to solve for: the named groups, and every assumed value, of the points that the cables lead from and to.
+def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...]) -> tuple[Parameter, ...]:
+    """What to solve for: the named groups, and every assumed value, of the points that the cables lead from and to; and the zeros of
+    absolute encoders of angles, but for those that are stated to be exact.
 
     CalibrationError for a group that does not exist, and when nothing is left.
     """
@@ -189,6 +200,10 @@ def solved_parameters(rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...
     for name, p in _named(cables):
         if p.group in solve or name in assumed:
             out.append(parameter_of(rig, name))
+    for name in dict.fromkeys(zero_name(o) for o in cables if isinstance(o, Turned) and o.encoder.absolute):
+        zero = parameter_of(rig, name)
+        if zero.prior_u > EXACT:
+            out.append(zero)
     if not out:
         raise CalibrationError("--solve: nothing is left to solve for")
     return tuple(out)
@@ -197,6 +212,10 @@ def solved_parameters(rig: Rig, cables: tuple[Cable, ...], solve: tuple[str, ...
 def parameter_of(rig: Rig, name: str) -> Parameter:
     """The parameter of a calibration record's name as the rig states it, its prior standard uncertainty as usual where it states none."""
     owner, _, key = name.rpartition(".")
+    if key == ENCODER_ZERO:
+        encoder = _encoder(rig, owner)
+        u_zero = ANYWHERE_DEG if encoder.zero_deg is None else encoder.u_zero_deg or 0.0
+        return Parameter(name, encoder.zero_deg or 0.0, max(u_zero, EXACT), "deg")
     p = next(q for q in _OF_TOOL if q.key == key) if owner.startswith("tool.") else _OF_KEY[key]
     u, value = stated_u(rig, name), value_of(rig, name)
     assert value is not None
@@ -204,14 +223,20 @@ def parameter_of(rig: Rig, name: str) -> Parameter:
     return Parameter(name, value, usual if u is None else max(u, EXACT), p.unit)
 
 
-def group_names(cables: tuple[Cable, ...], group: str) -> tuple[str, ...]:
+def _encoder(rig: Rig, channel: str) -> AngleEncoder:
+    return next(e for e in rig.encoders if e.channel == channel)
+
+
+def group_names(cables: tuple[Observed, ...], group: str) -> tuple[str, ...]:
     """Names of a group's parameters of the points that the cables lead from and to."""
     return tuple(name for name, p in _named(cables) if p.group == group)
 
 
-def _named(cables: tuple[Cable, ...]) -> list[tuple[str, CableParameter]]:
-    """Every parameter of some cables by its name: those of observation points before those of attachment points."""
-    points, tool = (dict.fromkeys(names) for names in ((c.from_point for c in cables), (c.to_point for c in cables)))
+def _named(cables: tuple[Observed, ...]) -> list[tuple[str, CableParameter]]:
+    """Every parameter of some cables by its name: those of observation points before those of attachment points. An encoder of angles sees
+    some of its cable's, and has none besides."""
+    drawn = [c for c in cables if isinstance(c, Cable)]
+    points, tool = (dict.fromkeys(names) for names in ((c.from_point for c in drawn), (c.to_point for c in drawn)))
     of_points = [(f"{point}.{p.key}", p) for point in points for p in _OF_POINT]
     return of_points + [(f"tool.{point}.{p.key}", p) for point in tool for p in _OF_TOOL]
 
@@ -233,6 +258,8 @@ def stated_u(rig: Rig, name: str) -> float | None:
     owner, _, key = name.rpartition(".")
     if owner.startswith("tool."):
         return rig.u_attachment_mm
+    if key == ENCODER_ZERO:
+        return _encoder(rig, owner).u_zero_deg
     p, point = _OF_KEY[key], rig.point(owner)
     holder = point.drum if p.owner is Owner.DRUM else point
     u: float | None = getattr(holder, p.stated or f"u_{key}", None)
@@ -253,6 +280,8 @@ class _Location(NamedTuple):
 def _located(name: str) -> _Location | None:
     """Where a number of a calibration record's name is kept; None for a kind of number that a rig does not hold."""
     owner, _, key = name.rpartition(".")
+    if key == ENCODER_ZERO:
+        return _Location(Owner.ENCODER, owner, key, None)
     if owner.startswith("tool."):
         index = next((p.index for p in _OF_TOOL if p.key == key), None)
         point = owner.removeprefix("tool.")
@@ -274,6 +303,11 @@ def value_of(rig: Rig, name: str) -> float | None:
         if at.owner not in rig.tool:
             raise RigError(f"there is no point {at.owner} in [tool] of")
         return rig.tool[at.owner][at.place or 0]
+    if at.kind is Owner.ENCODER:
+        encoder = next((e for e in rig.encoders if e.channel == at.owner), None)
+        if encoder is None:
+            raise RigError(f"there is no encoder {at.owner} in")
+        return encoder.zero_deg
     point = next((p for p in rig.observation_point if p.name == at.owner), None)
     if point is None:
         raise RigError(f"there is no observation point {at.owner} in")
@@ -287,12 +321,15 @@ def with_values(rig: Rig, values: Mapping[str, float]) -> Rig:
     back to their ranges."""
     data = rig.to_dict()
     points = {p["name"]: p for p in data["observation_point"]}
+    encoders = {e["channel"]: e for e in (*data.get("swivel", ()), *data.get("inclination", ()))}
     for name, number in values.items():
         at = _located(name)
         assert at is not None
         value = abs(float(number)) if at.key in UNSIGNED else float(number)
         point = points.get(at.owner, {})
-        holder = {Owner.POINT: point, Owner.DRUM: point.get("drum"), Owner.ATTACHMENT: data["tool"]}[at.kind]
+        holder = {Owner.POINT: point, Owner.DRUM: point.get("drum"), Owner.ATTACHMENT: data["tool"]}
+        holder = encoders[at.owner] if at.kind is Owner.ENCODER else holder[at.kind]
+        value = math.remainder(value, 360.0) if at.kind is Owner.ENCODER else value
         if at.place is None:
             holder[at.key] = value
         else:
@@ -337,7 +374,8 @@ class Slots:
         self.cable, self.parameter = np.nonzero(chosen & _IN_ROWS)
         self._at = self.cable, _COLUMNS[self.parameter]
         self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, layout.TURN_COUNTS], 1.0)
-        self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter])
+        # an encoder of angles has its zero where a cable has a radius
+        self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter] & (rows[self.cable, layout.KIND] == layout.CABLE))
 
     def filled(self, rows: FloatArray, values: FloatArray) -> FloatArray:
         """The rows with values (k,) in the kernels' units there."""

@@ -342,7 +342,10 @@ def residuals_figure(record: CalibrationRecord) -> go.Figure:
         own = [r for r in record.residuals if r.channel == channel]
         figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.label(channel))
     figure.update_layout(
-        height=420, margin={"t": 20}, xaxis={"title": "reference pose", "type": "category"}, yaxis={"title": "residual, mm"}
+        height=420,
+        margin={"t": 20},
+        xaxis={"title": "reference pose", "type": "category"},
+        yaxis={"title": "residual, mm; of angles, mrad"},
     )
     return figure
 
@@ -350,15 +353,15 @@ def residuals_figure(record: CalibrationRecord) -> go.Figure:
 def _rig(calibration: Calibration) -> go.Figure:
     """Observation points, reference poses, and the cables at the first pose with their tangent points."""
     campaign, rig = calibration.campaign, calibration.rig
-    rows = rig.cable_rows(campaign.cables)
+    rows = rig.cable_rows(campaign.drums)
     _, tangent, attachment, _ = wrap_geometry(rows, campaign.poses.rows[:1])
     figure = go.Figure()
-    for j, c in enumerate(campaign.cables):
+    for j, c in enumerate(campaign.drums):
         line = [rows[j, :3], tangent[0, j], attachment[0, j]]
         figure.add_scatter3d(
             x=[p[0] for p in line], y=[p[1] for p in line], z=[p[2] for p in line], mode="lines", line={"width": 4}, name=html.label(c.name)
         )
-    points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.cables)]
+    points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.drums)]
     x, y, z = zip(*(p.position_mm for p in points), strict=True)
     names = [f"\u00a0\u00a0{html.label(p.name)}" for p in points]
     figure.add_scatter3d(
