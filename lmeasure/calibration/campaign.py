@@ -14,9 +14,10 @@ from lmeasure.calibration_record import Input
 from lmeasure.checked import gathered
 from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
-from lmeasure.lengths import ARM_MM, counts_from_poses
+from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses, joined, read_poses
 from lmeasure.rig import AngleEncoder, Cable, Drum, Observed, Rig, Turned, read_rig
+from lmeasure.unused_counts import ARM_MM
 from lmeasure.zeroing import zeroed_exactly
 
 _REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")

@@ -17,9 +17,10 @@ from lmeasure.calibration.unknowns import Model, unknowns_of
 from lmeasure.estimation import Parameters
 from lmeasure.estimation.information import blocks
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.lengths import ARM_MM, count_variance, counts_from_poses
+from lmeasure.lengths import count_variance, counts_from_poses
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Cable, Observed, Rig
+from lmeasure.unused_counts import ARM_MM
 from lmeasure.zeroing import phase_columns
 
 

@@ -14,8 +14,8 @@ from lmeasure.calibration_record import Finding
 from lmeasure.estimation import Fit
 from lmeasure.estimation.explanations import CHANCE, evidence, explained, improbable, settled
 from lmeasure.estimation.explanations import Explained as State
-from lmeasure.lengths import ARM_MM
 from lmeasure.rig import Cable
+from lmeasure.unused_counts import ARM_MM
 
 DOUBTED = 0.02
 """Probability under which residuals raise no alarm, and yet lengths that err are reckoned with in what is measured."""

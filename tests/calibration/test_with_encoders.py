@@ -201,7 +201,7 @@ def test_files_with_too_little_or_too_much_are_read_or_refused(tmp_path: Path) -
 
 
 def test_a_plan_reckons_with_encoders() -> None:
-    """The sum over measurements is the estimator's information, at poses that err in all readings, drums' from a zero pose that errs too."""
+    """The sum over measurements is the estimator's information, at poses that err in all readings, drums' from a zero pose."""
     rig, sigma = swivelled(leaning=True), np.repeat([2e-4, 0.05], 3)
     _, rows = campaign_of(rig, 8)
     instrument = Instrument(rig, rig.observed, ("position", "guide"), sigma, visit=np.zeros(6))
