@@ -30,6 +30,8 @@ def live_table() -> Iterator[Callable[[Progress, "PoseWatch | str"], None]]:
             refresh = time.monotonic() - shown >= REFRESH_S
             if refresh:
                 shown = time.monotonic()
+            if not isinstance(pose, str):
+                pose.refresh()
             live.update(render(progress, pose), refresh=refresh)
 
         yield show
@@ -59,7 +61,7 @@ def _pose(watch: "PoseWatch", origin_s: float | None) -> str:
     if latest is None:
         return "pose: -"
     if latest.status != "ok":
-        return f"pose: {latest.status}"
+        return f"pose: {latest.status}" + (f": {watch.why}" if watch.why else "")
     place, turn = (
         ", ".join(f"{round(x, digits) + 0.0:+.{digits}f}" for x in part) for part, digits in ((latest.pose[:3], 3), (latest.pose[3:], 5))
     )

@@ -47,8 +47,10 @@ CHANGES = POSE_COLUMNS
 # a body that cables must not touch: start and unit way of its middle line, length, radius [mm], 1 when it moves with the tool
 BODY_START, BODY_WAY, BODY_LENGTH, BODY_RADIUS, BODY_OF_TOOL, BODY_COLUMNS = 0, 3, 6, 7, 8, 9
 
-# a counter of the live kernel: count per recorded count, largest rate of recorded counts [1/s], number of values or 0, count length [mm]
-CHANNEL_PER_RECORDED, CHANNEL_RATE, CHANNEL_VALUES, CHANNEL_COUNT_LENGTH = range(4)
+# a counter of the live kernel: count per recorded count, largest rate of recorded counts [1/s], number of values or 0, count length [mm],
+# and 1 where its values are codes, from 0 on, that tell an angle
+CHANNEL_PER_RECORDED, CHANNEL_RATE, CHANNEL_VALUES, CHANNEL_COUNT_LENGTH, CHANNEL_ABSOLUTE = range(5)
+CHANNEL_COLUMNS = 5
 
 # which way a cable travelled last: the farthest count on its present way, and that way
 TRAVEL_FAR, TRAVEL_WAY = range(2)

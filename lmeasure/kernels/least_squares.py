@@ -259,7 +259,7 @@ def follow(
         smallest = min(smallest, u[j] * reach[j])
     for j in range(m):
         weights[j] = smallest / u[j]
-    _, side = length_twists(cables, start, weights, free, size, targets, G, r)
+    side = length_twists(cables, start, weights, free, size, targets, G, r)[1] if m == f else 1.0
     for i in range(n):
         counted, longest = 0, 0.0
         for j in range(m):

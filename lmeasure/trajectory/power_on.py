@@ -90,7 +90,10 @@ def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int 
         if batch and met and min(met) >= MET:
             break
     order = np.argsort(worst)
-    return np.array(found).reshape(-1, 7)[order], bool(met) and min(met) >= MET
+    every = np.array(found).reshape(-1, 7)[order]
+    # of the two quaternions of an orientation the one by which it is usually written
+    every[:, 3:] *= np.where(every[:, 6:] < 0.0, -1.0, 1.0)
+    return every, bool(met) and min(met) >= MET
 
 
 def _alike(a: FloatArray, b: FloatArray) -> bool:

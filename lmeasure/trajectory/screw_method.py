@@ -195,6 +195,15 @@ class Reconstruction:
         """(n, 7) poses of samples of a run by changes (n, m) of its channels, NaN for one that is not used."""
         return self.solve(self.scheme.rows, self.start, changes, np.full(len(changes), Status.GAP, np.int64))
 
+    def begun_state(self) -> FloatArray:
+        """(8 + m,) where a run has got to at its start, as `kernels.least_squares` has it."""
+        return self._new_state(self.start)
+
+    @property
+    def zero(self) -> FloatArray:
+        """(m,) what its channels read where their change is 0."""
+        return self._zero(self.scheme.rows, self.start)
+
     def _new_state(self, start: FloatArray) -> FloatArray:
         """Where a run has got to at its start, without compiling: the start pose, no change of the cables, not lost."""
         return np.concatenate([start, self._at_start(start), [0.0]])

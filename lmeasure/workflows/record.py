@@ -81,24 +81,34 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
 
         passes = [recording.folder / f"pass{i}.csv" for i in range(1, settings.passage + 1)]
         write_counts_recording(settings.rerun, read_rig(settings.rig), passes)
-    missing = "note: no --start pose: where the tool started is unknown; "
-    missing += f"state [start] in {settings.out / 'run.toml'} before poses are wanted"
-    notes = (missing,) if settings.start is None and settings.passage == 1 else ()
+    notes = (_missing(settings),) if settings.start is None and settings.passage == 1 else ()
     early = "" if ended == "complete" else f"{settings.out}: ended early, what came before is kept: {ended}"
     return Result(recording, (*recording.summary().splitlines(), *notes), warnings=notes, failure=early)
 
 
+def _missing(settings: Settings) -> str:
+    """What is said of a run without a start."""
+    from lmeasure.rig import read_rig
+    from lmeasure.trajectory.live import enough_absolute
+
+    if enough_absolute(read_rig(settings.rig)):
+        return "note: no --start pose: the absolute encoders are to tell where the tool started"
+    where = settings.out / "run.toml"
+    return f"note: no --start pose: where the tool started is unknown; state [start] in {where} before poses are wanted"
+
+
 def _pose(settings: Settings) -> "PoseWatch | str":
     """What follows the poses, compiled before the bus is opened, or why there are none."""
-    from lmeasure.rig import read_rig
+    from lmeasure.run import read_linked_rig
     from lmeasure.start import start_from_text
-    from lmeasure.trajectory.live import LivePose, PoseWatch
+    from lmeasure.trajectory.live import LivePose, PoseWatch, enough_absolute
 
-    if settings.start is None:
+    measured, calibration = read_linked_rig(settings.rig)
+    if settings.start is None and not enough_absolute(measured):
         return "no pose: where the tool starts is unknown without --start"
-    measured = read_rig(settings.rig)
     try:
-        live = LivePose(measured, start_from_text(settings.start, measured))
+        start = None if settings.start is None else start_from_text(settings.start, measured)
+        live = LivePose(measured, start, calibration, aside=True)
     except (RigError, GeometryError, TrajectoryError) as error:
         return f"no pose: {error}"
     if live.channels != tuple(measured.counters_of(settings.passage)):

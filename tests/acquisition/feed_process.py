@@ -15,6 +15,9 @@ import can
 import numpy as np
 from can_devices import Encoders, Socketcand
 
+UNSENT = -(2**31)
+"""Of a frame that does not come."""
+
 
 def feed_raw(bus: can.BusABC, counts: Any, rate_hz: float) -> None:
     """SYNC 80h and then frames 181h, 182h, ... with the counts as signed little-endian 32 bits, row by row."""
@@ -26,6 +29,8 @@ def feed_raw(bus: can.BusABC, counts: Any, rate_hz: float) -> None:
             time.sleep(wait)
         bus.send(sync)
         for i, value in enumerate(row, 1):
+            if value == UNSENT:
+                continue
             bus.send(can.Message(arbitration_id=0x180 + i, is_extended_id=False, data=struct.pack("<i", value)))
 
 
