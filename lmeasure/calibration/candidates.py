@@ -50,32 +50,32 @@ class Candidates:
         gap = np.abs(tried[:, None, :] - every[None, :, :])[:, :, self.region.active]
         return np.asarray((gap.max(axis=2, initial=0.0) >= APART - 1e-12).all(axis=1))
 
-    def beside(self, point: FloatArray) -> FloatArray:
-        """Usable poses with a single coordinate moved to levels of its range and a little to both sides."""
+    def beside(self, points: FloatArray) -> list[FloatArray]:
+        """Usable poses with a single coordinate of each of points (k, 6) moved to levels of its range and a little to both sides."""
         out = []
-        for c in np.flatnonzero(self.region.active):
-            for value in (*LEVELS, *(np.clip(point[c] + NUDGES, 0.0, 1.0))):
-                if value != point[c]:
-                    moved = point.copy()
-                    moved[c] = value
-                    out.append(moved)
-        near = np.array(out).reshape(-1, 6)
-        return near[self.usable(self.region.rows(near))]
+        for point in points:
+            moved = [
+                np.where(np.arange(6) == c, value, point)
+                for c in np.flatnonzero(self.region.active)
+                for value in (*LEVELS, *np.clip(point[c] + NUDGES, 0.0, 1.0))
+                if value != point[c]
+            ]
+            out.append(np.array(moved).reshape(-1, 6))
+        good = self.usable(self.region.rows(np.concatenate([points[:0], *out])))
+        return [near[own] for near, own in zip(out, np.split(good, np.cumsum([len(near) for near in out[:-1]])), strict=True)]
 
-    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterator[Self]:
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterator[tuple[Self, FloatArray]]:
         """Zeroed at some of the pool, or beside where they are, if that may be chosen."""
         if self.zero_unit is None:
             return
-        tried = self.beside(self.zero_unit) if near else self.pool
+        tried = self.beside(self.zero_unit[None])[0] if near else self.pool
         free = tried[self._apart(tried, points)]
         if len(free) > ZERO_TRIES:
             free = free[rng.choice(len(free), ZERO_TRIES, replace=False)]
-        for unit in free:
-            yield self.zeroed(unit)
-
-    def zeroed(self, unit: FloatArray) -> Self:
-        """The same, zeroed at a pose of coordinates unit (6,)."""
-        return replace(self, zero=self.instrument.zero(self.region.rows(unit[None, :])[0]), zero_unit=unit)
+        rows = self.region.rows(points)
+        for unit, row in zip(free, self.region.rows(free), strict=True):
+            zero = self.instrument.zero(row)
+            yield replace(self, zero=zero, zero_unit=unit), self.instrument.blocks(rows, zero)
 
 
 def candidates(

@@ -7,17 +7,19 @@ Poses already recorded may share more than that (visits, several zero poses); wi
 of poses cures.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign, extended
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.unknowns import Model, parameters_of
 from lmeasure.estimation import Parameters
 from lmeasure.estimation.information import blocks
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.lengths import count_variance, counts_from_poses
+from lmeasure.observation.parameters import parameter_names
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import Cable, Observed, Rig
 from lmeasure.unused_counts import ARM_MM
@@ -34,6 +36,35 @@ class Zero:
     root: FloatArray
 
 
+@dataclass(frozen=True)
+class _Channels:
+    """Channels (m) as the kernels have them, at the rig's own values: rows, decoding scales, millimetres per unit of a residual, whether
+    they count since the zero pose, which of whose parameters is which unknown (channel, parameter, unknown), and the unknowns' prior widths
+    (p,) in the kernels' units."""
+
+    rows: FloatArray
+    scales: FloatArray
+    per_unit: FloatArray
+    since: BoolArray
+    place: tuple[IntArray, IntArray, IntArray]
+    width: FloatArray
+
+
+def _channels(rig: Rig, cables: tuple[Observed, ...], unknowns: Parameters) -> _Channels:
+    number = {name: i for i, name in enumerate(unknowns.names)}
+    where = np.array([[number.get(name, -1) for name in own] for own in parameter_names(rig, cables)])
+    channel, parameter = np.nonzero(where >= 0)
+    unit = np.array([math.radians(1.0) if name.endswith("_deg") else 1.0 for name in unknowns.names])
+    return _Channels(
+        rig.cable_rows(cables),
+        rig.scales(cables),
+        np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in cables]),
+        np.array([rig.counter(c).codes is None for c in cables], dtype=np.bool_),
+        (channel, parameter, where[channel, parameter]),
+        unit * unknowns.width,
+    )
+
+
 class Instrument:
     """A rig about to be calibrated: its measured cables (m), the unknowns (p) and the noise of a reference pose.
 
@@ -44,41 +75,39 @@ class Instrument:
     def __init__(self, rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...], sigma: FloatArray, *, visit: FloatArray) -> None:
         self.rig, self.cables, self.sigma, self.visit = rig.without_effects(), cables, sigma, visit
         self._passage = np.array([c.passage for c in cables])
-        self.unknowns: Parameters = unknowns_of(self._campaign(np.zeros((0, 7)), np.zeros((0, 7)), np.zeros(0, np.int64), ()), solve)
-        self._per_unit = np.array([1.0 if isinstance(c, Cable) else ARM_MM for c in cables])
-        self._variance = count_variance(rig, cables) * self._per_unit**2
+        self.unknowns: Parameters = parameters_of(self.rig, cables, solve)
+        self._known: dict[tuple[Observed, ...], _Channels] = {}
+        self._own = own = self._channels(cables)
+        self._variance, self._phases = count_variance(rig, cables) * own.per_unit**2, phase_columns(self.rig, cables)
 
     def zero(self, row: FloatArray) -> Zero:
         """All counters zeroed at one pose (7,), known as well as any other, each anywhere within a count unless its zero is exact. Absolute
         encoders count from no pose."""
-        since = np.array([self.rig.counter(c).codes is None for c in self.cables])
-        per_unit = np.where(since, self._per_unit, 0.0)[:, None]
-        P = cable_kernels.span_rows(self.rig.cable_rows(self.cables), row) * per_unit
-        phases = phase_columns(self.rig, self.cables) * per_unit
+        per_unit = np.where(self._own.since, self._own.per_unit, 0.0)[:, None]
+        P = cable_kernels.span_rows(self._own.rows, row) * per_unit
+        phases = self._phases * per_unit
         anew = [np.where((self._passage == n)[:, None], P * self.visit, 0.0) for n in np.unique(self._passage) if self.visit.any()]
         shared = np.hstack([P * self.sigma, *anew, phases])
         return Zero(row[None, :], np.zeros(len(self.cables), np.int64), _root(shared @ shared.T)[1])
 
-    def _campaign(self, zeros: FloatArray, rows: FloatArray, of: IntArray, cables: tuple[Observed, ...]) -> Campaign:
-        """What the rig would count, not rounded, at the zero poses (z, 7) and then at rows (n, 7)."""
-        every = np.ascontiguousarray(np.vstack([zeros, rows]))
-        poses = poses_from_rows(every)
-        if not cables:
-            return Campaign(self.rig, poses, self.cables, np.zeros((0, len(self.cables))), np.zeros(len(self.cables), np.int64))
-        kernel_rows = self.rig.cable_rows(cables)
-        lengths = cable_kernels.span_lengths(kernel_rows, every)
-        since = np.array([self.rig.counter(c).codes is None for c in cables])
-        begun = np.where(since, lengths[of, np.arange(len(cables))], 0.0)
-        counts = cable_kernels.counts_from_changes(kernel_rows, lengths - begun)
-        counts[: len(zeros)] = np.nan
-        counts[of[since], np.flatnonzero(since)] = 0.0
-        return Campaign(self.rig, poses, cables, counts, of)
-
     def gradients(self, rows: FloatArray, zero: FloatArray, of: IntArray, cables: tuple[Observed, ...]) -> FloatArray:
         """(n, m, p) derivatives of modelled less measured changes [mm] at usable poses rows (n, 7), since the zero poses zero (z, 7) that
         of (m,) names, by the unknowns in units of their prior widths."""
-        model = Model(self._campaign(zero, rows, of, cables), self.unknowns)
-        return (model.jacobian(self.unknowns.nominal) * self.unknowns.width).reshape(len(rows), len(cables), -1)
+        known = self._channels(cables)
+        every, j = np.ascontiguousarray(np.vstack([zero, rows])), np.arange(len(cables))
+        lengths = cable_kernels.span_lengths(known.rows, every)
+        counts = cable_kernels.counts_from_changes(known.rows, lengths - np.where(known.since, lengths[of, j], 0.0))
+        g = cable_kernels.length_gradients(known.rows, every, counts, known.scales) * known.per_unit[:, None]
+        g = g[len(zero) :] - np.where(known.since[:, None], g[of, j], 0.0)
+        out = np.zeros((len(rows), len(cables), len(known.width)))
+        channel, parameter, unknown = known.place
+        out[:, channel, unknown] = g[:, channel, parameter]
+        return np.where(np.isfinite(out), out, 0.0) * known.width
+
+    def _channels(self, cables: tuple[Observed, ...]) -> "_Channels":
+        if cables not in self._known:
+            self._known[cables] = _channels(self.rig, cables, self.unknowns)
+        return self._known[cables]
 
     def blocks(self, rows: FloatArray, zero: Zero) -> FloatArray:
         """(n, m, p + r) the matrices A_c of usable poses rows (n, 7)."""
@@ -88,11 +117,8 @@ class Instrument:
         )
         if not (self.sigma.any() or self.visit.any()):
             return blocks(A, self._variance)
-        kernel_rows = self.rig.cable_rows(self.cables)
-        P = (
-            np.array([cable_kernels.span_rows(kernel_rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6)
-            * self._per_unit[:, None]
-        )
+        P = np.array([cable_kernels.span_rows(self._own.rows, row) for row in np.ascontiguousarray(rows)]).reshape(n, m, 6)
+        P *= self._own.per_unit[:, None]
         stated, anew = ((P * u**2) @ P.transpose(0, 2, 1) for u in (self.sigma, self.visit))
         V = np.diag(self._variance) + stated + np.where(self._passage[:, None] == self._passage, anew, 0.0)
         return blocks(A, V)

@@ -19,7 +19,7 @@ from lmeasure.lengths import count_variance
 from lmeasure.observation.cable_effects import ATTACHMENT
 from lmeasure.observation.parameters import ENCODER_ZERO, SCALE, UNSIGNED, Slots, parameter_names, solved_parameters, with_values
 from lmeasure.poses import Poses
-from lmeasure.rig import Rig, Turned
+from lmeasure.rig import Observed, Rig, Turned
 from lmeasure.unsolved import Unsolved, stated
 
 Frame = Literal["rig", "poses"]
@@ -30,7 +30,12 @@ ROTATIONS = (0, 1, 2)
 
 def unknowns_of(campaign: Campaign, solve: tuple[str, ...]) -> Parameters:
     """What to solve for: the named groups, and every assumed value, for the points whose cables were measured."""
-    found = solved_parameters(campaign.rig, campaign.cables, solve)
+    return parameters_of(campaign.rig, campaign.cables, solve)
+
+
+def parameters_of(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...]) -> Parameters:
+    """The same before anything is counted."""
+    found = solved_parameters(rig, cables, solve)
     return Parameters(tuple(p.name for p in found), np.array([p.value for p in found]), np.array([p.prior_u for p in found]))
 
 

@@ -22,6 +22,7 @@ CRITERIA = {
 
 SWEEPS = 20
 WORTH = 1e-4  # relative fall of a variance that is worth an exchange
+WORST = 24  # targets that are looked at first, and blocks at a time
 
 
 class Criterion:
@@ -33,6 +34,7 @@ class Criterion:
 
     def __init__(self, kind: str, targets: FloatArray) -> None:
         self.kind, self._targets, self._p = kind, targets, targets.shape[1]
+        self._mean = targets.T @ targets / len(targets)
 
     def value(self, M: FloatArray) -> float:
         """The criterion of one matrix."""
@@ -45,8 +47,7 @@ class Criterion:
     def values(self, M: FloatArray, blocks: FloatArray) -> FloatArray:
         """(n,) the criterion of M + A^T A for each block A of (n, m, q)."""
         S: FloatArray = np.asarray(np.linalg.inv(M), dtype=np.float64)
-        spread = blocks @ S
-        gram = np.eye(blocks.shape[1]) + spread @ blocks.transpose(0, 2, 1)
+        spread, gram = self._spread(S, blocks)
         if self.kind == "D":
             base = self._shared(M) - float(np.linalg.slogdet(M)[1])
             own = blocks[:, :, self._p :]
@@ -54,13 +55,55 @@ class Criterion:
                 shared = np.eye(blocks.shape[1]) + own @ np.linalg.solve(M[self._p :, self._p :], own.transpose(0, 2, 1))
                 return np.asarray(base - np.linalg.slogdet(gram)[1] + np.linalg.slogdet(shared)[1])
             return np.asarray(base - np.linalg.slogdet(gram)[1])
-        # the variance of target b falls by |L^-1 A S b|^2, L L^T the gram matrix
-        seen = np.linalg.solve(np.linalg.cholesky(gram), spread[:, :, : self._p])
         if self.kind == "I":
-            fall = seen @ (self._targets.T @ self._targets / len(self._targets))
-            return np.asarray(self.value(M) - np.sum(fall * seen, axis=(1, 2)))
+            fall = _times(spread, self._mean) @ spread.transpose(0, 2, 1)  # m by m: its trace is that of the falls
+            return np.asarray(self.value(M) - np.trace(np.linalg.solve(gram, fall), axis1=1, axis2=2))
+        return self._largest(self._variances(S[: self._p, : self._p]), spread, gram, self._targets)
+
+    def best(self, M: FloatArray, blocks: FloatArray, free: BoolArray) -> tuple[int, float]:
+        """Which of the free (n,) blocks has the least of `values`, and that; of the largest variance without working out all: that of the
+        `WORST` targets, as M has them, bounds that of all from below, and blocks whose bound is above what another reaches need no more."""
+        if self.kind != "G" or len(self._targets) <= WORST:
+            values = np.where(free, self.values(M, blocks), np.inf)
+            return int(np.argmin(values)), float(values.min())
+        S: FloatArray = np.asarray(np.linalg.inv(M), dtype=np.float64)
+        spread, gram = self._spread(S, blocks)
         before = self._variances(S[: self._p, : self._p])
-        return np.asarray((before - np.sum((seen @ self._targets.T) ** 2, axis=1)).max(axis=1))
+        worst = np.argsort(before)[-WORST:]
+        bound = self._largest(before[worst], spread, gram, self._targets[worst])
+        order = np.argsort(np.where(free, bound, np.inf), kind="stable")[: np.count_nonzero(free)]
+        found, least = 0, np.inf
+        for first in range(0, len(order), WORST):
+            some = order[first : first + WORST]
+            if bound[some[0]] > least:
+                break
+            values = self._largest(before, spread[some], gram[some], self._targets)
+            if values.min() < least:
+                found, least = int(some[np.argmin(values)]), float(values.min())
+        return found, least
+
+    def _spread(self, S: FloatArray, blocks: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, m, p) A S, shared errors left out, and (n, m, m) the gram matrices 1 + A S A^T."""
+        own = _times(blocks, np.ascontiguousarray(S[:, : self._p]))
+        gram = np.eye(blocks.shape[1]) + own @ blocks[:, :, : self._p].transpose(0, 2, 1)
+        if len(S) > self._p:
+            gram += _times(blocks, np.ascontiguousarray(S[:, self._p :])) @ blocks[:, :, self._p :].transpose(0, 2, 1)
+        return own, gram
+
+    @staticmethod
+    def _largest(before: FloatArray, spread: FloatArray, gram: FloatArray, targets: FloatArray) -> FloatArray:
+        """(n,) the largest variance of targets (t, p) that were before (t,): that of target b falls by |L^-1 A S b|^2, L L^T the gram
+        matrix."""
+        L, rest = np.linalg.cholesky(gram), _times(spread, targets.T)
+        after = np.broadcast_to(before, (len(spread), len(before))).copy()
+        seen: list[FloatArray] = []
+        for i in range(gram.shape[1]):  # forward substitution, of all blocks together
+            own = rest[:, i]
+            for j, one in enumerate(seen):
+                own = own - L[:, i, j, None] * one
+            seen.append(own / L[:, i, i, None])
+            after -= seen[-1] ** 2
+        return np.asarray(after.max(axis=1))
 
     def better(self, new: float, old: float) -> bool:
         """Whether a value is worth an exchange."""
@@ -74,6 +117,12 @@ class Criterion:
         """Part of log det M that belongs to shared errors."""
         own = M[self._p :, self._p :]
         return float(np.linalg.slogdet(own)[1]) if len(own) else 0.0
+
+
+def _times(blocks: FloatArray, matrix: FloatArray) -> FloatArray:
+    """(n, m, r) products of blocks (n, m, q) and one matrix (q, r), as one."""
+    n, m, q = blocks.shape
+    return np.asarray((blocks.reshape(n * m, q) @ matrix).reshape(n, m, matrix.shape[1]))
 
 
 class Candidates(Protocol):
@@ -93,11 +142,12 @@ class Candidates(Protocol):
     def apart(self, tried: FloatArray, points: FloatArray) -> BoolArray:
         """(n,) True for those of tried (n, d) that repeat none of points (k, d), nor what was measured before."""
 
-    def beside(self, point: FloatArray) -> FloatArray:
-        """(n, d) further candidates that differ little from a point (d,)."""
+    def beside(self, points: FloatArray) -> list[FloatArray]:
+        """Of each of points (k, d) the further candidates (n, d) that differ little from it."""
 
-    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[Self]:
-        """The same with something else that all measurements hang on, besides points (k, d); near: only what differs little."""
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
+        """The same with something else that all measurements hang on, besides points (k, d), and their blocks then; near: only what
+        differs little."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +169,11 @@ class Numbered:
         """(n,) True for numbers not among points."""
         return np.asarray(~np.isin(tried[:, 0], points[:, 0]))
 
-    def beside(self, point: FloatArray) -> FloatArray:
+    def beside(self, points: FloatArray) -> list[FloatArray]:
         """None."""
-        return np.zeros((0, len(point)))
+        return [points[:0]] * len(points)
 
-    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[Self]:
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
         """None."""
         return ()
 
@@ -151,10 +201,6 @@ class Design(Generic[C]):
         flat = kept.reshape(-1, len(self.before))
         return np.asarray(self.before + flat.T @ flat)
 
-    def of(self, candidates: C) -> "Design[C]":
-        """The same points of other candidates."""
-        return replace(self, candidates=candidates, blocks=candidates.blocks(self.points))
-
 
 def empty(candidates: C, before: FloatArray) -> Design[C]:
     """A design without points."""
@@ -165,10 +211,10 @@ def grown(design: Design[C], count: int, criterion: Criterion | None, rng: np.ra
     """The design with `count` points more, if there are so many: each the best in turn, or drawn at random without a criterion."""
     space = design.candidates
     for _ in range(count):
-        free = np.flatnonzero(space.apart(space.pool, design.points))
-        if not len(free):
+        free = space.apart(space.pool, design.points)
+        if not free.any():
             break
-        best = rng.choice(free) if criterion is None else free[np.argmin(criterion.values(design.information, space.told[free]))]
+        best = rng.choice(np.flatnonzero(free)) if criterion is None else criterion.best(design.information, space.told, free)[0]
         i = slice(int(best), int(best) + 1)
         design = replace(
             design, points=np.concatenate([design.points, space.pool[i]]), blocks=np.concatenate([design.blocks, space.told[i]])
@@ -189,27 +235,34 @@ def improved(design: Design[C], criterion: Criterion, rng: np.random.Generator) 
 
 def _swept(design: Design[C], criterion: Criterion, near: bool) -> Design[C]:
     """Each point in turn against the pool, or against what lies beside it."""
-    space = design.candidates
-    for k in range(len(design.points)):
-        tried = space.beside(design.points[k]) if near else space.pool
-        free = np.flatnonzero(space.apart(tried, np.delete(design.points, k, axis=0)))
-        if not len(free):
+    space, value = design.candidates, criterion.value(design.information)
+    around = _around(design) if near else [(space.pool, space.told)] * len(design.points)
+    for k, (tried, told) in enumerate(around):
+        free = space.apart(tried, np.delete(design.points, k, axis=0))
+        if not free.any():
             continue
-        blocks = space.blocks(tried[free]) if near else space.told[free]
-        values = criterion.values(design.without(k), blocks)
-        i = int(np.argmin(values))
-        if criterion.better(float(values[i]), criterion.value(design.information)):
+        i, now = criterion.best(design.without(k), told, free)
+        if criterion.better(now, value):
             points, own = design.points.copy(), design.blocks.copy()
-            points[k], own[k] = tried[free[i]], blocks[i]
+            points[k], own[k] = tried[i], told[i]
             design = replace(design, points=points, blocks=own)
+            value = criterion.value(design.information)
     return design
+
+
+def _around(design: Design[C]) -> list[tuple[FloatArray, FloatArray]]:
+    """What lies beside each point (n, d), with its blocks (n, m, q)."""
+    space = design.candidates
+    beside = space.beside(design.points)
+    told = space.blocks(np.concatenate(beside))
+    return list(zip(beside, np.split(told, np.cumsum([len(b) for b in beside[:-1]])), strict=True))
 
 
 def _hung(design: Design[C], criterion: Criterion, near: bool, rng: np.random.Generator) -> Design[C]:
     """What all points hang on against others: all equations are formed anew for each."""
     best, value = design, criterion.value(design.information)
-    for other in design.candidates.others(design.points, near, rng):
-        moved = design.of(other)
+    for other, blocks in design.candidates.others(design.points, near, rng):
+        moved = replace(design, candidates=other, blocks=blocks)
         now = criterion.value(moved.information)
         if criterion.better(now, value):
             best, value = moved, now
@@ -222,7 +275,7 @@ def ordered(design: Design[C], criterion: Criterion) -> Design[C]:
     order: list[int] = []
     M = design.before
     while left:
-        i = left[int(np.argmin(criterion.values(M, design.blocks[left])))]
+        i = left[criterion.best(M, design.blocks[left], np.ones(len(left), np.bool_))[0]]
         M = M + design.blocks[i].T @ design.blocks[i]
         order.append(i)
         left.remove(i)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from problems import Line, Readings
 
 from lmeasure.estimation import fit
-from lmeasure.estimation.exchange import Criterion, Numbered, empty, grown, improved, ordered
+from lmeasure.estimation.exchange import WORST, Criterion, Numbered, empty, grown, improved, ordered
 from lmeasure.estimation.information import blocks, estimated_covariance, parameter_information
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +28,23 @@ def test_rank_one_style_updates_are_the_criterion_itself(kind: str, seed: int) -
     tried = rng.normal(size=(6, m, q)) * 10 ** rng.uniform(-1, 2)
     direct = [criterion.value(M + A.T @ A) for A in tried]
     np.testing.assert_allclose(criterion.values(M, tried), direct, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["I", "G", "D"])
+@given(seed=st.integers(0, 10_000))
+def test_the_best_is_the_least_of_all_values(kind: str, seed: int) -> None:
+    """More targets and blocks than are looked at together."""
+    rng = np.random.default_rng(seed)
+    p, q, m = 4, 6, 2
+    criterion = Criterion(kind, rng.normal(size=(3 * WORST, p)) * rng.uniform(0.1, 2.0, (3 * WORST, 1)))
+    M = np.eye(q) + (root := rng.normal(size=(4, q)) * 10 ** rng.uniform(-1, 2)).T @ root
+    tried = rng.normal(size=(2 * WORST, m, q)) * 10 ** rng.uniform(-1, 2, (2 * WORST, 1, 1))
+    free = rng.uniform(size=len(tried)) < 0.7
+    free[rng.integers(len(tried))] = True
+    i, value = criterion.best(M, tried, free)
+    assert free[i]
+    assert value == pytest.approx(criterion.value(M + tried[i].T @ tried[i]), rel=1e-6, abs=1e-9)
+    assert value == pytest.approx(criterion.values(M, tried)[free].min(), rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["I", "G", "D"])
@@ -92,11 +109,11 @@ class OnALine:
     def apart(self, tried: FloatArray, points: FloatArray) -> NDArray[np.bool_]:
         return np.asarray(~np.isclose(tried, points[:, 0]).any(axis=1))
 
-    def beside(self, point: FloatArray) -> FloatArray:
-        return np.clip(point[0] + np.array([-0.1, 0.1]), -1.0, 1.0)[:, None]
+    def beside(self, points: FloatArray) -> list[FloatArray]:
+        return [np.clip(x + np.array([-0.1, 0.1]), -1.0, 1.0)[:, None] for x in points[:, 0]]
 
-    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable["OnALine"]:
-        return () if near else (OnALine(0.5), OnALine(3.0), OnALine(2.0))
+    def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple["OnALine", FloatArray]]:
+        return () if near else ((one, one.blocks(points)) for one in (OnALine(0.5), OnALine(3.0), OnALine(2.0)))
 
 
 def test_places_beside_and_what_all_hang_on_are_tried_too() -> None:
@@ -126,10 +143,8 @@ def test_worth_an_exchange_is_what_makes_the_criterion_less() -> None:
 def test_numbered_candidates_are_what_their_numbers_say() -> None:
     told = np.random.default_rng(2).normal(size=(3, 1, 2))
     design = grown(empty(Numbered(told), np.eye(2)), 2, None, np.random.default_rng(1))
-    other = Numbered(told[::-1])
-    moved = design.of(other)
-    np.testing.assert_array_equal(moved.points, design.points)
-    np.testing.assert_array_equal(moved.blocks, told[2 - design.points[:, 0].astype(int)])
+    np.testing.assert_array_equal(Numbered(told[::-1]).blocks(design.points), told[2 - design.points[:, 0].astype(int)])
+    np.testing.assert_array_equal(design.blocks, told[design.points[:, 0].astype(int)])
 
 
 def test_what_data_tell_less_of_than_the_prior_keeps_its_width() -> None:
