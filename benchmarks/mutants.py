@@ -112,6 +112,7 @@ CORE = {
     ],
     "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
     "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
+    "trajectory/exact.py": ["tests/test_taken_as_exact.py"],
     "trajectory/steps.py": ["tests/trajectory/test_steps.py", *_COUNTERS],
     "trajectory/continuity.py": ["tests/trajectory/test_continuity.py", *_COUNTERS],
     "trajectory/standing.py": ["tests/trajectory/test_standing.py", *_COUNTERS],

@@ -165,7 +165,8 @@ def plan_program(
     tests: fields of `certification.campaign.Tests`. Its `program` is what `evaluate` and `certify` take; it gets its windows from the
     trajectory's rests, or from `certification.ran`.
     """
-    from lmeasure.certification.campaign import Tests, campaign
+    from lmeasure.certification.asked_tests import Tests
+    from lmeasure.certification.campaign import campaign
     from lmeasure.certification.cube import cube_in_zone, largest_cube
     from lmeasure.errors import CertificationError
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import lmeasure.chains.robot_demo as chain
 from lmeasure import files
 from lmeasure.certification import Settings
-from lmeasure.certification.campaign import Tests
+from lmeasure.certification.asked_tests import Tests
 from lmeasure.chains.robot_demo import ROBOT_STAGES, RobotDemo, robot_demo
 from lmeasure.cli import app
 from lmeasure.errors import LMeasureError

@@ -11,7 +11,8 @@ import numpy as np
 from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
 from lmeasure.certification import Settings, evaluate
-from lmeasure.certification.campaign import Tests, campaign, timed
+from lmeasure.certification.asked_tests import Tests
+from lmeasure.certification.campaign import campaign, timed
 from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.cube import largest_cube
 from lmeasure.certification.measure import Inputs

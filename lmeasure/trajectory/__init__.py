@@ -1,7 +1,7 @@
 """Where the gripper went: trajectories from runs."""
 
-from lmeasure.trajectory.budget import PoseCovariances
 from lmeasure.trajectory.elsewhere import Stated, read_trajectory
+from lmeasure.trajectory.pose_covariances import PoseCovariances
 from lmeasure.trajectory.record import Summary, Trajectory
 from lmeasure.trajectory.run_covariances import covariances
 from lmeasure.trajectory.runs import reconstruct

@@ -7,7 +7,6 @@ sum_k factor_k z_k, with factors of its own at every sample and the same z: from
 follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). What the sources are: `trajectory.sources`.
 """
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,17 +15,19 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.cable_parameters import cable_covariance, covariance_root, solved_covariance, unsolved_columns
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.effects import REFERENCE_C, effects_of, zero_at
+from lmeasure.effects import zero_at
 from lmeasure.kernels import least_squares, pose_covariance, screw
 from lmeasure.kernels.cable import length_gradients, span_lengths, span_rows_of
 from lmeasure.kernels.layout import CABLE, KIND, PARAMETERS
 from lmeasure.lengths import Lengths, count_variance
-from lmeasure.observation.cable_effects import ATTACHMENT, OTHERS
+from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.observation.parameters import TABLE, Owner
 from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.corrections import Correction
+from lmeasure.trajectory.exact import Exact
+from lmeasure.trajectory.pose_covariances import PoseCovariances
 from lmeasure.trajectory.scheme import Scheme
 from lmeasure.trajectory.sources import (
     ANYWHERE,
@@ -40,7 +41,7 @@ from lmeasure.trajectory.sources import (
     unknown_zeros,
     zero_phase,
 )
-from lmeasure.unsolved import CALIBRATIONS, Taken, Unsolved, Warmth, exact, last_travel, stated, taken_as_exact
+from lmeasure.unsolved import Taken, Unsolved, last_travel, stated
 from lmeasure.zeroing import length_variance
 
 if TYPE_CHECKING:
@@ -51,36 +52,7 @@ RESTORED = "restored origin"
 ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
-SAMPLED = 64  # poses of a piece at which what is taken as exact is looked at
 CHUNK = 2048  # poses whose factors are in memory at once
-
-
-@dataclass(frozen=True)
-class PoseCovariances:
-    """Errors of poses, delta = (rotation [rad]; tool origin [mm]), R_true = Exp(delta_rotation) R, base axes; NaN where there is no pose.
-
-    own (n, 6, m): the random error is own @ u, with u (m,) of unit variance for the counts of the m cables, new at every sample.
-    factors (n, 6, K): the systematic error is factors @ z with one z (K,) of independent variables of unit variance for the whole run, so
-    that factors[i] @ factors[j].T is its covariance between the samples i and j. sources (K,): what each stands for: "calibration",
-    "dimensions as stated", "start pose", "zero phase", "clock of pass 2", "place of pass 2", "temperature, stretch and sag", "run-out of
-    drums", "eccentric pulleys", "play of drums", "lengths of their own". uniform (K,): whether the variable is uniform, or normal; none is
-    by default.
-    """
-
-    own: FloatArray
-    factors: FloatArray
-    sources: tuple[str, ...]
-    uniform: tuple[bool, ...] = ()
-
-    @property
-    def random(self) -> FloatArray:
-        """(n, 6, 6) covariance of what is independent from sample to sample."""
-        return np.asarray(self.own @ np.swapaxes(self.own, 1, 2))
-
-    @property
-    def systematic(self) -> FloatArray:
-        """(n, 6, 6) covariance of the systematic error at each sample."""
-        return np.asarray(self.factors @ np.swapaxes(self.factors, 1, 2))
 
 
 class Budget:
@@ -110,13 +82,7 @@ class Budget:
         """What the run told of its origins."""
         self.restored: tuple[tuple[int, float, float], ...] = ()
         """Channels (index) that go on from another origin, behind a time and until one [s]."""
-        self.rig, self._calibration, self._temperature_c = rig, calibration, temperature_c
-        # where the point itself is measured its place in the tool frame does not enter
-        self._exact = [
-            v
-            for v in exact(rig, None, () if calibration is None else calibration.names)
-            if scheme.point is None or v.kind is not ATTACHMENT
-        ]
+        self.rig, self._calibration = rig, calibration
         observed, self._cables = rig.observed, len(rig.cable)
         self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
         self._before = length_variance(rig, observed)
@@ -147,6 +113,7 @@ class Budget:
         self.unsolved = Unsolved(rig, stated(rig, kinds=OTHERS))
         self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
         of_drums = self.unsolved.sources + self.unsolved.play_sources
+        self._exact = Exact(rig, scheme, calibration, temperature_c=temperature_c, begun=self._begun)
         self._phase = zero_phase(rig)
         parameters = (CALIBRATION,) * solved.shape[1] + (DIMENSIONS,) * dimensions.shape[1]
         moved = (
@@ -397,31 +364,7 @@ class Budget:
 
     def taken_as_exact(self, poses: FloatArray, lengths: Lengths) -> tuple[Taken, ...]:
         """What nobody stated and nothing has solved, and what it would add at some of the (n, 7) poses of a run."""
-        known = np.flatnonzero(~np.isnan(poses[:, 0]))
-        if not len(known):
-            return ()
-        at = known[:: -(-len(known) // SAMPLED)]
-        few = np.ascontiguousarray(poses[at])
-        if self.scheme.point is not None:
-            few[:, 3:] = (0.0, 0.0, 0.0, 1.0)
-        counts, drawn = lengths.counts[at], slice(0, self._cables)
-        twists = self.twists(few, counts, None, compiled=False)[:, :, drawn]
-        rows = self.scheme.rows[drawn]
-        return taken_as_exact(
-            self.rig, self._exact, rows, self._begun, poses=few, counts=counts[:, drawn], twists=twists, warmth=self._warmth(lengths)
-        )
-
-    def _warmth(self, lengths: Lengths) -> Warmth:
-        """What is known of the run's temperature: at its start and at these samples."""
-        rig, record = self.rig, self._calibration
-        at_start = np.nan if self._temperature_c is None else self._temperature_c
-        seen = np.append(at_start, () if lengths.temperature_c is None else lengths.temperature_c)
-        seen = seen[np.isfinite(seen)]
-        of_rig = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
-        reference = of_rig if record is None else record.temperature_c
-        effects = effects_of(rig)
-        low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
-        return Warmth(reference, low, high, effects is not None and effects.thermal, "the rig's" if record is None else CALIBRATIONS)
+        return self._exact.at(poses, lengths, lambda at, counts: self.twists(at, counts, None, compiled=False))
 
     def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
         """(n, 6, m) what the poses move by per mm of each length."""

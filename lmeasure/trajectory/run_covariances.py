@@ -9,9 +9,10 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.run import Run
 from lmeasure.status import Status
-from lmeasure.trajectory.budget import RESTORED, Budget, PoseCovariances
+from lmeasure.trajectory.budget import RESTORED, Budget
 from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
+from lmeasure.trajectory.pose_covariances import PoseCovariances
 from lmeasure.trajectory.prepared import prepared
 from lmeasure.trajectory.record import NAMES, Trajectory
 

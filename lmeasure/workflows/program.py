@@ -74,7 +74,8 @@ class Settings(Asked):
 @workflow("program")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     """Write the program and its commands; or fill in when it ran."""
-    from lmeasure.certification.campaign import TESTS, Tests, campaign, duration_s
+    from lmeasure.certification.asked_tests import TESTS, Tests
+    from lmeasure.certification.campaign import campaign, duration_s
     from lmeasure.certification.command_files import write_campaign
 
     if settings.ran is not None:

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure import files
-from lmeasure.certification.campaign import CYCLES, TESTS, Campaign, Tests, campaign, duration_s, timed
+from lmeasure.certification.asked_tests import CYCLES, TESTS, Tests
+from lmeasure.certification.campaign import Campaign, campaign, duration_s, timed
 from lmeasure.certification.command_files import write_commands, write_robodk
 from lmeasure.certification.cube import Cube
 from lmeasure.cli import app

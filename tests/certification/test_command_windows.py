@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lmeasure.certification.campaign import Campaign, Tests, campaign, timed
+from lmeasure.certification.asked_tests import Tests
+from lmeasure.certification.campaign import Campaign, campaign, timed
 from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.command_windows import windows_from_rests
 from lmeasure.certification.cube import Cube

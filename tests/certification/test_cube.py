@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from lmeasure.certification.campaign import Tests, campaign
+from lmeasure.certification.asked_tests import Tests
+from lmeasure.certification.campaign import campaign
 from lmeasure.certification.cube import PLANES, POSES, Cube, largest_cube
 from lmeasure.errors import CertificationError
 

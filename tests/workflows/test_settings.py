@@ -9,7 +9,7 @@ from lmeasure import calibration, certification
 from lmeasure.accuracy.limits import Limits
 from lmeasure.accuracy.placement import GENERATIONS
 from lmeasure.calibration import planning, reach
-from lmeasure.certification.campaign import Tests as CubeTests
+from lmeasure.certification.asked_tests import Tests as CubeTests
 from lmeasure.certification.certificate import LANGUAGES
 from lmeasure.errors import SettingsError
 from lmeasure.estimation.exchange import CRITERIA

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from lmeasure.certification import Settings
+from lmeasure.certification.asked_tests import Tests
 from lmeasure.certification.bundle import MANIFEST, seal
-from lmeasure.certification.campaign import Tests, campaign, timed
+from lmeasure.certification.campaign import campaign, timed
 from lmeasure.certification.cube import largest_cube
 from lmeasure.certification.measure import Inputs
 from lmeasure.program import Drift, Program, Tolerance, write_program
