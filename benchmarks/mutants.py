@@ -41,10 +41,15 @@ LIBRARIES = (
 EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
 
 _ZONES = "pivoted or parameter or every_node or definitions or cannot_run or zero_pose"
-_COUNTERS = ["tests/trajectory/test_counter_faults.py", "tests/test_docs.py::test_constants_are_those_of_the_program"]
+_COUNTERS = [
+    "tests/trajectory/test_counter_faults.py",
+    "tests/trajectory/test_redundant_faults.py",
+    "tests/test_docs.py::test_constants_are_those_of_the_program",
+]
 _SEALED = [
     "tests/certification/test_iso_tests.py",
     "tests/certification/test_paths.py",
+    "tests/certification/test_corners_and_weaves.py",
     "tests/certification/test_method.py",
     "tests/certification/test_evaluation.py",
     "tests/certification/test_instants.py",
@@ -65,7 +70,7 @@ _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_fra
 CORE = {
     "kernels/cable.py": ["tests/kernels/test_cable.py"],
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
-    "kernels/screw.py": ["tests/kernels/test_screw.py"],
+    "kernels/screw.py": ["tests/kernels/test_screw.py", "tests/kernels/test_screw_covariances.py"],
     "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "tiles_ or in_pieces or 75_degrees or short_dip or spoil"],
     "kernels/least_squares.py": ["tests/trajectory/test_schemes.py"],
     "kernels/zone.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from campaigns_of_truth import TRUTH, held_out_errors, true_rig
 from random_campaigns import draw
 from scipy.optimize import least_squares
-from test_calibrate import TRUTH, held_out_errors, true_rig
 from zeroed import zeroed_exactly
 
 from lmeasure.calibration import Settings, calibrate, read_campaign

@@ -13,14 +13,14 @@ import pytest
 from campaigns import write_campaign
 
 from lmeasure.certification import Settings
-from lmeasure.certification.again import RELATIVE, compare, label
+from lmeasure.certification.again import RELATIVE, label
 from lmeasure.certification.bundle import MANIFEST, SIGNATURE, check_seal, found_files, new_folder, opened_zip, seal, sidecar, write_zip
-from lmeasure.certification.canonical import canonical, digest
+from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import identification
 from lmeasure.certification.measure import Inputs, inputs_in, measure, settings_from
 from lmeasure.certification.signature import fingerprint, new_key, read_private_key, read_public_key, signer
-from lmeasure.certification.verify import read_certificate, told, verify
-from lmeasure.errors import CertificationError, ForeignFolderError, KeyKeptError, LMeasureError
+from lmeasure.certification.verify import told, verify
+from lmeasure.errors import CertificationError, ForeignFolderError, LMeasureError
 from lmeasure.report.certificate import PRINTERS, Choices, write_certificate, zip_of
 
 CHANGES = 1000
@@ -281,42 +281,12 @@ def test_openssl_knows_our_keys_and_signatures(copy: Path, key: Path, tmp_path: 
     read_private_key(made)
 
 
-def test_keys_are_kept_and_refused(tmp_path: Path) -> None:
-    path = tmp_path / "k.pem"
-    new_key(path)
-    assert path.stat().st_mode & 0o077 == 0
-    with pytest.raises(KeyKeptError, match="exists already"):
-        new_key(path)
-    for text in ("", "nothing", path.with_name("k.pem.pub").read_text()):
-        (tmp_path / "bad").write_text(text)
-        with pytest.raises(CertificationError, match="bad"):
-            read_private_key(tmp_path / "bad")
-    with pytest.raises(CertificationError, match="is not a public key"):
-        read_public_key(path)
-    with pytest.raises(LMeasureError, match="cannot be read"):
-        read_public_key(tmp_path / "none")
-
-
 def test_the_zip_has_the_same_bytes_each_time_and_any_unzip_reads_it(signed: Path, tmp_path: Path) -> None:
     write_zip(tmp_path / "a.zip", signed)
     assert (tmp_path / "a.zip").read_bytes() == zip_of(signed).read_bytes()
     with zipfile.ZipFile(tmp_path / "a.zip") as archive:
         assert archive.testzip() is None
         assert set(archive.namelist()) == found_files(signed)
-
-
-def test_zips_that_would_write_elsewhere_or_grow_are_refused(tmp_path: Path) -> None:
-    for number, name in enumerate(("../out.txt", "/tmp/out.txt", "a/../../out.txt", "a\\b", "C:x")):
-        with zipfile.ZipFile(tmp_path / f"{number}.zip", "w") as archive:
-            archive.writestr(name, "x")
-        (tmp_path / str(number)).mkdir()
-        with pytest.raises(CertificationError), opened_zip(tmp_path / f"{number}.zip", tmp_path / str(number)):
-            pass
-    with zipfile.ZipFile(tmp_path / "big.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("zeros", bytes(10_000_000))
-    with pytest.raises(CertificationError, match="not stored"), opened_zip(tmp_path / "big.zip", tmp_path):
-        pass
-    assert not (tmp_path.parent / "out.txt").exists()
 
 
 def test_a_folder_of_somebody_else_is_not_touched(tmp_path: Path, campaign: Path) -> None:
@@ -381,16 +351,6 @@ def test_a_rig_of_elsewhere_and_its_record_are_copied_beside_each_other(campaign
         inputs(campaign, rig=rigs / "calibrated.toml").copies()
 
 
-def test_files_that_are_no_certificate(tmp_path: Path) -> None:
-    path = tmp_path / "certificate.json"
-    for text in ("", "[]", "{}", '{"schema": "lmeasure.certificate/1"}', "[" * 100_000, '{"schema": "lmeasure.certificate/1", "id": NaN}'):
-        path.write_text(text)
-        with pytest.raises(LMeasureError, match=r"certificate\.json"):
-            read_certificate(path)
-    with pytest.raises(CertificationError, match="no folder"):
-        verify(tmp_path / "none")
-
-
 def test_whatever_stands_in_a_certificate_verify_ends_in_a_list(copy: Path) -> None:
     """Values of all kinds anywhere in certificate.json, sealed anew: named as differences, never a traceback."""
     original = json.loads((copy / "certificate.json").read_text(encoding="utf-8"))
@@ -409,26 +369,3 @@ def test_whatever_stands_in_a_certificate_verify_ends_in_a_list(copy: Path) -> N
             continue
         resealed(copy, {table: inner | {name: value}})
         assert verify(copy).differences, (table, name, value)
-
-
-def test_compare_looks_into_every_entry() -> None:
-    figure: dict[str, Any] = {
-        "name": "AP_p",
-        "pose": "P1",
-        "value": 1.0,
-        "u95": 0.1,
-        "unit": "mm",
-        "capable": True,
-        "conformity": {"upper": 2.0},
-    }
-    base: dict[str, Any] = {"characteristics": [figure], "excluded": [], "notes": []}
-    stated = base | {"figures_sha256": digest([]), "id": identification(base | {"figures_sha256": digest([])})}
-    assert compare(stated, stated, exact=True) == ([], 0.0)
-    other = stated | {"characteristics": [figure | {"conformity": {"upper": 2.0 + 1e-9}}]}
-    assert [d.what for d in compare(stated, other, exact=True)[0]] == ["AP_p of P1"]
-    assert compare(stated, other, exact=False)[0] == []
-    assert compare(stated, stated | {"excluded": [{"kind": "pose", "name": "P1"}]}, exact=False)[0] != []
-    # a table that later versions write is not missed in an earlier certificate, nor let go in one of this version
-    assert compare(stated, stated | {"program": {}}, exact=False)[0] == []
-    assert compare(stated, stated | {"program": {}}, exact=True)[0] != []
-    assert compare(stated | {"program": {}}, stated, exact=False)[0] != []

@@ -11,6 +11,8 @@ from lmeasure.counts import Counts
 from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
+from lmeasure.status import WORDS
+from lmeasure.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 
@@ -100,3 +102,8 @@ def position_error(poses: FloatArray, truth: FloatArray) -> FloatArray:
 def rotation_error(poses: FloatArray, truth: FloatArray) -> FloatArray:
     """(n,) angles [rad]."""
     return np.asarray((Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(truth[:, 3:]).inv()).magnitude())
+
+
+def words(trajectory: Trajectory) -> list[str]:
+    """What the samples are, in words."""
+    return [WORDS[status] for status in trajectory.status]

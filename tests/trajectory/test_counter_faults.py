@@ -3,29 +3,24 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import START, FloatArray, cell, motion, position_error, record, with_recorded
+from cells import FloatArray, cell, motion, record, with_recorded, words
 from scipy.spatial.transform import Rotation
-from test_schemes import EIGHT, SEVEN, rig_of
+from test_schemes import EIGHT, rig_of
 
 from lmeasure.lengths import lengths_from_counts
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.run import Run, read_run, read_run_head, write_run
-from lmeasure.status import WORDS, Status
-from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream
+from lmeasure.run import Run
+from lmeasure.status import Status
+from lmeasure.trajectory import reconstruct
 from lmeasure.trajectory.consistency import EpochFinder
 from lmeasure.trajectory.continuity import Continuity, ContinuityFinder
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.screw_method import Reconstruction
 
 COUNT_MM = 0.012
-
-
-def words(trajectory: Trajectory) -> list[str]:
-    return [WORDS[status] for status in trajectory.status]
 
 
 def along(points: FloatArray, speed_mm_s: float, rate_hz: float, ramp_s: float = 0.0, rest_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
@@ -172,20 +167,6 @@ def test_a_second_jump_minutes_later_proves_nothing_but_a_rest_does() -> None:
             assert any("it has lost nothing" in note for note in map(str, trajectory.notes))
 
 
-@pytest.mark.parametrize("pairs", [SEVEN, EIGHT])
-def test_redundant_cables_prove_an_origin(pairs: list[tuple[str, str]]) -> None:
-    run = record(rig_of(pairs), *motion(2500, rate_hz=250.0))
-    truth = motion(2500, rate_hz=250.0)[1]
-    recorded = run.passes[0].recorded.copy()
-    recorded[600:900, 3] += 700.0
-    trajectory = reconstruct(with_recorded(run, recorded))
-    assert set(words(trajectory)) == {"ok"}
-    assert set(trajectory.cable[600:900]) == {"c4"}
-    assert set(trajectory.cable[:600]) | set(trajectory.cable[902:]) == {""}
-    assert any("the other cables show that it has lost nothing" in note for note in map(str, trajectory.notes))
-    assert position_error(trajectory.poses, truth).max() < 0.03
-
-
 def test_a_clock_that_steps_is_no_counter() -> None:
     times, poses = motion(2000, rate_hz=250.0)
     late = times + np.where(np.arange(2000) >= 1000, 0.048, 0.0)
@@ -281,97 +262,6 @@ def test_of_an_odd_number_of_epochs_the_last_stays(monkeypatch: pytest.MonkeyPat
     assert finder.epochs().time_s.tolist() == epochs.time_s[[0, 3, 4, 6, 8]].tolist()
 
 
-def test_swapped_channels_of_eight_cables_are_never_ok() -> None:
-    run = record(rig_of(EIGHT), *motion(1500, rate_hz=250.0))
-    recorded = run.passes[0].recorded.copy()
-    recorded[:, [1, 4]] = recorded[:, [4, 1]]
-    trajectory = reconstruct(with_recorded(run, recorded))
-    assert set(words(trajectory)) == {"inconsistent"}
-    said = [note for note in map(str, trajectory.notes) if "no single one explains it" in note]
-    assert [note.split(":")[0] for note in said] == ["from the beginning to the end"]
-
-
-def test_two_channels_that_err_one_after_the_other_are_each_left_out() -> None:
-    run = record(rig_of(EIGHT), *motion(3000, rate_hz=250.0))
-    recorded = run.passes[0].recorded.copy()
-    for j, begin in ((2, 300), (6, 1800)):
-        recorded[begin : begin + 500, j] -= (300.0 * np.sin(np.pi * np.arange(500) / 500) ** 2).round()
-    trajectory = reconstruct(with_recorded(run, recorded))
-    assert set(words(trajectory)) == {"ok"}
-    assert set(trajectory.cable[330:770]) == {"c3"}
-    assert set(trajectory.cable[1830:2270]) == {"c7"}
-    assert set(trajectory.cable) == {"", "c3", "c7"}
-    said = [re.match(r"from (\S+) s to (\S+) s: cable c[37] does not follow", note) for note in map(str, trajectory.notes[:2])]
-    for found, begin in zip(said, (300, 1800), strict=True):
-        assert found is not None, trajectory.notes
-        assert abs(float(found[1]) - begin / 250.0) < 0.2
-        assert abs(float(found[2]) - (begin + 500) / 250.0) < 0.2
-    assert position_error(trajectory.poses, motion(3000, rate_hz=250.0)[1]).max() < 0.03
-
-
-def test_without_two_cables_the_covariance_is_that_of_the_others(tmp_path: Path) -> None:
-    run = record(rig_of(EIGHT), *motion(400, rate_hz=250.0))
-    recorded = run.passes[0].recorded.copy()
-    recorded[100:, [6, 7]] = np.nan
-    missing = with_recorded(run, recorded)
-    trajectory = reconstruct(missing)
-    assert set(trajectory.cable[100:]) == {"c7, c8"}
-    assert np.isnan(trajectory.residual_mm[100:]).all()
-    assert np.isfinite(trajectory.residual_mm[:100]).all()
-    found = covariances(trajectory, run)
-    np.testing.assert_allclose(found.random, trajectory.random, rtol=1e-9)
-    six = reconstruct(record(cell(), *motion(400, rate_hz=250.0)))
-    np.testing.assert_allclose(trajectory.random[200], six.random[200], rtol=1e-3, atol=1e-12)
-    write_run(tmp_path / "run", missing)
-    reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "t.parquet")
-    assert set(read_trajectory(tmp_path / "t.parquet").cable[100:]) == {"c7, c8"}
-
-
-def test_from_file_to_file_the_same_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.tables.PIECE_ROWS", 257)
-    monkeypatch.setattr("lmeasure.tables.PIECE_BYTES", 20_000)
-    run = record(rig_of(EIGHT), *motion(2000, rate_hz=250.0))
-    recorded = run.passes[0].recorded.copy()
-    recorded[700:, 5] += 90.0
-    recorded[1200:1500, 2] -= (300.0 * np.sin(np.pi * np.arange(300) / 300) ** 2).round()
-    write_run(tmp_path / "run", with_recorded(run, recorded))
-    summary = reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "t.parquet")
-    whole = reconstruct(read_run(tmp_path / "run"))
-    back = read_trajectory(tmp_path / "t.parquet")
-    np.testing.assert_allclose(back.poses, whole.poses, atol=1e-9)
-    assert back.cable.tolist() == whole.cable.tolist()
-    assert back.cause.tolist() == whole.cause.tolist()
-    assert back.chi_squared is not None
-    assert whole.chi_squared is not None
-    np.testing.assert_allclose(back.chi_squared, whole.chi_squared, rtol=1e-6, atol=1e-9)
-    for note in map(str, whole.notes):
-        assert f"note: {note}" in summary.text()
-
-
-@pytest.mark.parametrize(
-    ("pairs", "said"), [(None, "no redundancy, 6 cables"), (SEVEN, "one cable to spare"), (EIGHT, "2 cables to spare")]
-)
-def test_the_summary_says_what_can_be_seen(pairs: list[tuple[str, str]] | None, said: str) -> None:
-    run = record(cell() if pairs is None else rig_of(pairs), *motion(300))
-    text = reconstruct(run).summary()
-    assert said in text
-    assert "steps of a counter by" in text
-    if pairs is None:
-        assert "what is wrong from the beginning or errs slowly is never seen" in text
-    np.testing.assert_array_equal(run.known_start, START)
-
-
-def test_a_drawing_that_is_off_is_not_called_a_fault_of_a_cable() -> None:
-    """Eight cables of a rig that nobody calibrated: the lengths contradict each other, and the summary says what may be the reason."""
-    rig = rig_of(EIGHT)
-    run = record(rig, *motion(800, rate_hz=250.0))
-    rng = np.random.default_rng(3)
-    moved = [p.model_copy(update={"position_mm": tuple(np.array(p.position_mm) + rng.normal(0.0, 3.0, 3))}) for p in rig.observation_point]
-    trajectory = reconstruct(replace(run, rig=rig.model_copy(update={"observation_point": tuple(moved)})))
-    assert set(words(trajectory)) == {"inconsistent"}
-    assert any("the rig links no calibration" in note for note in map(str, trajectory.notes))
-
-
 @pytest.mark.parametrize("flips", [3, 40])
 def test_bits_that_flip_often_are_no_habit(flips: int) -> None:
     """On a straight line at an even speed, which has no acceleration to hold anything against."""
@@ -441,18 +331,6 @@ def test_empty_cells_neither_hide_nor_make_a_channel_that_stands() -> None:
         empty = run.passes[0].recorded.copy()
         empty[begin : begin + 150, 0] = np.nan
         assert continuity_of(with_recorded(run, empty)).stood == ()
-
-
-def test_more_faults_than_anybody_counts_are_never_called_ok(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.trajectory.consistency.ROUNDS", 2)
-    run = record(rig_of(EIGHT), *motion(4800, rate_hz=200.0))
-    recorded = run.passes[0].recorded.copy()
-    for k in range(8):
-        begin = 100 + 600 * k
-        recorded[begin : begin + 250, (2, 6)[k % 2]] -= np.rint(600.0 * np.sin(np.pi * np.arange(250) / 250) ** 2)[: 4800 - begin]
-    trajectory = reconstruct(with_recorded(run, recorded))
-    ok = trajectory.status == Status.OK
-    assert position_error(trajectory.poses[ok], motion(4800, rate_hz=200.0)[1][ok]).max(initial=0.0) < 0.05
 
 
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0])

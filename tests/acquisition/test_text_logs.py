@@ -1,0 +1,140 @@
+"""Text logs as programs of others write them: ASC of CANoe, candump of can-utils, lines that nobody can read."""
+
+import itertools
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+from log_corpus import library_rows
+from read_logs import ERROR_COLUMN, read_rows
+
+# ASC and candump as other programs write them ---------------------------------------------------------------------------------------
+
+ASC = """date Thu Feb 29 12:30:15.250 pm 2024
+base {base}  timestamps {timestamps}
+no internal events logged
+// version 8.5.0
+Begin Triggerblock Thu Feb 29 12:30:15.250 pm 2024
+   0.000000 Start of measurement
+   0.010000 1  181             Rx   d 4 01 02 03 04  Length = 140000 BitCount = 73 ID = 385
+   0.010100 2  18FF0110x       Tx   d 8 10 11 12 13 14 15 16 17
+   0.010200 1  Statistic: D 12 R 0 XD 0 XR 0 E 0 O 0 B 1.20%
+   0.010300 1  182             Rx   r 8 Length = 0
+   0.010400 1  183             Rx   r
+   0.010500 3  ErrorFrame
+   0.010600 CAN 1 Status:chip status error active
+   0.010700 SV: 2 0 1 ::sys::x = 1
+   0.010800 CANFD   1 Rx        184  Counter_Message                 1 0 9 12 01 02 03 04 05 06 07 08 09 10 11 12   0 0 3000 0 0 0 0 0
+   0.010900 CANFD   2 Tx        185                                  0 1 2  2 01 02   0 0 5000 0 0 0 0 0
+   0.011000 CANFD   2 Rx ErrorFrame   Not Acknowledge error, dominant error flag
+   0.011100 1  7ff  Rx   d 0
+   0.011200 1  184             Rx   d 2 1 2
+   0.0113   10 185             Rx   d 1 07
+   1.500000 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F
+End TriggerBlock
+"""
+
+
+@pytest.mark.parametrize("base", ["hex", "dec"])
+def test_asc_of_canoe(tmp_path: Path, base: str) -> None:
+    path = tmp_path / "log.asc"
+    text = ASC.format(base=base, timestamps="absolute")
+    path.write_text(text.replace("18FF0110x", "419365136x").replace("7ff", "2047").replace("0F", "15") if base == "dec" else text)
+    expected, whole = library_rows(path)
+    found, report = read_rows(path)
+    assert whole
+    assert found == expected
+    assert len(found) == 11
+    assert report.notes() == []
+
+
+def test_a_blank_that_is_not_ascii_parts_words_too(tmp_path: Path) -> None:
+    path = tmp_path / "log.asc"
+    path.write_bytes(b"base hex  timestamps absolute\n 0.5 CANFD\xa0  1 Rx 184 1 0 2 2 01 02\n")
+    assert [(r[0], r[1], r[10]) for r in read_rows(path)[0]] == [(0.5, 0x184, b"\1\2")]
+
+
+def test_asc_times_that_count_from_the_event_before(tmp_path: Path) -> None:
+    """`timestamps relative`: python-can gives the differences as they stand; events that are no frames count too."""
+    path = tmp_path / "log.asc"
+    path.write_text(ASC.format(base="hex", timestamps="relative"))
+    found, _ = read_rows(path)
+    texts = [line.split()[0] for line in path.read_text().splitlines()[5:-1]]
+    sums = list(itertools.accumulate(Decimal(t) for t in texts))
+    frames = [i for i in range(len(texts)) if i not in {0, 3, 7, 8, 15}]
+    start = found[0][0] - float(sums[1])
+    assert [r[0] - start for r in found] == pytest.approx([float(sums[i]) for i in frames], abs=1e-6)
+    assert [r[1:] for r in found] == [r[1:] for r in library_rows(path)[0]]
+
+
+def test_asc_without_a_header_keeps_its_first_frame(tmp_path: Path) -> None:
+    """python-can takes the first line for the header, whatever it holds."""
+    path = tmp_path / "log.asc"
+    path.write_text("0.1 1 181 Rx d 1 07\n0.2 1 181 Rx d 1 08\n")
+    assert [r[10] for r in read_rows(path)[0]] == [b"\7", b"\10"]
+    assert [r[10] for r in library_rows(path)[0]] == [b"\10"]
+
+
+CANDUMP = (
+    """(1436509052.249713) vcan0 044#2A366C2BBA
+(1436509052.449847) vcan0 0F6#7ADFE07BD2 R
+(1436509052.650004) can1 123ABC78#R8 T
+(1436509052.7) can1 12#r
+(1436509052.850183) a_longer_name_than_the_scan_keeps_for_itself 181##311223344 T
+(1436509053.050400) 3 181##0
+  (1436509053.1)  can1   1FFFFFFF#0011223344556677
+
+(12) can0 7FF#
+(13) 0000 7FF#01
+(0.000001) can0 20000088#0000000000000000
+(1436509053.250600) can1 181##5"""
+    + "ab" * 64
+    + "\n"
+)
+
+
+def test_candump_of_can_utils(tmp_path: Path) -> None:
+    path = tmp_path / "log.log"
+    path.write_text(CANDUMP)
+    expected, whole = library_rows(path)
+    found, report = read_rows(path)
+    assert whole
+    assert found == expected
+    assert len(found) == 11
+    assert report.notes() == []
+
+
+def test_candump_error_frames_of_every_class(tmp_path: Path) -> None:
+    """python-can takes an error frame without the bus-error bit for data of an extended identifier."""
+    path = tmp_path / "log.log"
+    path.write_text("(1.0) can0 20000004#0010000000000000\n(2.0) can0 00000004#0010000000000000\n")
+    found, _ = read_rows(path)
+    assert [r[ERROR_COLUMN] for r in found] == [True, False]
+    assert [r[ERROR_COLUMN] for r in library_rows(path)[0]] == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "bad"),
+    [
+        (".log", "(1.0) can0 181#012"),
+        (".log", "(1.0) can0 181"),
+        (".log", "(x) can0 181#01"),
+        (".log", "(nan) can0 181#01"),
+        (".log", "(1.0) can0 x81#01"),
+        (".log", "(1.0) can0 181#0g"),
+        (".log", "can0  181   [4]  01 02 03 04"),
+        (".asc", "1.0 1 181 Rx d 4 01 02 03"),
+        (".asc", "1.0 1 Engine Rx d 2 01 02"),
+        (".asc", "1.0 1 181 Rx d 2 01 100"),
+        (".asc", "1.0 1 FFFFFFFFx Rx d 2 01 10"),
+        (".asc", "1.0 CANFD 1 Rx 181 0 0 9 12 01 02"),
+    ],
+)
+def test_a_line_that_nobody_can_read_is_counted(tmp_path: Path, suffix: str, bad: str) -> None:
+    path = tmp_path / f"log{suffix}"
+    good = {".log": "(1.0) can0 181#01\n", ".asc": "1.0 1 181 Rx d 1 01\n"}[suffix]
+    path.write_text("date Mon Jan 1 10:00:00 2024\nbase hex timestamps absolute\n" * (suffix == ".asc") + good + bad + "\n" + good)
+    found, report = read_rows(path)
+    assert len(found) == 2
+    assert report.unread == 1
+    assert repr(bad)[1:-1] in report.notes()[0]
