@@ -69,7 +69,7 @@ def _cache_folder() -> Path:
 
 
 def _keeping(dispatcher: Any) -> Any:
-    if _KEEPS:
+    if _KEEPS and hasattr(dispatcher, "py_func"):  # with NUMBA_DISABLE_JIT nothing is compiled
         with contextlib.suppress(OSError, RuntimeError):  # numba finds no place for it
             dispatcher._cache = KeptCode(dispatcher.py_func)
     return dispatcher

@@ -112,8 +112,8 @@ def test_figures_are_those_of_generalised_least_squares(cables: int, linked: boo
             assert zone[name].item() == pytest.approx(expected, rel=6e-5), name
 
 
-def plan_of(rig: Rig, linked: bool) -> Plan:
-    nodes = axis(-300, 300, 150)
+def plan_of(rig: Rig, linked: bool, step: float = 150.0) -> Plan:
+    nodes = axis(-300, 300, step)
     positions = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
     bodies = (Body(name="column", from_mm=(600, 0, -500), to_mm=(600, 0, 900), radius_mm=80),)
     plan = make_plan(rig, None, positions, tilts(0.3, 2), start=START, full=True, near=True, bodies=bodies)
@@ -131,6 +131,20 @@ def test_lanes_give_the_figures_of_the_scalar_kernel(cables: int, alike: bool, l
     if alike:
         plan = replace(plan, weights=np.ones(cables))
     assert (plan.weights.min() < 1.0) != alike
+    fast = lanes_are_the_scalar_kernel(plan)
+    # in any parts the same
+    parts = run(replace(plan, nodes_per_chunk=32), workers=2)
+    np.testing.assert_array_equal(parts[0], fast)
+
+
+@pytest.mark.parametrize("linked", [False, True], ids=["alone", "linked"])
+def test_few_places_too(linked: bool) -> None:
+    """So few that kernels are seen through without being compiled (NUMBA_DISABLE_JIT=1)."""
+    plan = plan_of(cell(1, 7), linked, step=600.0)
+    lanes_are_the_scalar_kernel(replace(plan, quaternions=plan.quaternions[[0, -1]]))
+
+
+def lanes_are_the_scalar_kernel(plan: Plan) -> np.ndarray:
     slow, slow_flags = kernels.scan(
         plan.cables, plan.positions, plan.quaternions, plan.variance, plan.weights, plan.scales, plan.factor, plan.start, plan.points,
         plan.pairs, plan.bodies,
@@ -143,10 +157,8 @@ def test_lanes_give_the_figures_of_the_scalar_kernel(cables: int, alike: bool, l
             continue
         # normal equations: their rounding grows with the square of the condition
         assert (np.abs(a - b) <= (1e-12 + 1e-14 * slow[kernels.NORM2]) * np.maximum(1.0, np.abs(b))).all(), name
-    # the lanes did it, not the scalar kernel
     assert (fast[kernels.U95_POSITION] != slow[kernels.U95_POSITION]).any()
-    parts = run(replace(plan, nodes_per_chunk=32), workers=2)
-    np.testing.assert_array_equal(parts[0], fast)
+    return fast
 
 
 def test_cables_that_count_coarsely_add_nothing() -> None:

@@ -66,6 +66,22 @@ def test_lanes_give_the_figures_of_the_pivoted_kernel(rig: Rig) -> None:
         assert (np.abs(a - b) <= tolerance * np.maximum(1.0, np.abs(b))).all(), name
 
 
+@pytest.mark.parametrize("linked", [False, True], ids=["alone", "linked"])
+@pytest.mark.parametrize("rig", [cell(0), published()], ids=["pulleys", "straight"])
+def test_few_places_too(rig: Rig, linked: bool) -> None:
+    """So few that kernels are seen through without being compiled (NUMBA_DISABLE_JIT=1), by a debugger for instance."""
+    random = np.random.default_rng(1)
+    plan = replace(plan_of(rig, 150.0, 300.0, 1), quaternions=Rotation.from_rotvec([[0.1, -0.2, 0.15], [-0.2, 0.1, 0.1]]).as_quat())
+    if linked:
+        plan = replace(plan, factor=0.02 * random.standard_normal((78, 4)), scales=random.uniform(0.5, 2.0, 6))
+    slow, slow_flags = scalar(plan)
+    fast, fast_flags = run(plan)
+    np.testing.assert_array_equal(fast_flags, slow_flags)
+    assert (fast != slow).any()
+    for name, a, b in zip(kernels.FIGURES, fast, slow, strict=True):
+        assert (np.abs(a - b) <= (1e-12 + 1e-15 * slow[kernels.NORM2]) * np.maximum(1.0, np.abs(b))).all(), name
+
+
 @pytest.mark.parametrize("rows", [range(13), range(5), (5,), (6, 12), (7, 8), (9, 10, 11)], ids=str)
 @pytest.mark.parametrize("rig", [cell(0), published()], ids=["pulleys", "straight"])
 def test_lanes_give_the_part_of_a_calibration_by_every_parameter(rig: Rig, rows: Sequence[int]) -> None:

@@ -163,7 +163,7 @@ def test_cables_of_one_point_keep_their_own_readings() -> None:
 
 def test_calibrated_values_err_as_stated_where_counters_stand_anywhere_within_their_count() -> None:
     """Errors in the principal directions that the data determine, over their standard uncertainties; and the truth in the 95 % region."""
-    squares, freedom, inside, other = 0.0, 0, 0, 0.0
+    squares, freedom, inside, other, nearer = 0.0, 0, 0, 0.0, 0
     trials = 60
     for seed in range(trials):
         drawn = draw(seed, noise="rounded", phased=True)
@@ -177,13 +177,17 @@ def test_calibrated_values_err_as_stated_where_counters_stand_anywhere_within_th
         freedom += found.rank
         where = regions(found, seed)
         d = truth - found.theta
-        inside += bool(d @ np.linalg.solve(where.covariance, d) <= where.factor**2)
+        square = float(d @ np.linalg.solve(where.covariance, d)) / where.factor**2
+        inside += square <= 1.0
+        nearer += square <= chi2.ppf(0.5, len(d)) / chi2.ppf(0.95, len(d))
         sure = model_of(zeroed_exactly(drawn.campaign))
         gain = fit(sure, truth)
         told = gain.directions[gain.known] @ (gain.gain @ r / model.parameters.width) * gain.s[gain.known]
         other += float(told @ told)
     assert 0.01 < chi2.sf(squares, freedom) < 0.99
     assert inside >= 0.87 * trials
+    # nor is the region too large: the half of all that is nearest lies where it should
+    assert 0.3 * trials < nearer < 0.7 * trials
     assert chi2.sf(other, freedom) < 1e-6
 
 

@@ -1,5 +1,7 @@
 """The lane kernel gives the poses of the sample-by-sample one, wherever it is allowed to answer."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -171,6 +173,30 @@ def test_tiles_are_taken(rows: FloatArray) -> None:
     fast = np.repeat(path(whole // 2, speed=60.0), 2, axis=0)
     one, many = both(rows, changes(rows, fast))
     np.testing.assert_array_equal(many[2], one[2])
+
+
+def test_few_samples_begin_with_the_cables_farthest_from_coplanar(rows: FloatArray) -> None:
+    ordered, places = lanes._order(rows, HOME)
+    directions = cable.span_rows_of(rows, HOME[None])[0, :, 3:]
+    volumes = {c: abs(np.linalg.det(directions[list(c)])) for c in itertools.combinations(range(6), 3)}
+    assert tuple(places[:3]) == max(volumes, key=lambda c: volumes[c])
+    assert sorted(places) == [0, 1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(ordered, rows[places])
+    # and with quaternions on one half of their sphere
+    turned = np.array([HOME, [*HOME[:3], *-HOME[3:]]])
+    assert [lanes._side_of(turned, 0, b) for b in (0, 1)] == [1.0, -1.0]
+
+
+def test_few_samples_in_tiles(rows: FloatArray) -> None:
+    """So few that kernels are seen through without being compiled (NUMBA_DISABLE_JIT=1)."""
+    change = changes(rows, np.repeat(path(2 * lanes.COARSE, speed=3.0), 2, axis=0))
+    change[lanes.WIDTH + 10, 0] -= 5000.0
+    one, many = both(rows, change)
+    assert_same(one, many)
+    assert (np.flatnonzero(one[3]) == lanes.WIDTH + 10).all()
+    tiles = many[2].reshape(-1, lanes.WIDTH)
+    np.testing.assert_array_equal(tiles[1], one[2].reshape(-1, lanes.WIDTH)[1])
+    assert (np.delete(tiles, 1, axis=0) == np.delete(tiles[:, :1], 1, axis=0)).all()
 
 
 def test_tiles_beyond_75_degrees_go_sample_by_sample(rows: FloatArray) -> None:

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from rigs import COUNT_MM, HOME, FloatArray, cables, path, poses, rows_of
+from rigs import COUNT_MM, HOME, FloatArray, cables, inclination, path, poses, rows_of, swivel
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.kernels import counter, lanes, least_squares, live, pose_covariance, screw
 from lmeasure.kernels.cable import span_lengths
-from lmeasure.kernels.layout import TRAVEL
-from lmeasure.observation import CableLength, Solved, predictions, shared_errors, twists
-from lmeasure.observation.channel import values
+from lmeasure.kernels.layout import ALPHA, ANGLE_ZERO, ATTACHMENT, BASE, BETA, CABLE_COLUMNS, CHANGES, INCLINATION, KIND, SWIVEL, TRAVEL
+from lmeasure.observation import CableLength, Observation, Solved, differences, predictions, pressure_angles, shared_errors, twists
+from lmeasure.observation.channel import values, variances
 from lmeasure.observation.continuation import follow
 from lmeasure.observation.parameters import FACTORS
 from lmeasure.status import Status
@@ -98,6 +98,74 @@ def test_any_number_of_cables(seed: int, m: int, radius: float | None, missing: 
     np.testing.assert_allclose(G, twists(channels, reference.poses, used), rtol=1e-7, atol=1e-12)
     own = G * COUNT_MM / np.sqrt(12.0)
     np.testing.assert_allclose(own @ np.swapaxes(own, 1, 2), reference.covariance, rtol=1e-7, atol=1e-18)
+
+
+def mixed() -> tuple[list[Observation], FloatArray]:
+    """Five cables, two swivels and two inclinations, and their kernels' rows."""
+    g, some = np.random.default_rng(3), cables(3)
+    channels: list[Observation] = [*some[:5], swivel(some[0], 5.0), swivel(some[3], -70.0), inclination(g, "i1"), inclination(g, "i2")]
+    rows = np.concatenate([rows_of(some[:5]), np.zeros((4, CABLE_COLUMNS))])
+    for row, o in zip(rows[5:], channels[5:], strict=True):
+        p = values(o)
+        if len(p) == 9:
+            row[KIND], row[BASE : BASE + 3], row[ATTACHMENT : ATTACHMENT + 3] = SWIVEL, p[:3], p[5:8]
+            row[ALPHA], row[BETA] = np.radians(p[3:5])
+        else:
+            row[KIND], row[ATTACHMENT : ATTACHMENT + 3], row[BASE : BASE + 3] = INCLINATION, p[:3], p[3:6]
+        row[ANGLE_ZERO] = np.radians(p[-1])
+    return channels, rows
+
+
+def test_few_samples_of_channels_of_every_kind() -> None:
+    """So few that the kernel is seen through without being compiled: followed, sought from beside, and their twists."""
+    channels, rows = mixed()
+    truth, u = path(400)[::40], np.sqrt(variances(channels))
+    readings = predictions(channels, truth) + np.random.default_rng(0).normal(size=(10, 9)) * u
+    readings[3, [2, 4]], readings[5, :4] = np.nan, np.nan
+    readings[7, 5] += 4.0 * np.pi
+    zero = np.where(rows[:, KIND] == 0, span_lengths(rows, HOME[None])[0], 0.0)
+    state, flags = least_squares.new_state(HOME, 9), np.full(10, int(Status.GAP))
+    state[CHANGES : CHANGES + 9] = predictions(channels, HOME[None])[0]
+    found = least_squares.follow(rows, HOME, zero, state, readings, flags, u, ALL)
+    reference = follow(channels, readings, HOME)
+    assert_same(found, reference)
+    assert found[3].tolist() == [Status.OK] * 5 + [Status.GAP] + [Status.OK] * 4
+    ok = found[3] == Status.OK
+    np.testing.assert_allclose(found[5][ok], reference.chi2[ok], rtol=1e-6)
+    assert (found[2][ok] > 0).all()
+    left = differences(channels, readings[ok], predictions(channels, reference.poses[ok]))
+    np.testing.assert_allclose(found[1][ok], np.nanmax(np.abs(left[:, :5]), axis=1), rtol=1e-6)
+    np.testing.assert_allclose(state[:7], reference.poses[-1], atol=1e-9)
+    np.testing.assert_allclose(state[CHANGES:], [*readings[-1], 0.0], atol=1e-12)
+    used = np.isfinite(readings)
+    G = least_squares.twists(rows, reference.poses, used / u, ALL)
+    np.testing.assert_allclose(G, twists(channels, reference.poses, used), rtol=1e-7, atol=1e-10)
+    beside = se3.displaced(truth[[1]], [[0.05, -0.04, 0.03, 30.0, -20.0, 10.0], [-0.02, 0.03, 0.05, -10.0, 25.0, 30.0]])
+    sought, chi = least_squares.search(rows, readings[1] + zero, u, ALL, beside)
+    np.testing.assert_allclose(se3.displacement(sought, reference.poses[[1, 1]]), 0.0, atol=1e-6)
+    np.testing.assert_allclose(chi, reference.chi2[1], rtol=1e-6)
+
+
+def test_few_samples_until_the_tool_is_lost() -> None:
+    """It turns far about the vertical: six cables lose it at a singular pose."""
+    six, turn = cables(3), np.r_[0.0, 0.7, 1.4, 1.9, 2.2, np.linspace(2.3, 2.4, 17)]
+    truth = se3.displaced(HOME, np.column_stack([np.zeros((22, 2)), turn, np.zeros((22, 3))]))
+    rows, u = rows_of(six), np.full(6, COUNT_MM / np.sqrt(12.0))
+    zero = span_lengths(rows, HOME[None])[0]
+    state, flags = least_squares.new_state(HOME, 6), np.zeros(22, np.int64)
+    found = least_squares.follow(rows, HOME, zero, state, predictions(six, truth), flags, u, ALL)
+    ok = found[3] == Status.OK
+    lost = int(np.argmin(ok))
+    assert 5 < lost < 20
+    assert found[3][lost:].tolist() == [Status.SINGULAR] + [Status.OTHER_ASSEMBLY] * (21 - lost)
+    np.testing.assert_allclose(se3.displacement(found[0][:lost], truth[:lost]), 0.0, atol=1e-6)
+    angles = pressure_angles(six, truth[:lost], twists(six, truth[:lost])).max(axis=1)
+    np.testing.assert_allclose(found[4][:lost], angles, rtol=1e-6)
+    assert angles[-1] < np.radians(88.0) < pressure_angles(six, truth[[lost]], twists(six, truth[[lost]])).max()
+    assert np.isnan(found[4][lost:]).all()
+    # by how many cables it was lost, and where it was last
+    assert state[-1] == 6.0
+    np.testing.assert_allclose(se3.displacement(state[None, :7], truth[[lost - 1]]), 0.0, atol=1e-6)
 
 
 def test_constrained_motions() -> None:

@@ -149,6 +149,10 @@ def test_a_run_is_followed_over_gaps_and_leaps() -> None:
     assert error_of(found.poses[~gap], truth[~gap]).max() < EXACT_MM
     sparse = follow(channels, readings[::25], HOME)
     np.testing.assert_allclose(sparse.poses, found.poses[::25], rtol=0, atol=1e-9)
+    # a gap behind a sample that was far from the one before it
+    readings[2::25] = np.nan
+    beside = follow(channels, readings[[0, 200, 202, 250]], HOME)
+    assert beside.status.tolist() == [Status.OK, Status.OK, Status.GAP, Status.OK]
 
 
 def test_far_poses_are_gone_to_in_parts() -> None:
@@ -197,7 +201,9 @@ def test_behind_a_singular_pose_nothing_is_guessed() -> None:
     both: list[Observation] = [*six, *(swivel(c, 0.0) for c in six)]
     readings = predictions(both, truth)
     readings[: lost + 20, 6:] = np.nan
+    # nor do as many as before, where there were fewer in between
+    readings[lost + 1 : lost + 4, 0] = np.nan
     again = follow(both, readings, HOME)
-    assert (again.status[lost + 5 : lost + 20] == Status.OTHER_ASSEMBLY).all()
+    assert (again.status[lost + 1 : lost + 20] == Status.OTHER_ASSEMBLY).all()
     there = again.status == Status.OK
     assert error_of(again.poses[there], truth[there]).max() < 1e-6

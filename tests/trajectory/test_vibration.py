@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from honest import assert_honest
 from made_trajectories import UNIT, StatedErrors, by_name, trajectory_of
 from numpy.typing import NDArray
 from scipy.special import j0
@@ -135,7 +136,7 @@ def test_dwells_of_which_only_later_ones_swing() -> None:
 @pytest.mark.parametrize("rate_hz", [100.0, 400.0])
 def test_u95_of_a_vibrating_robot_holds_where_it_rests(amplitude_mm: float, window_s: float, rate_hz: float) -> None:
     """5 to 13 Hz, three axes read in counts: half of the figures lay outside where samples were taken as independent."""
-    inside: dict[str, list[bool]] = {}
+    ratios: dict[str, list[float]] = {}
     for seed in range(40):
         rng = np.random.default_rng(1000 + seed)
         t, positions, _ = swinging(amplitude_mm, rng.uniform(5.0, 13.0), window_s, 8, seed, rate_hz=rate_hz)
@@ -155,7 +156,11 @@ def test_u95_of_a_vibrating_robot_holds_where_it_rests(amplitude_mm: float, wind
         expected = dict(zip(("AP_x", "AP_y", "AP_z"), mean, strict=True))
         expected |= {"AP_p": np.linalg.norm(mean), "RP_l": distance.mean() + 3.0 * distance.std(ddof=1)}
         for name, value in expected.items():
-            inside.setdefault(name, []).append(bool(abs(found[name, "P1"].value - value) <= found[name, "P1"].u95))
-    assert np.mean([inside[name] for name in ("AP_x", "AP_y", "AP_z")]) >= 0.9
-    assert np.mean(inside["AP_p"]) >= 0.9
-    assert np.mean(inside["RP_l"]) >= 0.85  # 90 % of 40, less a standard deviation
+            ratios.setdefault(name, []).append((found[name, "P1"].value - value) / found[name, "P1"].u95)
+    for names in (("AP_x", "AP_y", "AP_z"), ("AP_p",), ("RP_l",)):
+        own = np.abs(np.transpose([ratios[name] for name in names]))
+        if window_s > 0.2 and names != ("RP_l",):
+            assert_honest(own)
+        # what a swing leaves of windows shorter than itself is known less well: U95 is wide there, but not more than twice as wide
+        assert np.mean(own <= 1.0) >= (0.85 if names == ("RP_l",) else 0.9)
+        assert np.quantile(own, 0.95) > 0.45
