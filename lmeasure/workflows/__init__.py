@@ -30,6 +30,10 @@ JOBS: dict[str, dict[str, str]] = {
             "return goes back to the first pose, status, trust, quit. Broken off, the same command goes on."
         ),
         "calibrate": "Find the observation points from recorded counts at reference poses, with what the data can and cannot tell.",
+        "check-instrument": (
+            "Check a calibrated instrument in minutes, without a tracker: returns, revisits, reversal, drift, known distances, and what "
+            "has moved if they do not close."
+        ),
         "zone": "Map where every pressure angle stays within the limit, and the 95 % radius of the measured position.",
         "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
     },

@@ -1,0 +1,113 @@
+"""From a short run of a calibrated instrument to a verdict: fit for use, or to be calibrated again."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
+from lmeasure.workflows.settings import START, Asked, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.interim import Checked
+
+
+def _listed(value: Any) -> Any:
+    """What a command line gives once or several times, with semicolons between."""
+    return tuple(part.strip() for part in value.split(";") if part.strip()) if isinstance(value, str) else value
+
+
+def _checked(values: tuple[str, ...]) -> tuple[str, ...]:
+    for value in values:
+        parts = value.split(",")
+        try:
+            numbers = [float(part) for part in parts[2:]]
+        except ValueError:
+            numbers = []
+        if len(parts) != 4 or len(numbers) != 2 or not (0.0 < numbers[0] < 1e5 and 0.0 <= numbers[1] < 1e3):
+            raise ValueError(f"{value!r} is not NAME1,NAME2,mm,u: two places, their distance and its standard uncertainty")
+    return values
+
+
+class Settings(Asked):
+    """What `lmeasure check-instrument` is asked."""
+
+    run: Annotated[
+        Path, option("Run folder of the check: stops at some places, each twice, and the return.", metavar="RUN", positional=True)
+    ]
+    out: Annotated[Path, option("Folder for check.json and check.html.", metavar="DIR")]
+    rig: Annotated[Path | None, option("Use this rig.toml, with the calibration that it links, instead of the run's own.")] = None
+    start: Annotated[str | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    distance: Annotated[
+        tuple[str, ...],
+        BeforeValidator(_listed),
+        AfterValidator(_checked),
+        option(
+            "Known distance of the tool's origin at two places (P1, P2, ... in the order of their first visits), mm, and its standard "
+            "uncertainty; several with ';' between.",
+            metavar="NAME1,NAME2,mm,u",
+        ),
+    ] = ()
+    repeatability_mm: Annotated[
+        float | None, option("Standard deviation per axis with which the robot comes back to a place.", ge=0.0, le=10.0)
+    ] = None
+    near_mm: Annotated[float, option("Stops nearer than this are visits of one place.", ge=0.01, le=1000.0)] = 2.0
+    false_alarm_percent: Annotated[float, option("How many checks of a sound instrument may fail.", ge=0.001, le=50.0, unit="%")] = 1.0
+    trend: Annotated[Path | None, option("Table to which this check is appended; its page draws all of it.", metavar="FILE.csv")] = None
+    language: Annotated[Literal["en", "ru"], option("en or ru: language of the page.")] = "en"
+
+    def paths(self) -> Paths:
+        """A record and a page from a run."""
+        start = None if self.start is None else Path(self.start)
+        return Paths(inside(self.out, "check.json", "check.html"), (*in_run_folder(self.run), *present(self.rig, start)))
+
+
+@workflow("check-instrument")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
+    """Check, append to the trend, and write record and page."""
+    import json
+
+    from lmeasure import files
+    from lmeasure.interim import Distance, Limits, check_instrument
+    from lmeasure.interim.check import as_dict, said, verdict_text
+    from lmeasure.interim.trend import appended, now
+    from lmeasure.report.interim import write_check_page
+    from lmeasure.run import read_run
+    from lmeasure.start import stated_start
+
+    if settings.trend is not None and settings.trend.suffix.lower() != ".csv":
+        raise SettingsError("trend", f"{str(settings.trend)!r} does not end in .csv")
+    recorded = read_run(settings.run, settings.rig, None if settings.start is None else stated_start(settings.start))
+    progress(0.2, "check")
+    known = [Distance(a, b, float(mm), float(u)) for a, b, mm, u in (each.split(",") for each in settings.distance)]
+    limits = Limits(settings.false_alarm_percent / 100.0, settings.near_mm, settings.repeatability_mm)
+    found = check_instrument(recorded, known, limits)
+    progress(0.8, "writing")
+    when = now()
+    trend = None if settings.trend is None else appended(settings.trend, found, when)
+    sources = [path for path in in_run_folder(settings.run) if path.is_file()] + list(present(settings.rig))
+    inputs = [(path.name, files.sha256(path)) for path in sources]
+    content = as_dict(found) | {"time": when, "inputs": [{"file": name, "sha256": digest} for name, digest in inputs]}
+    files.write_text(settings.out / "check.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_check_page(settings.out / "check.html", found, trend, inputs=inputs, language=settings.language, when=when)
+    stops = ", ".join(f"{name} at {begin:.1f} s" for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True))
+    lines = [f"stops: {stops}"]
+    lines += [
+        f"{c.kind:9s} {c.name:14s} {c.value_mm:+.4f} mm  U95 {c.u95_mm:.4f}  p {c.probability:.2g}{'  off' if c in found.failed else ''}"
+        for c in found.closures
+    ]
+    if found.agreement is not None:
+        told = found.agreement
+        off = "  off" if found.disagrees else ""
+        lines.append(f"channels agree: chi-squared {told.chi_squared:.4g} of {told.freedom}, p {told.probability:.2g}{off}")
+    lines += [f"note: {note}" for note in said(found)]
+    written = f"written: {settings.out / 'check.json'}, {settings.out / 'check.html'}"
+    appended_to = () if settings.trend is None else (f"appended: {settings.trend}",)
+    worst = {kind: max(abs(c.value_mm) for c in found.closures if c.kind == kind) for kind in dict.fromkeys(c.kind for c in found.closures)}
+    return Result(
+        found,
+        (*lines, verdict_text(found), written, *appended_to),
+        {f"{kind}_mm": value for kind, value in worst.items()},
+        () if found.passed else (verdict_text(found),),
+    )
