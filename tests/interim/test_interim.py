@@ -91,7 +91,7 @@ def test_a_sound_instrument_passes_and_says_what_it_saw() -> None:
     assert verdict_text(found).startswith("passed")
 
 
-@pytest.mark.parametrize(("point", "mm"), [("B3", 0.2), ("B3", 1.0), ("B5", 1.0)])
+@pytest.mark.parametrize(("point", "mm"), [("B3", 0.3), ("B3", 1.0), ("B5", 1.0)])
 def test_a_point_that_moved_is_named_with_its_distance(point: str, mm: float) -> None:
     rig = true_rig()
     place, way = rig.point(point).position_mm, np.array([2.0, -2.0, 1.0]) / 3.0 * mm
@@ -100,7 +100,7 @@ def test_a_point_that_moved_is_named_with_its_distance(point: str, mm: float) ->
     named = {(c.kind, c.name): c for c in found.causes}
     cause = named["point", point]
     assert abs(cause.size - mm) < 4.0 * cause.u < 1.0
-    # by a fifth of a millimetre only its own encoder could look like it; by more, nothing
+    # by a third of a millimetre only its own encoder could look like it; by more, nothing
     assert set(named) <= {("point", point), ("encoder", "sw3")} if mm < 1.0 else set(named) == {("point", point)}
     assert f"point {point} has moved" in verdict_text(found)
 
