@@ -10,8 +10,9 @@ import numpy as np
 from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.robots.fields import Place
-from lmeasure.robots.identify import Finding, Identified, Prediction
+from lmeasure.robots.identify import Identified, Prediction
 from lmeasure.robots.judged import HeldOut, Worth
+from lmeasure.robots.noted import Noted
 from lmeasure.robots.robot import AnyRobot
 from lmeasure.robots.told import determined, silent_directions, unknown_frames
 
@@ -25,7 +26,7 @@ def record(
     curve: Sequence[tuple[int, float, float, float]],
     *,
     worth: Sequence[Worth],
-    findings: Sequence[Finding],
+    findings: Sequence[Noted],
 ) -> dict[str, Any]:
     """The content of identified.json. Values of `base.r..` and `tool.r..` are rotation vectors, their uncertainties those of a small turn
     about the axes of the frame that the pose leads to."""
@@ -65,12 +66,12 @@ def record(
         "noise": {"position_mm": found.noise.position_mm if found.tells_noise else None, "rotation_deg": _rotation_noise(found)},
         "equations": fit.equations,
         "freedom": fit.freedom,
-        "unobservable": [{"direction": s.direction, "text": s.text} for s in silent],
+        "unobservable": [{"direction": s.direction, "text": s.text, "finding": s.said.stated()} for s in silent],
         "residuals": _residuals(found),
         "held_out": None if held is None else _held_out(held),
         "learning_curve": [{"rows": n, "mean_mm": m, "least_mm": a, "largest_mm": b} for n, m, a, b in curve],
         "worth_freeing": [w.__dict__ for w in worth],
-        "warnings": [{"code": f.code, "of": f.of, "value": f.value, "text": f.text} for f in findings],
+        "warnings": [f.stated() for f in findings],
         "inputs": [{"file": str(path), "sha256": files.sha256(path)} for path in inputs],
     }
 
@@ -94,7 +95,7 @@ def prediction_columns(names: Sequence[str], predicted: Prediction) -> dict[str,
     return {"name": list(names), **place, "u95_mm": predicted.u95_mm}
 
 
-def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Finding]) -> list[str]:
+def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Noted]) -> list[str]:
     """What a person is told, line by line."""
     before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
     lines = []

@@ -13,6 +13,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.frame_start import find_frames
 from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, repeated
+from lmeasure.robots.noted import Noted, noted
 from lmeasure.robots.problem import LEAST_MM, Fit, Noise, Problem, with_noise
 from lmeasure.robots.unknowns import R, State, Unknowns
 from lmeasure.shown import DataFrame, Shown, framed
@@ -42,16 +43,6 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Finding:
-    """What is to be known of the data, one line: code as in files, and what it is of, if anything."""
-
-    code: str
-    text: str
-    of: str = ""
-    value: float | None = None
-
-
-@dataclass(frozen=True)
 class Settings:
     """free: families of parameters, see `FAMILIES`; outliers: whether rows that the others contradict are set aside; seed: of starts."""
 
@@ -70,7 +61,7 @@ class Identified(Shown, Generic[R]):
     fit: Fit[R]
     rows: Measurements
     kept: BoolArray
-    findings: tuple[Finding, ...]
+    findings: tuple[Noted, ...]
     nominal_state: State[R]
     """The frames that fit best with the nominal robot."""
     settings: Settings
@@ -167,13 +158,12 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     nominal = State(robot, frames.base, frames.targets, frames.stations)
     found = Identified(robot, fit, rows, used, (), nominal, settings)
     if not fit.converged:
-        findings.append(Finding("not_converged", "the least squares did not settle; the result is where they stopped"))
+        findings.append(noted("not_converged", "not_converged"))
     if not settings.own_noise and chi2.sf(fit.chi2, fit.freedom) < MISFIT:
         times = float(np.sqrt(fit.chi2 / fit.freedom))
-        findings.append(Finding("misfit", f"residuals are {times:.3g} times what is stated of the poses: state more", value=times))
+        findings.append(noted("misfit", "misfit", value=times, times=times))
     if not found.tells_noise:
-        text = f"{fit.equations} measured values are used up by what they determine: how exact robot and instrument are cannot be told"
-        findings.append(Finding("underdetermined", f"{text}; measure more poses", value=float(fit.equations)))
+        findings.append(noted("underdetermined", "underdetermined", value=float(fit.equations), values=fit.equations))
     return replace(found, findings=tuple(findings))
 
 
@@ -228,26 +218,24 @@ def predict(
     return Prediction(found.state.predicted(rows), covariance, wider * radii_95(covariance))
 
 
-def _reached(robot: R, rows: Measurements) -> tuple[Measurements, list[Finding]]:
+def _reached(robot: R, rows: Measurements) -> tuple[Measurements, list[Noted]]:
     """The rows whose joint values lead to a pose; the others are named and left out. RobotError where none does."""
     lost = np.isnan(robot.forward(rows.joints, rows.side)).any(axis=1)
-    text = "no pose has these joint values; it is set aside"
-    found = [Finding("row-out-of-reach", f"{rows.where(i)}: {text}", rows.names[i]) for i in np.flatnonzero(lost).tolist()]
+    found = [noted("row-out-of-reach", "no_pose", rows.names[i], row=rows.subject(i)) for i in np.flatnonzero(lost).tolist()]
     if lost.all():
         raise RobotError(f"{rows.where(0)}, and all others: no pose of robot {robot.name!r} has these joint values")
     return (rows.of(np.flatnonzero(~lost)) if lost.any() else rows), found
 
 
-def _copies(rows: Measurements, kept: BoolArray) -> list[Finding]:
+def _copies(rows: Measurements, kept: BoolArray) -> list[Noted]:
     out = []
     for row, earlier in repeated(rows):
         kept[row] = False
-        of = f"{rows.where(row)}: the copy of {rows.where(earlier)}, and used once"
-        out.append(Finding("duplicate", of, rows.names[row]))
+        out.append(noted("duplicate", "duplicate", rows.names[row], row=rows.subject(row), earlier=rows.subject(earlier)))
     return out
 
 
-def _beyond_limits(robot: R, rows: Measurements) -> list[Finding]:
+def _beyond_limits(robot: R, rows: Measurements) -> list[Noted]:
     low, high = robot.limits
     beyond = (rows.joints < low - 1e-9) | (rows.joints > high + 1e-9)
     out = []
@@ -255,8 +243,8 @@ def _beyond_limits(robot: R, rows: Measurements) -> list[Finding]:
         row = int(np.argmax(beyond[:, j]))
         value, unit = (rows.joints[row, j], "mm") if robot.sliding[j] else (np.degrees(rows.joints[row, j]), "deg")
         count = int(beyond[:, j].sum())
-        text = f"{robot.joint_names[j]}: {count} rows lie beyond its limits, the first {rows.where(row)} at {value:.6g} {unit}"
-        out.append(Finding("limits", text, robot.joint_names[j], float(value)))
+        joint, first = robot.joint_names[j], rows.subject(row)
+        out.append(noted("limits", f"limits.{unit}", joint, float(value), joint=joint, count=count, row=first, at=float(value)))
     return out
 
 
@@ -299,25 +287,27 @@ def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray) -> tuple
     return fit, used
 
 
-def _outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> list[Finding]:
+def _outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> list[Noted]:
     out = []
     state = fit.problem.unknowns.state(fit.x)
     predicted = state.predicted(rows)
     reach = state.robot.reach_mm + np.linalg.norm(state.targets[:, :3], axis=1)
     away = np.linalg.norm(rows.position - state.base[:3], axis=1)
     for row in np.flatnonzero(kept & ~used).tolist():
+        of, row_said = rows.names[row], rows.subject(row)
         if rows.placed[row] and away[row] > reach[rows.target_of[row]]:
-            text = f"{rows.where(row)}: {away[row]:.0f} mm from the robot's base, which reaches {reach[rows.target_of[row]]:.0f} mm"
-            out.append(Finding("row-out-of-reach", f"{text}; it is set aside", rows.names[row], float(away[row])))
-            continue
-        if rows.placed[row]:
-            off = float(np.linalg.norm(rows.position[row] - predicted[row, :3]))
-            said = f"was measured {off:.3g} mm from where the others put it"
-            if rows.oriented[row]:
-                turned = se3.between(predicted[row], np.concatenate([rows.position[row], rows.quaternion[row]]))
-                said += f", turned by {np.degrees(se3.rotation(turned).magnitude()):.3g} deg"
-        else:
+            off = float(away[row])
+            reaches = float(reach[rows.target_of[row]])
+            out.append(noted("row-out-of-reach", "out_of_reach", of, off, row=row_said, away_mm=off, reach_mm=reaches))
+        elif not rows.placed[row]:
             off = float(np.abs(fit.problem.unknowns.residuals(fit.x, rows)[row]).max())
-            said = f"its length is {off:.3g} mm from what the others say"
-        out.append(Finding("outlier", f"{rows.where(row)}: {said}; it is set aside", rows.names[row], off))
+            out.append(noted("outlier", "outlier.length", of, off, row=row_said, off_mm=off))
+        else:
+            off = float(np.linalg.norm(rows.position[row] - predicted[row, :3]))
+            if not rows.oriented[row]:
+                out.append(noted("outlier", "outlier", of, off, row=row_said, off_mm=off))
+                continue
+            turned = se3.between(predicted[row], np.concatenate([rows.position[row], rows.quaternion[row]]))
+            angle = float(np.degrees(se3.rotation(turned).magnitude()))
+            out.append(noted("outlier", "outlier.turned", of, off, row=row_said, off_mm=off, turned_deg=angle))
     return out

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.findings import Finding, finding
 
 COMPONENTS = 6
 ROTATION, POSITION = slice(0, 3), slice(3, 6)
@@ -42,7 +43,13 @@ class Measurements:
 
     def where(self, row: int) -> str:
         """A row for a person: its name, and its line in the file."""
-        return f"row {self.names[row]}" + (f" (line {self.lines[row]})" if self.lines else "")
+        return str(self.subject(row))
+
+    def subject(self, row: int) -> Finding:
+        """The same in words of every language."""
+        if self.lines:
+            return finding("subject.row.line", name=self.names[row], line=self.lines[row])
+        return finding("subject.row", name=self.names[row])
 
     def __len__(self) -> int:
         return len(self.names)

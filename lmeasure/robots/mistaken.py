@@ -8,16 +8,18 @@ several times smaller. Two slips are found one after the other.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
+from lmeasure.findings import finding
 from lmeasure.robots.frame_start import find_frames
-from lmeasure.robots.identify import Finding
 from lmeasure.robots.inverse import reach_mm
 from lmeasure.robots.measurements import Measurements, sides
+from lmeasure.robots.noted import Noted, noted
 from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.robot import AnyRobot, Revolute, Robot
 
@@ -41,14 +43,14 @@ class Mended:
 
     robot: AnyRobot
     rows: Measurements
-    findings: tuple[Finding, ...]
+    findings: tuple[Noted, ...]
     joints: Callable[[FloatArray], FloatArray]
 
 
 def mended(robot: AnyRobot, rows: Measurements, seed: int = 0) -> Mended:
     """The robot and its measurements without the slips that explain why they do not fit; unchanged where nothing explains it."""
     some = rows.of(np.unique(np.linspace(0, len(rows) - 1, min(ENOUGH, len(rows))).round().astype(int)))
-    findings: list[Finding] = []
+    findings: list[Noted] = []
     slips: list[_Slip] = []
     misfit = _misfit(robot, some, seed)
     while misfit > 1.0 and len(findings) < MOST:
@@ -56,19 +58,19 @@ def mended(robot: AnyRobot, rows: Measurements, seed: int = 0) -> Mended:
         sized = [] if findings else [pair for pair in _slips(robot, some) if _impossible(robot, some) and pair[0].code == "units"]
         sized = [(said, slip) for said, slip in sized if said.of != "joints" and not _impossible(*slip(robot, some))]
         if sized:
-            finding, slip = sized[0]
+            said, slip = sized[0]
             robot, some = slip(robot, some)
             slips.append(slip)
-            findings.append(finding)
+            findings.append(said)
             misfit = _misfit(robot, some, seed)
             continue
-        tried = [(_misfit(*slip(robot, some), seed), finding, slip) for finding, slip in _slips(robot, some)]
-        best, finding, slip = min(tried, key=lambda each: each[0])
+        tried = [(_misfit(*slip(robot, some), seed), said, slip) for said, slip in _slips(robot, some)]
+        best, said, slip = min(tried, key=lambda each: each[0])
         if not best < misfit / CURES:
             break
         robot, some = slip(robot, some)
         slips.append(slip)
-        findings.append(replace(finding, value=misfit / best))
+        findings.append(replace(said, value=misfit / best))
         misfit = best
     for slip in slips:
         _, rows = slip(robot, rows)
@@ -115,28 +117,29 @@ def _size(robot: AnyRobot) -> float:
     return float(np.ptp(np.array([[leg.min_mm, leg.max_mm] for leg in robot.leg])) + np.linalg.norm(robot.tool_pose[:3]))
 
 
-def _of_platform(robot: PlatformFile) -> Iterator[tuple[Finding, _Slip]]:
+def _of_platform(robot: PlatformFile) -> Iterator[tuple[Noted, _Slip]]:
     names = [leg.name for leg in robot.leg]
-    for i, name in enumerate(names):
-        for k in range(i + 1, len(names)):
-            text = f"the values of {name} and {names[k]} are swapped in the measurements; they are put right"
-            yield Finding("swapped", text, f"{name}, {names[k]}"), _values_swapped(i, k)
-    for factor, said in ((1e3, "metres"), (25.4, "inches")):
-        text = f"the joint values are {said} where their columns say millimetres; they are taken as {said}"
-        yield Finding("units", text, "joints"), _lengths_times(factor)
-        text = f"the measured places are {said} where they are said to be millimetres; they are taken as {said}"
-        yield Finding("units", text, "measurements"), _places_times(factor)
+    for i, k in combinations(range(len(names)), 2):
+        yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
+    for factor, unit in ((1e3, "m"), (25.4, "in")):
+        yield _units("lengths", unit, "joints"), _lengths_times(factor)
+        yield _units("places", unit, "measurements"), _places_times(factor)
+
+
+def _swapped(what: str, one: str, other: str) -> Noted:
+    return noted("swapped", f"swapped.{what}", f"{one}, {other}", one=one, other=other)
+
+
+def _units(what: str, unit: str, of: str) -> Noted:
+    """of what: joints, robot or measurements."""
+    return noted("units", f"units.{what}", of, unit=finding(f"unit.{unit}"))
 
 
 def _lengths_times(factor: float) -> _Slip:
     return lambda robot, rows: (robot, _with_joints(rows, rows.joints * factor))
 
 
-def _sign(name: str) -> Finding:
-    return Finding("sign", f"{name} counts the other way than the nominal robot says; its sign is turned", name)
-
-
-def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Finding, _Slip]]:
+def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]:
     """Every slip that is tried, with what is said of it."""
     if not isinstance(robot, Robot):
         yield from _of_platform(robot)
@@ -144,33 +147,24 @@ def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Finding, _Slip
     names = [j.name for j in robot.joint]
     turning = np.array([isinstance(j, Revolute) for j in robot.joint])
     for i, name in enumerate(names):
-        yield _sign(name), _other_way(i)
-    for i, name in enumerate(names):
-        for k in range(i + 1, len(names)):
-            if turning[i] == turning[k]:
-                text = f"the values of {name} and {names[k]} are swapped in the measurements; they are put right"
-                yield Finding("swapped", text, f"{name}, {names[k]}"), _values_swapped(i, k)
-                text = f"the links of {name} and {names[k]} are swapped in the nominal robot; they are put right"
-                yield Finding("swapped", text, f"{name}, {names[k]}"), _links_swapped(i, k)
+        yield noted("sign", "sign", name, joint=name), _other_way(i)
+    for i, k in combinations(range(len(names)), 2):
+        if turning[i] == turning[k]:
+            yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
+            yield _swapped("links", names[i], names[k]), _links_swapped(i, k)
     if turning.any():
-        text = "the joint values are radians where their columns say degrees; they are taken as radians"
-        yield Finding("units", text, "joints"), _joints_times(180.0 / math.pi)
-        text = "the joint values are degrees where their columns say radians; they are taken as degrees"
-        yield Finding("units", text, "joints"), _joints_times(math.pi / 180.0)
-        text = "the nominal robot's angles are radians where their names say degrees; they are taken as radians"
-        yield Finding("units", text, "robot"), _robot_times(1.0, 180.0 / math.pi)
+        yield noted("units", "units.joints.rad", "joints"), _joints_times(180.0 / math.pi)
+        yield noted("units", "units.joints.deg", "joints"), _joints_times(math.pi / 180.0)
+        yield noted("units", "units.robot.rad", "robot"), _robot_times(1.0, 180.0 / math.pi)
     likely = SMALLEST_MM < _size(robot) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
-    for factor, said in ((1e3, "metres"), (1e-3, "micrometres"), (25.4, "inches")):
+    for factor, unit in ((1e3, "m"), (1e-3, "um"), (25.4, "in")):
         if likely:
-            text = f"the measured places are {said} where they are said to be millimetres; they are taken as {said}"
-            yield Finding("units", text, "measurements"), _places_times(factor)
+            yield _units("places", unit, "measurements"), _places_times(factor)
         else:
-            text = f"the nominal robot's lengths are {said} where their names say millimetres; they are taken as {said}"
-            yield Finding("units", text, "robot"), _robot_times(factor, 1.0)
+            yield _units("robot", unit, "robot"), _robot_times(factor, 1.0)
     for i, name in enumerate(names):
         for turn in (90.0, -90.0, 180.0) if turning[i] else ():
-            text = f"the zero of {name} lies {turn:g} deg from where the nominal robot has it; it is moved there"
-            yield Finding("zero", text, name), _zero(i, turn)
+            yield noted("zero", "zero", name, joint=name, turn_deg=turn), _zero(i, turn)
 
 
 def _of_joint(robot: Robot, i: int, **values: float) -> Robot:

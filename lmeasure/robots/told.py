@@ -6,6 +6,7 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray
 from lmeasure.estimation.observability import by_few
+from lmeasure.findings import Finding, finding
 from lmeasure.robots.problem import Fit
 from lmeasure.robots.unknowns import R
 
@@ -25,7 +26,12 @@ class Silent:
     uncertainty of the first."""
 
     direction: dict[str, float]
-    text: str
+    said: Finding
+
+    @property
+    def text(self) -> str:
+        """In English."""
+        return str(self.said)
 
 
 def determined(fit: Fit[R]) -> BoolArray:
@@ -51,16 +57,13 @@ def silent_directions(fit: Fit[R]) -> list[Silent]:
         change = row * width[:free]
         moved = (follow @ row) * width[free:]
         with_it = sorted({names[free + i].split(".")[0] for i in np.flatnonzero(np.abs(moved) > PLACED)})
-        parts = [f"{names[i]} by {change[i]:+.3g}" for i in sorted(strong, key=lambda i: (i != pivot, i))]
-        why = (
-            f"the {' and the '.join(_plain(n) for n in with_it)} make{'s' * (len(with_it) == 1)} up for it"
-            if with_it
-            else _ALONE
-            if len(strong) == 1
-            else "they make up for each other"
-        )
-        text = f"{', '.join(parts)}: {why}, the measurements stay the same; only nominal values hold it"
-        out.append(Silent({names[i]: float(change[i]) for i in strong}, text))
+        parts = tuple(finding("identify.moved", name=names[i], by=float(change[i])) for i in sorted(strong, key=lambda i: (i != pivot, i)))
+        if with_it:
+            frames_said = tuple(_plain(name) for name in with_it)
+            why = finding("identify.silent.frames" if len(frames_said) > 1 else "identify.silent.frame", frames=frames_said)
+        else:
+            why = finding("identify.silent.alone" if len(strong) == 1 else "identify.silent.together")
+        out.append(Silent({names[i]: float(change[i]) for i in strong}, finding("identify.silent", moves=parts, why=why)))
     return sorted(out, key=lambda s: len(s.direction))
 
 
@@ -69,18 +72,17 @@ def unknown_frames(fit: Fit[R]) -> list[Silent]:
     unknowns = fit.problem.unknowns
     free, sigma = len(unknowns.freed), np.sqrt(np.diag(fit.covariance))
     loose = [i for i in range(free, len(unknowns)) if sigma[i] > DETERMINED * fit.problem.width[i]]
-    out = [Silent({unknowns.names[i]: float(sigma[i])}, f"{unknowns.names[i]}: nothing in the measurements tells it") for i in loose]
+    out = [Silent({unknowns.names[i]: float(sigma[i])}, finding("identify.untold", name=unknowns.names[i])) for i in loose]
     if not unknowns.based:
-        text = "base: lengths alone do not tell where the robot stands; stations and targets are given in the robot's own base frame"
-        out.append(Silent({}, text))
+        out.append(Silent({}, finding("identify.untold.base")))
     if not unknowns.turned.any():
-        text = "tool: its orientation was not measured, positions say nothing of it; it is given with the flange's own directions"
-        out.append(Silent({}, text))
+        out.append(Silent({}, finding("identify.untold.turn")))
     return out
 
 
-_ALONE = "it turns about the measured target, or moves nothing"
-
-
-def _plain(owner: str) -> str:
-    return {"base": "base frame", "tool": "place of the tool"}.get(owner, owner.replace("_", " ", 1))
+def _plain(owner: str) -> Finding:
+    """What a frame is called."""
+    if owner in ("base", "tool"):
+        return finding(f"identify.frame.{owner}")
+    kind, _, name = owner.partition("_")
+    return finding(f"identify.frame.{kind}", name=name)

@@ -64,7 +64,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
         "freedom": fit.freedom,
         "noise": {"position_mm": found.noise.position_mm, "rotation_deg": math.degrees(found.noise.rotation_rad)},
         "unobservable": [{"text": text} for text in silent_texts],
-        "warnings": [{"code": f.code, "of": f.of, "value": f.value, "text": f.text} for f in found.findings],
+        "warnings": [f.stated() for f in found.findings],
         "inputs": [{"file": str(p), "sha256": files.sha256(p)} for p in (settings.robot, settings.measured)],
     }
     files.write_text(settings.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
