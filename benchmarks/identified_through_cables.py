@@ -5,7 +5,8 @@
 Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod)
 and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of tests/authorities; at each pose whole counts are read, off
 by where within a count each drum was zeroed, which is drawn once for a robot, and by their rounding. Poses come from these counts by
-the linear law of the cell at the true pose; stated of them is the covariance of both at the pose. The probabilities are two-sided, of
+the linear law of the cell at the true pose; stated of them is the covariance of the rounding, and as systematic, which all poses of a robot
+share, what a zeroing does at each of them. The probabilities are two-sided, of
 one determined parameter and one prediction of each robot, which are independent, within their 95 %.
 """
 
@@ -13,6 +14,7 @@ import argparse
 import os
 import platform
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,15 +63,16 @@ class Cell:
             out[:, :, k] = (ahead - behind) / (2.0 * h[k])
         return np.asarray(np.linalg.inv(out), dtype=np.float64)
 
-    def seen(self, poses: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Poses (N, 7) as counts tell them, and (N, 6, 6) what is stated of them: rounding and zeroing, each uniform over a count."""
+    def seen(self, poses: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Poses (N, 7) as counts tell them, the covariance (N, 6, 6) of their rounding and the factors (N, 6, 6) of the six zeroings, each
+        uniform over a count."""
         G = self.twists(poses)
         phase = COUNT_MM * rng.uniform(-0.5, 0.5, 6)
         lengths = span_lengths(self.rows, np.ascontiguousarray(poses)) + phase
         read = COUNT_MM * np.round(lengths / COUNT_MM)
         delta = np.einsum("nij,nj->ni", G, read - lengths + phase)
-        one = COUNT_MM**2 / 12.0 * G @ np.swapaxes(G, 1, 2)
-        return se3.displaced(poses, delta), 2.0 * one
+        factors = COUNT_MM / np.sqrt(12.0) * G
+        return se3.displaced(poses, delta), factors @ np.swapaxes(factors, 1, 2), factors
 
 
 def true_robot(name: str, rng: np.random.Generator) -> tuple[Any, Any]:
@@ -111,10 +114,9 @@ def joints_of(nominal: Any, count: int, rng: np.random.Generator) -> tuple[Float
 def measured_in(cell: Cell, true: Any, joints: FloatArray, stand: FloatArray, rng: np.random.Generator) -> Measurements:
     there = se3.compose(np.tile(stand, (len(joints), 1)), true.forward(joints))
     there = se3.displaced(there, np.column_stack([np.zeros((len(joints), 3)), REPEATS_MM * rng.normal(size=(len(joints), 3))]))
-    poses, covariance = cell.seen(there, rng)
+    poses, covariance, systematic = cell.seen(there, rng)
     rows = measured(joints, poses[:, :3], poses[:, 3:], u_position_mm=1.0, u_rotation_rad=1.0)
-    object.__setattr__(rows, "covariance", covariance)
-    return rows
+    return replace(rows, covariance=covariance, systematic=systematic)
 
 
 def robots(count: int) -> list[str]:

@@ -30,6 +30,8 @@ UNIT_TOLERANCE = 1e-3
 """Of a quaternion's length: other programs write four digits."""
 _MAPPED = re.compile(r"\s*([^=\s]+)\s*=\s*(.+?)\s*(?:\[\s*(\w+)\s*\])?\s*")
 _HEADED = re.compile(r"(.+?)\s*[\[(]\s*(\w+)\s*[\])]")
+_COMMENTS = ("#", "%", "//")
+_NUMBER = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
@@ -58,15 +60,20 @@ def columns_of(text: str) -> dict[str, Column]:
 class ForeignTable:
     """A table whose columns are asked for by our own names; numbers come in millimetres and degrees."""
 
-    def __init__(self, path: Path, columns: Mapping[str, Column] | None = None) -> None:
+    def __init__(self, path: Path, columns: Mapping[str, Column] | None = None, *, part: bool = False) -> None:
+        """part: --columns speaks of other files too, and what this one has not is one of theirs."""
         self.path = Path(path)
         self._columns = dict(columns or {})
         self.lines: list[int] = []
         """Where its rows stand in a text file."""
+        self._units: dict[str, str] = {}
+        """Of columns, where a row under the header says them."""
         if self.path.suffix.lower() == ".parquet":
             self._table = files.read_table(self.path)
         else:
-            self._table, self.lines = _read(self.path)
+            self._table, self.lines, self._units = _read(self.path)
+        if part:
+            self._columns = {name: column for name, column in self._columns.items() if column.name in self._table.columns}
         for name, column in self._columns.items():
             if column.name not in self._table.columns:
                 raise FileFormatError(f"{path}: column {column.name!r}, which --columns says is {name}, is missing; it has {self.has}")
@@ -85,17 +92,20 @@ class ForeignTable:
         return len(self._table)
 
     def find(self, name: str, unit: str = "") -> Column | None:
-        """Where a quantity stands: as --columns says, else under its name with a unit as ours or as others write it (`x_mm`, `x [m]`)."""
+        """Where a quantity stands: as --columns says, else under its name with a unit as ours or as others write it (`x_mm`, `x [m]`, `X` with
+        the unit in a row of their own)."""
         if name in self._columns:
             column = self._columns[name]
-            return Column(column.name, column.unit or unit)
+            return Column(column.name, column.unit or self._units.get(column.name, unit))
         for other in KINDS.get(unit, {}):
             if f"{name}_{other}" in self._table.columns:
                 return Column(f"{name}_{other}", other)
         for own in self._table.columns:
             headed = _HEADED.fullmatch(own)
-            if headed and headed[1] == name and headed[2] in UNITS:
+            if headed and headed[1].lower() == name and headed[2] in UNITS:
                 return Column(own, headed[2])
+            if own.lower() == name and self._units.get(own) in KINDS.get(unit, {}):
+                return Column(own, self._units[own])
         return Column(name, "") if name in self._table.columns and not unit else None
 
     def orientation(self, *, gaps: bool = False) -> FloatArray | None:
@@ -149,15 +159,15 @@ def text_of(path: Path) -> str:
     return decoded(read_regular(Path(path), LARGEST), path)
 
 
-def _read(path: Path) -> tuple[files.Table, list[int]]:
-    """A text file of any usual separator, code page and decimal mark, and the lines of its rows; comments (#, %) and blank lines before the
-    header are left out."""
+def _read(path: Path) -> tuple[files.Table, list[int], dict[str, str]]:
+    """A text file of any usual separator, code page and decimal mark, the lines of its rows, and units of a row of them under the header;
+    comments (#, %, //), blank lines and titles before the header are left out."""
     text = text_of(path)
     lines = text.splitlines()
-    first = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"), None)
+    first = _header(lines)
     if first is None:
         raise FileFormatError(f"{path}: is empty")
-    separator = max((";", "\t", "|", ","), key=lambda s: (lines[first].count(s) > 0, s != ",", lines[first].count(s)))
+    separator = _separator(lines[first])
     if separator not in lines[first] and len(lines[first].split()) > 1:
         lines = [*lines[:first], *(",".join(line.split()) for line in lines[first:])]
         separator = ","
@@ -168,7 +178,10 @@ def _read(path: Path) -> tuple[files.Table, list[int]]:
     header = rows[0]
     while header and not header[-1]:
         header.pop()
-    numbered = [(first + 1 + k, row) for k, row in enumerate(rows[1:], 1) if any(row) and not row[0].startswith(("#", "%"))]
+    numbered = [(first + 1 + k, row) for k, row in enumerate(rows[1:], 1) if any(row) and not row[0].startswith(_COMMENTS)]
+    units = dict[str, str]()
+    if numbered and all(cell.strip("[]()") in ("", *UNITS) for cell in numbered[0][1]) and any(numbered[0][1]):
+        units = {name: cell.strip("[]()") for name, cell in zip(header, numbered.pop(0)[1], strict=False) if cell}
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice or "" in header:
         raise FileFormatError(
@@ -180,7 +193,24 @@ def _read(path: Path) -> tuple[files.Table, list[int]]:
     if separator != ",":
         numbered = [(line, [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row]) for line, row in numbered]
     columns = {name: pa.array([row[i] or None for _, row in numbered], pa.string()) for i, name in enumerate(header)}
-    return files.Table(path, pa.table(columns), first), [line for line, _ in numbered]
+    return files.Table(path, pa.table(columns), first), [line for line, _ in numbered], units
+
+
+def _separator(line: str) -> str:
+    """Of the cells of a line."""
+    return max((";", "\t", "|", ","), key=lambda s: (line.count(s) > 0, s != ",", line.count(s)))
+
+
+def _header(lines: list[str]) -> int | None:
+    """The line with the names of columns: the first that has as many cells as the next and no number among them, else the first of all that
+    is not blank and no comment."""
+    there = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(_COMMENTS)]
+    for i, following in zip(there, there[1:], strict=False):
+        separator = _separator(lines[i])
+        cells = lines[i].split(separator)
+        if len(cells) > 1 and lines[following].count(separator) == len(cells) - 1 and not any(_NUMBER.fullmatch(c.strip()) for c in cells):
+            return i
+    return there[0] if there else None
 
 
 def decoded(raw: bytes, path: Path) -> str:

@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.certification.dwells import FARTHEST_MM, rests, settled
+from lmeasure.certification.dwells import FARTHEST_MM
 from lmeasure.errors import CertificationError
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import Program
 from lmeasure.trajectory import Trajectory
+from lmeasure.trajectory.resting import rests, settled
 
 SETTLED = 0.5
 """Of a rest: its last part is measured."""

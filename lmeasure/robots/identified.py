@@ -46,7 +46,7 @@ def record(
             "prior_u": float(fit.problem.width[i]) if name in nominal else None,
             "determined": bool(told[i]),
         }
-        for i, (name, value) in enumerate(zip(unknowns.names, unknowns.values(fit.x), strict=True))
+        for i, (name, value) in enumerate(zip(unknowns.names[: unknowns.asked], unknowns.values(fit.x), strict=False))
     ]
     silent = [*silent_directions(fit), *unknown_frames(fit)]
     targets = {
@@ -58,7 +58,7 @@ def record(
         "schema": SCHEMA,
         "robot": found.nominal.name,
         "parameters": parameters,
-        "covariance": fit.covariance.tolist(),
+        "covariance": fit.covariance[: unknowns.asked, : unknowns.asked].tolist(),
         "base": _pose(state.base),
         "tool": next(iter(targets.values()), _pose(state.targets[0])),
         "targets": targets,

@@ -210,7 +210,8 @@ def predict(
     unknowns, fit = found.fit.problem.unknowns, found.fit
     _, jacobian = unknowns.linearised(fit.x, rows)
     jacobian = (jacobian * unknowns.size)[:, POSITION]
-    instrument = float(np.median(np.einsum("nii->ni", found.rows.covariance)[:, POSITION])) if u_position_mm is None else u_position_mm**2
+    stated = np.einsum("nii->ni", found.rows.covariance) + (found.rows.systematic**2).sum(axis=2)
+    instrument = float(np.median(stated[:, POSITION])) if u_position_mm is None else u_position_mm**2
     own = found.noise.position_mm**2 * found.shape + instrument * np.eye(3)
     covariance = found.misfit**2 * (jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) + own)
     # the noise is known from as many degrees of freedom as the residuals leave

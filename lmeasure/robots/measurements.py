@@ -78,6 +78,10 @@ class Measurements:
         out[:, LENGTH] |= self.ranged
         return out
 
+    def of_lines(self, lines: Sequence[int]) -> "Measurements":
+        """With where the rows stand in a file."""
+        return replace(self, lines=tuple(lines))
+
     def of(self, rows: IntArray) -> "Measurements":
         """These rows alone; targets and stations keep their numbers."""
         many = ("joints", "side", "target_of", "station_of", "position", "quaternion", "length_mm", "covariance", "systematic")
@@ -86,13 +90,15 @@ class Measurements:
 
     def with_uncertainty(self, u_position_mm: float | None = None, u_rotation_rad: float | None = None) -> "Measurements":
         """With these standard uncertainties of all rows; None leaves what there is."""
-        covariance, stated = self.covariance.copy(), list(self.stated)
+        covariance, systematic, stated = self.covariance.copy(), self.systematic.copy(), list(self.stated)
         for which, (u, own) in enumerate(((u_position_mm, POSITION), (u_rotation_rad, ROTATION))):
             if u is not None:
                 covariance[:, own, :] = covariance[:, :, own] = 0.0
                 covariance[:, own, own] = u**2 * np.eye(3)
+                systematic[:, own] = 0.0
                 stated[which] = True
-        return replace(self, covariance=covariance, stated=(stated[0], stated[1]))
+        systematic = systematic[:, :, (systematic != 0.0).any(axis=(0, 1))]
+        return replace(self, covariance=covariance, systematic=systematic, stated=(stated[0], stated[1]))
 
 
 def measured(

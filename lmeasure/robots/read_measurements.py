@@ -15,19 +15,24 @@ from lmeasure.robots.model import RobotModel
 
 
 def read_measurements(
-    path: Path, robot: RobotModel, columns: Mapping[str, Column] | None = None, *, joints_alone: bool = False
+    path: Path,
+    robot: RobotModel,
+    columns: Mapping[str, Column] | None = None,
+    *,
+    joints_alone: bool = False,
+    points_alone: bool = False,
 ) -> Measurements:
     """Read `name, joint_1_deg, ..., x_mm, y_mm, z_mm`, optional qx..qw, u_position_mm, u_rotation_deg, target, length_mm with station.
 
-    joints_alone: a file of poses to be predicted, whose places are not looked at. FileFormatError names file, line and column.
+    joints_alone: a file of poses to be predicted, whose places are not looked at; points_alone: one of measured points by name, whose joint
+    values stand elsewhere and are NaN here. FileFormatError names file, line and column.
     """
-    table = ForeignTable(path, columns)
+    table = ForeignTable(path, columns, part=points_alone)
     n = len(table)
     if n == 0:
         raise FileFormatError(f"{path}: has no rows")
-    joints = np.column_stack([_joint(table, i, name, bool(robot.sliding[i])) for i, name in enumerate(robot.joint_names)])
-    names = table.text("name") if table.find("name") else [str(i + 1) for i in range(n)]
-    names = [name or str(i + 1) for i, name in enumerate(names)]
+    joints = np.full((n, len(robot.joint_names)), np.nan) if points_alone else joints_of(table, robot)
+    names = names_of(table)
     target = table.text("target") if table.find("target") else None
     lines = tuple(table.lines)
     if joints_alone:
@@ -73,6 +78,17 @@ def read_measurements(
         u_rotation_rad=None if turn is None else np.radians(turn),
     )
     return replace(found, lines=lines)
+
+
+def joints_of(table: ForeignTable, robot: RobotModel) -> FloatArray:
+    """(N, n) joint values [rad, mm] of a table; FileFormatError where one is missing."""
+    return np.column_stack([_joint(table, i, name, bool(robot.sliding[i])) for i, name in enumerate(robot.joint_names)])
+
+
+def names_of(table: ForeignTable) -> list[str]:
+    """Names of its rows, their numbers where it has none."""
+    names = table.text("name") if table.find("name") else [""] * len(table)
+    return [name or str(i + 1) for i, name in enumerate(names)]
 
 
 def _joint(table: ForeignTable, i: int, name: str, slides: bool) -> FloatArray:

@@ -71,7 +71,7 @@ def unknown_frames(fit: Fit[R]) -> list[Silent]:
     """Frames that the measurements do not tell wholly, and orientations that were not measured at all."""
     unknowns = fit.problem.unknowns
     free, sigma = len(unknowns.freed), np.sqrt(np.diag(fit.covariance))
-    loose = [i for i in range(free, len(unknowns)) if sigma[i] > DETERMINED * fit.problem.width[i]]
+    loose = [i for i in range(free, unknowns.asked) if sigma[i] > DETERMINED * fit.problem.width[i]]
     out = [Silent({unknowns.names[i]: float(sigma[i])}, finding("identify.untold", name=unknowns.names[i])) for i in loose]
     if not unknowns.based:
         out.append(Silent({}, finding("identify.untold.base")))

@@ -2,7 +2,8 @@
 
 The unknowns x are changes from a start: of the robot's freed parameters (rad, mm, from their nominal values), of the base's pose in the
 instrument's frame, of every target's place, and pose where it was measured, on the flange, and of every station's place. Turns are
-rotation vectors applied from the left, about the axes of the frame that the pose leads to.
+rotation vectors applied from the left, about the axes of the frame that the pose leads to. Behind them stand the variables of what the
+instrument errs by in all rows together, of unit variance: what it does to the robot is in the covariance then, whole and with its sign.
 """
 
 from dataclasses import dataclass
@@ -70,11 +71,16 @@ class Unknowns(Generic[R]):
         self.station_at = slice(at, at + 3 * len(rows.stations))
         names += [f"station_{name}.{key}" for name in rows.stations for key in _AXES]
         sizes += [1.0] * (3 * len(rows.stations))
+        self.asked = len(names)
+        """How many unknowns somebody asks for: all but the instrument's errors, which are the last."""
+        shared = rows.systematic.shape[2]
+        names += [f"instrument.error_{k + 1}" for k in range(shared)]
+        sizes += [1.0] * shared
         self.names = tuple(names)
         self.size: FloatArray = np.array(sizes)
         """(p,) rad or mm in one of the unit that the name ends with."""
         wide = np.where(self.size == 1.0, WIDE_MM, WIDE_RAD)
-        self.width: FloatArray = np.concatenate([[p.width * p.size for p in self.own], wide[free:]])
+        self.width: FloatArray = np.concatenate([[p.width * p.size for p in self.own], wide[free : self.asked], np.ones(shared)])
         """(p,) standard uncertainty of the prior, rad or mm."""
 
     def __len__(self) -> int:
@@ -105,7 +111,7 @@ class Unknowns(Generic[R]):
         turned = [True] * self.based + [bool(turned) for turned, at in zip(self.turned, self.target_at, strict=True) if at.stop > at.start]
         for pose, whole in zip(poses, turned, strict=True):
             out += [*(np.degrees(se3.rotation(pose).as_rotvec()) if whole else ()), *pose[:3]]
-        return np.array([*out, *state.stations.reshape(-1)])
+        return np.array([*out, *state.stations.reshape(-1), *x[self.asked :]])
 
     def residuals(self, x: FloatArray, rows: Measurements | None = None) -> FloatArray:
         """(N, 6) measured less predicted components (rotation [rad]; position or length [mm]), 0 where nothing was measured."""
@@ -166,4 +172,8 @@ class Unknowns(Generic[R]):
                 jacobian[i, LENGTH, first : first + 3] = -along[np.count_nonzero(ranged[:i])]
         unknown = ~(placed | ranged)
         jacobian[unknown, POSITION] = 0.0
+        if rows.systematic.shape[2]:
+            shared = slice(self.asked, len(self))
+            jacobian[:, :, shared] = np.where(rows.known[:, :, None], rows.systematic, 0.0)
+            out -= jacobian[:, :, shared] @ x[shared]
         return out, jacobian

@@ -18,6 +18,7 @@ from lmeasure.errors import FileFormatError, TrajectoryError
 from lmeasure.foreign import UNIT_TOLERANCE, Column, ForeignTable, decoded, text_of
 from lmeasure.opened import open_regular
 from lmeasure.status import WORDS, Status
+from lmeasure.trajectory.markers import body_of, is_of_markers, read_markers
 from lmeasure.trajectory.record import (
     COLUMNS_OF_OURS,
     SYSTEMATIC_COLUMNS,
@@ -52,7 +53,8 @@ def read_trajectory(path: Path, stated: Stated | None = None) -> Trajectory:
     """Read what `written.write_trajectory` wrote, where covariances come back as their diagonals, or what another instrument measured.
 
     .csv, .parquet or any text table with at least time_s, x_mm, y_mm, z_mm (or what `stated.columns` says they are called), EuRoC's .csv,
-    .tum, .mcap with PoseStamped or PoseWithCovarianceStamped. FileFormatError names the row and column.
+    .tum, .mcap with PoseStamped or PoseWithCovarianceStamped, labelled markers of a rigid body (`markers`). FileFormatError names the row
+    and column.
     """
     path, stated = Path(path), stated or Stated()
     suffix = path.suffix.lower()
@@ -61,12 +63,11 @@ def read_trajectory(path: Path, stated: Stated | None = None) -> Trajectory:
         names = table.columns if table is not None else _header(path)
         if set(COLUMNS_OF_OURS) <= set(names):
             return read_own(path)
-    if suffix == ".mcap":
+    kind = kind_of(path)
+    if kind == "mcap":
         return _checked(path, _of_messages(path, stated), [])
-    if suffix == ".tum":
-        return _of_lines(path, stated)
-    if suffix != ".parquet" and EUROC.match(_header_line(path)):
-        return _of_euroc(path, stated)
+    if kind in _READERS:
+        return _READERS[kind](path, stated)
     given = ForeignTable(path, stated.columns)
     if len(given) == 0:
         raise FileFormatError(f"{path}: has no rows")
@@ -82,6 +83,15 @@ def read_trajectory(path: Path, stated: Stated | None = None) -> Trajectory:
             raise FileFormatError(f"{given.row(strange)}: status {words[strange]!r} is not one of {', '.join(WORDS)}")
         status = np.array([WORDS.index(word) for word in words], dtype=np.int64)
     return _checked(path, _trajectory(time_s, position, quaternion, random, systematic, absent, status), given.lines)
+
+
+def kind_of(path: Path) -> str:
+    """What `read_trajectory` takes a file for: mcap, tum, parquet, markers, euroc, or table."""
+    suffix = path.suffix.lower()
+    if suffix in (".mcap", ".tum", ".parquet"):
+        return suffix[1:]
+    line = _header_line(path)
+    return "markers" if is_of_markers(line) else "euroc" if EUROC.match(line) else "table"
 
 
 def _header_line(path: Path) -> str:
@@ -206,6 +216,20 @@ def _of_euroc(path: Path, stated: Stated) -> Trajectory:
     return _checked(path, _trajectory(table[:, 0], position, quaternion, *_same(len(table), stated, oriented)), lines)
 
 
+def _of_markers(path: Path, stated: Stated) -> Trajectory:
+    """Labelled markers: the rigid body that they are, its uncertainty by how they scatter about it."""
+    marked = read_markers(path)
+    body = body_of(marked, path)
+    random, systematic, absent = _same(len(marked.time_s), stated, oriented=True)
+    for what, own in (("rotation", slice(0, 3)), ("position", slice(3, 6))):
+        if what in absent:
+            random[:, own, own] = body.covariance[:, own, own]
+    if len(absent) == 2:
+        random = body.covariance
+    found = _trajectory(marked.time_s, body.poses[:, :3], body.poses[:, 3:], random, systematic, ())
+    return _checked(path, replace(found, notes=body.notes, covers="how the markers scatter about a rigid body"), list(marked.lines))
+
+
 def _of_messages(path: Path, stated: Stated) -> Trajectory:
     topic = None if stated.columns is None else stated.columns.get("topic")
     read = read_messages(path, None if topic is None else topic.name)
@@ -244,3 +268,6 @@ def _checked(path: Path, found: Trajectory, lines: list[int]) -> Trajectory:
     known = ~np.isnan(poses[:, 3])
     poses[known, 3:] = se3.rotation(poses[known]).as_quat(canonical=True)
     return replace(found, poses=poses)
+
+
+_READERS = {"tum": _of_lines, "markers": _of_markers, "euroc": _of_euroc}

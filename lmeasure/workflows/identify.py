@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from lmeasure.errors import RobotError, SettingsError
-from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import Asked, Names, Paths, option
 
 if TYPE_CHECKING:
@@ -22,8 +22,14 @@ class Settings(Asked):
     robot: Annotated[
         str, option("The nominal robot: a name (such as ur5, generic7, gough), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")
     ]
-    measurements: Annotated[Path, option("Joint values and what was measured at them (docs/identification.md).", metavar="FILE")]
+    measurements: Annotated[
+        Path,
+        option("Joint values and what was measured at them; with --joints: points, a run folder, or a trajectory.", metavar="FILE|RUN"),
+    ]
     out: Annotated[Path, option("Folder for identified.json, robot.toml, robot.urdf and report.html.")]
+    joints: Annotated[
+        Path | None, option("Joint values that stand elsewhere: of points by name, of rests by time or in order.", metavar="FILE")
+    ] = None
     predict: Annotated[Path | None, option("Joint values of which to predict the places, into predictions.csv.", metavar="FILE")] = None
     harmonics: Annotated[bool, option("Free the joints' errors once and twice per turn too.")] = False
     free: Annotated[
@@ -40,7 +46,8 @@ class Settings(Asked):
         """The identified robot from a nominal one and measurements."""
         outputs = inside(self.out, "identified.json", "robot.toml", "robot.urdf", "report.html", "predictions.csv")
         robot = Path(self.robot)
-        return Paths(outputs, (self.measurements, *present(self.predict, robot if robot.suffix else None)))
+        measured = in_run_folder(self.measurements) if self.measurements.is_dir() else (self.measurements,)
+        return Paths(outputs, (*measured, *present(self.joints, self.predict, robot if robot.suffix else None)))
 
 
 @workflow("identify")
@@ -52,12 +59,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     from lmeasure.foreign import columns_of
     from lmeasure.report.robot import write_robot_page
     from lmeasure.robots import identified, judged
+    from lmeasure.robots.given import given
     from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict
     from lmeasure.robots.identify import Settings as Chosen
     from lmeasure.robots.mistaken import mended
     from lmeasure.robots.read_measurements import read_measurements
     from lmeasure.robots.robot import Robot, write_robot
     from lmeasure.robots.urdf import write_urdf
+    from lmeasure.trajectory import Stated
 
     unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]
     if unknown:
@@ -65,11 +74,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         raise SettingsError("free", f"{unknown[0]!r} is nothing that can be freed; known: {known}")
     out, columns = settings.out, columns_of(settings.columns)
     robot = nominal(settings.robot, settings.tip)
-    rows = read_measurements(settings.measurements, robot.model, columns)
+    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
+    measured = given(settings.measurements, settings.joints, robot.model, Stated(columns, settings.u_position_mm, turn))
+    rows = measured.rows
     # read before anything is computed: what cannot be read is said at once
     asked = None if settings.predict is None else read_measurements(settings.predict, robot.model, columns, joints_alone=True)
-    turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
-    rows = rows.with_uncertainty(settings.u_position_mm, turn)
     if asked is not None and not set(asked.targets) <= set(rows.targets):
         strange = next(t for t in asked.targets if t not in rows.targets)
         raise SettingsError("predict", f"{settings.predict}: target {strange!r} was not measured; measured: {', '.join(rows.targets)}")
@@ -82,16 +91,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         check_foreign(found)
     except RobotError as error:
         raise RobotError(f"{settings.measurements}: robot {robot.name!r}: {error}") from None
-    findings = (*mend.findings, *found.findings)
+    findings = (*measured.notes, *mend.findings, *found.findings)
     progress(0.5, "holding rows out")
     held = judged.held_out(found, seed=settings.seed)
     found = found if held is None else replace(found, misfit=held.misfit)
     curve = judged.learning_curve(found, settings.seed)
     worth = judged.worth_freeing(found)
     progress(0.9, "writing")
-    inputs = [settings.measurements, *present(settings.predict)]
-    if Path(settings.robot).suffix:
-        inputs.append(Path(settings.robot))
+    inputs = [path for path in settings.paths().inputs if path.is_file()]
     record = identified.record(found, inputs, held, curve, worth=worth, findings=findings)
     result = identified.corrected(mend.robot, found)
     if asked is not None:

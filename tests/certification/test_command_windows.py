@@ -13,13 +13,13 @@ from lmeasure.certification.campaign import Campaign, campaign, timed
 from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.command_windows import windows_from_rests
 from lmeasure.certification.cube import Cube
-from lmeasure.certification.dwells import LAG_S, settled
 from lmeasure.cli import app
 from lmeasure.errors import CertificationError
 from lmeasure.program import Program, read_program, write_program
 from lmeasure.robots.cell_robot import cell_robot
 from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, write_trajectory
+from lmeasure.trajectory.resting import LAG_S, settled
 
 TESTS = Tests(
     tests=("pose", "approach", "stabilisation", "path", "reorientation", "posing"), speeds_percent=(100.0, 50.0), dwell_s=0.6, settle_s=0.4,

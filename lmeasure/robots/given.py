@@ -1,0 +1,75 @@
+"""What `lmeasure identify` is given: a table of joint values and places, or places of one instrument and joint values of their own.
+
+The places may be a run of cables, the trajectory of any instrument, of which the rests are taken, or points by name.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from lmeasure.errors import RobotError
+from lmeasure.foreign import Column, ForeignTable
+from lmeasure.robots.commanded import read_commanded, with_joints
+from lmeasure.robots.measurements import Measurements
+from lmeasure.robots.model import RobotModel
+from lmeasure.robots.noted import Noted, noted
+from lmeasure.robots.read_measurements import read_measurements
+from lmeasure.robots.rested import matched, rests_of
+from lmeasure.run import read_run
+from lmeasure.trajectory import Stated, Trajectory, read_trajectory, reconstruct
+from lmeasure.trajectory.elsewhere import kind_of
+from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.pose_errors import ErrorModel, ErrorsOfRun
+
+
+@dataclass(frozen=True)
+class Given:
+    """The measurements and what is to be said of how they were come by."""
+
+    rows: Measurements
+    notes: tuple[Noted, ...] = ()
+
+
+def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) -> Given:
+    """Read measurements, of which `stated` says columns and uncertainties; joints: where the joint values stand, None: beside the places.
+
+    A run's rests have the errors of its counts by themselves and those of its calibration, start and zeroing in common. RobotError or
+    FileFormatError says what cannot be read, or does not belong together.
+    """
+    columns = dict(stated.columns or {})
+    tabular = not path.is_dir() and kind_of(path) in ("table", "parquet")
+    if joints is None:
+        if not tabular:
+            kind = "run folder" if path.is_dir() else "trajectory"
+            raise RobotError(f"{path}: is a {kind}: --joints FILE says the joint values at its rests")
+        return Given(_with(read_measurements(path, robot, columns), stated))
+    commanded = read_commanded(joints, robot, columns)
+    if tabular and ForeignTable(path, columns, part=True).find("time", "s") is None:
+        rows, notes = with_joints(read_measurements(path, robot, columns, points_alone=True), commanded)
+        return Given(_with(rows, stated), tuple(notes))
+    trajectory, model, said = _trajectory(path, columns)
+    found = rests_of(trajectory, model)
+    rows, notes = matched(found, commanded, robot)
+    told = noted("rests", "rested", rests=len(found), used=len(rows))
+    return Given(_with(rows, stated), (told, *said, *notes))
+
+
+def _trajectory(path: Path, columns: Mapping[str, Column]) -> tuple[Trajectory, ErrorModel | None, list[Noted]]:
+    """A trajectory, its errors where a run tells them, and what it says of itself."""
+    if path.is_dir():
+        aligned = align(read_run(path))
+        trajectory = reconstruct(aligned, covariances=False)
+        return trajectory, ErrorsOfRun(aligned), [Noted("run", note) for note in trajectory.notes]
+    kind = kind_of(path)
+    if kind in ("table", "parquet"):
+        there = ForeignTable(path, columns, part=True).columns
+        columns = {name: column for name, column in columns.items() if column.name in there}
+    trajectory = read_trajectory(path, Stated(columns or None))
+    notes = [Noted("markers" if kind == "markers" else "trajectory", note) for note in trajectory.notes]
+    if trajectory.systematic.any():
+        notes.append(noted("systematic", "even", file=path.name))
+    return trajectory, None, notes
+
+
+def _with(rows: Measurements, stated: Stated) -> Measurements:
+    return rows.with_uncertainty(stated.u_position_mm, stated.u_rotation_rad)
