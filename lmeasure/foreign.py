@@ -7,6 +7,7 @@ import csv
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -92,8 +93,8 @@ class ForeignTable:
         return len(self._table)
 
     def find(self, name: str, unit: str = "") -> Column | None:
-        """Where a quantity stands: as --columns says, else under its name with a unit as ours or as others write it (`x_mm`, `x [m]`, `X` with
-        the unit in a row of their own)."""
+        """Where a quantity stands: as --columns says, else under its name with a unit as ours or as others write it (`x_mm`, `X [m]`, or
+        a row of units)."""
         if name in self._columns:
             column = self._columns[name]
             return Column(column.name, column.unit or self._units.get(column.name, unit))
@@ -205,7 +206,7 @@ def _header(lines: list[str]) -> int | None:
     """The line with the names of columns: the first that has as many cells as the next and no number among them, else the first of all that
     is not blank and no comment."""
     there = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(_COMMENTS)]
-    for i, following in zip(there, there[1:], strict=False):
+    for i, following in pairwise(there):
         separator = _separator(lines[i])
         cells = lines[i].split(separator)
         if len(cells) > 1 and lines[following].count(separator) == len(cells) - 1 and not any(_NUMBER.fullmatch(c.strip()) for c in cells):

@@ -28,6 +28,15 @@ class Shift:
     freedom: int
 
 
+def fall_test(fall: float, freedom: float, rest: float, left: float) -> tuple[float, float] | None:
+    """F statistic and log probability of a fall of chi-squared bought with some degrees of freedom, a rest staying behind with those left:
+    a common noise level cancels. None where too few are left."""
+    if left < MIN_FREEDOM:
+        return None
+    value = (fall / freedom) / (max(rest, 1e-300) / left)
+    return value, float(scipy.stats.f.logsf(value, freedom, left))
+
+
 class Deletion:
     """Deletion diagnostics of a fit.
 
@@ -57,12 +66,7 @@ class Deletion:
     def test(self, fall: float, freedom: int) -> tuple[float, float] | None:
         """F statistic and log probability of a fall of chi-squared bought with some degrees of freedom; a common noise level cancels. None
         where too few are left."""
-        left = self._fit.freedom - freedom
-        if left < MIN_FREEDOM:
-            return None
-        rest = max(self._fit.chi2 - fall, 1e-300)
-        value = (fall / freedom) / (rest / left)
-        return value, float(scipy.stats.f.logsf(value, freedom, left))
+        return fall_test(fall, freedom, self._fit.chi2 - fall, self._fit.freedom - freedom)
 
     def step(self, column: FloatArray) -> tuple[float, float] | None:
         """What would have to be taken from residuals along a column (e,), and by how much chi-squared would fall; None where

@@ -11,12 +11,13 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.report import html
 from lmeasure.robots.identify import Identified
+from lmeasure.robots.workspace import Workspace
 
 ARROWS = 0.1
 """Of the measured places' extent: length at which the largest error is drawn."""
 
 
-def write_robot_page(path: Path, found: Identified[Any], record: dict[str, Any]) -> None:
+def write_robot_page(path: Path, found: Identified[Any], record: dict[str, Any], over: Workspace | None = None) -> None:
     """Write a self-contained HTML page of the identification, whole or not at all."""
     used = found.kept & found.rows.placed
     before, after = found.nominal_errors_mm()[used], found.errors_mm()[used]
@@ -26,6 +27,8 @@ def write_robot_page(path: Path, found: Identified[Any], record: dict[str, Any])
     if used.any():
         body += _errors(found.rows.position[used], before, after, with_code=not record["learning_curve"])
         body += _by_joint(found, np.flatnonzero(used), after)
+    if over is not None:
+        body += _workspace(over, record["workspace"], with_code=not (record["learning_curve"] or used.any()))
     body += _worth(record["worth_freeing"])
     if record["unobservable"]:
         texts = "".join(f"<li>{html.text(u['text'])}</li>" for u in record["unobservable"])
@@ -121,6 +124,48 @@ def _by_joint(found: Identified[Any], rows: Any, after: FloatArray) -> list[str]
         html.figure(figure, first=False),
         html.table(("joint", "rms along its motion [mm]", "target's distance from it, mean [mm, or 1]"), mean),
     ]
+
+
+def _workspace(over: Workspace, told: dict[str, Any], *, with_code: bool) -> list[str]:
+    """How exactly the robot is predicted over its reach: in figures, as a map of distance from its first axis and height, and in space."""
+    figures = (
+        ("median", told["median_u95_mm"]),
+        ("95 % of the poses below", told["quantile_95_u95_mm"]),
+        ("worst", told["largest_u95_mm"]),
+        ("median at the measured poses", told["measured_u95_mm"]),
+    )
+    worst = ", ".join(f"{name} {value:.1f}" for name, value in told["worst_pose"].items())
+    colours = {"colorbar": {"title": "u95 [mm]"}, "colorscale": "Viridis"}
+    flat = go.Figure(go.Heatmap(**_flat_map(over), **colours, hovertemplate="%{x:.0f}, %{y:.0f}: %{z:.3f} mm<extra></extra>"))
+    flat.update_layout(xaxis_title="distance from the base's z axis [mm]", yaxis_title="z [mm, robot's base]", height=560)
+    flat.update_layout(xaxis_constrain="domain", yaxis_scaleanchor="x", yaxis_constrain="domain")
+    marker = {"color": over.median_mm, "size": 7, "symbol": "square", "opacity": 0.6, **colours}
+    space = go.Figure(go.Scatter3d(x=over.cells[:, 0], y=over.cells[:, 1], z=over.cells[:, 2], mode="markers", marker=marker, name="u95"))
+    scene = {"aspectmode": "data", "xaxis_title": "x [mm]", "yaxis_title": "y [mm]", "zaxis_title": "z [mm]"}
+    space.update_layout(scene=scene, height=640, margin={"t": 10, "b": 10})
+    about = (
+        f"{told['poses']} poses spread evenly over what its joint limits allow. u95: radius that holds 95 % of where the target "
+        "is from where it is predicted, by the identification and the robot itself, without the instrument. "
+    )
+    return [
+        html.heading("Predicted accuracy over the workspace"),
+        html.table(("u95 of the target's place", "mm"), ((name, f"{value:.4f}") for name, value in figures)),
+        html.paragraph(f"{about}Worst at {worst}."),
+        html.paragraph("Mean over all directions about the base, by distance and height:"),
+        html.figure(flat, first=with_code),
+        html.paragraph(f"Median in cubes of {over.edge_mm:.0f} mm, as in workspace.csv:"),
+        html.figure(space, first=False),
+    ]
+
+
+def _flat_map(over: Workspace) -> dict[str, FloatArray]:
+    """Mean u95 over squares of distance from the base's z axis and height, NaN where no pose lies, with their middles."""
+    across, height = np.hypot(over.places[:, 0], over.places[:, 1]), over.places[:, 2]
+    edge = over.edge_mm / 3.0
+    ends = [edge * np.arange(np.floor(v.min() / edge), np.floor(v.max() / edge) + 2.0) for v in (across, height)]
+    total, count = (np.histogram2d(across, height, ends, weights=w)[0] for w in (over.u95_mm, None))
+    x, y = (0.5 * (e[1:] + e[:-1]) for e in ends)
+    return {"x": x, "y": y, "z": np.where(count > 0, total / np.maximum(count, 1.0), np.nan).T}
 
 
 def _worth(worth: Sequence[dict[str, Any]]) -> list[str]:

@@ -15,6 +15,7 @@ from lmeasure.robots.judged import HeldOut, Worth
 from lmeasure.robots.noted import Noted
 from lmeasure.robots.robot import AnyRobot
 from lmeasure.robots.told import determined, silent_directions, unknown_frames
+from lmeasure.robots.workspace import Workspace, worst_pose
 
 SCHEMA = "lmeasure.identified/1"
 
@@ -27,6 +28,7 @@ def record(
     *,
     worth: Sequence[Worth],
     findings: Sequence[Noted],
+    over: Workspace | None = None,
 ) -> dict[str, Any]:
     """The content of identified.json. Values of `base.r..` and `tool.r..` are rotation vectors, their uncertainties those of a small turn
     about the axes of the frame that the pose leads to."""
@@ -57,6 +59,7 @@ def record(
     return {
         "schema": SCHEMA,
         "robot": found.nominal.name,
+        "freed": list(found.settings.free),
         "parameters": parameters,
         "covariance": fit.covariance[: unknowns.asked, : unknowns.asked].tolist(),
         "base": _pose(state.base),
@@ -70,6 +73,7 @@ def record(
         "residuals": _residuals(found),
         "held_out": None if held is None else _held_out(held),
         "learning_curve": [{"rows": n, "mean_mm": m, "least_mm": a, "largest_mm": b} for n, m, a, b in curve],
+        "workspace": None if over is None else _workspace(found, over),
         "worth_freeing": [w.__dict__ for w in worth],
         "warnings": [f.stated() for f in findings],
         "inputs": [{"file": str(path), "sha256": files.sha256(path)} for path in inputs],
@@ -95,12 +99,13 @@ def prediction_columns(names: Sequence[str], predicted: Prediction) -> dict[str,
     return {"name": list(names), **place, "u95_mm": predicted.u95_mm}
 
 
-def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Noted]) -> list[str]:
+def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Noted], over: Workspace | None = None) -> list[str]:
     """What a person is told, line by line."""
     before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
     lines = []
     if len(after):
         lines.append(f"{found.kept.sum()} rows; errors {before.mean():.4f} mm before, {after.mean():.4f} after, in the mean")
+    lines.append(f"freed: {', '.join(found.settings.free)}")
     told = determined(found.fit)[: len(found.fit.problem.unknowns.own)]
     lines.append(f"{told.sum()} of {len(told)} parameters determined by the measurements, the others held by their nominal values")
     size = f"{found.noise.position_mm:.4f} mm (one standard deviation of each coordinate)"
@@ -111,7 +116,17 @@ def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Not
         error = held.error_mm
         said = f"{error.mean():.4f} mm in the mean, {error.max():.4f} at worst, {100 * held.within:.1f} % within their u95"
         lines.append(f"rows held out: {said}")
+    if over is not None:
+        median, most, largest = over.quantiles_mm
+        said = f"{median:.4f} mm in the median, {most:.4f} for 95 %, {largest:.4f} at worst"
+        lines.append(f"predicted over all that its limits allow: u95 {said}; at the measured poses {over.at_measured_mm:.4f}")
     return [*lines, *(f"warning {f.code}: {f.text}" for f in findings)]
+
+
+def _workspace(found: Identified[Any], over: Workspace) -> dict[str, Any]:
+    median, most, largest = over.quantiles_mm
+    figures = {"median_u95_mm": median, "quantile_95_u95_mm": most, "largest_u95_mm": largest, "measured_u95_mm": over.at_measured_mm}
+    return figures | {"poses": len(over.u95_mm), "worst_pose": worst_pose(found, over)}
 
 
 def _rotation_noise(found: Identified[Any]) -> float | None:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.estimation.deletion import fall_test
 from lmeasure.robots.frame_start import Frames
 from lmeasure.robots.identify import FAMILIES, Identified, Prediction, family, predict
 from lmeasure.robots.problem import Fit, Problem, with_noise
@@ -124,8 +125,11 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
         count = _determined(jacobian, prior, full) - _determined(jacobian, prior, less)
         if count < 1:
             continue
-        n = len(residuals)
-        out.append(Worth(name, freed, count, drop, float(chi2.sf(drop, count)), 2.0 * count - drop, count * math.log(n) - drop))
+        n, rest = len(residuals), _left(jacobian[:, full], target, prior[full])
+        # a noise that the residuals tell they tell from so many of them
+        tested = fall_test(drop, count, rest, fit.spare - (0 if freed else count)) if fit.problem.own_noise else None
+        chance = float(chi2.sf(drop, count)) if tested is None else math.exp(tested[1])
+        out.append(Worth(name, freed, count, drop, chance, 2.0 * count - drop, count * math.log(n) - drop))
     return out
 
 

@@ -33,7 +33,12 @@ class Settings(Asked):
     predict: Annotated[Path | None, option("Joint values of which to predict the places, into predictions.csv.", metavar="FILE")] = None
     harmonics: Annotated[bool, option("Free the joints' errors once and twice per turn too.")] = False
     free: Annotated[
-        Names, option("What else to free: once, twice (or harmonics for both), scale, stiffness, backlash.", metavar="FAMILY,...")
+        Names,
+        option(
+            "What to free besides links: once, twice (or harmonics for both), scale, stiffness, backlash; links: nothing else. By default "
+            "what the measurements ask for.",
+            metavar="FAMILY,...",
+        ),
     ] = ()
     columns: Annotated[str, option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar=MAPPING)] = ""
     tip: Annotated[str | None, option("Link of a .urdf at which the chain ends.", metavar="LINK")] = None
@@ -44,7 +49,7 @@ class Settings(Asked):
 
     def paths(self) -> Paths:
         """The identified robot from a nominal one and measurements."""
-        outputs = inside(self.out, "identified.json", "robot.toml", "robot.urdf", "report.html", "predictions.csv")
+        outputs = inside(self.out, "identified.json", "robot.toml", "robot.urdf", "report.html", "predictions.csv", "workspace.csv")
         robot = Path(self.robot)
         measured = in_run_folder(self.measurements) if self.measurements.is_dir() else (self.measurements,)
         return Paths(outputs, (*measured, *present(self.joints, self.predict, robot if robot.suffix else None)))
@@ -59,6 +64,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     from lmeasure.foreign import columns_of
     from lmeasure.report.robot import write_robot_page
     from lmeasure.robots import identified, judged
+    from lmeasure.robots.choosing import identify_with_choice
     from lmeasure.robots.given import given
     from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict
     from lmeasure.robots.identify import Settings as Chosen
@@ -66,6 +72,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     from lmeasure.robots.read_measurements import read_measurements
     from lmeasure.robots.robot import Robot, write_robot
     from lmeasure.robots.urdf import write_urdf
+    from lmeasure.robots.workspace import workspace
     from lmeasure.trajectory import Stated
 
     unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]
@@ -85,8 +92,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     progress(0.05, "looking for slips")
     mend = mended(robot, rows, settings.seed)
     progress(0.2, "identifying")
-    families = ("links", *(("harmonics",) if settings.harmonics else ()), *settings.free)
-    found = identify(mend.robot.model, mend.rows, Chosen(families, not settings.keep_outliers, settings.seed))
+    families = tuple(dict.fromkeys(("links", *(("harmonics",) if settings.harmonics else ()), *settings.free)))
+    chosen = Chosen(families, not settings.keep_outliers, settings.seed)
+    if settings.free or settings.harmonics:
+        found = identify(mend.robot.model, mend.rows, chosen)
+    else:
+        found = identify_with_choice(mend.robot.model, mend.rows, chosen)
     try:
         check_foreign(found)
     except RobotError as error:
@@ -97,9 +108,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     found = found if held is None else replace(found, misfit=held.misfit)
     curve = judged.learning_curve(found, settings.seed)
     worth = judged.worth_freeing(found)
+    over = workspace(found, seed=settings.seed)
     progress(0.9, "writing")
     inputs = [path for path in settings.paths().inputs if path.is_file()]
-    record = identified.record(found, inputs, held, curve, worth=worth, findings=findings)
+    record = identified.record(found, inputs, held, curve, worth=worth, findings=findings, over=over)
     result = identified.corrected(mend.robot, found)
     if asked is not None:
         of = np.array([rows.targets.index(t) for t in asked.targets])[asked.target_of]
@@ -108,14 +120,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     write_robot(out / "robot.toml", result)
     if isinstance(result, Robot):
         write_urdf(out / "robot.urdf", result)
-    write_robot_page(out / "report.html", found, record)
+    if over is not None:
+        files.write_table(out / "workspace.csv", over.columns())
+    write_robot_page(out / "report.html", found, record, over)
     identified.write_record(out / "identified.json", record)
     urdf = ["robot.urdf"] if isinstance(result, Robot) else []  # which has words for serial arms alone
-    names = ["identified.json", "robot.toml", *urdf, "report.html", *(["predictions.csv"] if asked is not None else [])]
+    names = ["identified.json", "robot.toml", *urdf, "report.html"]
+    names += [name for name, there in (("predictions.csv", asked), ("workspace.csv", over)) if there is not None]
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
     told = tuple(f"{f.code}: {f.text}" for f in findings)
-    return Result(found, (*identified.summary(found, held, findings), written), figures, told)
+    return Result(found, (*identified.summary(found, held, findings, over), written), figures, told)
 
 
 def nominal(name: str, tip: str | None = None) -> "AnyRobot":

@@ -98,7 +98,7 @@ def test_places_alone_ask_for_times_where_numbers_differ(tmp_path: Path) -> None
     joints, time_s, poses, _ = motion()
     there = trajectory(tmp_path / "t.csv", time_s, poses, oriented=False)
     assert len(given(there, table(tmp_path / "all.csv", joints), ROBOT, Stated()).rows) == 12
-    with pytest.raises(LMeasureError, match="has 11 rows, the trajectory 12 rests without orientations: .* a column time_s says it"):
+    with pytest.raises(LMeasureError, match=r"has 11 rows, the trajectory 12 rests without orientations: .* a column time_s says it"):
         given(there, table(tmp_path / "some.csv", joints[1:]), ROBOT, Stated())
     with pytest.raises(LMeasureError, match="--joints FILE says the joint values at its rests"):
         given(Path("t.tum"), None, ROBOT, Stated())
@@ -247,7 +247,7 @@ def test_markers_in_metres_of_a_trc(tmp_path: Path) -> None:
 
 
 def test_points_of_a_tracker_find_their_joint_values_by_name(tmp_path: Path) -> None:
-    joints, time_s, poses, _ = motion()
+    joints, _, poses, _ = motion()
     places = poses[[int(k * (REST_S + MOVE_S) * RATE + 10) for k in range(12)], :3]
     lines = ["// exported points", "Collection::Group;Point;X [in];Y [in];Z [in]"]
     order = [3, 0, 1, 2, *range(4, 12)]
