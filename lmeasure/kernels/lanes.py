@@ -236,7 +236,7 @@ def _load(
         unit = 1.0 / math.sqrt(square)
         for c in range(POSE_COLUMNS):
             S[c * WIDTH + lane] = q[c] * (unit if c >= ORIENTATION else 1.0)
-        for j in range(CABLES):
+        for j in range(len(places)):
             T[j * WIDTH + lane] = targets[i, places[j]]
 
 

@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import kernel
+from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.cable import orientation, seen_at, vec, way_round
-from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS
+from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, ORIENTATION, POSE_COLUMNS
 from lmeasure.kernels.screw import (
     MAX_ITERATIONS,
     NOT_CONVERGED,
@@ -31,6 +31,7 @@ from lmeasure.kernels.vector import add, cross, norm, rotate
 
 SEARCH_STEPS = 60
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
+FALLING_MM = 1e-4  # from which on steps tell how they go on falling
 LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be told from the other
 
 
@@ -67,11 +68,11 @@ def _fill(
 @kernel
 def _normal(A: FloatArray, N: FloatArray) -> None:
     for a in range(A.shape[1]):
-        for b in range(A.shape[1]):
+        for b in range(a, A.shape[1]):
             s = 0.0
             for j in range(A.shape[0]):
                 s += A[j, a] * A[j, b]
-            N[a, b] = s
+            N[a, b] = N[b, a] = s
 
 
 @kernel
@@ -81,7 +82,7 @@ def _solve(
     """Move the pose (in place) to the least squares: (status, iterations)."""
     m, f = cables.shape[0], len(free)
     A, r, N, b, twist = np.empty((m, f)), np.empty(m), np.empty((f, f)), np.empty((f, 1)), np.empty(6)
-    previous = math.inf
+    previous = 0.0
     for iteration in range(1, MAX_ITERATIONS + 1):
         if not _fill(cables, pose, targets, weights, free, size, A, r):
             return NOT_CONVERGED, iteration
@@ -100,8 +101,12 @@ def _solve(
             twist[free[c]] = b[c, 0]
             step = max(step, abs(b[c, 0]))
         displace(pose, twist, size)
-        # rounding floor: a tiny step that no longer falls has nothing left to gain
-        if step <= tolerance or (step < 1e-9 and step >= 0.5 * previous):
+        # rounding floor: a tiny step that no longer falls has nothing left to gain; one that falls will fall as much again at least
+        if (
+            step <= tolerance
+            or (step < 1e-9 and step >= 0.5 * previous > 0.0)
+            or (step <= FALLING_MM and step * step <= tolerance * previous)
+        ):
             return OK, iteration
         previous = step
     return NOT_CONVERGED, MAX_ITERATIONS
@@ -225,6 +230,21 @@ def new_state(start: FloatArray, m: int) -> FloatArray:
     return state
 
 
+@inline
+def go_on(behind: FloatArray, pose: FloatArray) -> None:
+    """Move a pose (in place) by as much as it was moved from the one behind it, to first order."""
+    square, sign = 0.0, 0.0
+    for c in range(ORIENTATION, POSE_COLUMNS):
+        sign += pose[c] * behind[c]
+    sign = 1.0 if sign >= 0.0 else -1.0
+    for c in range(POSE_COLUMNS):
+        pose[c] = 2.0 * pose[c] - (sign * behind[c] if c >= ORIENTATION else behind[c])
+    for c in range(ORIENTATION, POSE_COLUMNS):
+        square += pose[c] * pose[c]
+    for c in range(ORIENTATION, POSE_COLUMNS):
+        pose[c] /= math.sqrt(square)
+
+
 @kernel
 def follow(
     cables: FloatArray,
@@ -250,6 +270,7 @@ def follow(
     iterations, status = np.zeros(n, np.int64), np.zeros(n, np.int64)
     size, lost = platform_size(cables), CHANGES + m
     targets, weights, pose, reach = np.empty(m), np.empty(m), np.empty(POSE_COLUMNS), np.empty(m)
+    before, behind = np.empty(POSE_COLUMNS), np.empty(POSE_COLUMNS)
     G, r = np.empty((6, m)), np.empty(m)
     smallest = math.inf
     for j in range(m):
@@ -283,6 +304,11 @@ def follow(
                         gone = way_round(way - state[CHANGES + j], cables[j, KIND])
                         way = state[CHANGES + j] + part / parts * gone
                     targets[j] = zero[j] + way
+                copy(pose, before)
+                if part > 1:
+                    # on as it went before: what is left to find is how that bends
+                    go_on(behind, pose)
+                copy(before, behind)
                 outcome, steps = _solve(cables, pose, targets, weights, free, size, STEP_MM if part == parts else ON_THE_WAY_MM)
                 iterations[i] += steps
                 if outcome != OK:

@@ -55,7 +55,7 @@ class LivePose:
     Raises what `Reconstruction` raises, and TrajectoryError when the rig has more than one pass, effects that are left out here, or no
     start and too few absolute channels. Everything is compiled before the constructor returns.
 
-    why: what keeps the start unknown, as long as it is.
+    why: what keeps the start unknown, as long as it is. learns: whether it goes on learning.
     """
 
     def __init__(self, rig: Rig, start: FloatArray | None, calibration: CalibrationRecord | None = None, *, aside: bool = False) -> None:
@@ -68,7 +68,7 @@ class LivePose:
         self.channels = tuple(o.channel for o in rig.observed)
         self.why = "" if start is not None else "no attempt to find the start yet"
         self._rig, self._start, self._calibration, self._aside = rig, start, calibration, aside
-        self._learns = True
+        self.learns = True
         self._way = self._first_way()
         if start is not None and self._way is not None:
             self._way.step(0.0, np.full(len(self.channels), np.nan))
@@ -77,7 +77,7 @@ class LivePose:
         self._time_s, self._recorded, self._n, self._next, self._learned = np.empty(FIRST), np.empty((FIRST, m)), 0, FIRST, 0
         self._found: tuple[AnyChannels | None, str, int] | None = None
         self._thread: threading.Thread | None = None
-        if self._learns:
+        if self.learns:
             self._rehearse()
 
     def _rehearse(self) -> None:
@@ -103,12 +103,12 @@ class LivePose:
             raise TrajectoryError(f"rig {self._rig.name!r}: a live pose leaves out temperature, stretch and sag, which this rig states")
         if reconstruction.scheme.point is not None:
             raise TrajectoryError(f"rig {self._rig.name!r}: a live pose needs channels that tell how the tool is turned")
-        self._learns = reconstruction.redundancy is not None
+        self.learns = reconstruction.redundancy is not None
         return SixCables(reconstruction) if reconstruction.scheme.six else AnyChannels(reconstruction, NONE)
 
     def update(self, time_s: float, recorded: FloatArray) -> LiveSample:
         """The pose of the next sample: recorded counts (m,) in the order of `channels`, NaN where there is none."""
-        if self._learns:
+        if self.learns:
             self._keep(time_s, recorded)
             if self._found is not None:
                 self._adopt(*self._found, upto=self._n - 1)
@@ -122,7 +122,7 @@ class LivePose:
         if self._way is None:
             return LiveSample(START_UNKNOWN, np.full(7, np.nan), np.nan)
         status, pose, angle = self._way.step(time_s, recorded)
-        if status == Status.INCONSISTENT and self._learns:
+        if status == Status.INCONSISTENT and self.learns:
             self._next = min(self._next, max(self._learned * 5 // 4, self._n + FIRST))
         return self._sample(status, pose, angle)
 

@@ -11,7 +11,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.findings import Finding, finding
-from lmeasure.kernels import lanes, least_squares, screw
+from lmeasure.kernels import lanes, lanes_redundant, least_squares, screw
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, CHANGES
 from lmeasure.lengths import Lengths, span_lengths
 from lmeasure.observation.wrap import span_rows
@@ -23,13 +23,14 @@ from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.lost import NEARLY, explain, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
 from lmeasure.trajectory.redundancy import Redundancy
-from lmeasure.trajectory.scheme import scheme_of
+from lmeasure.trajectory.scheme import FREEDOMS, scheme_of
 from lmeasure.trajectory.sources import PassClock
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.sources import Told
 
 COMPILING_PAYS = 2**14  # samples from which the kernels save more than they take to compile
+LANES_PAY = 2**17  # of redundant channels, whose lanes take longer to compile
 START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that is off by centimetres is still on its side
 START_COVERAGE = 3.0  # standard uncertainties of the start
 
@@ -235,7 +236,9 @@ class Reconstruction:
         if self.scheme.six:
             follow = lanes.follow if len(changes) >= COMPILING_PAYS else screw.resume
             return tuple(follow(rows, start, state, changes, flags, u))
-        return tuple(least_squares.follow(rows, start, self._zero(rows, start), state, changes, flags, u, self.scheme.free_index))
+        in_lanes = len(changes) >= LANES_PAY and self.scheme.redundancy and len(self.scheme.free) == len(FREEDOMS)
+        by = lanes_redundant.follow if in_lanes else least_squares.follow
+        return tuple(by(rows, start, self._zero(rows, start), state, changes, flags, u, self.scheme.free_index))
 
     def _remarks(
         self, lengths: Lengths, status: IntArray, left_out: BoolArray, cause: TextArray, cable: TextArray
