@@ -144,6 +144,11 @@ def test_a_robust_loss_takes_back_the_group_that_is_wrong() -> None:
         taken = 0.1**2 * weights.scale**2 * (1.0 / believed - 1.0)
         assert problem.readings.taken is not None
         np.testing.assert_allclose(problem.readings.taken, np.r_[taken, 0.1**2 / EXCLUDED][GROUPS], rtol=1e-9)
+        # Tukey's biweight of what each group is off, in scales of 4.685
+        shifts = [Deletion(found).shift(columns(g), float(problem.readings.taken[3 * g])) for g in range(9)]
+        far = np.sqrt([s.square for s in shifts if s is not None]) / (4.685 * weights.scale)
+        assert far.max() > 0.2
+        np.testing.assert_allclose(believed, (1.0 - far**2) ** 2, atol=2e-3)
         # three readings less, and a little for the weights of the others
         assert 20 <= found.freedom <= 25
     # of several members more are believed: two groups against one that stands for five

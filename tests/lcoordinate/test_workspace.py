@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
@@ -96,6 +97,30 @@ def test_lengths_bound_too_and_limits_take_over_from_each_other() -> None:
     met = {bounds.names[int(k)] for k in found.limit}
     assert {f"link {i} long" for i in (2, 3, 4)} < met <= {f"link {i} {way}" for i in (2, 3, 4, 5) for way in ("short", "long")}
     np.testing.assert_allclose(bounds.values(Slice(origin, XZ, 40.0).poses(found.places)).min(axis=1), 0.0, atol=1e-9)
+
+
+def test_limits_in_several_orientations_are_those_of_the_body_so_turned() -> None:
+    turns, poses = (Rotation.random(3, rng=np.random.default_rng(seed)) for seed in (0, 1))
+    places = np.random.default_rng(2).uniform(-0.5, 0.5, (3, 3))
+    one, every = (Bounds(BASE, BODY, HERE, LIMIT, (1.0, 9.0), turns=turned) for turned in (None, turns.as_quat()))
+    found = every.values(np.column_stack([places, poses.as_quat()])).reshape(3, 3, -1)
+    for i in range(3):
+        for k in range(3):
+            expected = one.values(np.r_[places[i], (turns[k] * poses[i]).as_quat()])
+            np.testing.assert_allclose(found[i, k], expected, rtol=1e-9, atol=1e-12)
+    assert every.names[len(one.names)] == f"{one.names[0]} in orientation 2"
+
+
+class Cliff(Bounds):
+    """Kept within a radius of 10 mm, and nowhere telling in which direction that is."""
+
+    def values(self, poses: FloatArray) -> FloatArray:
+        return np.where(np.linalg.norm(poses[..., :3], axis=-1) < 10.0, 1.0, -1.0)[..., None]
+
+
+def test_a_limit_without_a_slope_has_no_boundary() -> None:
+    with pytest.raises(StructureError, match="has no tangent where the ray meets it"):
+        boundary(Cliff(BASE, BODY, HERE, None), Slice(HERE, XZ, 40.0), np.array([1.0, 0.0]), 0.1)
 
 
 def test_what_cannot_be_bounded_is_refused() -> None:

@@ -114,3 +114,16 @@ def test_what_nothing_controls_has_no_error() -> None:
     assert (parities.freedom == 0).all()
     np.testing.assert_array_equal(parities.chi_squared, 0.0)
     assert np.isinf(parities.errors[1]).all()
+
+
+def test_two_cables_side_by_side_control_each_other_alone() -> None:
+    """The seventh runs where the first does: what the other five err by nobody sees."""
+    reconstruction, redundancy, poses, errors, _ = prepared([*SEVEN[:6], SEVEN[0]])
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs.gone_on_mm[:] += errors
+    parities = redundancy.parities(epochs, poses)
+    assert (parities.freedom == 1).all()
+    u = parities.errors[1]
+    assert np.isinf(u[:, 1:6]).all()
+    assert (u[:, [0, 6]] < 1.0).all()
+    np.testing.assert_allclose(parities.errors[0][:, 0], errors[:, 0] - errors[:, 6], rtol=1e-6, atol=1e-9)
