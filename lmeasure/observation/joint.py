@@ -44,8 +44,12 @@ def solve_jointly(
         r = np.where(used, differences(found, readings[ok], predictions(found, at[ok])), 0.0) * weight
         J = rows(found, at[ok]) * weight[:, None]
         A = np.stack([_by(o, at[ok], unknown) for o in found], axis=1) * weight[:, None] * used[:, :, None]
+        G = twists(found, at[ok], used, free) / weight
+        # a sample whose readings tell no pose, in a gap, says nothing of what all share
+        told = np.isfinite(G).all(axis=(1, 2))
+        r, J, A, G, used = r[told], J[told], A[told], G[told], used[told]
         # A less what the poses follow of it
-        A -= J @ ((twists(found, at[ok], used, free) / weight) @ A) * used[:, :, None]
+        A -= J @ (G @ A) * used[:, :, None]
         information = np.einsum("nmq,nmr->qr", A, A) * np.outer(u, u) + np.eye(len(u))
         step = u * np.linalg.solve(information, np.einsum("nmq,nm->q", A, r) * u - (p - before) / u)
         covariance = np.linalg.inv(information) * np.outer(u, u)

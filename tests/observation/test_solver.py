@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigs import HOME, FloatArray, cables, distance, inclination, path, poses, swivel
+from rigs import COUNT_MM, HOME, FloatArray, cables, distance, inclination, path, poses, swivel
 
 from lmeasure import se3
 from lmeasure.observation import Observation, predictions, pressure_angles, rows, shared_errors, solve_poses, twists
 from lmeasure.observation.channel import values, variances
 from lmeasure.observation.continuation import _side, _until_lost, follow
+from lmeasure.observation.joint import solve_jointly
 from lmeasure.observation.solver import ALL
 from lmeasure.status import Status
 
@@ -207,3 +208,17 @@ def test_behind_a_singular_pose_nothing_is_guessed() -> None:
     assert (again.status[lost + 1 : lost + 20] == Status.OTHER_ASSEMBLY).all()
     there = again.status == Status.OK
     assert error_of(again.poses[there], truth[there]).max() < 1e-6
+
+
+def test_a_gap_says_nothing_of_what_all_samples_share() -> None:
+    """Phases of eight drums, begun from one pose for all: as without the samples of which too little is read."""
+    channels = cables(3, 8)
+    readings = predictions(channels, path(40)) + 0.004 * np.random.default_rng(0).uniform(-1.0, 1.0, 8)
+    names = [f"c{i}.zero_mm" for i in range(8)]
+    kept = np.delete(readings, [10, 25], axis=0)
+    readings[10], readings[25, :3] = np.nan, np.nan
+    found, without = (solve_jointly(channels, some, HOME, names) for some in (readings, kept))
+    np.testing.assert_allclose(found.covariance, without.covariance, rtol=1e-9)
+    np.testing.assert_allclose(np.delete(found.poses.poses, [10, 25], axis=0), without.poses.poses, atol=1e-9)
+    assert np.flatnonzero(found.poses.status).tolist() == [10, 25]
+    assert (np.sqrt(np.diag(found.covariance)) < COUNT_MM / np.sqrt(12.0)).all()
