@@ -190,7 +190,7 @@ def study(cell: Cell, seed: int, kind: str, plain: bool = False) -> dict[str, ob
     with np.errstate(invalid="ignore"):
         wrong = ok & (errors_mm(found, cell.poses) > np.maximum(6.0 * u, 0.05))
     names = {name for cable in found.cable[ok] for name in cable.split(", ") if name}
-    said = bool((~ok).any() or names or any("suspected" in cause for cause in found.cause))
+    said = bool((~ok).any() or names or any("suspected" in str(cause) for cause in found.cause))
     outcome = ("partly" if said else "silent") if wrong.any() else ("caught" if said else "harmless")
     detectable, separable = (False, False) if plain else power(cell, recorded, j if kind not in OF_SEVERAL else None)
     return {

@@ -13,7 +13,11 @@ from typing import Any
 from lmeasure.catalogue import Writer, texts
 
 DOMAIN = "findings"
-NUMBER = r"[-+\d.e]+|nan|inf"
+_ONE = r"(?:[-+\d.e]+|nan|inf)"
+NUMBER = rf"{_ONE}(?:, {_ONE})*"
+"""A number as it is printed, or several."""
+JOINED = "joined"
+"""Two findings, one behind the other."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,11 @@ def recognised(text: str) -> Finding | None:
 
     The patterns are made of the catalogue's own texts, the first that fits counts; numbers stay as they are printed.
     """
+    # first, for a value of a text could hold a whole second one
+    for mark in re.finditer("; ", text):
+        first, then = recognised(text[: mark.start()]), recognised(text[mark.end() :])
+        if first is not None and then is not None:
+            return Finding(JOINED, {"first": first, "then": then})
     for code, pattern, numbers in _patterns():
         found = pattern.fullmatch(text)
         if found is not None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray, IntArray, TextArray
+from lmeasure.causes import from_file, in_english
 from lmeasure.counts import unwrap
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.encoder_table import AngleEncoder, Swivel
@@ -32,8 +33,8 @@ class Lengths(Shown):
     """Changes of the free cables since the counters were zeroed, and what the other channels of the rig (`Rig.observed`) show.
 
     time_s (n,); cables (m) names; change_mm (n, m) = wrap + straight part at the sample less that at the zero pose, of encoders of angles
-    their angle [rad] less that where the count is 0; counts (n, m) true counts k; flags (n,) of `Status` (ok, gap or jump), cause (n,) and
-    cable (n,) say why and which; notes for the reader.
+    their angle [rad] less that where the count is 0; counts (n, m) true counts k; flags (n,) of `Status` (ok, gap or jump), cause (n,) as
+    `lmeasure.causes` has them and cable (n,) say why and which; notes for the reader.
     """
 
     time_s: FloatArray
@@ -114,7 +115,7 @@ class Lengths(Shown):
         out: dict[str, Any] = {"time_s": self.time_s}
         out |= {f"{name}_mm" if i < self.lengths else f"{name}_rad": self.change_mm[:, i] for i, name in enumerate(self.cables)}
         out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
-        return out | {"status": words(self.flags), "cause": self.cause, "cable": self.cable}
+        return out | {"status": words(self.flags), "cause": in_english(self.cause), "cable": self.cable}
 
 
 def write_lengths(path: Path, lengths: Lengths) -> None:
@@ -135,7 +136,7 @@ def read_lengths(path: Path) -> Lengths:
         table.matrix(columns, gaps=True),
         table.matrix([f"{n}_count" for n in names], gaps=True),
         table.choices("status", WORDS),
-        table.labels("cause"),
+        from_file(table.labels("cause")),
         table.labels("cable"),
         encoders=sum(c.endswith("_rad") for c in columns),
     )
@@ -301,10 +302,10 @@ def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Le
     flags = np.zeros(n, np.int64)
     cause, where = np.full(n, "", dtype=np.object_), np.full(n, "", dtype=np.object_)
     for j, (c, why) in enumerate(zip(rig.observed, reasons, strict=True)):
-        for mask, flag, text in why:
+        for mask, flag, said in why:
             k[mask, j] = np.nan
             first = mask & (flags == Status.OK)
-            flags[first], cause[first], where[first] = flag, text, c.name
+            flags[first], cause[first], where[first] = flag, said, c.name
     return replace(
         lengths, change_mm=changes_from_counts(rig, k, rig.observed), counts=k, flags=flags, cause=cause, cable=where, reasons=reasons
     )

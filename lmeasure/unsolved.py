@@ -9,6 +9,7 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.effects import Zero
+from lmeasure.findings import Finding, finding
 from lmeasure.kernels import layout
 from lmeasure.kernels import travel as kernels
 from lmeasure.observation.cable_effects import (
@@ -30,46 +31,62 @@ EXPANSION_PER_K = 11.5e-6  # of steel
 WARMER_K = 5.0
 ALIKE_K = 0.5  # temperatures that are not told apart
 BAND = 2.5  # recorded counts
-TEMPERATURE = "temperature"
-CALIBRATIONS = "the calibration's"
+TEMPERATURE = finding("exact.temperature")
+CALIBRATION, RIG, CAMPAIGN = "calibration", "rig", "campaign"
+"""Whose temperature a run is held against."""
 
 
 @dataclass(frozen=True)
 class Taken:
-    """What is taken as exact because nobody stated it: what it is, a usual size in words, and the standard uncertainty of the tool's place
+    """What is taken as exact because nobody stated it: what it is, a usual size of it, and the standard uncertainty of the tool's place
     [mm] that this size would add, the largest over the poses that were asked for. stated: it is no usual size but what was stated."""
 
-    text: str
-    usual: str
+    what: Finding
+    size: Finding
     mm: float
     stated: bool = False
 
-    def line(self) -> str:
+    @property
+    def text(self) -> str:
+        """What it is, in English, as files have it."""
+        return str(self.what)
+
+    @property
+    def usual(self) -> str:
+        """The size in English."""
+        return str(self.size)
+
+    @property
+    def said(self) -> Finding:
         """A sentence for a person."""
         if self.stated:
-            return f"no expansion is stated, and it was {self.usual}: steel would add up to {self.mm:.3g} mm"
-        return f"taken as exact, not stated: {self.text}; {self.usual} would add up to {self.mm:.3g} mm"
+            return finding(f"expansion.{self.size.code.rpartition('.')[2]}", **self.size.values, mm=self.mm)
+        return finding("exact", what=self.what, size=self.size, mm=self.mm)
+
+    def row(self) -> dict[str, object]:
+        """As a calibration record has it."""
+        return {"text": self.text, "usual": self.usual, "mm": self.mm, "stated": self.stated}
 
 
 def worst(taken: Iterable[Taken]) -> tuple[Taken, ...]:
     """The same things taken as exact by several pieces of a run, each where it is worst."""
-    out: dict[tuple[str, bool], Taken] = {}
+    out: dict[tuple[Finding, bool], Taken] = {}
     for t in taken:
-        if (t.text, t.stated) not in out or t.mm > out[t.text, t.stated].mm:
-            out[t.text, t.stated] = t
+        if (t.what, t.stated) not in out or t.mm > out[t.what, t.stated].mm:
+            out[t.what, t.stated] = t
     return tuple(out.values())
 
 
 @dataclass(frozen=True)
 class Warmth:
     """What is known of the temperature of a run: that at which the rig's dimensions hold and those of the run [deg C], None where nobody
-    stated them; expands: whether the rig says how it grows; of: whose the first is, in words."""
+    stated them; expands: whether the rig says how it grows; of: whose the first is, a code of the catalogues' texts."""
 
     reference_c: float | None
     lowest_c: float | None
     highest_c: float | None
     expands: bool
-    of: str = CALIBRATIONS
+    of: str = CALIBRATION
 
 
 @dataclass(frozen=True)
@@ -224,7 +241,7 @@ def taken_as_exact(
         if own:
             effect = Unsolved(rig, own, cables)
             columns = np.concatenate([effect.shifts(rows, zero, poses, counts), effect.play(np.ones(counts.shape))], axis=2)
-            out.append(Taken(kind.text, kind.usual, _added(twists, columns)))
+            out.append(Taken(kind.said, kind.size, _added(twists, columns)))
     if warmth is not None:
         paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
         # a whole rig of another temperature: a matter of scale; a cable that warms after it was zeroed: of all that is free of it
@@ -245,13 +262,16 @@ def _of_temperature(warmth: Warmth, scale: float, drift: float) -> list[Taken]:
     if warmth.expands and warmth.lowest_c is not None:
         return []
     if warmth.reference_c is None or warmth.lowest_c is None or warmth.highest_c is None:
-        at = f", calibrated at {warmth.reference_c:.1f} deg C" if warmth.of == CALIBRATIONS and warmth.reference_c is not None else ""
-        return [Taken(TEMPERATURE, f"{WARMER_K:g} K since zeroing{at}", WARMER_K * drift)]
+        size = finding("size.kelvin", kelvin=WARMER_K)
+        if warmth.of == CALIBRATION and warmth.reference_c is not None:
+            size = finding("size.kelvin_calibrated", kelvin=WARMER_K, at_deg_c=warmth.reference_c)
+        return [Taken(TEMPERATURE, size, WARMER_K * drift)]
     off = max(abs(warmth.lowest_c - warmth.reference_c), abs(warmth.highest_c - warmth.reference_c))
     if off < ALIKE_K:
         return []
     mm = off * scale + (warmth.highest_c - warmth.lowest_c) * drift
-    return [Taken(TEMPERATURE, f"up to {off:.1f} K off {warmth.of} {warmth.reference_c:.1f} deg C", mm, stated=True)]
+    size = finding(f"size.off.{warmth.of}", kelvin=off, at_deg_c=warmth.reference_c)
+    return [Taken(TEMPERATURE, size, mm, stated=True)]
 
 
 def free_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:

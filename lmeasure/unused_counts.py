@@ -6,8 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.causes import Cause
 from lmeasure.counts import Unwrapped
 from lmeasure.encoder_table import AngleEncoder
+from lmeasure.findings import finding
 from lmeasure.interpolation import OtherTimes
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.rig import Drum
@@ -24,11 +26,11 @@ ARM_MM = 1000.0
 
 
 class Reason(NamedTuple):
-    """Why samples of a channel are not used: mask (n,), their status, and in words."""
+    """Why samples of a channel are not used: mask (n,), their status, and what is said of it."""
 
     mask: BoolArray
     status: int
-    text: str
+    said: Cause
 
 
 Reasons = tuple[Reason, ...]
@@ -37,23 +39,24 @@ Reasons = tuple[Reason, ...]
 def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time_s: FloatArray) -> Reasons:
     """Why samples of a channel, at times (n,), are not used."""
     if isinstance(drum, Drum):
-        speed, shown = f"max_cable_speed_mm_s = {drum.max_cable_speed_mm_s:g}", f"a counter of {drum.counter_bits} bits"
+        speed = {"key": "max_cable_speed_mm_s", "limit": drum.max_cable_speed_mm_s}
     else:
-        speed = f"max_speed_deg_s = {drum.max_speed_deg_s:g}"
-        shown = f"a counter of {drum.counter_bits} bits" if drum.codes is None else f"an encoder of {drum.codes} codes"
+        speed = {"key": "max_speed_deg_s", "limit": drum.max_speed_deg_s}
+    foreign = finding("cause.foreign.bits", channel=channel, bits=drum.counter_bits)
+    if drum.codes is not None:
+        foreign = finding("cause.foreign.codes", channel=channel, codes=drum.codes)
     every = [
-        Reason(counter.what == JUMPED, Status.JUMP, f"channel {channel} jumped faster than {speed} allows"),
-        Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, f"channel {channel} went on after a jump: its origin is lost"),
-        Reason(counter.what == FOREIGN, Status.JUMP, f"channel {channel} shows a value that {shown} does not have"),
-        Reason(counter.what == UNSURE, Status.GAP, f"channel {channel} may have wrapped unseen at {speed}"),
-        Reason(counter.what == EMPTY, Status.GAP, f"channel {channel} has no count"),
+        Reason(counter.what == JUMPED, Status.JUMP, finding("cause.jumped", channel=channel, **speed)),
+        Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, finding("cause.went_on", channel=channel)),
+        Reason(counter.what == FOREIGN, Status.JUMP, foreign),
+        Reason(counter.what == UNSURE, Status.GAP, finding("cause.wrapped", channel=channel, **speed)),
+        Reason(counter.what == EMPTY, Status.GAP, finding("cause.no_count", channel=channel)),
     ]
     if isinstance(drum, Drum) and drum.max_cable_acceleration_mm_s2 is not None:
         limit = drum.max_cable_acceleration_mm_s2
         values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) / drum.scale
         slack = slack_samples(values, time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
-        text = f"channel {channel} does not follow: it changed its speed faster than max_cable_acceleration_mm_s2 = {limit:g} allows"
-        every.append(Reason(slack, Status.SLACK, text))
+        every.append(Reason(slack, Status.SLACK, finding("cause.slack", channel=channel, limit=limit)))
     return tuple(reason for reason in every if reason.mask.any())
 
 
@@ -99,8 +102,8 @@ def on_time_base(
     mm = drum.per_count * (1.0 if isinstance(drum, Drum) else ARM_MM)
     out, missed = times.read(values, good, 1.0 / drum.scale, SMOOTH_MM / mm)
     moved = (
-        *(Reason(times.either(mask), flag, text) for mask, flag, text in reasons),
-        Reason(times.outside, Status.GAP, f"pass {passage} does not cover this time"),
-        Reason(times.in_hole, Status.GAP, f"pass {passage} has no samples around this time"),
+        *(Reason(times.either(mask), flag, said) for mask, flag, said in reasons),
+        Reason(times.outside, Status.GAP, finding("cause.pass.outside", passage=passage)),
+        Reason(times.in_hole, Status.GAP, finding("cause.pass.hole", passage=passage)),
     )
     return out, missed, moved

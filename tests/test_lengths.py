@@ -131,9 +131,9 @@ def test_reasons_name_the_cable() -> None:
     lengths = lengths_from_counts(run_of(recorded))
     assert lengths.flags.tolist() == [0, 0, Status.GAP, 0, Status.JUMP, 0, Status.JUMP, 0, Status.GAP, 0, 0, 0]
     assert [lengths.cable[i] for i in (2, 4, 6, 8)] == ["c2", "c1", "c3", "c1"]
-    assert lengths.cause[2] == "channel ch2 has no count"
-    assert lengths.cause[4] == "channel ch1 jumped faster than max_cable_speed_mm_s = 20000 allows"
-    assert lengths.cause[0] == ""
+    assert str(lengths.cause[2]) == "channel ch2 has no count"
+    assert str(lengths.cause[4]) == "channel ch1 jumped faster than max_cable_speed_mm_s = 20000 allows"
+    assert str(lengths.cause[0]) == ""
     assert np.isnan(lengths.change_mm[2, 1])
     assert lengths.notes == ()
 
@@ -155,8 +155,8 @@ def test_a_foreign_value_and_an_unsure_counter() -> None:
     t = np.array([0, 0.001, 0.002, 0.003, 0.003 + 0.03, 0.034])
     lengths = lengths_from_counts(run_of(recorded, r, t))
     assert lengths.flags.tolist() == [0, 0, Status.JUMP, 0, Status.GAP, Status.GAP]
-    assert "a value that a counter of 16 bits does not have" in lengths.cause[2]
-    assert "may have wrapped unseen" in lengths.cause[4]
+    assert "a value that a counter of 16 bits does not have" in str(lengths.cause[2])
+    assert "may have wrapped unseen" in str(lengths.cause[4])
 
 
 def test_passes_are_brought_to_the_first_one_s_instants() -> None:
@@ -173,7 +173,7 @@ def test_passes_are_brought_to_the_first_one_s_instants() -> None:
     assert 80 < inside.sum() < 100
     assert lengths.counts[inside, 2] == pytest.approx(motion(t1)[inside], abs=1e-6)
     assert (lengths.flags[~inside] == Status.GAP).all()
-    assert set(lengths.cause[~inside]) == {"pass 2 does not cover this time"}
+    assert set(map(str, lengths.cause[~inside])) == {"pass 2 does not cover this time"}
     assert set(lengths.cable[~inside]) == {"c3"}
 
 
@@ -184,10 +184,10 @@ def test_a_hole_in_a_later_pass_is_not_filled() -> None:
     second = Counts(t2[keep], ("ch1", "ch2"), np.zeros((keep.sum(), 2)))
     lengths = lengths_from_counts(Run(rig(), HOME, (first, second)))
     assert lengths.flags[0] == Status.GAP
-    assert lengths.cause[0] == "pass 2 does not cover this time"
+    assert str(lengths.cause[0]) == "pass 2 does not cover this time"
     hole = (t1 > t2[t2 < 0.03].max()) & (t1 < t2[t2 > 0.06].min())
     assert (lengths.flags[hole] == Status.GAP).all()
-    assert set(lengths.cause[hole]) == {"pass 2 has no samples around this time"}
+    assert set(map(str, lengths.cause[hole])) == {"pass 2 has no samples around this time"}
     assert (lengths.flags[1:][~hole[1:]] == Status.OK).all()
     assert np.isnan(lengths.counts[hole, 2]).all()
 
@@ -219,7 +219,7 @@ def test_lengths_come_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
     for name in ("time_s", "change_mm", "counts"):
         assert np.array_equal(getattr(back, name), getattr(lengths, name), equal_nan=True)
     assert np.array_equal(back.flags, lengths.flags)
-    assert back.cause.tolist() == lengths.cause.tolist()
+    assert list(map(str, back.cause)) == list(map(str, lengths.cause))
     assert back.cable.tolist() == lengths.cable.tolist()
     assert isinstance(back, Lengths)
 

@@ -16,7 +16,7 @@ from lmeasure.calibration import Campaign, calibrate
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.findings import recognised
 from lmeasure.lengths import counts_from_poses
-from lmeasure.observation.cable_effects import ATTACHMENT, ECCENTRICITY, EFFECTS, CableEffect
+from lmeasure.observation.cable_effects import ATTACHMENT, BACKLASH, ECCENTRICITY, EFFECTS, FRICTION, CableEffect
 from lmeasure.poses import Poses
 from lmeasure.report import zone_html
 from lmeasure.report.calibration import write_calibration_page
@@ -67,6 +67,7 @@ def test_what_a_usual_size_would_add_is_what_stating_it_adds(kind: CableEffect) 
     run = plain_run()
     before = taken(run)
     assert list(before) == WHAT
+    assert str(kind.said) == kind.text
     found = reconstruct(replace(run, rig=with_usual(run.rig, kind)))
     # at the start itself, where play has not been crossed, the table is on the safe side
     assert before[kind.text].mm == pytest.approx(largest_systematic(found), rel=0.02)
@@ -89,8 +90,9 @@ def test_a_run_in_pieces_says_the_same(tmp_path: Path) -> None:
 
 
 def test_pieces_are_put_together_by_where_each_is_worst() -> None:
-    pieces = [Taken("backlash", "2", 0.1), Taken("friction", "8", 0.3), Taken("backlash", "2", 0.2)]
-    assert unsolved.worst(pieces) == (Taken("backlash", "2", 0.2), Taken("friction", "8", 0.3))
+    backlash, friction = ((kind.said, kind.size) for kind in (BACKLASH, FRICTION))
+    pieces = [Taken(*backlash, 0.1), Taken(*friction, 0.3), Taken(*backlash, 0.2)]
+    assert unsolved.worst(pieces) == (Taken(*backlash, 0.2), Taken(*friction, 0.3))
 
 
 def record_of(rig: Rig, temperature_c: float | None) -> CalibrationRecord:
@@ -192,7 +194,7 @@ def test_a_zone_says_it_on_its_page() -> None:
 
 def test_certificates_in_russian_say_it_in_russian() -> None:
     for t in reconstruct(plain_run()).taken_as_exact:
-        found = recognised(t.line())
+        found = recognised(str(t.said))
         assert found is not None
-        assert str(found) == t.line()
+        assert str(found) == str(t.said)
         assert not re.search("[a-z]{3}", found.text("ru")), found

@@ -8,6 +8,7 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.causes import Cause
 from lmeasure.errors import TrajectoryError
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
@@ -29,7 +30,7 @@ class Stretch:
     begin_s: float
     end_s: float
     status: int
-    cause: str
+    cause: Cause
     cable: str
 
     @property
@@ -122,7 +123,7 @@ def stretches_of(trajectory: Trajectory) -> tuple[Stretch, ...]:
     last = np.concatenate([first[1:] - 1, [n - 1]])
     plain = (trajectory.status[first] == Status.OK) & (trajectory.cable[first] == "")
     return tuple(
-        Stretch(a, b, float(trajectory.time_s[a]), float(trajectory.time_s[b]), int(trajectory.status[a]), str(said[1][a]), str(said[2][a]))
+        Stretch(a, b, float(trajectory.time_s[a]), float(trajectory.time_s[b]), int(trajectory.status[a]), said[1][a], str(said[2][a]))
         for a, b in zip(first[~plain].tolist(), last[~plain].tolist(), strict=True)
     )
 

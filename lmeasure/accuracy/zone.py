@@ -185,7 +185,7 @@ def map_zone(
             "node_spacing_mm": list(spacing),
             "u95_covers": covers(rig, calibration),
             "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
-            "taken_as_exact": "\n".join(t.line() for t in taken_as_exact(rig, calibration, positions, rotations, start=start)),
+            "taken_as_exact": "\n".join(str(t.said) for t in taken_as_exact(rig, calibration, positions, rotations, start=start)),
             "plan_sha256": plan.digest(),
         },
     )

@@ -61,7 +61,7 @@ def taken_as_exact(campaign: Campaign, rig: Rig, record: CalibrationRecord, rows
         None if warm is None else float(warm.min()),
         None if warm is None else float(warm.max()),
         effects is not None and effects.thermal,
-        "the campaign's mean of",
+        unsolved.CAMPAIGN,
     )
     variables = unsolved.exact(rig, cables, record.names)
     return unsolved.taken_as_exact(

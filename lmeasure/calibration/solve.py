@@ -135,11 +135,11 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     held = record.model_copy(update={"tangent_covariance": tuple(map(tuple, found.held_covariance.tolist()))})
     open_directions = underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
     taken = taken_as_exact(campaign, rig, record, predicted.rows)
-    warm = [Finding(code="temperature", text=t.line(), value=t.mm) for t in taken if t.stated]
+    warm = [Finding(code="temperature", text=str(t.said), value=t.mm) for t in taken if t.stated]
     record = record.model_copy(
         update={
             "warnings": (*record.warnings, *open_directions, *warm, *unknown_temperature(campaign)),
-            "taken_as_exact": tuple(asdict(t) for t in taken),
+            "taken_as_exact": tuple(t.row() for t in taken),
             "coarse": tuple(
                 coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
             ),

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lmeasure.accuracy.radius import exact_radius_95
+from lmeasure.causes import within
 from lmeasure.certification.figure import Subject
 from lmeasure.certification.iso_test import IsoTest, SampleErrors
 from lmeasure.certification.settings import Settings
@@ -49,12 +50,14 @@ def exclusions(tests: Sequence[IsoTest], trajectory: Trajectory, settings: Setti
         if u95 is not None:
             reasons[test.subject] = finding("zone.radius", u95_mm=u95, limit_mm=radius)
     reasons = {subject: reasons[subject] for subject in sorted(reasons, key=[t.subject for t in held].index)}
-    suspected = {text for text in set(trajectory.cause.tolist()) if SUSPECTED in text}
+    suspected = {cause: found for cause in set(trajectory.cause.tolist()) if (found := within(cause, SUSPECTED)) is not None}
     for test in held if suspected else ():
-        seen = {t for w in test.windows for t in trajectory.cause[window(trajectory, *w, str(test.subject.said))].tolist()} & suspected
+        windows = [window(trajectory, *w, str(test.subject.said)) for w in test.windows]
+        seen = {cause for samples in windows for cause in trajectory.cause[samples].tolist()} & suspected.keys()
         if seen:
-            step = min(seen).partition(SUSPECTED)[2]
-            reasons[test.subject] = finding("counts.suspected", step=recognised(step) or step)
+            # sealed folders hold the values as they are printed
+            step = str(suspected[min(seen, key=str)].values["step"])
+            reasons[test.subject] = finding(SUSPECTED, step=recognised(step) or step)
     return Exclusions(reasons, tuple(findings))
 
 

@@ -222,7 +222,7 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    notes: tuple[Finding | str, ...] = (*trajectory.notes, *(taken.line() for taken in trajectory.taken_as_exact))
+    notes: tuple[Finding | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.findings import Finding, finding
 
 SHIFT_RAD_PER_MM = 1e-6  # a screw that turns less than this per mm is a shift: its axis would be a kilometre away
 
@@ -27,14 +28,16 @@ class Screw:
     pitch_mm: float
     mm_per_mm: float
 
-    def text(self) -> str:
-        """In words."""
-        along = ", ".join(f"{x:.3f}" for x in self.direction)
+    @property
+    def said(self) -> Finding:
+        """What is said of it."""
+        along = tuple(float(x) for x in self.direction)
         if np.isinf(self.pitch_mm):
-            return f"a shift along ({along})"
-        at = ", ".join(f"{x:.1f}" for x in self.point)
-        turn = f"a turn about the axis through ({at}) mm along ({along})"
-        return turn if abs(self.pitch_mm) < 0.5 else f"{turn} that goes {self.pitch_mm:.0f} mm along it per turn"
+            return finding("screw.shift", along=along)
+        at = tuple(float(x) for x in self.point)
+        if abs(self.pitch_mm) < 0.5:
+            return finding("screw.turn", at=at, along=along)
+        return finding("screw", at=at, along=along, mm=self.pitch_mm)
 
 
 class Split:

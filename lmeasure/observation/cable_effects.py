@@ -26,11 +26,12 @@ its tension times e - u, so that by virtual work the length changes by dF = x . 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lmeasure.arrays import FloatArray
+from lmeasure.findings import Finding, finding
 from lmeasure.kernels import layout
 from lmeasure.observation.wrap import Drum, Span, drum_of
 
@@ -51,17 +52,24 @@ class Acted(NamedTuple):
 
 @dataclass(frozen=True)
 class CableEffect:
-    """A kind of error. key: the rig's key that states it; text: what it is called; usual: a usual size, in words, and typical: in the
+    """A kind of error. key: the rig's key that states it; text: what it is called, code: of that in the
+    catalogues; size: a usual one, and typical: in the
     key's unit, of the value `of` where it is a share of that; parameter: what a calibration calls the same, if it can solve it; adds: what
     one unit of each of its components adds to F(P) - D(k), (n, components) [mm], None of play, which depends on the way that was gone."""
 
     key: str
     text: str
-    usual: str
+    code: str
+    size: Finding
     typical: float
     of: str | None = None
     parameter: str | None = None
     adds: Callable[[Acted], FloatArray] | None = None
+
+    @property
+    def said(self) -> Finding:
+        """What it is called, in every language."""
+        return finding(f"exact.{self.code}")
 
 
 def _of_count_length(at: Acted) -> FloatArray:
@@ -88,13 +96,30 @@ def _of_attachment(at: Acted) -> FloatArray:
     return np.asarray(np.einsum("nij,ni->nj", at.turns, at.span.direction))
 
 
-COUNT_LENGTH = CableEffect("u_count_length_mm", "count length", "0.05 %", 5e-4, "count_length_mm", "scale", _of_count_length)
-PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "0.01 mm", 0.01, None, "groove_pitch_mm", _of_pitch)
-RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "0.02 mm", 0.02, adds=_of_run_out)
-ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "0.05 mm", 0.05, adds=_of_eccentricity)
-ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "0.1 mm", 0.1, None, "attachment", _of_attachment)
-BACKLASH = CableEffect("u_backlash_counts", "backlash", "a band of 2 counts", 1.0)
-FRICTION = CableEffect("u_friction_counts", "friction", "a band of 8 counts", 4.0)
+def _mm(typical: float) -> dict[str, Any]:
+    return {"size": finding("size.mm", mm=typical), "typical": typical}
+
+
+def _band(half: float) -> dict[str, Any]:
+    return {"size": finding("size.band", counts=round(2.0 * half)), "typical": half}
+
+
+COUNT_LENGTH = CableEffect(
+    "u_count_length_mm",
+    "count length",
+    "count_length",
+    finding("size.percent", percent=0.05),
+    5e-4,
+    "count_length_mm",
+    "scale",
+    _of_count_length,
+)
+PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "groove_pitch", **_mm(0.01), parameter="groove_pitch_mm", adds=_of_pitch)
+RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "run_out", **_mm(0.02), adds=_of_run_out)
+ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "pulleys", **_mm(0.05), adds=_of_eccentricity)
+ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "attachment", **_mm(0.1), parameter="attachment", adds=_of_attachment)
+BACKLASH = CableEffect("u_backlash_counts", "backlash", "backlash", **_band(1.0))
+FRICTION = CableEffect("u_friction_counts", "friction", "friction", **_band(4.0))
 
 DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
 """What is a dimension of the rig, the same in every run and calibration."""

@@ -11,6 +11,7 @@ from lmeasure import files
 from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
 from lmeasure.arrays import FloatArray
 from lmeasure.catalogue import decimal, texts
+from lmeasure.causes import Cause
 from lmeasure.findings import Finding, recognised
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
@@ -112,7 +113,7 @@ def _left_out(found: Along, language: str) -> list[str]:
     words = texts(DOMAIN, language)
     if not found.stretches:
         return []
-    kinds: dict[tuple[int, str, str], list[Stretch]] = {}
+    kinds: dict[tuple[int, Cause, str], list[Stretch]] = {}
     for s in found.stretches:
         kinds.setdefault((s.status, s.cause, s.cable), []).append(s)
     rows = []
@@ -152,7 +153,7 @@ def _known(found: Along, language: str) -> Iterable[str]:
     words, trajectory = texts(DOMAIN, language), found.trajectory
     yield words["covers"].format(covers=_said(trajectory.covers, language))
     yield from (note.text(language) for note in trajectory.notes)
-    yield from (_said(taken.line(), language) for taken in trajectory.taken_as_exact)
+    yield from (taken.said.text(language) for taken in trajectory.taken_as_exact)
     if found.motion is not None:
         yield words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))
         if found.motion.stamps.note:

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 CALIBRATION = "calibration"
 RESTORED = "restored origin"
+RESTORED_ORIGIN = "cause.restored"
+"""Of the cause of a sample that uses a channel whose origin was restored."""
 ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"

@@ -69,7 +69,7 @@ class Doubts:
             return lengths
         reasons = []
         for j, before in enumerate(lengths.reasons):
-            mine = [Reason(d.mask(lengths.time_s), d.status, str(d.said)) for d in here if d.cable == j]
+            mine = [Reason(d.mask(lengths.time_s), d.status, d.said) for d in here if d.cable == j]
             # whether an encoder of angles lost its origin nothing else tells
             kept = [r for r in before if r.status != Status.ORIGIN_LOST or j >= lengths.lengths]
             reasons.append((*kept, *(r for r in mine if r.mask.any())))
@@ -78,7 +78,7 @@ class Doubts:
             if doubt.cable == EVERY:
                 mask = doubt.mask(lengths.time_s)
                 lengths.change_mm[mask] = lengths.counts[mask] = np.nan
-                lengths.flags[mask], lengths.cause[mask], lengths.cable[mask] = doubt.status, str(doubt.said), ""
+                lengths.flags[mask], lengths.cause[mask], lengths.cable[mask] = doubt.status, doubt.said, ""
         return lengths
 
 

@@ -15,6 +15,7 @@ from lmeasure import files, se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.errors import FileFormatError, TrajectoryError
+from lmeasure.findings import finding
 from lmeasure.foreign import UNIT_TOLERANCE, Column, ForeignTable, decoded, text_of
 from lmeasure.opened import open_regular
 from lmeasure.status import WORDS, Status
@@ -123,7 +124,7 @@ def _trajectory(
     codes = known if status is None else np.where((status == Status.OK) & lost, Status.GAP, status).astype(np.int64)
     poses[codes != Status.OK] = np.nan
     empty = np.full(n, "", dtype=np.object_)
-    cause = np.where(codes == Status.OK, empty, np.full(n, "not in the file", dtype=np.object_))
+    cause = np.where(codes == Status.OK, empty, np.full(n, finding("cause.not_in_file"), dtype=np.object_))
     covers = "as the file says" if not absent else f"not stated for the {' and the '.join(absent)}"
     nothing = np.full(n, np.nan)
     return Trajectory(

@@ -42,8 +42,8 @@ MOST_STEPS = 12
 TERMS = 8
 """Of the series of a closure that was lost at an unknown moment."""
 
-SUSPECTED = "counts suspected lost: "
-"""How the cause of a sample begins whose pose is there but hangs on counts that may be wrong."""
+SUSPECTED = "counts.suspected"
+"""Of the cause of a sample whose pose is there but hangs on counts that may be wrong."""
 CLOSURE = "closure of the counts"
 
 
@@ -104,9 +104,9 @@ class Evidence:
             out[:, j, k * TERMS : (k + 1) * TERMS] = self.closure_mm[j] * series
         return out
 
-    def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, str]]:
+    def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, Finding]]:
         """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
-        return [((time_s > step.after_s) & ~unused[:, step.cable], f"{SUSPECTED}{step.said}") for step in self.steps]
+        return [((time_s > step.after_s) & ~unused[:, step.cable], finding(SUSPECTED, step=step.said)) for step in self.steps]
 
 
 class EvidenceFinder:

@@ -11,7 +11,7 @@ from lmeasure.lengths import Lengths
 from lmeasure.observation.cable_effects import ATTACHMENT
 from lmeasure.rig import Rig
 from lmeasure.trajectory.scheme import Scheme
-from lmeasure.unsolved import CALIBRATIONS, Taken, Warmth, exact, taken_as_exact
+from lmeasure.unsolved import CALIBRATION, RIG, Taken, Warmth, exact, taken_as_exact
 
 SAMPLED = 64
 """Poses of a piece at which it is looked at."""
@@ -64,4 +64,4 @@ class Exact:
         reference = of_rig if record is None else record.temperature_c
         effects = effects_of(rig)
         low, high = (float(seen.min()), float(seen.max())) if len(seen) else (None, None)
-        return Warmth(reference, low, high, effects is not None and effects.thermal, "the rig's" if record is None else CALIBRATIONS)
+        return Warmth(reference, low, high, effects is not None and effects.thermal, RIG if record is None else CALIBRATION)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.findings import Finding, finding
 from lmeasure.kernels.layout import ATTACHMENT_XYZ
 from lmeasure.lcoordinate.singular import Split
 from lmeasure.observation.wrap import span_rows
@@ -16,16 +17,14 @@ def split_at(cables: FloatArray, pose: FloatArray, free: IntArray, u: FloatArray
     return Split(span_rows(cables, pose[None])[1][0], pose[:3], free, u, size_mm=size)
 
 
-def explain(split: Split, changes: FloatArray) -> list[str]:
+def explain(split: Split, changes: FloatArray) -> list[Finding]:
     """For each of n samples with changes (n, m) [mm] since the pose of the split: what is lost there, and what is determined."""
     twists, u = split.determined(changes)
-    lost = f"not determined: {split.lost.text()}"
-    within = f"within {np.linalg.norm(u[3:]):.3g} mm and {np.degrees(np.linalg.norm(u[:3])):.2g} deg"
-    texts = []
-    for twist in twists:
-        if not np.isfinite(twist).all():
-            texts.append(lost)
-            continue
-        shift, turn = (", ".join(f"{x:.3f}" for x in part) for part in (twist[3:], np.degrees(twist[:3])))
-        texts.append(f"{lost}; determined since the last pose, {within}: a shift by ({shift}) mm and a turn by ({turn}) deg")
-    return texts
+    size = {"mm": float(np.linalg.norm(u[3:])), "deg": float(np.degrees(np.linalg.norm(u[:3])))}
+    lost = finding("cause.lost", screw=split.lost.said)
+
+    def said(twist: FloatArray) -> Finding:
+        moved = {"shift": tuple(twist[3:].tolist()), "turn": tuple(np.degrees(twist[:3]).tolist())}
+        return finding("cause.lost.determined", screw=split.lost.said, **size, **moved)
+
+    return [said(twist) if np.isfinite(twist).all() else lost for twist in twists]

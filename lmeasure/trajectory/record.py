@@ -11,6 +11,7 @@ import numpy as np
 
 from lmeasure import files, se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
+from lmeasure.causes import from_file, in_english
 from lmeasure.conventions import MAX_LENGTH_MM, QUATERNION_COLUMNS, angles_from_rotation, convention
 from lmeasure.errors import FileFormatError
 from lmeasure.findings import Finding
@@ -41,8 +42,8 @@ class Trajectory(Shown):
     """Poses of the tool over time; what is not `ok` is NaN.
 
     time_s (n,); poses (n, 7) base_from_tool, mm and unit quaternions x, y, z, w; residual_mm (n,) largest absolute length residual,
-    NaN where no more cables are used than there are unknowns; iterations (n,); status (n,) of `Status`; cause, cable (n) texts, of `ok`
-    samples the cables they are without; worst_pressure_angle_deg (n,);
+    NaN where no more cables are used than there are unknowns; iterations (n,); status (n,) of `Status`; cause (n,) as `lmeasure.causes` has
+    them; cable (n,) texts, of `ok` samples the cables they are without; worst_pressure_angle_deg (n,);
     random, systematic (n, 6, 6) covariances of (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R: what is independent
     from sample to sample, as the resolution of the counts, and what the whole run has in common, as the linked calibration, the start pose
     and the passes' clocks (`budget.covariances` tells how samples correlate).
@@ -108,7 +109,7 @@ class Trajectory(Shown):
             "residual_mm": self.residual_mm,
             "iterations": self.iterations,
             "status": words(self.status),
-            "cause": self.cause,
+            "cause": in_english(self.cause),
             "cable": self.cable,
             "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
         }
@@ -179,7 +180,7 @@ class Summary:
         usual = [f"{t.text} ({t.usual}) {t.mm:.2g}" for t in self.taken_as_exact if not t.stated]
         if usual:
             lines.append(f"taken as exact, not stated; usual sizes would add up to, in mm: {', '.join(usual)}")
-        notes = [*self.notes, *(t.line() for t in self.taken_as_exact if t.stated)]
+        notes = [*self.notes, *(t.said for t in self.taken_as_exact if t.stated)]
         lines += [f"note: {note}" for note in notes]
         if self.apart_s is not None:
             least, largest = (1e3 * interval for interval in self.apart_s)
@@ -206,7 +207,7 @@ def read_own(path: Path) -> Trajectory:
         table.numbers("residual_mm", gaps=True),
         table.numbers("iterations").astype(np.int64),
         table.choices("status", WORDS),
-        table.labels("cause"),
+        from_file(table.labels("cause")),
         table.labels("cable"),
         table.numbers("worst_pressure_angle_deg", gaps=True),
         diagonal(np.maximum(u**2 - common**2, 0.0)),

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.causes import is_of
 from lmeasure.errors import TrajectoryError
 from lmeasure.run import Run
 from lmeasure.status import Status
-from lmeasure.trajectory.budget import RESTORED, Budget
+from lmeasure.trajectory.budget import RESTORED_ORIGIN, Budget
 from lmeasure.trajectory.evidence import CLOSURE, Evidence
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.pose_covariances import PoseCovariances
@@ -98,7 +99,7 @@ def left_out(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArray:
     """(n, m) cables that `ok` samples name because they were not used."""
     out = np.zeros((len(trajectory.time_s), len(cables)), np.bool_)
     # a restored channel is named too, and used
-    ok = (trajectory.status == Status.OK) & np.array([not str(cause).startswith(RESTORED) for cause in trajectory.cause], dtype=np.bool_)
+    ok = (trajectory.status == Status.OK) & ~np.array([is_of(cause, RESTORED_ORIGIN) for cause in trajectory.cause], dtype=np.bool_)
     for names in set(trajectory.cable[ok]) - {""}:
         mask = ok & (trajectory.cable == names)
         out[np.ix_(mask, [cables.index(name) for name in names.split(NAMES) if name in cables])] = True

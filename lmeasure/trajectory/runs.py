@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lmeasure.causes import and_also
 from lmeasure.findings import Finding, finding
 from lmeasure.kernels.layout import KIND
 from lmeasure.lengths import Lengths
@@ -67,8 +68,8 @@ def with_evidence(
         return trajectory
     unused, ok = left_out(trajectory, lengths.cables), trajectory.status == Status.OK
     cause = trajectory.cause.copy()
-    for mask, text in evidence.causes(trajectory.time_s, unused):
-        cause[ok & mask] = [f"{before}; {text}" if before else text for before in cause[ok & mask]]
+    for mask, why in evidence.causes(trajectory.time_s, unused):
+        cause[ok & mask] = and_also(cause[ok & mask], why)
     trajectory = replace(trajectory, cause=cause)
     if not covariances or not evidence.closure_mm.any():
         return trajectory

@@ -9,8 +9,9 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray, TextArray
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.causes import and_also, without
 from lmeasure.errors import GeometryError, TrajectoryError
-from lmeasure.findings import Finding, finding
+from lmeasure.findings import JOINED, Finding, finding
 from lmeasure.kernels import lanes, lanes_redundant, least_squares, screw
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, CHANGES
 from lmeasure.lengths import Lengths, span_lengths
@@ -18,7 +19,7 @@ from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
 from lmeasure.status import Status
 from lmeasure.trajectory import screw_numpy
-from lmeasure.trajectory.budget import RESTORED, Budget
+from lmeasure.trajectory.budget import RESTORED_ORIGIN, Budget
 from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.lost import NEARLY, explain, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
@@ -35,11 +36,11 @@ START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that 
 START_COVERAGE = 3.0  # standard uncertainties of the start
 
 _CAUSES = {
-    Status.SINGULAR: "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here",
-    Status.NOT_CONVERGED: "no pose was found whose lengths are these counts",
-    Status.OTHER_ASSEMBLY: "beyond a singular pose the lengths fit two assemblies: which one cannot be told",
+    Status.SINGULAR: finding("cause.singular"),
+    Status.NOT_CONVERGED: finding("cause.no_pose"),
+    Status.OTHER_ASSEMBLY: finding("cause.assemblies"),
 }
-NOT_MEASURED = "orientation not measured"
+NOT_MEASURED = finding("cause.orientation")
 
 
 class Reconstruction:
@@ -118,7 +119,7 @@ class Reconstruction:
         if not (sides == sides[0]).all():
             raise TrajectoryError(
                 f"start: within its uncertainty lies a singular pose (worst pressure angle {np.degrees(self._start_angle):.1f} deg at the "
-                f"stated one; badly seen: {split.lost.text()}): in which of two assemblies the run is cannot be told"
+                f"stated one; badly seen: {split.lost.said}): in which of two assemblies the run is cannot be told"
             )
 
     def add(self, lengths: Lengths, *, covariances: bool = True) -> Trajectory:
@@ -245,23 +246,23 @@ class Reconstruction:
     ) -> tuple[TextArray, TextArray]:
         """Causes and cables of samples that are good without some of the cables, left_out (n, m), and what a scheme does not measure."""
         ok = status == Status.OK
-        cause, cable = np.where(ok, NOT_MEASURED if self.scheme.point else "", cause), np.where(ok, "", cable)
-        without = ok & left_out.any(axis=1)
-        for missing in np.unique(left_out[without], axis=0):
-            mask = without & (left_out == missing).all(axis=1)
+        cause, cable = cause.copy(), np.where(ok, "", cable)
+        cause[ok] = NOT_MEASURED if self.scheme.point else ""
+        lacking = ok & left_out.any(axis=1)
+        for missing in np.unique(left_out[lacking], axis=0):
+            mask = lacking & (left_out == missing).all(axis=1)
             cable[mask] = NAMES.join(np.array(lengths.cables)[missing])
-            cause[mask] = [f"without it: {text}" for text in lengths.cause[mask]]
+            cause[mask] = without(lengths.cause[mask])
         for j, after_s, until_s, *_ in self.budget.restored_origins():
             mask = ok & (lengths.time_s > after_s) & (lengths.time_s <= until_s) & ~left_out[:, j]
             alone = mask & (cable == "")
             cable[alone] = lengths.cables[j]
-            said = f"{RESTORED}: {lengths.cables[j]} goes on from another origin behind {after_s:.6g} s"
-            cause[mask] = [f"{before}; {said}" if before else said for before in cause[mask]]
+            cause[mask] = and_also(cause[mask], finding(RESTORED_ORIGIN, cable=lengths.cables[j], after_s=after_s))
         return cause, cable
 
     def _lost_at(self, pose: FloatArray) -> str:
         split = split_at(self.scheme.rows, pose, self.scheme.free_index, np.sqrt(self.budget.length_variance))
-        return f"; not determined: {split.lost.text()}"
+        return f"; not determined: {split.lost.said}"
 
     def _explained(
         self,
@@ -283,13 +284,13 @@ class Reconstruction:
         for last in np.unique(before[singular]):
             pose, there = (begun[:CHANGES], begun[CHANGES : CHANGES + m]) if last < 0 else (poses[last], changes[last])
             mine = np.flatnonzero(singular & (before == last))
-            texts = explain(split_at(self.scheme.rows, pose, free, u), changes[mine] - there)
-            for i, text in zip(mine, texts, strict=True):
-                cause[i] = f"{cause[i]}; {text}"
+            explained = explain(split_at(self.scheme.rows, pose, free, u), changes[mine] - there)
+            for i, said in zip(mine, explained, strict=True):
+                cause[i] = finding(JOINED, first=cause[i], then=said)
         for i in np.flatnonzero(near):
             lost = split_at(self.scheme.rows, poses[i], free, u).lost
-            remark = f"nearly singular: 1 mm of {lost.text()} changes the lengths by {lost.mm_per_mm:.2g} mm"
-            cause[i] = f"{cause[i]}; {remark}" if cause[i] else remark
+            remark = finding("cause.nearly_singular", screw=lost.said, mm=lost.mm_per_mm)
+            cause[i] = finding(JOINED, first=cause[i], then=remark) if cause[i] else remark
         return cause
 
     def _notes(self) -> tuple[Finding, ...]:

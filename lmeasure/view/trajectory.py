@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr
 
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.causes import in_english
 from lmeasure.rig import Rig
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
@@ -109,12 +110,10 @@ class _Statuses:
     def add(self, piece: Trajectory, first: int) -> IntArray:
         """Take the next samples, of which the first has that number; the rows at which something changes."""
         was = self._open
-        columns = (piece.status, was and was.status), (piece.cause, was and was.cause), (piece.cable, was and was.cable)
+        causes = in_english(piece.cause)
+        columns = (piece.status, was and was.status), (causes, was and was.cause), (piece.cable, was and was.cable)
         rows = np.unique(np.concatenate([changed_rows(values, before) for values, before in columns]))
-        begun = [
-            _Stretch(first + i, float(piece.time_s[i]), int(piece.status[i]), str(piece.cause[i]), str(piece.cable[i]))
-            for i in rows.tolist()
-        ]
+        begun = [_Stretch(first + i, float(piece.time_s[i]), int(piece.status[i]), causes[i], str(piece.cable[i])) for i in rows.tolist()]
         stretches = [was, *begun] if was is not None else begun
         self._say(stretches[:-1], [s.first - 1 for s in stretches[1:]])
         self._open = stretches[-1]

@@ -22,7 +22,7 @@ def in_pieces(run: Run, rows: int) -> Continuity:
     assert whole.gone_on is not None
     for begin in range(0, len(whole.time_s), rows):
         part = slice(begin, begin + rows)
-        reasons = tuple(tuple(Reason(r.mask[part], r.status, r.text) for r in of_cable) for of_cable in whole.reasons)
+        reasons = tuple(tuple(Reason(r.mask[part], r.status, r.said) for r in of_cable) for of_cable in whole.reasons)
         piece = replace(
             whole,
             time_s=whole.time_s[part],

@@ -60,7 +60,7 @@ def test_a_drum_that_slips_goes_on_from_a_restored_origin(by: float, known: bool
     assert notes[0].startswith("cable c3 ")
     size = float(notes[0].split(" by ")[1].split(" mm")[0])
     assert size == pytest.approx(by * 0.012, abs=0.01, rel=0.005)
-    last = found.cause[-1]
+    last = str(found.cause[-1])
     assert last.startswith("restored")
     assert found.cable[-1] == "c3"
     # as good as before at the end, where the restored channel is used

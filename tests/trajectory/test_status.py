@@ -27,7 +27,7 @@ def assert_not_ok_is_nan(trajectory: Trajectory) -> None:
     for values in (trajectory.poses, trajectory.u, trajectory.worst_pressure_angle_deg):
         assert np.isnan(values[bad]).all()
         assert np.isfinite(values[~bad]).all()
-    assert all(bool(cause) == b or cause.startswith("nearly singular") for cause, b in zip(trajectory.cause, bad, strict=True))
+    assert all(bool(cause) == b or str(cause).startswith("nearly singular") for cause, b in zip(trajectory.cause, bad, strict=True))
 
 
 @pytest.fixture(scope="module")
