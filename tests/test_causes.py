@@ -31,8 +31,8 @@ EVERY: list[tuple[Cause, str]] = [
     (
         finding("joined", first=finding("cause.singular"), then=DETERMINED),
         "the cables do not determine the pose: their Pluecker matrix is singular here or on the way here; not determined: a turn about "
-        "the axis through (40.0, -25.0, 0.0) mm along (0.000, 0.000, 1.000); determined since the last pose, within 0.0123 mm and 0.0021 deg: a "
-        "shift by (0.100, -0.200, 30.000) mm and a turn by (0.000, 0.500, 0.250) deg",
+        "the axis through (40.0, -25.0, 0.0) mm along (0.000, 0.000, 1.000); determined since the last pose, within 0.0123 mm and 0.0021 "
+        "deg: a shift by (0.100, -0.200, 30.000) mm and a turn by (0.000, 0.500, 0.250) deg",
     ),
     (
         finding("cause.nearly_singular", screw=finding("screw", at=(1.0, 2.0, 3.0), along=(0.6, 0.8, 0.0), mm=-12.0), mm=0.0123),
