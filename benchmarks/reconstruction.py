@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -205,7 +206,7 @@ def redundant(lines: list[str]) -> None:
 
     one, many = by(least.follow), by(lanes_redundant.follow)
     between = np.abs(one[:, :3] - many[:, :3]).max()
-    plain_rate, lane_rate = (SAMPLES / best_time(lambda f=f: by(f), n) for f, n in ((least.follow, 3), (lanes_redundant.follow, 7)))
+    plain_rate, lane_rate = (SAMPLES / best_time(partial(by, f), n) for f, n in ((least.follow, 3), (lanes_redundant.follow, 7)))
     lines += [
         f"Twelve channels, six drums and six swivel encoders of 17 bits, counts rounded, {SAMPLES:,} samples:",
         "",

@@ -2,7 +2,7 @@
 
 Two visits of one place differ by what their counts were rounded, by what the robot comes back to otherwise, and by errors that act
 otherwise at the two, of which calibration, phase and start are none: the covariance of the difference of poses i and j is
-O_i O_i' + O_j O_j' + (F_i - F_j)(F_i - F_j)' + twice the robot's, with O and F of `trajectory.budget.PoseCovariances`.
+O_i O_i' + O_j O_j' + (F_i - F_j)(F_i - F_j)' + twice the robot's, with O and F of `trajectory.pose_covariances.PoseCovariances`.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,8 @@ from lmeasure.arrays import FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.interim.stops import SIZE_MM, Stops
 from lmeasure.kernels.cable import span_rows
-from lmeasure.trajectory.budget import Budget, PoseCovariances
+from lmeasure.trajectory.budget import Budget
+from lmeasure.trajectory.pose_covariances import PoseCovariances
 
 GAUSS_95 = 1.959963984540054
 
