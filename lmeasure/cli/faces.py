@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lmeasure import compiling
+from lmeasure.cli import events
 from lmeasure.cli.words import said
 from lmeasure.errors import SettingsError
 
@@ -32,6 +33,8 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
     """Under the table of a recording, where it is asked for."""
     if not settings.live:
         return workflow.run(settings)
+    if events.asked():
+        return workflow.run(settings, show=events.live)
     from lmeasure.cli.live import live_table
 
     with live_table() as show:
@@ -46,6 +49,8 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
         def ask(step: "Step") -> str:
             words = said("{text}, then press Enter", text=said(step.text))
             say(f"{step.number}/{step.of} {words}")
+            if events.asked():
+                events.tell("asked", text=words, number=step.number, of=step.of)
             while not (lines := keys.typed()):
                 if keys.gone:
                     raise typer.Abort
@@ -68,8 +73,8 @@ def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
 
     keys = TypedLines()
     with state_line() as (say, show):
-        if on_terminal:
-            return workflow.run(settings, say=say, keys=keys, ask=ask, show=show)
+        if on_terminal or events.asked():
+            return workflow.run(settings, say=say, keys=keys, ask=ask if on_terminal else keys.answer, show=show)
         return workflow.run(settings, say=say, keys=keys)
 
 
@@ -97,10 +102,24 @@ class TypedLines:
         self.gone = ended
         return out
 
+    def answer(self, text: str) -> str:
+        """The next line, as the answer to a question of another program's page; typer.Abort where there is none."""
+        events.tell("asked", text=said(text), number=0, of=0)
+        while not (lines := self.typed()):
+            if self.gone:
+                raise typer.Abort
+            time.sleep(0.05)
+        for later in lines[1:]:
+            self._lines.put(later)
+        return lines[0]
+
 
 @contextmanager
 def state_line() -> "Iterator[tuple[Callable[[str], None], Callable[[str], None] | None]]":
     """What prints lines, and what renews one on a terminal, ten times a second at most, in which a person may type."""
+    if events.asked():
+        yield lambda text: events.tell("said", text=text), events.Paced("state")
+        return
     if sys.stderr is None or not sys.stderr.isatty():
         yield lambda text: typer.echo(text), None
         return
@@ -147,6 +166,22 @@ def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
         return workflow.run(settings, progress)
 
 
+def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":
+    """With the address of its pages."""
+    try:
+        from lmeasure.workbench.server import serve
+    except ModuleNotFoundError as error:
+        from lmeasure.errors import LMeasureError
+        from lmeasure.extras import how_to_install
+
+        raise LMeasureError(f"the workbench needs {error.name}, which is not installed: {how_to_install('workbench')}") from error
+
+    def told(fraction: float, address: str) -> None:
+        typer.echo(said("The workbench is at {address} for browsers of this machine alone; Ctrl-C ends it", address=address))
+
+    return workflow.run(settings, told, serve=serve)
+
+
 Face = Callable[["Workflow", Any], "Result[Any]"]
 FACES: dict[str, Face] = {
     "capture": capturing,
@@ -154,6 +189,7 @@ FACES: dict[str, Face] = {
     "init": beginning,
     "demo": with_stages,
     "record": recording,
+    "workbench": in_browser,
     "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(text)),
 }
 """Of commands that show something else than a bar."""
@@ -167,13 +203,16 @@ def told_of_compiling() -> Iterator[None]:
         first = "lmeasure: compiling the numerical kernels for this machine, half a minute to two; later calls load them ({name} ...)"
         print(said(first, name=name), file=sys.stderr, flush=True)
 
+    def told(name: str) -> None:
+        events.tell("compiling", text=name)
+
     before, since = len(compiling.names), compiling.seconds
-    compiling.begun = begun if sys.stderr is not None and sys.stderr.isatty() else None
+    compiling.begun = told if events.asked() else begun if sys.stderr is not None and sys.stderr.isatty() else None
     try:
         yield
     finally:
         done = compiling.names[before:]
-        if compiling.begun is not None and done:
+        if compiling.begun is begun and done:
             last = "lmeasure: compiled {count} kernels in {seconds} s, kept for later: {names}"
             names = ", ".join(dict.fromkeys(done))
             print(said(last, count=len(done), seconds=f"{compiling.seconds - since:.0f}", names=names), file=sys.stderr, flush=True)
@@ -186,6 +225,9 @@ def bar(label: str) -> "Iterator[Progress]":
 
     It vanishes when the work is done, and is not there at all where nobody watches: an error stays one line.
     """
+    if events.asked():
+        yield events.progress(said(label))
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
@@ -199,6 +241,9 @@ def bar(label: str) -> "Iterator[Progress]":
 @contextmanager
 def stages() -> "Iterator[Progress]":
     """A line for each stage on stderr, on a terminal with a bar and its time."""
+    if events.asked():
+        yield events.progress(said("load"))
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 

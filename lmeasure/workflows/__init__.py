@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 JOBS: dict[str, dict[str, str]] = {
     "Try it": {
+        "workbench": "Open the workbench: the whole job in a browser of this machine, over a project folder.",
         "demo": "Calibrate, record, reconstruct and map a simulated cell over a virtual CAN bus, and compare with the truth.",
         "simulate": "Simulate the instrument along a motion: what its counters would record, with the true poses beside it.",
     },

@@ -1,0 +1,120 @@
+"""What a command tells another program while it works: a line of JSON on standard error for everything that a person would be shown.
+
+Asked for by LMEASURE_EVENTS=1 in the environment, beside `--json`, whose document stays the one thing on standard output. Each line has
+`event`: progress (fraction, text), said (text), state (text), asked (text, number, of), live (a recording, with its pose), compiling (text).
+What such a command reads on standard input are the answers; where standard input ends, whoever asked is gone, and the command ends as by
+Ctrl-C: what was recorded is kept (docs/command-line.md).
+"""
+
+import contextlib
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition.recorder import Progress as State
+    from lmeasure.trajectory.live import PoseWatch
+
+VARIABLE = "LMEASURE_EVENTS"
+REFRESH_S = 0.05
+ANSWERED = ("check", "capture")
+"""Commands that read standard input themselves."""
+
+
+def asked() -> bool:
+    """Whether another program listens."""
+    return os.environ.get(VARIABLE) == "1"
+
+
+def tell(event: str, **values: Any) -> None:
+    """One line; that nobody reads any more is no fault of the work."""
+    with contextlib.suppress(OSError, ValueError):
+        print(json.dumps({"event": event, **values}, ensure_ascii=False, allow_nan=False), file=sys.stderr, flush=True)
+
+
+class Paced:
+    """Tells one kind of event, twenty times a second at most, and never leaves out a new text."""
+
+    def __init__(self, event: str) -> None:
+        self._event, self._text, self._last = event, "", -math.inf
+
+    def __call__(self, text: str, **values: Any) -> None:
+        now = time.monotonic()
+        if (text != self._text and self._event != "state") or now - self._last >= REFRESH_S:
+            self._text, self._last = text, now
+            tell(self._event, text=text, **values)
+
+
+def progress(label: str) -> Any:
+    """A `Progress` that tells."""
+    paced = Paced("progress")
+    return lambda fraction, text: paced(text or label, fraction=round(float(fraction), 4))
+
+
+@contextmanager
+def tied(command: str) -> Iterator[None]:
+    """While the work is done: it ends as by Ctrl-C when standard input does."""
+    if asked() and command not in ANSWERED and sys.stdin is not None:
+        threading.Thread(target=_end_with_input, daemon=True).start()
+    yield
+
+
+def _end_with_input() -> None:
+    with contextlib.suppress(OSError, ValueError):
+        for _ in sys.stdin:
+            pass
+    if os.name == "nt":
+        signal.raise_signal(signal.SIGINT)
+    else:
+        os.kill(os.getpid(), signal.SIGINT)  # also wakes what waits for a bus
+
+
+def live(state: "State", pose: "PoseWatch | str") -> None:
+    """The state of a recording: rates per channel, faults, and the pose of the last sample or why there is none."""
+    global _told
+    if time.monotonic() - _told < REFRESH_S:
+        return
+    _told = time.monotonic()
+    rows = zip(state.channels, state.counts, state.rates, state.speeds_mm_s, strict=True)
+    tell(
+        "live",
+        seconds=state.seconds,
+        samples=state.samples,
+        frames=state.frames,
+        faults=dict(state.faults),
+        latency_s=_number(state.latency_s),
+        sent_s=_number(None if state.origin_s is None else state.origin_s + state.seconds),
+        channels=[{"name": n, "count": _number(c), "counts_s": _number(r), "mm_s": _number(v)} for n, c, r, v in rows],
+        pose=_pose(pose),
+    )
+
+
+_told = -math.inf
+
+
+def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
+    if isinstance(watch, str):
+        return {"status": "", "text": watch}
+    latest = watch.latest
+    if latest is None:
+        return {"status": "", "text": ""}
+    if latest.status != "ok":
+        return {"status": latest.status, "text": ""}
+    return {
+        "status": "ok",
+        "position_mm": [float(v) for v in latest.pose[:3]],
+        "quaternion_xyzw": [float(v) for v in latest.pose[3:]],
+        "worst_pressure_angle_deg": _number(latest.worst_pressure_angle_deg),
+        "text": "",
+    }
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)

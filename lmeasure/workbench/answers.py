@@ -1,0 +1,87 @@
+"""What pages and the API share: the state of one server, and how errors and files are answered."""
+
+import mimetypes
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+from starlette.templating import Jinja2Templates
+
+from lmeasure.workbench import guard
+from lmeasure.workbench.jobs import Job, Jobs
+from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
+from lmeasure.workbench.words import preferred, said
+
+HERE = Path(__file__).parent
+TEMPLATES = Jinja2Templates(directory=HERE / "templates")
+COOKIE = "lmeasure-language"
+
+
+@dataclass
+class Bench:
+    """One project, open in this server."""
+
+    folder: Path
+    language: str
+    jobs: Jobs = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.jobs = Jobs(self.folder, self.language)
+
+    @property
+    def project(self) -> Project:
+        """As it is now."""
+        return look_at(self.folder)
+
+
+def bench_of(request: Request) -> Bench:
+    """The state of the server that was asked."""
+    bench: Bench = request.app.state.bench
+    return bench
+
+
+def language_of(request: Request) -> str:
+    """The language that was chosen, else the browser's."""
+    chosen = request.cookies.get(COOKIE, "")
+    return chosen if chosen in ("en", "ru") else preferred(request.headers.get("accept-language", ""))
+
+
+def page(request: Request, name: str, status: int = 200, **values: Any) -> Response:
+    """A page from its template, with the words of its reader."""
+    language = language_of(request)
+    bench = bench_of(request)
+    running = bench.jobs.running()
+    return TEMPLATES.TemplateResponse(
+        request,
+        name,
+        {"_": lambda text, **more: said(language, text, **more), "language": language, "bench": bench, "running": running, **values},
+        status_code=status,
+    )
+
+
+def job_of(request: Request) -> Job | None:
+    """The job of the path; None where there is none."""
+    return bench_of(request).jobs.jobs.get(int(request.path_params["number"]))
+
+
+def file_of(request: Request) -> Path | None:
+    """The file of the path, within the project; None where there is none, or it is none of the project."""
+    try:
+        path = inside(bench_of(request).folder, request.path_params["path"])
+    except OutsideError:
+        return None
+    hidden = any(part.startswith(".") for part in path.relative_to(bench_of(request).folder.resolve()).parts)
+    return path if path.is_file() and not hidden and OWN not in path.parts else None
+
+
+def as_file(path: Path) -> Response:
+    """A file of the project; pages of reports may draw, and do nothing else."""
+    kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    if path.suffix in (".toml", ".csv", ".log", ".txt", ".md"):
+        kind = "text/plain; charset=utf-8"
+    headers = {"Content-Security-Policy": guard.REPORT if kind in ("text/html", "image/svg+xml") else "default-src 'none'; sandbox"}
+    if kind == "application/pdf":
+        headers["Content-Security-Policy"] = "default-src 'none'; object-src 'self'; frame-ancestors 'self'"
+    return FileResponse(path, media_type=kind, headers=headers)

@@ -1,0 +1,186 @@
+"""The same for programs: jobs over HTTP with JSON, described at /api/openapi.json, and a recording's state over a WebSocket."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from lmeasure import workflows
+from lmeasure.errors import LMeasureError
+from lmeasure.workbench import forms
+from lmeasure.workbench.answers import Bench, bench_of, job_of, page
+from lmeasure.workbench.project import OWN
+from lmeasure.workflows.options import options_of
+
+LARGEST_BODY = 2**20
+
+
+def _commands() -> list[str]:
+    return [name for name in workflows.COMMANDS if name not in forms.NOT_HERE]
+
+
+async def project(request: Request) -> Response:
+    """What the project has."""
+    found = bench_of(request).project.found
+    return JSONResponse({"files": [{"kind": one.kind, "path": one.path} for one in found]})
+
+
+async def jobs(request: Request) -> Response:
+    """All jobs; posted {command, settings}, one is begun."""
+    bench = bench_of(request)
+    if request.method == "GET":
+        return JSONResponse({"jobs": [job.about() for job in bench.jobs.all()]})
+    content, error = await _content(request)
+    command, given = content.get("command"), content.get("settings", {})
+    if error or not isinstance(command, str) or command not in _commands() or not isinstance(given, dict):
+        return JSONResponse({"error": error or "wanted: {command: one of those of /api/commands, settings: {name: value}}"}, 422)
+    try:
+        words = forms.asked(command, {key: _as_text(value) for key, value in given.items() if value is not None}, bench.folder)
+    except LMeasureError as failed:
+        return JSONResponse({"error": str(failed), "option": getattr(failed, "option", "")}, 422)
+    job = await bench.jobs.begin(words)
+    return JSONResponse(job.about(), 201)
+
+
+async def _content(request: Request) -> tuple[dict[str, Any], str]:
+    if request.headers.get("content-type", "").split(";")[0].strip() != "application/json":
+        return {}, "the content is not application/json"
+    if int(request.headers.get("content-length", "0") or 0) > LARGEST_BODY:
+        return {}, "the content is too large"
+    try:
+        content = await request.json()
+    except (ValueError, RecursionError):
+        return {}, "the content is not JSON"
+    return (content, "") if isinstance(content, dict) else ({}, "the content is not an object")
+
+
+def _as_text(value: Any) -> Any:
+    """A value as a form has it."""
+    if isinstance(value, bool):
+        return value
+    return [str(one) for one in value] if isinstance(value, list) else str(value)
+
+
+async def job(request: Request) -> Response:
+    """One job, with what it said; posted to its end, it is ended."""
+    found = job_of(request)
+    if found is None:
+        return JSONResponse({"error": "no such job"}, 404)
+    if request.method == "DELETE":
+        await bench_of(request).jobs.cancel(found)
+    elif request.method == "POST":
+        content, error = await _content(request)
+        if error or not isinstance(content.get("line"), str):
+            return JSONResponse({"error": error or "wanted: {line: text}"}, 422)
+        return JSONResponse({"taken": await bench_of(request).jobs.type(found, content["line"])})
+    return JSONResponse(found.about() | {"said": found.said, "last": found.last})
+
+
+async def commands(request: Request) -> Response:
+    """Every command with its options."""
+    every = {name: [o._asdict() for o in options_of(workflows.load(name).settings)] for name in _commands()}
+    return JSONResponse({"commands": every})
+
+
+async def openapi(request: Request) -> Response:
+    """The API as OpenAPI 3.1, its bodies from the settings' own models."""
+    return JSONResponse(described())
+
+
+def described() -> dict[str, Any]:
+    """See `openapi`."""
+    bodies, schemas = [], {}
+    for name in _commands():
+        schema = workflows.load(name).settings.model_json_schema(ref_template="#/components/schemas/{model}")
+        schemas |= schema.pop("$defs", {})
+        schemas[f"{name}-settings"] = schema | {"title": f"{name} settings"}
+        told = {"command": {"const": name}, "settings": {"$ref": f"#/components/schemas/{name}-settings"}}
+        bodies.append({"type": "object", "properties": told, "required": ["command", "settings"]})
+    schemas["job"] = {
+        "type": "object",
+        "properties": {
+            "number": {"type": "integer"},
+            "command": {"type": "string"},
+            "line": {"type": "string", "description": "the command line that does the same"},
+            "state": {"enum": ["running", "done", "failed", "cancelled", "interrupted"]},
+            "begun": {"type": "string", "format": "date-time"},
+            "ended": {"type": "string"},
+            "progress": {"type": ["object", "null"]},
+            "result": {"type": ["object", "null"], "description": "the document of --json (docs/command-line.md)"},
+        },
+    }
+    ok = {"description": "done", "content": {"application/json": {"schema": {"$ref": "#/components/schemas/job"}}}}
+    number = {"name": "number", "in": "path", "required": True, "schema": {"type": "integer"}}
+    body = {"required": True, "content": {"application/json": {"schema": {"oneOf": bodies}}}}
+    line = {"type": "object", "properties": {"line": {"type": "string"}}, "required": ["line"]}
+    typed = {"required": True, "content": {"application/json": {"schema": line}}}
+    plain = {"200": {"description": "done"}}
+    return {
+        "openapi": "3.1.0",
+        "info": {"title": "lmeasure workbench", "version": version("lmeasure"), "description": __doc__},
+        "security": [{"token": []}],
+        "paths": {
+            "/api/project": {"get": {"summary": "what the project has", "responses": plain}},
+            "/api/commands": {"get": {"summary": "every command with its options", "responses": plain}},
+            "/api/jobs": {
+                "get": {"summary": "all jobs, the newest first", "responses": plain},
+                "post": {
+                    "summary": "begin a command",
+                    "requestBody": body,
+                    "responses": {"201": ok, "422": {"description": "refused, and why"}},
+                },
+            },
+            "/api/jobs/{number}": {
+                "parameters": [number],
+                "get": {"summary": "a job and all that it said", "responses": {"200": ok}},
+                "post": {"summary": "type a line", "requestBody": typed, "responses": plain},
+                "delete": {"summary": "end a job as Ctrl-C would", "responses": {"200": ok}},
+            },
+            "/api/jobs/{number}/live": {
+                "parameters": [number],
+                "get": {"summary": "WebSocket: every event of a job as JSON, a recording's live state among them", "responses": plain},
+            },
+        },
+        "components": {
+            "schemas": schemas,
+            "securitySchemes": {"token": {"type": "http", "scheme": "bearer", "description": f"PROJECT/{OWN}/address has it"}},
+        },
+    }
+
+
+async def live(socket: WebSocket) -> None:
+    """Every event of a job, as it comes."""
+    bench: Bench = socket.app.state.bench
+    found = bench.jobs.jobs.get(int(socket.path_params["number"]))
+    if found is None:
+        await socket.close(1008)
+        return
+    await socket.accept()
+    try:
+        async for event in bench.jobs.watch(found):
+            await socket.send_json(event)
+        await socket.close()
+    except WebSocketDisconnect:
+        return
+
+
+async def told(request: Request) -> Response:
+    """The API for people."""
+    return page(request, "api.html", described=described())
+
+
+def routes() -> Sequence[Route | WebSocketRoute]:
+    """Of the API."""
+    return [
+        Route("/api", told),
+        Route("/api/openapi.json", openapi),
+        Route("/api/project", project),
+        Route("/api/commands", commands),
+        Route("/api/jobs", jobs, methods=["GET", "POST"]),
+        Route("/api/jobs/{number:int}", job, methods=["GET", "POST", "DELETE"]),
+        WebSocketRoute("/api/jobs/{number:int}/live", live),
+    ]

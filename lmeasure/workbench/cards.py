@@ -1,0 +1,181 @@
+"""Which commands stand on which page, and which of their options come first."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from lmeasure.errors import SettingsError
+from lmeasure.workbench import forms
+from lmeasure.workbench.project import Project
+from lmeasure.workflows import COMMANDS
+
+MORE = "More options"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page of commands: its title, what it is for, its commands, and the kinds of files that it lists."""
+
+    title: str
+    lead: str
+    commands: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+
+PAGES = {
+    "check": Page(
+        "Connect and check",
+        "Which channel is which cable, which way it counts and how much it has to give: a person pulls, the counters tell.",
+        ("check",),
+        ("rig",),
+    ),
+    "live": Page("Live", "Record a pass of the motion and see counts, speeds, faults and the pose while it comes.", ("record",), ("run",)),
+    "calibrate": Page(
+        "Calibrate",
+        "Plan reference poses, read the counts at each, and find where the observation points are, with what the data can and cannot tell.",
+        ("plan-poses", "capture", "calibrate"),
+        ("poses", "calibration", "record"),
+    ),
+    "zone": Page(
+        "Zone and place",
+        "Where in the cell the instrument can be believed, and where its points had better stand.",
+        ("zone", "place"),
+        ("zone",),
+    ),
+    "runs": Page(
+        "Runs",
+        "From recorded counts, or the log of another program, to a trajectory with its uncertainty.",
+        ("import", "reconstruct", "report", "motion"),
+        ("log", "run", "trajectory"),
+    ),
+    "robot": Page(
+        "Robot and certificate",
+        "Write the test, certify what was measured, verify what was certified, find out what is wrong with the robot.",
+        ("program", "simulate", "certify", "verify", "compare", "identify", "correct"),
+        ("program", "certificate", "identification", "robot"),
+    ),
+}
+FIRST = {
+    "init": ("template", "out"),
+    "check": ("rig", "bus", "write"),
+    "record": ("rig", "bus", "out", "seconds", "start"),
+    "plan-poses": ("rig", "out", "poses"),
+    "capture": ("rig", "poses", "bus", "out", "by"),
+    "calibrate": ("folder", "out", "solve", "hold_out"),
+    "zone": ("rig", "out", "report", "limit_deg", "u95_mm", "x", "y", "z"),
+    "place": ("task", "out"),
+    "import": ("logs", "rig", "out", "start", "scan"),
+    "reconstruct": ("run", "out"),
+    "report": ("run", "out"),
+    "motion": ("trajectory", "out"),
+    "certify": ("trajectory", "run", "program", "out", "details", "language", "key"),
+    "demo": ("out", "robot", "seed"),
+}
+TITLES = {
+    "init": "Begin a rig",
+    "check": "Self-test",
+    "record": "Record",
+    "plan-poses": "Plan reference poses",
+    "capture": "Capture the poses",
+    "calibrate": "Find the observation points",
+    "zone": "Accuracy zone",
+    "place": "Place the points",
+    "import": "Import logs",
+    "reconstruct": "Reconstruct the trajectory",
+    "report": "Page of a trajectory",
+    "motion": "Speed and acceleration",
+    "program": "Test program",
+    "simulate": "Simulate",
+    "certify": "Certify",
+    "verify": "Verify a certificate",
+    "compare": "Compare certificates",
+    "identify": "What is wrong with the robot",
+    "correct": "Correct a program",
+    "drum": "Drums from what was measured",
+    "demo": "A simulated cell",
+    "frames": "Base and tool",
+    "structure": "Structure",
+}
+VERBS = {
+    "init": "Write the rig",
+    "check": "Begin the self-test",
+    "record": "Record",
+    "plan-poses": "Plan",
+    "capture": "Begin",
+    "calibrate": "Calibrate",
+    "zone": "Map the zone",
+    "import": "Import",
+    "certify": "Certify",
+    "verify": "Verify",
+}
+NEEDS = {
+    "check": ("rig", "There is no rig yet: begin one on the page Rig."),
+    "plan-poses": ("rig", "There is no rig yet: begin one on the page Rig."),
+    "record": ("rig", "There is no rig yet: begin one on the page Rig."),
+    "capture": ("poses", "There are no poses yet: plan them first."),
+    "zone": ("rig", "There is no rig yet: begin one on the page Rig."),
+    "reconstruct": ("run", "There is no run yet: record or import one."),
+    "certify": ("trajectory", "There is no trajectory yet: reconstruct a run first."),
+    "verify": ("certificate", "There is no certificate yet."),
+    "compare": ("certificate", "There is no certificate yet."),
+}
+ONWARD = {
+    "init": (("/rig", "Put in its dimensions"),),
+    "demo": (("/zone", "Zone and place"), ("/robot", "Robot and certificate")),
+    "check": (("/calibrate", "Calibrate"),),
+    "plan-poses": (("/calibrate#capture", "Capture the poses"),),
+    "capture": (("/calibrate#calibrate", "Find the observation points"),),
+    "calibrate": (("/zone", "Zone and place"),),
+    "zone": (("/live", "Live"), ("/runs", "Runs")),
+    "record": (("/runs#reconstruct", "Reconstruct the trajectory"),),
+    "import": (("/runs#reconstruct", "Reconstruct the trajectory"),),
+    "reconstruct": (("/runs#report", "Page of a trajectory"), ("/robot#certify", "Certify")),
+    "certify": (("/robot#verify", "Verify a certificate"),),
+}
+
+
+@dataclass(frozen=True)
+class Card:
+    """A command on a page. first are the fields that are always seen, more those in groups that open; needs says why it cannot be run."""
+
+    command: str
+    page: str
+    title: str
+    help: str
+    verb: str
+    first: list[forms.FieldOf]
+    more: list[tuple[str, list[forms.FieldOf]]]
+    needs: str
+    error: str
+
+
+def card(
+    command: str, project: Project, *, page: str = "", given: Mapping[str, Any] | None = None, error: SettingsError | str | None = None
+) -> Card:
+    """The card of a command, with what was given in its fields and what is wrong with it beside them."""
+    told = error if isinstance(error, SettingsError) else None
+    fields = forms.fields(command, project, given, told)
+    ahead = [*FIRST.get(command, ()), *(f.option.name for f in fields if f.option.required)]
+    first = sorted((f for f in fields if f.option.name in ahead), key=lambda f: ahead.index(f.option.name))
+    panels: dict[str, list[forms.FieldOf]] = {}
+    for one in fields:
+        if one not in first:
+            panels.setdefault(one.option.panel or MORE, []).append(one)
+    kind, needs = NEEDS.get(command, ("", ""))
+    whole = "" if told is not None and any(f.error for f in fields) else str(error or "")
+    missing = needs if kind and not project.of(kind) else _start(command, project)
+    verb = VERBS.get(command, "Run")
+    return Card(command, page, TITLES.get(command, command), COMMANDS[command], verb, first, list(panels.items()), missing, whole)
+
+
+def _start(command: str, project: Project) -> str:
+    """What keeps a trajectory from being certified: every run lacks its start, and no channel can tell it."""
+    runs = project.of("run")
+    if command not in ("reconstruct", "certify") or not runs:
+        return ""
+    texts = [(project.folder / run / "run.toml").read_text(encoding="utf-8", errors="replace") for run in runs]
+    rigs = [project.folder / run / "rig.toml" for run in runs]
+    absolute = any("[[swivel]]" in rig.read_text(encoding="utf-8", errors="replace") for rig in rigs if rig.is_file())
+    if absolute or any("[start]" in text for text in texts) or (command == "certify" and project.of("trajectory")):
+        return ""
+    return "No run has its start pose: state it on the run's page, no step can do without it."

@@ -1,0 +1,224 @@
+"""Forms of commands: their fields from the models of their settings, and what was filled in as a checked command line."""
+
+import json
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lmeasure.errors import LMeasureError, SettingsError
+from lmeasure.workbench.project import Project, inside
+from lmeasure.workflows import load
+from lmeasure.workflows.options import Option, command_line, options_of
+from lmeasure.workflows.settings import said_of
+
+HIDDEN = {"scheduler"}
+"""Options that would make this machine ask another one."""
+NOT_HERE = {"view", "schema", "key", "workbench"}
+"""Commands that a page has in another way: they print, or open windows."""
+ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
+"""What a page always asks for."""
+KINDS = {
+    "rig": ("rig",),
+    "poses": ("poses",),
+    "folder": ("calibration",),
+    "program": ("program",),
+    "path": ("program",),
+    "trajectory": ("trajectory",),
+    "run": ("run",),
+    "scenario": ("scenario",),
+    "measurements": ("measurements", "poses"),
+    "file": ("structure", "rig"),
+    "robot": ("robot",),
+    "details": (),
+}
+"""Which files of the project a field offers, by its name."""
+BY_COMMAND = {("verify", "folder"): ("certificate",), ("compare", "folders"): ("certificate",), ("import", "logs"): ("log",)}
+SUGGESTED = {
+    ("demo", "out"): "+cell",
+    ("init", "out"): ".",
+    ("init", "template"): "six-cables",
+    ("check", "write"): "",
+    ("record", "out"): "+runs/run",
+    ("import", "out"): "+runs/run",
+    ("simulate", "out"): "+runs/simulated",
+    ("plan-poses", "out"): "+calibration/planned.csv",
+    ("capture", "out"): "+calibration/poses",
+    ("calibrate", "out"): "+calibration/rig",
+    ("zone", "out"): "+zones/zone.nc",
+    ("zone", "report"): "+zones/page",
+    ("place", "out"): "+zones/placed",
+    ("reconstruct", "out"): "+runs/trajectory.parquet",
+    ("report", "out"): "+runs/page",
+    ("motion", "out"): "+runs/motion.parquet",
+    ("program", "out"): "+program",
+    ("certify", "out"): "+certificates/certificate",
+    ("compare", "out"): "+certificates/compared",
+    ("identify", "out"): "+robot/identified",
+    ("correct", "out"): "+robot/corrected",
+    ("frames", "out"): "+robot/frames.json",
+    ("structure", "out"): "+structure.json",
+}
+"""What a page fills in; after + a name that must be free."""
+_SPLIT = re.compile(r"[,;=\s]|(?<!^[A-Za-z]):(?![\\/])")
+
+
+@dataclass(frozen=True)
+class FieldOf:
+    """A field of a form: its option, what stands in it, what it offers, and what is wrong with it."""
+
+    option: Option
+    value: str
+    offers: tuple[str, ...]
+    error: str = ""
+
+
+def fields(command: str, project: Project, given: Mapping[str, Any] | None = None, error: SettingsError | None = None) -> list[FieldOf]:
+    """The fields of a command: what was given stands in them, else what the project suggests."""
+    values = given or {}
+    out = []
+    for option in options_of(load(command).settings):
+        # several values after one another have a text of their own beside them: `start`
+        if option.name in HIDDEN | set(ALWAYS.get(command, {})) or option.kind == "several":
+            continue
+        offers = offered(command, option.name, project)
+        value = values.get(option.name)
+        if value is None and given is None:
+            only = offers[0] if option.required and offers else ""
+            value = only or suggested(command, option.name, project) or option.default
+        text = "\n".join(map(str, value)) if isinstance(value, list | tuple) else "" if value is None else str(value)
+        own = error.text if error is not None and error.option == option.name else ""
+        out.append(FieldOf(option, text, offers, own))
+    return out
+
+
+def offered(command: str, name: str, project: Project) -> tuple[str, ...]:
+    """Files of the project that suit an option; for a rig, calibrated ones first, except where one is calibrated."""
+    kinds = BY_COMMAND.get((command, name), KINDS.get(name, ()))
+    found = tuple(path for kind in kinds for path in project.of(kind))
+    if name == "rig":
+        calibrated = project.calibrated()
+        plain = tuple(path for path in found if path not in calibrated)
+        return (*plain, *calibrated) if command in ("check", "plan-poses", "capture", "drum", "calibrate") else (*calibrated, *plain)
+    return found
+
+
+def suggested(command: str, name: str, project: Project) -> str:
+    """A name for what will be written, or what this page usually asks for; names that are taken get a number."""
+    text = SUGGESTED.get((command, name), "")
+    if not text or not text.startswith("+"):
+        return text
+    path = Path(text[1:])
+    number, free = 1, path
+    while (project.folder / free).exists():
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return free.as_posix()
+
+
+def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    """What a form says: texts by option, lists where an option may be repeated, True and False for switches. A switch that the form has not
+    is off where the form says that it has switches (`_form`)."""
+    out: dict[str, Any] = {}
+    for option in options_of(load(command).settings):
+        texts = [text.strip() for text in form.get(option.name, ())]
+        if option.kind == "flag":
+            if texts or "_form" in form:
+                out[option.name] = bool(texts) and texts[-1] in ("on", "true", "1")
+        elif option.kind == "list":
+            if lines := [line.strip() for text in texts for line in text.splitlines() if line.strip()]:
+                out[option.name] = lines
+        elif texts and texts[-1]:
+            out[option.name] = texts[-1]
+    return out
+
+
+def asked(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
+    """The words after `lmeasure` of a filled in form.
+
+    SettingsError, with its option, for what is missing, out of range, or leads out of the project; LMeasureError for a command that pages
+    do not run.
+    """
+    if command in NOT_HERE:
+        raise LMeasureError(f"{command} is not run from a page")
+    workflow = load(command)
+    given = {**given, **ALWAYS.get(command, {})}
+    options = {option.name: option for option in options_of(workflow.settings)}
+    for name, value in given.items():
+        if name not in options or name in HIDDEN:
+            raise SettingsError(name, "is unknown here")
+        for text in value if isinstance(value, list) else [value]:
+            if isinstance(text, str):
+                _confined(options[name], text, folder)
+    missing = next((o.name for o in options.values() if o.required and given.get(o.name) in (None, "", [])), None)
+    if missing is not None:
+        raise SettingsError(missing, "is missing")
+    # as from a command line: texts, of which the model makes numbers and tuples
+    workflow.settings.model_validate(dict(given))
+    return command_line(command, workflow.settings, given)
+
+
+def _confined(option: Option, text: str, folder: Path) -> None:
+    """SettingsError for a text that names, or holds the name of, a file outside the project. Options that are no paths may have paths in
+    them, such as replay:FILE."""
+    try:
+        if option.kind == "path":
+            inside(folder, text)
+            return
+        for part in filter(None, _SPLIT.split(text)):
+            if "/" in part or "\\" in part or part.startswith((".", "~")) or (folder / part).is_symlink():
+                _own_or_device(part, folder)
+    except LMeasureError as error:
+        raise SettingsError(option.name, str(error)) from None
+
+
+def _own_or_device(part: str, folder: Path) -> None:
+    """Adapters are devices: their names are no files of the project."""
+    if re.fullmatch(r"/dev/(tty|cu\.|serial/by-id/)[\w.\-]+", part):
+        return
+    if re.fullmatch(r"\.?\d+(\.\d*)?(e-?\d+)?", part):
+        return
+    inside(folder, part)
+
+
+def written_down(command: str, given: Mapping[str, Any]) -> str:
+    """The command line of a form as it stands, which need not be right yet."""
+    return shlex.join(["lmeasure", *command_line(command, load(command).settings, {**given, **ALWAYS.get(command, {})})])
+
+
+def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
+    """What a job's command line says, as the fields of its form: the way back of `asked`."""
+    options = options_of(load(command).settings)
+    flags = {option.flag.partition("/")[0]: option for option in options}
+    off = {option.flag.partition("/")[2]: option for option in options if "/" in option.flag}
+    places = [o for o in options if "positional" in said_of(load(command).settings.model_fields[o.name])]
+    out: dict[str, Any] = {option.name: "on" for option in options if option.kind == "flag" and option.default == "on"}
+    rest = list(words[1:])
+    while rest:
+        word = rest.pop(0)
+        name, mark, value = word.partition("=")
+        if word == "--":
+            continue
+        if word in off:
+            out.pop(off[word].name, None)
+        elif word.startswith("--") and name in flags:
+            option = flags[name]
+            text = "on" if option.kind == "flag" else value if mark else rest.pop(0) if rest else ""
+            if option.kind == "list":
+                out.setdefault(option.name, []).append(text)
+            else:
+                out[option.name] = text
+        elif places:
+            option = places[0] if places[0].kind == "list" else places.pop(0)
+            if option.kind == "list":
+                out.setdefault(option.name, []).append(word)
+            else:
+                out[option.name] = word
+    return out
+
+
+def as_event(event: Mapping[str, Any]) -> str:
+    """An event as a server sends it to a page."""
+    return f"data: {json.dumps(event, ensure_ascii=False)}\n\n"

@@ -1,0 +1,222 @@
+"""Jobs: commands as processes, what they say as it comes, and what is left of them when the server is gone.
+
+A job is a folder, PROJECT/.workbench/jobs/NUMBER: `asked.json` (command line, when), `said.jsonl` (every line that stays) and, once it
+ended, `end.json` (exit code, the document of `--json`). One without an end whose process is gone was interrupted.
+"""
+
+import asyncio
+import contextlib
+import json
+import os
+import shlex
+import sys
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from lmeasure.workbench.project import OWN
+
+RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
+PASSING = ("progress", "state", "live")
+"""Events of which only the last counts; they are not kept on disk."""
+PATIENCE_S = 8.0
+CANCELLED_CODE = 130
+KEPT_LINES = 2000
+
+
+@dataclass
+class Job:
+    """One job. watchers are the queues of those who look on; last holds the last of each passing event."""
+
+    number: int
+    command: str
+    words: list[str]
+    begun: str
+    folder: Path
+    state: str = RUNNING
+    ended: str = ""
+    result: dict[str, Any] | None = None
+    said: list[dict[str, Any]] = field(default_factory=list)
+    last: dict[str, dict[str, Any]] = field(default_factory=dict)
+    process: asyncio.subprocess.Process | None = None
+    cancelling: bool = False
+    watchers: set["asyncio.Queue[dict[str, Any]]"] = field(default_factory=set)
+
+    @property
+    def line(self) -> str:
+        """The command line that does the same."""
+        return shlex.join(["lmeasure", *self.words])
+
+    def about(self) -> dict[str, Any]:
+        """For the API and pages."""
+        keys = ("number", "command", "line", "begun", "ended", "state", "result")
+        return {key: getattr(self, key) for key in keys} | {"progress": self.last.get("progress")}
+
+    def tell(self, event: dict[str, Any]) -> None:
+        """Keep an event and hand it to all who look on."""
+        if event.get("event") in PASSING:
+            self.last[str(event["event"])] = event
+        else:
+            if event.get("event") == "asked":
+                self.last["asked"] = event
+            self.said.append(event)
+            with contextlib.suppress(OSError), (self.folder / "said.jsonl").open("a", encoding="utf-8") as file:
+                file.write(json.dumps(event, ensure_ascii=False) + "\n")
+        for queue in self.watchers:
+            # who reads too slowly misses what passes, never the end
+            if queue.qsize() < KEPT_LINES or event.get("event") not in PASSING:
+                queue.put_nowait(event)
+
+
+class Jobs:
+    """All jobs of a project, oldest first."""
+
+    def __init__(self, folder: Path, language: str = "en") -> None:
+        self.folder, self.language = folder, language
+        self.home = folder / OWN / "jobs"
+        self.jobs: dict[int, Job] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        for path in sorted(self.home.glob("[0-9]*")):
+            if (job := _read(path)) is not None:
+                self.jobs[job.number] = job
+
+    def all(self) -> list[Job]:
+        """The newest first."""
+        return [self.jobs[number] for number in sorted(self.jobs, reverse=True)]
+
+    def running(self) -> list[Job]:
+        """Those that still work."""
+        return [job for job in self.all() if job.state == RUNNING]
+
+    async def begin(self, words: list[str]) -> Job:
+        """Begin a command in the project folder; words are those after `lmeasure`, in which no path is absolute."""
+        number = max(self.jobs, default=0) + 1
+        folder = self.home / f"{number:04}"
+        while True:  # another workbench may have the same folder open
+            try:
+                folder.mkdir(parents=True)
+                break
+            except FileExistsError:
+                number += 1
+                folder = self.home / f"{number:04}"
+        job = Job(number, words[0], words, _now(), folder)
+        environment = os.environ | {"LMEASURE_EVENTS": "1", "LANGUAGE": self.language, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
+        begin = words.index("--") if "--" in words else len(words)
+        pipe = asyncio.subprocess.PIPE
+        job.process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "lmeasure", *words[:begin], "--json", *words[begin:]),
+            **{"cwd": self.folder, "env": environment, "stdin": pipe, "stdout": pipe, "stderr": pipe, "limit": 2**24},
+        )
+        asked = {"number": number, "command": job.command, "words": words, "begun": job.begun, "process": job.process.pid}
+        _write(folder / "asked.json", asked)
+        self.jobs[number] = job
+        task = asyncio.create_task(self._follow(job))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return job
+
+    async def type(self, job: Job, text: str) -> bool:
+        """Hand a line to a job that asks; False where it does not read any more."""
+        if job.process is None or job.process.stdin is None or job.state != RUNNING:
+            return False
+        job.last.pop("asked", None)
+        try:
+            job.process.stdin.write(" ".join(text.split()).encode() + b"\n")
+            await job.process.stdin.drain()
+        except (OSError, RuntimeError):
+            return False
+        job.tell({"event": "typed", "text": text})
+        return True
+
+    async def cancel(self, job: Job) -> None:
+        """End a job as Ctrl-C would: what it recorded is kept."""
+        if job.process is None or job.state != RUNNING:
+            return
+        job.cancelling = True
+        if job.process.stdin is not None:
+            job.process.stdin.close()
+        try:
+            await asyncio.wait_for(asyncio.shield(job.process.wait()), PATIENCE_S)
+        except TimeoutError:
+            with contextlib.suppress(ProcessLookupError):
+                job.process.terminate()
+
+    async def close(self) -> None:
+        """End all jobs; the server stops."""
+        await asyncio.gather(*(self.cancel(job) for job in self.running()))
+        if self._tasks:
+            await asyncio.wait(self._tasks, timeout=PATIENCE_S)
+
+    async def watch(self, job: Job) -> AsyncIterator[dict[str, Any]]:
+        """All that was said, the last of what passes, then what comes, until the end."""
+        queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        before = [*job.said, *(event for kind, event in job.last.items() if kind != "asked")]
+        job.watchers.add(queue)
+        try:
+            for event in before:
+                yield event
+            if job.state != RUNNING:
+                yield {"event": "end", "state": job.state}
+                return
+            while True:
+                event = await queue.get()
+                yield event
+                if event["event"] == "end":
+                    return
+        finally:
+            job.watchers.discard(queue)
+
+    async def _follow(self, job: Job) -> None:
+        process = job.process
+        if process is None or process.stderr is None or process.stdout is None:
+            return
+        told = asyncio.create_task(process.stdout.read())
+        async for raw in process.stderr:
+            text = raw.decode("utf-8", "replace").rstrip()
+            try:
+                event = json.loads(text)
+            except ValueError:
+                event = None
+            if not isinstance(event, dict) or "event" not in event:
+                event = {"event": "said", "text": text}
+            job.tell(event)
+        code = await process.wait()
+        try:
+            job.result = json.loads((await told).decode("utf-8", "replace"))
+        except ValueError:
+            job.result = None
+        failed = CANCELLED if job.cancelling or code in (CANCELLED_CODE, -2) else FAILED
+        # a recording ended by its button is done
+        job.state = DONE if code == 0 else failed
+        job.ended = _now()
+        _write(job.folder / "end.json", {"state": job.state, "ended": job.ended, "code": code, "result": job.result})
+        job.tell({"event": "end", "state": job.state})
+
+
+def _read(folder: Path) -> Job | None:
+    """A job of an earlier server."""
+    try:
+        asked = json.loads((folder / "asked.json").read_text(encoding="utf-8"))
+        job = Job(int(asked["number"]), str(asked["command"]), [str(w) for w in asked["words"]], str(asked["begun"]), folder)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    with contextlib.suppress(OSError, ValueError):
+        job.said = [json.loads(line) for line in (folder / "said.jsonl").read_text(encoding="utf-8").splitlines()]
+    try:
+        end = json.loads((folder / "end.json").read_text(encoding="utf-8"))
+        job.state, job.ended, job.result = str(end["state"]), str(end["ended"]), end["result"]
+    except (OSError, ValueError, KeyError, TypeError):
+        job.state = INTERRUPTED
+    return job
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part.write_text(json.dumps(content, ensure_ascii=False, indent=1), encoding="utf-8")
+    part.replace(path)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,0 +1,184 @@
+"""A project folder: what lies in it, told from the files themselves, and what comes next. The command line and the workbench share it."""
+
+import contextlib
+import json
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from lmeasure.errors import LMeasureError
+
+OWN = ".workbench"
+DEEP, MANY = 5, 5000
+_BY_SCHEMA = {"rig": "rig", "run": "run", "program": "program", "robot": "robot", "structure": "structure", "scenario": "scenario"}
+_HEAD = 65536
+
+
+class OutsideError(LMeasureError):
+    """A path that leads out of the project."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """One thing of the project: its kind (rig, calibration, record, run, trajectory, zone, program, certificate, poses, robot, page,
+    recording, log, ...) and its path in the folder, with slashes."""
+
+    kind: str
+    path: str
+
+
+@dataclass(frozen=True)
+class Project:
+    """A folder and what is in it."""
+
+    folder: Path
+    found: tuple[Found, ...] = field(repr=False, default=())
+
+    def of(self, kind: str) -> tuple[str, ...]:
+        """Paths of a kind, those nearest to the top first."""
+        return tuple(one.path for one in self.found if one.kind == kind)
+
+    def calibrated(self) -> tuple[str, ...]:
+        """Rigs that link a calibration."""
+        return tuple(path for path in self.of("rig") if _links(self.folder / path))
+
+
+def look_at(folder: Path) -> Project:
+    """The project as it is now."""
+    found = sorted({one for path in _walk(folder) for one in _kinds(folder, path)}, key=lambda one: (one.path.count("/"), one.path))
+    return Project(folder, tuple(found))
+
+
+def inside(folder: Path, text: str) -> Path:
+    """The path of a text within the folder; OutsideError for one that leads elsewhere, by dots, links, drives or the workbench's own."""
+    if "\0" in text or not text.strip():
+        raise OutsideError(f"{text!r} is no path")
+    root = folder.resolve()
+    try:
+        path = (root / text).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise OutsideError(f"{text!r} is no path: {error}") from error
+    if not path.is_relative_to(root) or OWN in path.relative_to(root).parts:
+        raise OutsideError(f"{text}: lies outside the project {folder}; copy it into the project first")
+    return path
+
+
+def _walk(folder: Path, deep: int = DEEP) -> Iterator[Path]:
+    """Files below the folder, not those of hidden folders nor behind links."""
+    left, waiting = MANY, [(folder, deep)]
+    while waiting and left > 0:
+        here, depth = waiting.pop(0)
+        with contextlib.suppress(OSError):
+            for path in sorted(here.iterdir()):
+                if path.name.startswith(".") or path.is_symlink():
+                    continue
+                if path.is_dir() and depth > 0:
+                    waiting.append((path, depth - 1))
+                elif path.is_file():
+                    left -= 1
+                    yield path
+
+
+def _kinds(folder: Path, path: Path) -> Iterator[Found]:
+    """What a file is; a folder is known by the file that makes it what it is."""
+    here, above = path.relative_to(folder).as_posix(), path.parent.relative_to(folder).as_posix()
+    suffix = path.suffix.lower()
+    if path.name == "run.toml":
+        yield Found("run", above)
+    elif path.name == "certificate.json":
+        yield Found("certificate", above)
+    elif path.name == "calibration.json":
+        yield Found("record", here)
+    elif path.name == "identified.json":
+        yield Found("identification", above)
+    elif path.name == "reference_poses.csv" and (path.parent / "counts.csv").is_file():
+        yield Found("calibration", above)
+    elif suffix == ".toml":
+        if kind := _BY_SCHEMA.get(schema_of(path)):
+            yield Found(kind, here)
+    elif suffix == ".nc":
+        yield Found("zone", here)
+    elif suffix == ".rrd":
+        yield Found("recording", here)
+    elif suffix in (".html", ".pdf"):
+        yield Found("page", here)
+    elif suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
+        yield Found("log", here)
+    elif suffix in (".csv", ".parquet", ".tum", ".mcap"):
+        yield from _table(path, here)
+
+
+def _table(path: Path, here: str) -> Iterator[Found]:
+    if path.suffix.lower() in (".tum", ".mcap"):
+        yield Found("trajectory", here)
+        return
+    if path.suffix.lower() == ".parquet":
+        if not path.name.startswith("pass"):
+            yield Found("trajectory", here)
+        return
+    names = {name.strip() for name in _head(path).split("\n", 1)[0].split(",")}
+    if {"time_s", "x_mm", "y_mm", "z_mm"} <= names:
+        yield Found("trajectory", here)
+    elif {"pose", "x_mm"} <= names:
+        yield Found("poses", here)
+    elif {"name", "x_mm"} <= names and any(name.startswith("joint_") for name in names):
+        yield Found("measurements", here)
+
+
+def _head(path: Path) -> str:
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        return file.read(_HEAD).decode("utf-8", "replace")
+    return ""
+
+
+def schema_of(path: Path) -> str:
+    """The middle of lmeasure.KIND/1; empty where the file states none."""
+    for line in _head(path).splitlines():
+        key, mark, value = line.partition("=")
+        if mark and key.strip() == "schema":
+            return value.strip().strip("\"'").removeprefix("lmeasure.").split("/")[0].split("#")[0].strip("\"' ")
+        if line.strip().startswith("["):
+            break
+    return ""
+
+
+def _links(path: Path) -> bool:
+    try:
+        return "calibration" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+
+
+class Step(NamedTuple):
+    """A step of the whole job: its name, the page for it, whether it is done, and what of it there is."""
+
+    name: str
+    page: str
+    done: bool
+    what: tuple[str, ...]
+
+
+def steps(project: Project, checked: bool = False) -> tuple[Step, ...]:
+    """The way from an empty folder to a verified certificate."""
+    calibrated = project.calibrated()
+    certificates = project.of("certificate")
+    return (
+        Step("rig", "/rig", bool(project.of("rig")), project.of("rig")[:1]),
+        Step("check", "/check", checked, ()),
+        Step("plan", "/calibrate", bool(project.of("poses") or project.of("calibration")), project.of("poses")[:1]),
+        Step("calibrate", "/calibrate", bool(calibrated), calibrated[:1]),
+        Step("zone", "/zone", bool(project.of("zone")), project.of("zone")[:1]),
+        Step("measure", "/runs", bool(project.of("run")), project.of("run")[:1]),
+        Step("certify", "/robot", bool(certificates), certificates[:1]),
+        Step("verify", "/robot", any(_sealed(project.folder / one) for one in certificates), ()),
+    )
+
+
+def _sealed(folder: Path) -> bool:
+    """Whether a certificate's folder has the manifest by which it is verified."""
+    try:
+        return bool(json.loads((folder / "certificate.json").read_text(encoding="utf-8")).get("characteristics"))
+    except (OSError, ValueError, RecursionError, AttributeError):
+        return False

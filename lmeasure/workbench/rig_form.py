@@ -1,0 +1,186 @@
+"""The rig file as a form: one field per value that the file states, and back, with the file's comments and order kept."""
+
+import copy
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from lmeasure import files
+from lmeasure.errors import LMeasureError
+from lmeasure.rig import rig_from_dict
+from lmeasure.workbench.project import OutsideError, schema_of
+
+UNITS = {"_mm": "mm", "_deg": "deg", "_mm_s": "mm/s", "_rad": "rad", "_s": "s"}
+ARROWS = {
+    "position_mm": "B",
+    "guide_alpha_deg": "α",
+    "guide_beta_deg": "u",
+    "pulley_radius_mm": "R",
+    "tangent_length_mm": "tangent length",
+    "axial_offset_mm": "axial(k)",
+    "groove_pitch_mm": "axial(k)",
+    "count_length_mm": "drum with encoder: k counts",
+    "counts_per_revolution": "drum with encoder: k counts",
+    "tool": "P",
+}
+"""What of the drawing a value is."""
+HELP = {
+    "position_mm": "Where the swivel axis touches the pulley, in the base frame: tape or the robot's tip.",
+    "guide_alpha_deg": "Below the horizontal, of the way from B to the fixed pulley: an inclinometer on the cable.",
+    "guide_beta_deg": "From +Y to that way's horizontal projection, positive towards +X.",
+    "pulley_radius_mm": "To the middle of the cable: half the groove's diameter plus half the cable's; caliper.",
+    "tangent_length_mm": "From the drum to the fixed pulley, across the drum's axis: tape.",
+    "axial_offset_mm": "Along the drum's axis, from the fixed pulley's plane to the cable at count 0: caliper.",
+    "groove_pitch_mm": "Axial travel in a turn; positive when paying out lengthens it.",
+    "count_length_mm": "Cable of one count: a full wind's length over its counts.",
+    "counts_per_revolution": "Counts of the encoder in one turn of the drum.",
+    "count_sign": "1 when counts grow as cable is paid out, else -1; the self-test tells.",
+}
+_NUMBER = re.compile(r"\d+")
+FIXED = ("schema", "assumed", "calibration")
+LARGEST = 2_000_000
+
+
+class Leaf(NamedTuple):
+    """A value of the file: its place as a text, `observation_point.0.position_mm.1`, and what its field shows."""
+
+    key: str
+    label: str
+    value: str
+    kind: str
+    unit: str
+    arrow: str
+    help: str
+    assumed: bool
+
+
+def read(path: Path) -> tuple[Any, str]:
+    """The document and the digest of the file, by which a change by others is seen."""
+    if path.stat().st_size > LARGEST:
+        raise OutsideError(f"{path.name}: too large for a rig file")
+    document = files.read_toml(path)
+    return document, digest(path)
+
+
+def is_rig(path: Path) -> bool:
+    """Whether a file says that it is a rig."""
+    return path.suffix == ".toml" and path.is_file() and schema_of(path) == "rig"
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of the file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def parts(document: Mapping[str, Any]) -> list[tuple[str, list[Leaf]]]:
+    """The values of a rig by the thing that they belong to."""
+    guesses = set(document.get("assumed", ()))
+    out: list[tuple[str, list[Leaf]]] = []
+    general = [leaf for leaf in _leaves({k: v for k, v in document.items() if not isinstance(v, dict | list)}, "", guesses, "")]
+    if general:
+        out.append((str(document.get("name", "rig")), general))
+    for key, value in document.items():
+        if key in FIXED:
+            continue
+        if isinstance(value, list):
+            for i, one in enumerate(value):
+                if isinstance(one, dict):
+                    name = str(one.get("name", one.get("channel", i + 1)))
+                    out.append((f"{key.replace('_', ' ')} {name}", list(_leaves(one, f"{key}.{i}.", guesses, name))))
+        elif isinstance(value, dict):
+            out.append((key, list(_leaves(value, f"{key}.", guesses, key))))
+    return out
+
+
+def _leaves(table: Mapping[str, Any], before: str, guesses: set[str], owner: str, inside: str = "") -> Iterator[Leaf]:
+    for name, value in table.items():
+        if not before and name in FIXED:
+            continue
+        key, label = f"{before}{name}", f"{inside}{name}"
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{key}.", guesses, owner, f"{label} ")
+        elif isinstance(value, list):
+            if all(isinstance(v, int | float | str) and not isinstance(v, bool) for v in value):
+                for i, one in enumerate(value):
+                    axis = "xyz"[i] if len(value) == 3 else str(i + 1)
+                    yield _leaf(f"{key}.{i}", f"{_readable(label)} {axis}", one, name, guesses, owner)
+        else:
+            yield _leaf(key, _readable(label), value, name, guesses, owner)
+
+
+def _leaf(key: str, label: str, value: Any, name: str, guesses: set[str], owner: str) -> Leaf:
+    kind = "flag" if isinstance(value, bool) else "number" if isinstance(value, int | float) else "text"
+    text = str(value).lower() if kind == "flag" else repr(value) if kind == "number" else str(value)
+    known = "tool" if key.startswith("tool.") else name
+    unit = (
+        "mm" if known == "tool" else next((unit for end, unit in sorted(UNITS.items(), key=lambda e: -len(e[0])) if name.endswith(end)), "")
+    )
+    guess = f"{owner}.{name}" in guesses or f"{owner}.drum.{name}" in guesses
+    return Leaf(key, label, text, kind, unit, ARROWS.get(known, ""), HELP.get(known, ""), guess)
+
+
+def _readable(name: str) -> str:
+    for end in sorted(UNITS, key=len, reverse=True):
+        name = name.removesuffix(end)
+    return name.replace("_", " ")
+
+
+def filled(document: Mapping[str, Any], form: Mapping[str, str]) -> tuple[dict[str, Any], list[str]]:
+    """The content with what the form says, and what of the form is no value; keys that the file has not are refused."""
+    content, wrong = copy.deepcopy(dict(document)), []
+    for _, leaves in parts(document):
+        for leaf in leaves:
+            text = form.get(leaf.key)
+            if text is None or text.strip() == leaf.value:
+                continue
+            try:
+                _put(content, leaf.key.split("."), _value(text.strip(), leaf))
+            except ValueError:
+                wrong.append(f"{leaf.key}: {text.strip()!r} is not a number")
+    return content, wrong
+
+
+def _value(text: str, leaf: Leaf) -> Any:
+    if leaf.kind == "flag":
+        return text == "true"
+    if leaf.kind == "text":
+        return text
+    whole = re.fullmatch(r"[+-]?\d+", text) and re.fullmatch(r"[+-]?\d+", leaf.value)
+    return int(text) if whole else float(text.replace(",", ".") if text.count(",") == 1 and "." not in text else text)
+
+
+def _put(content: Any, way: list[str], value: Any) -> None:
+    here = content
+    for step in way[:-1]:
+        here = here[int(step) if isinstance(here, list) and _NUMBER.fullmatch(step) else step]
+    last = way[-1]
+    here[int(last) if isinstance(here, list) else last] = value
+
+
+def save(path: Path, form: Mapping[str, str]) -> list[str]:
+    """Write what the form says into the file; complaints, all at once, where it would be no rig, and then nothing is written."""
+    document, now = read(path)
+    if form.get("_digest") != now:
+        return [f"{path.name} was changed meanwhile by somebody else; load the page again"]
+    content, wrong = filled(document, form)
+    if not wrong:
+        try:
+            rig_from_dict(content, path.name)
+        except LMeasureError as error:
+            wrong = list(error.lines)
+    if not wrong and content != dict(document):
+        files.rewrite_toml(path, document.holding(content))
+    return wrong
+
+
+def scene(path: Path) -> dict[str, Any]:
+    """Points of a rig for the picture in space, mm in the base frame; the tool is drawn at the base's origin."""
+    document, _ = read(path)
+    rig = rig_from_dict(document, path.name)
+    return {
+        "points": [{"name": p.name, "position_mm": list(p.position_mm)} for p in rig.observation_point],
+        "tool": {name: list(at) for name, at in rig.tool.items()},
+        "cables": [{"from": c.from_point, "to": c.to_point} for c in rig.cable],
+    }

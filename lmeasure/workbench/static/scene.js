@@ -1,0 +1,76 @@
+// The rig in space: observation points, cables and the tool; drag to turn, drag a point to move it in the plane of the screen.
+const HIT = 12;
+
+export async function draw(place, form) {
+  const answer = await fetch(`/scene?file=${encodeURIComponent(place.dataset.file)}`);
+  const rig = await answer.json();
+  const told = document.getElementById('scene-told');
+  if (rig.error) { told.textContent = rig.error; return; }
+  const canvas = place.querySelector('canvas'), pen = canvas.getContext('2d');
+  let turn = -0.6, lift = 0.45, held = null, last = null;
+  const all = [...rig.points.map((p) => p.position_mm), ...Object.values(rig.tool)];
+  const middle = [0, 1, 2].map((i) => all.reduce((sum, p) => sum + p[i], 0) / all.length);
+  const reach = Math.max(...all.map((p) => Math.hypot(...p.map((v, i) => v - middle[i])))) || 1;
+  const axes = () => {
+    const [c, s, cl, sl] = [Math.cos(turn), Math.sin(turn), Math.cos(lift), Math.sin(lift)];
+    return {right: [c, s, 0], up: [s * sl, -c * sl, cl]};
+  };
+  const scale = () => 0.44 * Math.min(canvas.clientWidth, canvas.clientHeight) / reach;
+  const screen = (p) => {
+    const {right, up} = axes(), d = p.map((v, i) => v - middle[i]), k = scale();
+    const dot = (a) => a[0] * d[0] + a[1] * d[1] + a[2] * d[2];
+    return [canvas.clientWidth / 2 + k * dot(right), canvas.clientHeight / 2 - k * dot(up)];
+  };
+  const paint = () => {
+    const style = getComputedStyle(document.body), ratio = devicePixelRatio || 1;
+    canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio;
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0); pen.clearRect(0, 0, canvas.width, canvas.height);
+    pen.font = '14px system-ui'; pen.strokeStyle = pen.fillStyle = style.getPropertyValue('--ink') || '#000';
+    const stroke = (a, b, colour, width) => { pen.beginPath(); pen.strokeStyle = colour; pen.lineWidth = width; pen.moveTo(...screen(a)); pen.lineTo(...screen(b)); pen.stroke(); };
+    [['X', '#b3261e', [1, 0, 0]], ['Y', '#146c3f', [0, 1, 0]], ['Z', '#0b5394', [0, 0, 1]]].forEach(([name, colour, way]) => {
+      const end = way.map((v) => v * reach * 0.3); stroke([0, 0, 0], end, colour, 2); pen.fillStyle = colour; pen.fillText(name, ...screen(end));
+    });
+    const at = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
+    for (const c of rig.cables) if (at[c.from] && rig.tool[c.to]) stroke(at[c.from], rig.tool[c.to], style.getPropertyValue('--soft'), 1.5);
+    for (const [name, p] of Object.entries(rig.tool)) { pen.fillStyle = '#c2410c'; pen.beginPath(); pen.arc(...screen(p), 3, 0, 7); pen.fill(); }
+    rig.points.forEach((p, i) => {
+      pen.fillStyle = style.getPropertyValue(i === held ? '--bad' : '--blue'); const [x, y] = screen(p.position_mm);
+      pen.beginPath(); pen.arc(x, y, 7, 0, 7); pen.fill(); pen.fillText(p.name, x + 10, y - 8);
+    });
+  };
+  const moved = (i) => {
+    const p = rig.points[i]; told.textContent = `${p.name}: ${p.position_mm.map((v) => v.toFixed(1)).join(', ')} mm`;
+    p.position_mm.forEach((v, axis) => {
+      const input = form.elements[`observation_point.${i}.position_mm.${axis}`];
+      if (input) input.value = String(+(document.getElementById('inches').checked ? v / 25.4 : v).toFixed(6));
+    });
+  };
+  canvas.addEventListener('pointerdown', (event) => {
+    const near = rig.points.map((p, i) => [Math.hypot(screen(p.position_mm)[0] - event.offsetX, screen(p.position_mm)[1] - event.offsetY), i]).sort((a, b) => a[0] - b[0])[0];
+    held = near && near[0] < HIT ? near[1] : null; last = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); paint();
+  });
+  canvas.addEventListener('pointermove', (event) => {
+    if (!last) return;
+    const dx = event.clientX - last[0], dy = event.clientY - last[1]; last = [event.clientX, event.clientY];
+    if (held === null) { turn -= dx / 150; lift = Math.max(-1.5, Math.min(1.5, lift + dy / 150)); }
+    else {
+      const {right, up} = axes(), k = scale();
+      rig.points[held].position_mm = rig.points[held].position_mm.map((v, i) => Math.round(10 * (v + (right[i] * dx - up[i] * dy) / k)) / 10);
+      moved(held);
+    }
+    paint();
+  });
+  canvas.addEventListener('pointerup', () => { last = null; held = null; paint(); });
+  canvas.addEventListener('keydown', (event) => {
+    const step = {ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1]}[event.key];
+    if (step) { event.preventDefault(); turn += step[0]; lift += step[1]; paint(); }
+  });
+  form.addEventListener('change', () => {
+    rig.points.forEach((p, i) => p.position_mm.forEach((_, axis) => {
+      const input = form.elements[`observation_point.${i}.position_mm.${axis}`];
+      const value = Number(input?.value) * (document.getElementById('inches').checked ? 25.4 : 1); if (Number.isFinite(value)) p.position_mm[axis] = value;
+    }));
+    paint();
+  });
+  new ResizeObserver(paint).observe(canvas); paint();
+}

@@ -1,0 +1,92 @@
+// Every page works without this; with it, command lines, progress and live values renew themselves.
+const words = JSON.parse(document.getElementById('words')?.textContent ?? '{}');
+const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form), headers: {'Accept': 'application/json'}});
+
+for (const form of document.querySelectorAll('form[data-command]')) {
+  let waiting;
+  const renew = async () => {
+    const answer = await post(`/line/${form.dataset.command}`, new FormData(form));
+    const told = await answer.json();
+    form.querySelector('[data-line]').textContent = told.line;
+  };
+  form.addEventListener('input', () => { clearTimeout(waiting); waiting = setTimeout(renew, 150); });
+  renew();
+}
+
+const job = document.getElementById('job');
+if (job && job.dataset.state === 'running') follow(job.dataset.number);
+
+function follow(number) {
+  const at = (id) => document.getElementById(id);
+  const log = at('log');
+  const line = (text, kind) => {
+    const one = document.createElement('li');
+    one.textContent = text; one.className = kind; log.append(one);
+    while (log.children.length > 500) log.firstChild.remove();
+    log.scrollTop = log.scrollHeight;
+  };
+  const told = {
+    progress: (e) => { at('progress').value = e.fraction; at('doing').textContent = e.text; },
+    compiling: (e) => { at('doing').textContent = `${words.compiling ?? 'compiling'} ${e.text}`; },
+    said: (e) => line(e.text, 'said'),
+    typed: (e) => { line(`> ${e.text}`, 'typed'); at('asked').hidden = true; },
+    state: (e) => { at('now').hidden = false; at('now').textContent = e.text; at('typing').hidden = false; },
+    asked: (e) => { at('asked').hidden = false; at('asked').textContent = e.of ? `${e.number}/${e.of}  ${e.text}` : e.text; at('typing').hidden = false; },
+    live: show,
+    end: () => { source.close(); location.reload(); },
+  };
+  const source = new EventSource(`/jobs/${number}/events`);
+  source.onopen = () => { log.replaceChildren(); };
+  source.onmessage = (message) => { const event = JSON.parse(message.data); told[event.event]?.(event); };
+  const type = (text) => post(`/jobs/${number}/type`, {line: text});
+  for (const button of document.querySelectorAll('[data-type]')) button.addEventListener('click', () => type(button.dataset.type));
+  at('answer')?.addEventListener('submit', (event) => { event.preventDefault(); type(at('said').value); at('said').value = ''; });
+  at('cancel')?.addEventListener('click', () => { at('cancel').disabled = true; post(`/jobs/${number}/cancel`, {}); });
+}
+
+function show(e) {
+  const at = (id) => document.getElementById(id);
+  if (!at('live')) return;
+  at('live').hidden = false;
+  const number = (v, digits) => v === null || v === undefined ? '–' : v.toFixed(digits);
+  at('pose').textContent = e.pose.status === 'ok' ? e.pose.position_mm.map((v) => number(v, 3)).join('   ') + ' mm' : e.pose.status;
+  at('pose-note').textContent = e.pose.text;
+  at('live-seconds').textContent = number(e.seconds, 1);
+  at('live-samples').textContent = e.samples;
+  at('live-latency').textContent = e.latency_s === null ? '–' : number(1e3 * e.latency_s, 1);
+  at('live-faults').textContent = Object.entries(e.faults).map(([kind, n]) => `${n} ${kind}`).join(', ') || '0';
+  const body = at('channels').tBodies[0];
+  while (body.rows.length < e.channels.length) { const row = body.insertRow(); for (let i = 0; i < 3; i++) row.insertCell(); }
+  e.channels.forEach((c, i) => {
+    const row = body.rows[i];
+    row.cells[0].textContent = c.name; row.cells[1].textContent = number(c.count, 0); row.cells[2].textContent = number(c.mm_s, 1);
+    row.className = Math.abs(c.mm_s ?? 0) > 0.5 ? 'moves' : '';
+  });
+  at('live').dataset.sent = e.sent_s ?? '';
+}
+
+for (const drop of document.querySelectorAll('form.drop')) {
+  const input = drop.querySelector('input[type=file]');
+  for (const kind of ['dragover', 'dragleave', 'drop'])
+    drop.addEventListener(kind, (event) => {
+      event.preventDefault(); drop.classList.toggle('over', kind === 'dragover');
+      if (kind === 'drop') { input.files = event.dataTransfer.files; drop.submit(); }
+    });
+}
+
+const rig = document.getElementById('rig-form');
+if (rig) {
+  const texts = [...document.querySelectorAll('#cable text')];
+  const light = (name) => texts.forEach((t) => t.classList.toggle('lit', name !== '' && t.textContent.trim() === name));
+  rig.addEventListener('focusin', (event) => light(event.target.dataset.arrow ?? ''));
+  const inches = document.getElementById('inches');
+  inches.addEventListener('change', () => {
+    for (const input of rig.querySelectorAll('input[data-unit=mm]')) {
+      if (inches.checked) { input.dataset.mm = input.value; input.dataset.shown = input.value = String(+(input.value / 25.4).toPrecision(9)); }
+      else input.value = input.value === input.dataset.shown ? input.dataset.mm : String(+(input.value * 25.4).toPrecision(12));
+    }
+    for (const unit of rig.querySelectorAll('.unit')) if (/mm\]|in\]/.test(unit.textContent)) unit.textContent = inches.checked ? '[in]' : '[mm]';
+  });
+  rig.addEventListener('submit', () => { if (inches.checked) inches.click(); });
+  import('/static/scene.js').then((module) => module.draw(document.getElementById('scene'), rig));
+}

@@ -1,0 +1,144 @@
+"""How the options of settings are written down as texts: on a command line, in a form, in a request. One place for every face."""
+
+import types
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
+
+from annotated_types import Ge, Le
+
+from lmeasure.workflows.settings import Separated, said_of, unit_of
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+    from lmeasure.workflows.settings import Asked
+
+
+class Written(NamedTuple):
+    """How an option is written: its kind in that form, where a tuple is one text and a choice is a word; whether it may be left out; whether
+    it may be repeated; its default in the same form; the words that it may be."""
+
+    kind: Any
+    optional: bool
+    repeated: bool
+    default: Any
+    choices: tuple[str, ...]
+
+
+def written(field: "FieldInfo") -> Written:
+    """How an option is written."""
+    annotation: Any = field.annotation
+    default = field.default
+    optional = get_origin(annotation) in (Union, types.UnionType)
+    kind: Any = next(part for part in get_args(annotation) if part is not type(None)) if optional else annotation
+    marks = list(field.metadata)
+    if get_origin(kind) is Annotated:
+        kind, *inner = get_args(kind)
+        marks += inner
+    separated = next((mark for mark in marks if isinstance(mark, Separated)), None)
+    if separated is not None:
+        default = None if field.is_required() or default is None else separated.written(default)
+        return Written(str, optional or default == "", False, default, ())
+    if get_origin(kind) is Literal:
+        return Written(str, optional, False, default, tuple(str(word) for word in get_args(kind)))
+    if get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis:
+        return Written(get_args(kind)[0], not field.is_required(), True, None, ())
+    return Written(kind, optional, False, default, ())
+
+
+def flag_of(name: str, field: "FieldInfo") -> str:
+    """The option as it is typed; an argument by its place-holder."""
+    said = said_of(field)
+    return str(said["metavar"] if "positional" in said else said.get("flag", f"--{name.replace('_', '-')}"))
+
+
+def limits_of(field: "FieldInfo") -> tuple[float | None, float | None]:
+    """Least and largest value, both allowed; None without one."""
+    said = said_of(field)
+    low = next((float(m.ge) for m in field.metadata if isinstance(m, Ge)), said.get("minimum"))  # type: ignore[arg-type]
+    high = next((float(m.le) for m in field.metadata if isinstance(m, Le)), said.get("maximum"))  # type: ignore[arg-type]
+    return low, high
+
+
+class Option(NamedTuple):
+    """An option for a form: what a label, a field and a help text need. kind: flag, choice, list, path, whole, number, text, or
+    several for values that a command line takes one after the other."""
+
+    name: str
+    flag: str
+    help: str
+    unit: str
+    panel: str
+    kind: str
+    choices: tuple[str, ...]
+    minimum: float | None
+    maximum: float | None
+    default: str
+    required: bool
+    metavar: str
+
+
+def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
+    """All options of a command, in their order."""
+    return tuple(_option(name, field) for name, field in settings.model_fields.items())
+
+
+def _option(name: str, field: "FieldInfo") -> Option:
+    form, said = written(field), said_of(field)
+    kinds = {bool: "flag", Path: "path", int: "whole", float: "number"}
+    other = "several" if get_origin(form.kind) is tuple else "text"
+    kind = "list" if form.repeated else "choice" if form.choices else kinds.get(form.kind, other)
+    plain = form.default is None or field.is_required() or kind in ("flag", "list")
+    default = "" if plain else f"{form.default:g}" if isinstance(form.default, float) else str(form.default)
+    if kind == "flag" and form.default is True:
+        default = "on"
+    return Option(
+        name=name,
+        flag=flag_of(name, field),
+        help=field.description or "",
+        unit=unit_of(name, field),
+        panel=str(said.get("panel", "")),
+        kind=kind,
+        choices=form.choices,
+        minimum=limits_of(field)[0],
+        maximum=limits_of(field)[1],
+        default=default,
+        required=field.is_required(),
+        metavar=str(said.get("metavar", "")),
+    )
+
+
+def command_line(command: str, settings: "type[Asked]", given: Mapping[str, Any]) -> list[str]:
+    """The words after `lmeasure` that ask the same: given are values by name, texts as they are typed, or True and False, or several texts."""
+    arguments, words = [], []
+    for option in options_of(settings):
+        value = given.get(option.name)
+        if value is None or value == "" or value == []:
+            continue
+        positional = "positional" in said_of(settings.model_fields[option.name])
+        if option.kind == "flag":
+            words += _switched(option, value in (True, "on", "true", "1"))
+        elif positional:
+            arguments += [str(one) for one in value] if _several(value) else [str(value)]
+        else:
+            # a value that begins with a minus is no option
+            words += [part for one in (value if _several(value) else [value]) for part in _pair(option.flag, str(one))]
+    behind = ["--", *arguments] if any(a.startswith("-") for a in arguments) else arguments
+    return [command, *words, *behind] if behind[:1] == ["--"] else [command, *arguments, *words]
+
+
+def _several(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _pair(flag: str, value: str) -> list[str]:
+    return [f"{flag}={value}"] if value.startswith("-") else [flag, value]
+
+
+def _switched(option: Option, on: bool) -> list[str]:
+    """The word that switches a flag to another state than its default."""
+    yes, _, no = option.flag.partition("/")
+    if on == (option.default == "on"):
+        return []
+    return [yes] if on else [no or yes.replace("--", "--no-", 1)]

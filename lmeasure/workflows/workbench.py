@@ -1,0 +1,42 @@
+"""The commands in a browser, over a project folder."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from lmeasure.errors import SettingsError
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.settings import Asked, option
+
+Serve = Callable[[Path, int, str, Callable[[str], None]], None]
+"""Serves a project folder on a port of 127.0.0.1 in a language until it is ended, and tells the address."""
+
+
+class Settings(Asked):
+    """What `lmeasure workbench` is asked."""
+
+    folder: Annotated[Path, option("Project folder; made where it is not there.", metavar="FOLDER", positional=True)] = Path()
+    port: Annotated[int, option("Port of 127.0.0.1; 0 takes a free one.", ge=0, le=65535)] = 0
+    browser: Annotated[bool, option("Open the page in this machine's browser.", flag="--browser/--no-browser")] = True
+    language: Annotated[Literal["en", "ru"], option("Of what jobs print; pages follow the browser.")] = "en"
+
+
+@workflow("workbench")
+def run(settings: Settings, progress: Progress = silent, *, serve: Serve) -> Result[None]:
+    """Serve the pages until Ctrl-C; progress is told where."""
+    if settings.folder.exists() and not settings.folder.is_dir():
+        raise SettingsError("folder", f"{settings.folder}: is a file, no folder")
+    try:
+        settings.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingsError("folder", f"{settings.folder}: cannot be made: {error.strerror or error}") from error
+
+    def told(address: str) -> None:
+        progress(0.0, address)
+        if settings.browser:
+            import webbrowser
+
+            webbrowser.open(address)
+
+    serve(settings.folder, settings.port, settings.language, told)
+    return Result(None, ())
