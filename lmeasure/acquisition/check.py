@@ -5,7 +5,7 @@ A person pulls and turns, the program looks at the counters. Counts per turn are
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from lmeasure.acquisition.check_watch import Step as Step
 from lmeasure.acquisition.session import Link
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Cable, Rig, Turned
+from lmeasure.shown import DataFrame, Shown, framed
 
 REST_S = 1.0
 """How long the counters are looked at before anything is moved."""
@@ -46,8 +47,8 @@ class CableCheck:
     faults: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, repr=False)
+class Check(Shown):
     """The self-test: sample rate [Hz], spread at rest per channel [counts], one row per cable and per encoder, faults of the whole."""
 
     rate_hz: float
@@ -64,6 +65,20 @@ class Check:
             *(f"cable {c.cable}: {f}" for c in self.cables for f in c.faults),
             *(f"{e.what}: {f}" for e in self.encoders for f in e.faults),
         ]
+
+    def about(self) -> dict[str, str]:
+        """What each cable and encoder showed, by its name: its faults, or ok and what was counted."""
+        told = {c.cable: c.faults or (f"ok: {c.channel}, {_or_not(c.stroke_mm)} mm, slack {_or_not(c.slack_mm)} mm",) for c in self.cables}
+        told |= {e.what: e.faults or (f"ok: {e.channel}, {_or_not(e.turned_deg)} deg",) for e in self.encoders}
+        return {name: "; ".join(texts) for name, texts in told.items()}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each cable."""
+        return framed([asdict(c) | {"faults": "; ".join(c.faults)} for c in self.cables])
+
+
+def _or_not(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
 
 
 def check(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool = True, settle_s: float = 0.3) -> Check:

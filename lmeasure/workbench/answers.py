@@ -85,3 +85,14 @@ def as_file(path: Path) -> Response:
     if kind == "application/pdf":
         headers["Content-Security-Policy"] = "default-src 'none'; object-src 'self'; frame-ancestors 'self'"
     return FileResponse(path, media_type=kind, headers=headers)
+
+
+async def form_of(request: Request) -> dict[str, list[str]]:
+    """What a form says, without files."""
+    form = await request.form(max_files=0, max_fields=1000)
+    return {key: [str(value) for value in form.getlist(key)] for key in form}
+
+
+def lost(request: Request, text: str) -> Response:
+    """Not found."""
+    return page(request, "error.html", 404, title=said(language_of(request), "Not found"), text=text)

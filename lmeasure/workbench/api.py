@@ -93,7 +93,8 @@ async def openapi(request: Request) -> Response:
 
 def described() -> dict[str, Any]:
     """See `openapi`."""
-    bodies, schemas = [], {}
+    bodies: list[dict[str, Any]] = []
+    schemas: dict[str, Any] = {}
     for name in _commands():
         schema = workflows.load(name).settings.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas |= schema.pop("$defs", {})

@@ -51,7 +51,7 @@ PAGES = {
     "robot": Page(
         "Robot and certificate",
         "Write the test, certify what was measured, verify what was certified, find out what is wrong with the robot.",
-        ("program", "simulate", "certify", "verify", "compare", "identify", "correct"),
+        ("program", "simulate", "certify", "key", "verify", "compare", "identify", "correct"),
         ("program", "certificate", "identification", "robot"),
     ),
 }
@@ -93,6 +93,7 @@ TITLES = {
     "correct": "Correct a program",
     "drum": "Drums from what was measured",
     "demo": "A simulated cell",
+    "key": "A key to sign with",
     "frames": "Base and tool",
     "structure": "Structure",
 }

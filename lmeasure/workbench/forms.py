@@ -16,7 +16,7 @@ from lmeasure.workflows.settings import said_of
 
 HIDDEN = {"scheduler"}
 """Options that would make this machine ask another one."""
-NOT_HERE = {"view", "schema", "key", "workbench"}
+NOT_HERE = {"view", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
 ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
 """What a page always asks for."""
@@ -40,7 +40,8 @@ SUGGESTED = {
     ("demo", "out"): "+cell",
     ("init", "out"): ".",
     ("init", "template"): "six-cables",
-    ("check", "write"): "",
+    ("check", "write"): "+rig-checked.toml",
+    ("key", "out"): "+lab.key",
     ("record", "out"): "+runs/run",
     ("import", "out"): "+runs/run",
     ("simulate", "out"): "+runs/simulated",

@@ -104,10 +104,14 @@ class Jobs:
         job = Job(number, words[0], words, _now(), folder)
         environment = os.environ | {"LMEASURE_EVENTS": "1", "LANGUAGE": self.language, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
         begin = words.index("--") if "--" in words else len(words)
-        pipe = asyncio.subprocess.PIPE
         job.process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "lmeasure", *words[:begin], "--json", *words[begin:]),
-            **{"cwd": self.folder, "env": environment, "stdin": pipe, "stdout": pipe, "stderr": pipe, "limit": 2**24},
+            cwd=self.folder,
+            env=environment,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            limit=2**24,
         )
         asked = {"number": number, "command": job.command, "words": words, "begun": job.begun, "process": job.process.pid}
         _write(folder / "asked.json", asked)

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from lmeasure import files
 from lmeasure.errors import LMeasureError
 from lmeasure.rig import rig_from_dict
@@ -78,7 +80,7 @@ def parts(document: Mapping[str, Any]) -> list[tuple[str, list[Leaf]]]:
     """The values of a rig by the thing that they belong to."""
     guesses = set(document.get("assumed", ()))
     out: list[tuple[str, list[Leaf]]] = []
-    general = [leaf for leaf in _leaves({k: v for k, v in document.items() if not isinstance(v, dict | list)}, "", guesses, "")]
+    general = list(_leaves({k: v for k, v in document.items() if not isinstance(v, dict | list)}, "", guesses, ""))
     if general:
         out.append((str(document.get("name", "rig")), general))
     for key, value in document.items():
@@ -183,4 +185,36 @@ def scene(path: Path) -> dict[str, Any]:
         "points": [{"name": p.name, "position_mm": list(p.position_mm)} for p in rig.observation_point],
         "tool": {name: list(at) for name, at in rig.tool.items()},
         "cables": [{"from": c.from_point, "to": c.to_point} for c in rig.cable],
+    }
+
+
+COARSE = 12
+"""Nodes along the longest side of the box of a coarse look."""
+
+
+def coarse(path: Path, points: Mapping[str, tuple[float, ...]], limit_deg: float = 60.0) -> dict[str, float]:
+    """How good the rig would be with points at other places [mm, base frame]: the volume within the limit [mm^3] in a coarse box around it,
+    its least worst pressure angle [deg], and the median of its 95 % radius [mm]. One orientation, the nominal rig's own uncertainty."""
+    from lmeasure.accuracy.limits import Limits
+    from lmeasure.accuracy.surroundings import box_around
+    from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
+
+    document, _ = read(path)
+    content = copy.deepcopy(dict(document))
+    content.pop("calibration", None)
+    for point in content.get("observation_point", ()):
+        if point.get("name") in points:
+            point["position_mm"] = list(points[point["name"]])
+    rig = rig_from_dict(content, path.name)
+    spans = [(low, high, max((high - low) / COARSE, 1.0)) for low, high, _step in box_around(rig)]
+    nodes = axis(*spans[0]), axis(*spans[1]), axis(*spans[2])
+    steps = (spans[0][2], spans[1][2], spans[2][2])
+    data = map_zone(rig, None, nodes, tilts(0.0, 1, None), scan=Scan(limits=Limits(limit_deg), spacing_mm=steps, workers=1))
+    kept = data["in_zone"].values.astype(bool)
+    angle = data["worst_pressure_angle_deg"].values
+    u95 = data["u95_position_mm"].values[kept]
+    return {
+        "zone_volume_mm3": float(data.attrs["zone_volume_mm3"]),
+        "least_angle_deg": float(np.nanmin(angle)) if np.isfinite(angle).any() else 90.0,
+        "median_u95_mm": float(np.median(u95)) if len(u95) else 0.0,
     }

@@ -17,8 +17,8 @@ from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
 from lmeasure.errors import LMeasureError
-from lmeasure.workbench import api, pages
-from lmeasure.workbench.answers import HERE, TEMPLATES, Bench
+from lmeasure.workbench import api, pages, things
+from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, page
 from lmeasure.workbench.guard import Guard, new_token
 from lmeasure.workbench.project import OWN
 
@@ -36,7 +36,7 @@ def application(folder: Path, token: str, port: int, language: str = "en") -> St
 
     static = Mount("/static", StaticFiles(directory=HERE / "static"))
     app = Starlette(
-        routes=[*pages.routes(), *api.routes(), static],
+        routes=[*pages.routes(), *things.routes(), *api.routes(), static],
         middleware=[Middleware(Guard, token=token, port=port)],
         exception_handlers={HTTPException: _refused, Exception: _failed},
         lifespan=lifespan,
@@ -48,17 +48,17 @@ def application(folder: Path, token: str, port: int, language: str = "en") -> St
 
 async def _refused(request: Request, error: Exception) -> Response:
     code = error.status_code if isinstance(error, HTTPException) else 500
-    return pages.page(request, "error.html", code, title=str(code), text=str(getattr(error, "detail", error)))
+    return page(request, "error.html", code, title=str(code), text=str(getattr(error, "detail", error)))
 
 
 async def _failed(request: Request, error: Exception) -> Response:
     text = f"A fault of this program: {type(error).__name__}. Nothing was left half-written."
-    return pages.page(request, "error.html", 500, title="500", text=text)
+    return page(request, "error.html", 500, title="500", text=text)
 
 
 def serve(folder: Path, port: int, language: str, say: Callable[[str], None]) -> None:
-    """Serve the project until Ctrl-C; say is told the address with its token, which also stands in PROJECT/.workbench/address, for this user
-    alone.
+    """Serve the project until Ctrl-C; say is told the address with its token, which also stands in PROJECT/.workbench/address, for this
+    user alone.
 
     LMeasureError where the port is taken or the folder cannot be written.
     """

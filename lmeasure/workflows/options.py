@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Written(NamedTuple):
-    """How an option is written: its kind in that form, where a tuple is one text and a choice is a word; whether it may be left out; whether
+    """How an option is written: its kind in that form, where a tuple is one text and a choice a word; whether it may be left out; whether
     it may be repeated; its default in the same form; the words that it may be."""
 
     kind: Any
@@ -110,7 +110,7 @@ def _option(name: str, field: "FieldInfo") -> Option:
 
 
 def command_line(command: str, settings: "type[Asked]", given: Mapping[str, Any]) -> list[str]:
-    """The words after `lmeasure` that ask the same: given are values by name, texts as they are typed, or True and False, or several texts."""
+    """The words after `lmeasure` that ask the same; given are values by name: texts as they are typed, True and False, several texts."""
     arguments, words = [], []
     for option in options_of(settings):
         value = given.get(option.name)

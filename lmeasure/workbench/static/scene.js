@@ -45,6 +45,19 @@ export async function draw(place, form) {
       if (input) input.value = String(+(document.getElementById('inches').checked ? v / 25.4 : v).toFixed(6));
     });
   };
+  let asking = false, again = false;
+  const judge = async () => {
+    if (asking) { again = true; return; }
+    asking = true;
+    const points = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
+    const answer = await fetch('/coarse', {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
+    const found = await answer.json();
+    const where = document.getElementById('scene-zone');
+    where.textContent = found.error ?? `${(found.zone_volume_mm3 / 1e9).toFixed(2)} m³ ≤ 60°, ${found.least_angle_deg.toFixed(1)}°, U95 ${found.median_u95_mm.toFixed(3)} mm`;
+    asking = false;
+    if (again) { again = false; judge(); }
+  };
+  judge();
   canvas.addEventListener('pointerdown', (event) => {
     const near = rig.points.map((p, i) => [Math.hypot(screen(p.position_mm)[0] - event.offsetX, screen(p.position_mm)[1] - event.offsetY), i]).sort((a, b) => a[0] - b[0])[0];
     held = near && near[0] < HIT ? near[1] : null; last = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); paint();
@@ -56,7 +69,7 @@ export async function draw(place, form) {
     else {
       const {right, up} = axes(), k = scale();
       rig.points[held].position_mm = rig.points[held].position_mm.map((v, i) => Math.round(10 * (v + (right[i] * dx - up[i] * dy) / k)) / 10);
-      moved(held);
+      moved(held); judge();
     }
     paint();
   });
@@ -70,7 +83,7 @@ export async function draw(place, form) {
       const input = form.elements[`observation_point.${i}.position_mm.${axis}`];
       const value = Number(input?.value) * (document.getElementById('inches').checked ? 25.4 : 1); if (Number.isFinite(value)) p.position_mm[axis] = value;
     }));
-    paint();
+    paint(); judge();
   });
   new ResizeObserver(paint).observe(canvas); paint();
 }

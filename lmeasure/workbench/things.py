@@ -1,0 +1,275 @@
+"""Pages of the things of a project: its files, a rig, a run's start, a certificate that is brought in."""
+
+import re
+import shutil
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from lmeasure.errors import LMeasureError
+from lmeasure.files import read_toml, rewrite_toml, whole
+from lmeasure.run import read_run_head
+from lmeasure.start import start_from_text
+from lmeasure.workbench import rig_form
+from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, language_of, lost, page
+from lmeasure.workbench.cards import card
+from lmeasure.workbench.project import OutsideError, inside
+from lmeasure.workbench.words import said
+
+LARGEST_UPLOAD, LARGEST_TEXT = 2**31, 200_000
+MOST_UNPACKED = 2**31
+_NAME = re.compile(r"[^\W.][\w .+()\-]{0,120}", re.UNICODE)
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+
+
+async def raw(request: Request) -> Response:
+    """A file of the project as it is."""
+    path = file_of(request)
+    return lost(request, "There is no such file in the project.") if path is None else as_file(path)
+
+
+async def look(request: Request) -> Response:
+    """A file, or folder, of the project in a page."""
+    bench = bench_of(request)
+    try:
+        path = inside(bench.folder, request.path_params["path"])
+    except OutsideError as error:
+        return lost(request, str(error))
+    here = path.relative_to(bench.folder.resolve()).as_posix()
+    if any(part.startswith(".") for part in Path(here).parts) or not path.exists():
+        return lost(request, "There is no such file in the project.")
+    values: dict[str, Any] = {
+        "path": here,
+        "raw": path.is_file(),
+        "frame": "",
+        "text": "",
+        "rows": [],
+        "inside": [],
+        "uses": _uses(here, path),
+    }
+    if path.is_dir():
+        found = sorted(p for p in path.iterdir() if not p.name.startswith(".") and not p.is_symlink())
+        values["inside"] = [p.relative_to(bench.folder.resolve()).as_posix() for p in found]
+        pages = [p for p in found if p.suffix == ".html"]
+        values["frame"] = pages[0].relative_to(bench.folder.resolve()).as_posix() if pages else ""
+    elif path.suffix == ".html":
+        values["frame"] = here
+    elif path.suffix in (".toml", ".csv", ".json", ".log", ".txt", ".asc", ".trc", ".urdf", ".tum", ".md", ".pub", ".sha256"):
+        with path.open("rb") as file:
+            values["text"] = file.read(LARGEST_TEXT).decode("utf-8", "replace")
+    return page(request, "look.html", **values)
+
+
+def _uses(here: str, path: Path) -> list[tuple[str, str]]:
+    """What may be done with a file."""
+    if (path / "run.toml").is_file():
+        return [(f"/run/reconstruct?{urlencode({'run': here})}", "Reconstruct the trajectory"), (f"/start/{here}", "Start pose")]
+    if (path / "certificate.json").is_file():
+        return [(f"/run/verify?{urlencode({'folder': here})}", "Verify a certificate")]
+    if path.name == "rig.toml" or path.suffix == ".toml":
+        return [(f"/rig?{urlencode({'file': here})}", "Rig")] if rig_form.is_rig(path) else []
+    if path.suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
+        return [(f"/run/import?{urlencode({'logs': here})}", "Import logs")]
+    return []
+
+
+async def everything(request: Request) -> Response:
+    """All files of the project; posted, files come in."""
+    bench, error, into = bench_of(request), "", "imported"
+    if request.method == "POST":
+        form = await request.form(max_files=200, max_fields=20)
+        into = str(form.get("folder", "")) or "."
+        try:
+            target = inside(bench.folder, into)
+            target.mkdir(parents=True, exist_ok=True)
+            for upload in form.getlist("files"):
+                if not isinstance(upload, str):
+                    _take_in(target, upload.filename or "", upload.file)
+            return RedirectResponse("/files", 303)
+        except (LMeasureError, OSError, zipfile.BadZipFile) as failed:
+            error = str(failed)
+    return page(request, "files.html", 422 if error else 200, project=bench.project, error=error, into=into)
+
+
+def _take_in(folder: Path, name: str, file: Any) -> None:
+    """Copy an uploaded file into the folder under its own name, and unpack a zip into a folder of its name. What is there stays."""
+    plain = Path(name.replace("\\", "/")).name
+    if not _NAME.fullmatch(plain) or _DEVICES.fullmatch(plain):
+        raise OutsideError(f"{plain!r}: a file of that name is not taken in")
+    target = folder / plain
+    if target.exists() or target.is_symlink():
+        raise OutsideError(f"{plain}: is there already, and stays")
+    with whole(target) as part, part.open("wb") as sink:
+        taken = 0
+        while block := file.read(2**20):
+            taken += len(block)
+            if taken > LARGEST_UPLOAD:
+                raise OutsideError(f"{plain}: is larger than {LARGEST_UPLOAD / 2**30:g} GiB")
+            sink.write(block)
+    if plain.lower().endswith(".zip"):
+        try:
+            _unpack(target, folder / Path(plain).stem)
+        except (OutsideError, zipfile.BadZipFile):
+            target.unlink()
+            raise
+
+
+def _unpack(packed: Path, folder: Path) -> None:
+    if folder.exists():
+        raise OutsideError(f"{folder.name}: is there already, and stays")
+    with zipfile.ZipFile(packed) as held:
+        entries = [entry for entry in held.infolist() if not entry.is_dir()]
+        if sum(entry.file_size for entry in entries) > MOST_UNPACKED or len(entries) > 5000:
+            raise OutsideError(f"{packed.name}: holds too much")
+        names = [entry.filename for entry in entries]
+        # a zip of a folder holds that folder
+        top = names[0].split("/")[0] + "/" if names and all("/" in n and n.split("/")[0] == names[0].split("/")[0] for n in names) else ""
+        for name in names:
+            parts = name.split("/")
+            if "\\" in name or name.startswith("/") or any(not _inner(part) for part in parts):
+                raise OutsideError(f"{packed.name}: {name!r}: a file of that name is not unpacked")
+        for entry in entries:
+            target = folder / entry.filename.removeprefix(top)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with held.open(entry) as source, target.open("xb") as sink:
+                while block := source.read(2**20):
+                    sink.write(block)
+
+
+def _inner(part: str) -> bool:
+    # certificates keep which command wrote what in a file with a dot before its name
+    return bool(_NAME.fullmatch(part.lstrip(".") or "?")) and part not in (".", "..") and not _DEVICES.fullmatch(part)
+
+
+async def rig(request: Request) -> Response:
+    """The rig as a form; posted, it is saved, or all complaints are shown with what was typed."""
+    bench = bench_of(request)
+    project = bench.project
+    complaints: list[str] = []
+    typed: dict[str, str] = {}
+    rigs = project.of("rig")
+    file = request.query_params.get("file", rigs[0] if rigs else "")
+    if request.method == "POST":
+        typed = {key: values[-1] for key, values in (await form_of(request)).items()}
+        file = typed.get("_file", "")
+    begin = card("init", project, page="rig")
+    values: dict[str, Any] = {"title": "Rig", "lead": "Every dimension of the instrument, in plain files.", "rigs": rigs, "file": ""}
+    values |= {"cards": [begin], "made": [], "saved": request.query_params.get("saved") == "1", "complaints": complaints}
+    if file:
+        try:
+            path = inside(bench.folder, file)
+            if not path.is_file() or path.suffix != ".toml":
+                raise OutsideError(f"{file}: is no rig of the project")
+            if request.method == "POST":
+                complaints += rig_form.save(path, typed)
+                if not complaints:
+                    return RedirectResponse(f"/rig?{urlencode({'file': file, 'saved': 1})}", 303)
+            document, digest = rig_form.read(path)
+        except (LMeasureError, OSError) as error:
+            return lost(request, str(error))
+        shown = [
+            (name, [leaf._replace(value=typed.get(leaf.key, leaf.value)) for leaf in leaves]) for name, leaves in rig_form.parts(document)
+        ]
+        values |= {"file": file, "parts": shown, "digest": digest, "links": "calibration" in document}
+        values |= {"drawing": _drawing(), "cards": []}
+    return page(request, "rig.html", 422 if complaints else 200, **values)
+
+
+def _drawing() -> str:
+    """The picture of one cable; its style is in the page's own, which alone may set one."""
+    return re.sub(r"<style>.*?</style>", "", (HERE / "static" / "cable.svg").read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+async def rig_scene(request: Request) -> Response:
+    """Points and cables of a rig, for the picture in space."""
+    try:
+        path = inside(bench_of(request).folder, request.query_params.get("file", ""))
+        return JSONResponse(rig_form.scene(path))
+    except (LMeasureError, OSError) as error:
+        return JSONResponse({"error": str(error)}, 422)
+
+
+async def coarse(request: Request) -> Response:
+    """How good the rig would be with its points where they are dragged to: posted {file, points: {name: [x, y, z]}, limit_deg}."""
+    bench = bench_of(request)
+    try:
+        content = await request.json()
+        path = inside(bench.folder, str(content["file"]))
+        points = {str(name): tuple(float(v) for v in at) for name, at in content["points"].items()}
+        limit = float(content.get("limit_deg", 60.0))
+        told = await run_in_threadpool(rig_form.coarse, path, points, limit)
+    except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        return JSONResponse({"error": str(error) if isinstance(error, LMeasureError) else "wanted: {file, points, limit_deg}"}, 422)
+    return JSONResponse(told)
+
+
+async def start(request: Request) -> Response:
+    """Where the counters of a run were zeroed: shown, and stated."""
+    bench, error = bench_of(request), ""
+    try:
+        folder = inside(bench.folder, request.path_params["path"])
+        table = folder / "run.toml"
+        if not table.is_file():
+            raise OutsideError(f"{request.path_params['path']}: is no run folder of the project")
+        head = read_run_head(folder)
+    except (LMeasureError, OSError) as failed:
+        return lost(request, str(failed))
+    here = folder.relative_to(bench.folder.resolve()).as_posix()
+    if request.method == "POST":
+        text = (await form_of(request)).get("start", [""])[-1]
+        try:
+            if not re.fullmatch(r"[\s\d.,;eE+\-]+", text):
+                raise OutsideError("wanted: six or seven numbers with commas between them")
+            stated = start_from_text(text.replace(";", ","), head.rig)
+            document = read_toml(table)
+            pose = {"position_mm": stated[:3].tolist(), "quaternion_xyzw": stated[3:].tolist()}
+            rewrite_toml(table, document.holding({**document, "start": {**document.get("start", {}), **pose}}))
+            return RedirectResponse(f"/look/{here}", 303)
+        except (LMeasureError, OSError) as failed:
+            error = str(failed)
+    return page(request, "start.html", 422 if error else 200, run=here, head=head, error=error)
+
+
+async def verify_dropped(request: Request) -> Response:
+    """A certificate's zip that is dropped: unpacked beside, and verified."""
+    bench, form = bench_of(request), await request.form(max_files=1, max_fields=5)
+    upload = form.get("files")
+    if upload is None or isinstance(upload, str) or not (upload.filename or "").lower().endswith(".zip"):
+        return RedirectResponse("/robot", 303)
+    number = 1
+    while (bench.folder / "verified" / str(number)).exists():
+        number += 1
+    target = bench.folder / "verified" / str(number)
+    try:
+        target.mkdir(parents=True)
+        _take_in(target, upload.filename or "", upload.file)
+        held = sorted(target.rglob("certificate.json"))
+        if not held:
+            raise OutsideError(f"{upload.filename}: holds no certificate.json")
+    except (LMeasureError, OSError, zipfile.BadZipFile) as error:
+        shutil.rmtree(target, ignore_errors=True)
+        return page(request, "error.html", 422, title=said(language_of(request), "Not verified"), text=str(error))
+    job = await bench.jobs.begin(["verify", held[0].parent.relative_to(bench.folder).as_posix()])
+    return RedirectResponse(f"/jobs/{job.number}", 303)
+
+
+def routes() -> Sequence[Route]:
+    """Of these pages."""
+    return [
+        Route("/rig", rig, methods=["GET", "POST"]),
+        Route("/scene", rig_scene),
+        Route("/coarse", coarse, methods=["POST"]),
+        Route("/start/{path:path}", start, methods=["GET", "POST"]),
+        Route("/verify", verify_dropped, methods=["POST"]),
+        Route("/files", everything),
+        Route("/upload", everything, methods=["POST"]),
+        Route("/raw/{path:path}", raw),
+        Route("/look/{path:path}", look),
+    ]
