@@ -89,8 +89,8 @@ def as_file(path: Path) -> Response:
 
 async def form_of(request: Request) -> dict[str, list[str]]:
     """What a form says, without files."""
-    form = await request.form(max_files=0, max_fields=1000)
-    return {key: [str(value) for value in form.getlist(key)] for key in form}
+    async with request.form(max_files=0, max_fields=1000) as form:
+        return {key: [str(value) for value in form.getlist(key)] for key in form}
 
 
 def lost(request: Request, text: str) -> Response:

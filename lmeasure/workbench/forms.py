@@ -32,14 +32,27 @@ KINDS = {
     "measurements": ("measurements", "poses"),
     "file": ("structure", "rig"),
     "robot": ("robot",),
-    "details": (),
+    "details": ("details",),
+    "task": ("placement",),
+    "zone": ("zone",),
+    "identified": ("identification",),
+    "measured": ("run", "trajectory"),
+    "key": ("key",),
+    "public_key": ("public key",),
 }
 """Which files of the project a field offers, by its name."""
-BY_COMMAND = {("verify", "folder"): ("certificate",), ("compare", "folders"): ("certificate",), ("import", "logs"): ("log",)}
+BY_COMMAND = {
+    ("verify", "bundle"): ("certificate",),
+    ("compare", "certificates"): ("certificate",),
+    ("import", "logs"): ("log",),
+    ("frames", "measured"): ("measurements",),
+    ("drum", "measurements"): ("drums",),
+}
 SUGGESTED = {
     ("demo", "out"): "+cell",
     ("init", "out"): ".",
     ("init", "template"): "six-cables",
+    ("drum", "out"): "+measured.toml",
     ("check", "write"): "+rig-checked.toml",
     ("key", "out"): "+lab.key",
     ("record", "out"): "+runs/run",
@@ -63,7 +76,7 @@ SUGGESTED = {
     ("structure", "out"): "+structure.json",
 }
 """What a page fills in; after + a name that must be free."""
-_SPLIT = re.compile(r"[,;=\s]|(?<!^[A-Za-z]):(?![\\/])")
+_SPLIT = re.compile(r"[,;=:\s]")
 
 
 @dataclass(frozen=True)

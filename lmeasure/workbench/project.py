@@ -12,7 +12,7 @@ from lmeasure.errors import LMeasureError
 
 OWN = ".workbench"
 DEEP, MANY = 5, 5000
-_BY_SCHEMA = {"rig": "rig", "run": "run", "program": "program", "robot": "robot", "structure": "structure", "scenario": "scenario"}
+_BY_SCHEMA = {kind: kind for kind in ("rig", "program", "robot", "structure", "scenario", "placement", "details")} | {"drum": "drums"}
 _HEAD = 65536
 
 
@@ -102,6 +102,8 @@ def _kinds(folder: Path, path: Path) -> Iterator[Found]:
         yield Found("zone", here)
     elif suffix == ".rrd":
         yield Found("recording", here)
+    elif suffix in (".key", ".pub"):
+        yield Found("key" if suffix == ".key" else "public key", here)
     elif suffix in (".html", ".pdf"):
         yield Found("page", here)
     elif suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):

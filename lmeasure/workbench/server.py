@@ -66,6 +66,7 @@ def serve(folder: Path, port: int, language: str, say: Callable[[str], None]) ->
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((LOOPBACK, port))
+        listener.listen(128)  # who comes before the server is up waits
     except OSError as error:
         listener.close()
         raise LMeasureError(f"port {port} of {LOOPBACK} cannot be had: {error.strerror or error}; --port 0 takes a free one") from error

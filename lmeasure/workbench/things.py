@@ -72,7 +72,7 @@ def _uses(here: str, path: Path) -> list[tuple[str, str]]:
     if (path / "run.toml").is_file():
         return [(f"/run/reconstruct?{urlencode({'run': here})}", "Reconstruct the trajectory"), (f"/start/{here}", "Start pose")]
     if (path / "certificate.json").is_file():
-        return [(f"/run/verify?{urlencode({'folder': here})}", "Verify a certificate")]
+        return [(f"/run/verify?{urlencode({'bundle': here})}", "Verify a certificate")]
     if path.name == "rig.toml" or path.suffix == ".toml":
         return [(f"/rig?{urlencode({'file': here})}", "Rig")] if rig_form.is_rig(path) else []
     if path.suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
@@ -84,17 +84,17 @@ async def everything(request: Request) -> Response:
     """All files of the project; posted, files come in."""
     bench, error, into = bench_of(request), "", "imported"
     if request.method == "POST":
-        form = await request.form(max_files=200, max_fields=20)
-        into = str(form.get("folder", "")) or "."
-        try:
-            target = inside(bench.folder, into)
-            target.mkdir(parents=True, exist_ok=True)
-            for upload in form.getlist("files"):
-                if not isinstance(upload, str):
-                    _take_in(target, upload.filename or "", upload.file)
-            return RedirectResponse("/files", 303)
-        except (LMeasureError, OSError, zipfile.BadZipFile) as failed:
-            error = str(failed)
+        async with request.form(max_files=200, max_fields=20) as form:
+            into = str(form.get("folder", "")) or "."
+            try:
+                target = inside(bench.folder, into)
+                target.mkdir(parents=True, exist_ok=True)
+                for upload in form.getlist("files"):
+                    if not isinstance(upload, str):
+                        _take_in(target, upload.filename or "", upload.file)
+                return RedirectResponse("/files", 303)
+            except (LMeasureError, OSError, zipfile.BadZipFile) as failed:
+                error = str(failed)
     return page(request, "files.html", 422 if error else 200, project=bench.project, error=error, into=into)
 
 
@@ -239,23 +239,25 @@ async def start(request: Request) -> Response:
 
 async def verify_dropped(request: Request) -> Response:
     """A certificate's zip that is dropped: unpacked beside, and verified."""
-    bench, form = bench_of(request), await request.form(max_files=1, max_fields=5)
-    upload = form.get("files")
-    if upload is None or isinstance(upload, str) or not (upload.filename or "").lower().endswith(".zip"):
-        return RedirectResponse("/robot", 303)
-    number = 1
-    while (bench.folder / "verified" / str(number)).exists():
-        number += 1
-    target = bench.folder / "verified" / str(number)
-    try:
-        target.mkdir(parents=True)
-        _take_in(target, upload.filename or "", upload.file)
-        held = sorted(target.rglob("certificate.json"))
-        if not held:
-            raise OutsideError(f"{upload.filename}: holds no certificate.json")
-    except (LMeasureError, OSError, zipfile.BadZipFile) as error:
-        shutil.rmtree(target, ignore_errors=True)
-        return page(request, "error.html", 422, title=said(language_of(request), "Not verified"), text=str(error))
+    bench = bench_of(request)
+    async with request.form(max_files=1, max_fields=5) as form:
+        upload = form.get("files")
+        name = "" if upload is None or isinstance(upload, str) else upload.filename or ""
+        if not name.lower().endswith(".zip") or upload is None or isinstance(upload, str):
+            return RedirectResponse("/robot", 303)
+        number = 1
+        while (bench.folder / "verified" / str(number)).exists():
+            number += 1
+        target = bench.folder / "verified" / str(number)
+        try:
+            target.mkdir(parents=True)
+            _take_in(target, name, upload.file)
+            held = sorted(target.rglob("certificate.json"))
+            if not held:
+                raise OutsideError(f"{name}: holds no certificate.json")
+        except (LMeasureError, OSError, zipfile.BadZipFile) as error:
+            shutil.rmtree(target, ignore_errors=True)
+            return page(request, "error.html", 422, title=said(language_of(request), "Not verified"), text=str(error))
     job = await bench.jobs.begin(["verify", held[0].parent.relative_to(bench.folder).as_posix()])
     return RedirectResponse(f"/jobs/{job.number}", 303)
 

@@ -114,7 +114,7 @@ def command_line(command: str, settings: "type[Asked]", given: Mapping[str, Any]
     arguments, words = [], []
     for option in options_of(settings):
         value = given.get(option.name)
-        if value is None or value == "" or value == []:
+        if value is None or value == "" or value == [] or (option.kind != "flag" and str(value) == option.default):
             continue
         positional = "positional" in said_of(settings.model_fields[option.name])
         if option.kind == "flag":

@@ -1,0 +1,67 @@
+"""A workbench under test: its application asked as a browser with the token asks, and a real server as a process."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from starlette.testclient import TestClient
+
+from lmeasure.workbench.server import application
+
+TOKEN, PORT = "a-token-of-the-test", 8123
+HOST = f"127.0.0.1:{PORT}"
+ORIGIN = f"http://{HOST}"
+
+
+@contextmanager
+def client(folder: Path, *, token: str | None = TOKEN) -> Iterator[TestClient]:
+    """A browser that was let in; without a token, one that was not."""
+    with TestClient(application(folder, TOKEN, PORT), base_url=ORIGIN, follow_redirects=False, raise_server_exceptions=False) as asked:
+        if token is not None:
+            asked.cookies.set(f"lmeasure-{PORT}", token)
+        asked.headers["Origin"] = ORIGIN
+        yield asked
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """The address, with its token, of a server of its own process, which is killed at the end if it has not ended."""
+    words = [sys.executable, "-m", "lmeasure", "workbench", str(folder), "--no-browser"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert "http://127.0.0.1:" in line, line + process.stdout.read()
+        yield next(word for word in line.split() if word.startswith("http://"))
+    finally:
+        process.kill()
+        process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def kill_server(address_file: Path) -> None:
+    """As a power failure would, the server alone: its port tells which process it is."""
+    port = address_file.read_text().split(":")[2].split("/")[0]
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = entry.read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"workbench" in words and str(address_file.parents[1]).encode() in words:
+            os.kill(int(entry.parent.name), signal.SIGKILL)
+            return
+    raise AssertionError(f"no server at {port}")
+
+
+def until(true: "object", seconds: float = 60.0) -> None:
+    """Wait for what is called to be true; AssertionError when it never is."""
+    end = time.monotonic() + seconds
+    while not true():  # type: ignore[operator]
+        assert time.monotonic() < end, "never true"
+        time.sleep(0.05)

@@ -1,0 +1,195 @@
+"""Who is not let in, on every route; what leads out of the project; what is brought in."""
+
+import io
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bench import HOST, ORIGIN, TOKEN, client
+from starlette.routing import Route, WebSocketRoute
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from lmeasure.cli import main
+from lmeasure.workbench import api, pages, things
+from lmeasure.workbench.project import OutsideError, inside
+
+EVERY = [*pages.routes(), *things.routes(), *api.routes()]
+AWAY = (
+    "../secret.txt",
+    "..%2fsecret.txt",
+    "%2e%2e/secret.txt",
+    "/etc/passwd",
+    "a/../../secret.txt",
+    "link.txt",
+    ".workbench/address",
+)
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A project with a rig, beside a file that is nobody's business, and a link to it."""
+    (tmp_path / "secret.txt").write_text("secret")
+    folder = tmp_path / "project"
+    (folder / ".workbench").mkdir(parents=True)
+    (folder / ".workbench" / "address").write_text("secret")
+    (folder / "link.txt").symlink_to(tmp_path / "secret.txt")
+    return folder
+
+
+@pytest.fixture
+def asked(project: Path) -> Iterator[TestClient]:
+    with client(project) as one:
+        yield one
+
+
+def addresses() -> list[tuple[str, str]]:
+    """Every route with every method that it has."""
+    out = []
+    for route in EVERY:
+        if isinstance(route, Route):
+            path = route.path.replace("{number:int}", "1").replace("{command}", "zone").replace("{path:path}", "rig.toml")
+            out += [(method, path) for method in sorted(route.methods or ())]
+    assert len(out) > 40
+    return out
+
+
+def test_nobody_is_let_in_without_the_token_on_any_route(project: Path) -> None:
+    with client(project, token=None) as stranger, client(project, token="another") as guesser:
+        for method, path in [*addresses(), ("GET", "/static/workbench.js"), ("GET", "/nowhere")]:
+            for one in (stranger, guesser):
+                answer = one.request(method, path)
+                assert answer.status_code == 403, (method, path)
+                assert "secret" not in answer.text
+        assert stranger.get(f"/rig?token={TOKEN}").status_code == 403  # the first page alone takes it from the address
+        assert stranger.get("/?token=wrong").status_code == 403
+
+
+def test_other_names_and_other_pages_are_refused_on_every_route(asked: TestClient) -> None:
+    for method, path in addresses():
+        assert asked.request(method, path, headers={"Host": "evil.example"}).status_code == 403, path
+        assert asked.request(method, path, headers={"Host": "127.0.0.1:1"}).status_code == 403, path
+        for origin in ("http://evil.example", "null", "http://127.0.0.1:1", f"https://{HOST}"):
+            assert asked.request(method, path, headers={"Origin": origin}).status_code == 403, (path, origin)
+        if method not in ("GET", "HEAD"):
+            del asked.headers["Origin"]
+            assert asked.request(method, path).status_code == 403, path
+            asked.headers["Origin"] = ORIGIN
+        assert asked.request(method, path, headers={"Sec-Fetch-Site": "cross-site"}).status_code == 403 or path == "/"
+
+
+def test_the_live_stream_is_guarded_as_the_pages_are(project: Path) -> None:
+    path = next(r.path for r in EVERY if isinstance(r, WebSocketRoute)).replace("{number:int}", "1")
+    with client(project, token=None) as stranger, pytest.raises(WebSocketDisconnect), stranger.websocket_connect(path):
+        pass
+    with (
+        client(project) as one,
+        pytest.raises(WebSocketDisconnect),
+        one.websocket_connect(path, headers={"Origin": "http://evil.example", "Host": HOST}),
+    ):
+        pass
+
+
+def test_the_address_with_the_token_lets_in_once_and_for_all(project: Path) -> None:
+    with client(project, token=None) as person:
+        answer = person.get(f"/?token={TOKEN}")
+        assert answer.status_code == 303
+        assert answer.headers["location"] == "/"
+        cookie = answer.headers["set-cookie"].lower()
+        assert "httponly" in cookie
+        assert "samesite=strict" in cookie
+        assert person.get("/").status_code == 200
+        person.cookies.clear()
+        assert person.get("/api/project").status_code == 403
+        assert person.get("/api/project", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+
+
+def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, project: Path) -> None:
+    (project / "report.html").write_text("<script>fetch('/')</script>")
+    for path in ("/", "/rig", "/commands", "/api", "/static/workbench.css", "/nowhere"):
+        policy = asked.get(path).headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+    own = asked.get("/raw/report.html").headers["content-security-policy"]
+    assert own.startswith("sandbox allow-scripts")
+    assert "allow-same-origin" not in own
+    assert "connect-src" not in own  # so that default-src holds: nothing can be asked
+
+
+@pytest.mark.parametrize("path", AWAY)
+def test_no_path_leads_out_of_the_project(asked: TestClient, project: Path, path: str) -> None:
+    for page in ("/raw/", "/look/", "/start/", "/rig?file=", "/scene?file="):
+        answer = asked.get(page + path)
+        assert answer.status_code in (404, 422), (page, answer.status_code)
+        assert "secret" not in answer.text.replace("secret.txt", "")
+    with pytest.raises(OutsideError):
+        inside(project, path.replace("%2f", "/").replace("%2e", "."))
+
+
+@pytest.mark.parametrize("command", ["zone", "calibrate", "certify", "import", "identify", "record", "verify"])
+def test_no_file_of_a_form_lies_outside(asked: TestClient, project: Path, command: str) -> None:
+    from lmeasure import workflows
+    from lmeasure.workflows.options import options_of
+
+    for option in options_of(workflows.load(command).settings):
+        if option.kind != "path":
+            continue
+        for away in ("../secret.txt", "/etc/passwd", "link.txt", ".workbench/address"):
+            told = asked.post(f"/line/{command}", data={option.name: away, "_form": "1"}).json()
+            assert told["option"] == option.name, (option.name, away, told)
+            assert asked.post("/api/jobs", json={"command": command, "settings": {option.name: away}}).status_code == 422
+    assert not list((project / ".workbench").glob("jobs/*"))
+
+
+@pytest.mark.parametrize("bus", ["replay:../secret.txt", "replay:/etc/passwd", "replay:link.txt"])
+def test_a_bus_reads_no_file_outside(asked: TestClient, bus: str) -> None:
+    told = asked.post("/line/record", data={"rig": "rig.toml", "out": "run", "bus": bus}).json()
+    assert told["option"] == "bus", told
+
+
+def test_what_is_brought_in_stays_in_its_folder_and_writes_over_nothing(asked: TestClient, project: Path) -> None:
+    def bring(name: str, content: bytes = b"x", folder: str = "in") -> int:
+        return asked.post("/upload", data={"folder": folder}, files={"files": (name, content)}).status_code
+
+    assert bring("drive.log") == 303
+    assert (project / "in" / "drive.log").read_bytes() == b"x"
+    assert bring("drive.log", b"other") == 422
+    assert (project / "in" / "drive.log").read_bytes() == b"x"
+    for name in (".hidden", "con.txt", "a\nb"):
+        assert bring(name) == 422, name
+    bring("../../plain.txt")
+    assert [p.parent.name for p in project.parent.rglob("plain.txt")] == ["in"]
+    assert bring("a.log", folder="../elsewhere") == 422
+    assert bring("a.log", folder=".workbench") == 422
+    for entry in ("../evil.txt", "/evil.txt", "a/../../evil.txt", "a\\..\\evil.txt"):
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as held:
+            held.writestr(entry, "x")
+        assert bring("bad.zip", packed.getvalue()) == 422, entry
+        assert asked.post("/verify", files={"files": ("bad.zip", packed.getvalue())}).status_code == 422
+    assert bring("no.zip", b"not a zip") == 422
+    assert not list(project.parent.rglob("evil*"))
+    assert not (project / "in" / "bad.zip").exists()
+
+
+def test_only_the_loopback_interface_listens(project: Path) -> None:
+    from bench import served
+
+    with served(project) as address:
+        port = int(address.split(":")[2].split("/")[0])
+        listening = [line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"]
+        own = [one.split(":")[0] for one in listening if int(one.split(":")[1], 16) == port]
+        assert own == ["0100007F"]
+        noted = project / ".workbench" / "address"
+        assert noted.read_text().strip() == address
+        assert noted.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("sys.argv", ["lmeasure", "workbench", str(tmp_path / "file"), "--no-browser"])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    assert "is a file, no folder" in capsys.readouterr().err
