@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from lmeasure.errors import SettingsError
@@ -164,7 +165,7 @@ def card(
             panels.setdefault(one.option.panel or MORE, []).append(one)
     kind, needs = NEEDS.get(command, ("", ""))
     whole = "" if told is not None and any(f.error for f in fields) else str(error or "")
-    missing = needs if kind and not project.of(kind) else _start(command, project)
+    missing = _start(command, project) or (needs if kind and not project.of(kind) else "")
     verb = VERBS.get(command, "Run")
     return Card(command, page, TITLES.get(command, command), COMMANDS[command], verb, first, list(panels.items()), missing, whole)
 
@@ -174,9 +175,15 @@ def _start(command: str, project: Project) -> str:
     runs = project.of("run")
     if command not in ("reconstruct", "certify") or not runs:
         return ""
-    texts = [(project.folder / run / "run.toml").read_text(encoding="utf-8", errors="replace") for run in runs]
-    rigs = [project.folder / run / "rig.toml" for run in runs]
-    absolute = any("[[swivel]]" in rig.read_text(encoding="utf-8", errors="replace") for rig in rigs if rig.is_file())
-    if absolute or any("[start]" in text for text in texts) or (command == "certify" and project.of("trajectory")):
+    own = [project.folder / run for run in runs]
+    absolute = any("[[swivel]]" in _text(folder / "rig.toml") for folder in own)
+    if absolute or any("[start]" in _text(folder / "run.toml") for folder in own) or (command == "certify" and project.of("trajectory")):
         return ""
     return "No run has its start pose: state it on the run's page, no step can do without it."
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""

@@ -209,13 +209,15 @@ def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
     off = {option.flag.partition("/")[2]: option for option in options if "/" in option.flag}
     places = [o for o in options if "positional" in said_of(load(command).settings.model_fields[o.name])]
     out: dict[str, Any] = {option.name: "on" for option in options if option.kind == "flag" and option.default == "on"}
-    rest = list(words[1:])
+    rest, plain = list(words[1:]), False
     while rest:
         word = rest.pop(0)
         name, mark, value = word.partition("=")
-        if word == "--":
-            continue
-        if word in off:
+        if word == "--" and not plain:
+            plain = True
+        elif plain:
+            _place(out, places, word)
+        elif word in off:
             out.pop(off[word].name, None)
         elif word.startswith("--") and name in flags:
             option = flags[name]
@@ -224,13 +226,17 @@ def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
                 out.setdefault(option.name, []).append(text)
             else:
                 out[option.name] = text
-        elif places:
-            option = places[0] if places[0].kind == "list" else places.pop(0)
-            if option.kind == "list":
-                out.setdefault(option.name, []).append(word)
-            else:
-                out[option.name] = word
+        else:
+            _place(out, places, word)
     return out
+
+
+def _place(out: dict[str, Any], places: list[Option], word: str) -> None:
+    """An argument to the next place that is free."""
+    if places and places[0].kind == "list":
+        out.setdefault(places[0].name, []).append(word)
+    elif places:
+        out[places.pop(0).name] = word
 
 
 def as_event(event: Mapping[str, Any]) -> str:

@@ -1,0 +1,124 @@
+"""Forms say what command lines say: the way from one to the other and back, for every command."""
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lmeasure import workflows
+from lmeasure.cli.commands import command
+from lmeasure.errors import LMeasureError, SettingsError
+from lmeasure.workbench import forms
+from lmeasure.workbench.cards import PAGES, card
+from lmeasure.workbench.project import Found, Project, look_at
+from lmeasure.workflows.options import Option, command_line, limits_of, options_of
+
+RUN = [name for name in workflows.COMMANDS if name not in forms.NOT_HERE]
+WORDS = st.text("abcxyz-_.0123456789", min_size=1, max_size=12)
+
+
+def values_of(option: Option) -> st.SearchStrategy[Any]:
+    """What may stand in a field."""
+    if option.kind == "flag":
+        return st.sampled_from(["on", "off"])
+    if option.kind == "choice":
+        return st.sampled_from(option.choices)
+    if option.kind == "list":
+        return st.lists(WORDS, min_size=1, max_size=3)
+    low = -99.0 if option.minimum is None else option.minimum
+    if option.kind == "whole":
+        return st.integers(int(low), int(low) + 1000).map(str)
+    if option.kind == "number":
+        return st.floats(low, low + 1000, allow_nan=False).map(repr)
+    return WORDS
+
+
+def parsed(name: str, words: list[str]) -> dict[str, Any]:
+    """What the command line makes of words."""
+    made = command(name)
+    context = made.make_context("lmeasure", list(words), resilient_parsing=True)
+    return {key: value for key, value in context.params.items() if value not in (None, [], ())}
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_a_form_and_its_command_line_say_the_same(name: str) -> None:
+    """And the command line's own parser understands the same by it."""
+    options = [o for o in options_of(workflows.load(name).settings) if o.kind != "several"]
+    model = workflows.load(name).settings
+
+    @settings(max_examples=25)
+    @given(st.data())
+    def holds(data: Any) -> None:
+        chosen = data.draw(st.lists(st.sampled_from(options), unique=True, max_size=4))
+        chosen += [o for o in options if o.required and o not in chosen]
+        asked = {o.name: data.draw(values_of(o)) for o in chosen}
+        asked = {key: value for key, value in asked.items() if value != "off"}
+        # a switch that is on by itself is on where the form has it
+        asked |= {o.name: "on" for o in options if o.kind == "flag" and o.default == "on" and o not in chosen}
+        given_values = forms.filled_in(name, {"_form": ["1"]} | {k: v if isinstance(v, list) else [v] for k, v in asked.items()})
+        words = command_line(name, model, given_values)
+        back = forms.of_words(name, words)
+        plain = {o.name: o.default for o in options}
+        for option in options:
+            before, after = asked.get(option.name, ""), back.get(option.name, "")
+            assert after == before or (after == "" and before == plain[option.name]), (option.name, words)
+        understood = parsed(name, words[1:])
+        for option in chosen:
+            if option.kind in ("whole", "number") and option.name in asked and option.name in understood:
+                assert float(understood[option.name]) == float(asked[option.name])
+            elif option.kind in ("text", "path", "choice") and option.name in understood:
+                assert str(understood[option.name]) == asked.get(option.name, understood[option.name])
+
+    holds()
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_every_command_has_a_form_whose_fields_know_unit_range_and_help(name: str) -> None:
+    shown = card(name, Project(Path(), (Found("rig", "rig.toml"), Found("run", "run"))))
+    fields = [*shown.first, *(field for _, fields in shown.more for field in fields)]
+    settings = workflows.load(name).settings
+    assert {f.option.name for f in fields} | forms.HIDDEN | set(forms.ALWAYS.get(name, {})) >= {
+        o.name for o in options_of(settings) if o.kind != "several"
+    }
+    for field in fields:
+        assert field.option.help
+        assert (field.option.minimum, field.option.maximum) == limits_of(settings.model_fields[field.option.name])
+    assert all(f.option in [g.option for g in shown.first] for f in fields if f.option.required)
+
+
+def test_what_is_wrong_stands_at_its_field(tmp_path: Path) -> None:
+    for given_values, option in (
+        ({"rig": "rig.toml"}, "out"),
+        ({"rig": "rig.toml", "out": "z.nc", "tilt_steps": "0"}, "tilt_steps"),
+        ({"rig": "rig.toml", "out": "z.nc", "x": "1:2"}, "x"),
+        ({"rig": "rig.toml", "out": "z.nc", "limit_deg": "many"}, "limit_deg"),
+        ({"rig": "rig.toml", "out": "z.nc", "scheduler": "tcp://elsewhere:1"}, "scheduler"),
+    ):
+        with pytest.raises(SettingsError) as refused:
+            forms.asked("zone", given_values, tmp_path)
+        assert refused.value.option == option
+        shown = card("zone", look_at(tmp_path), given=given_values, error=refused.value)
+        fields = [*shown.first, *(f for _, more in shown.more for f in more)]
+        assert [f.option.name for f in fields if f.error] == ([option] if option not in forms.HIDDEN else [])
+    with pytest.raises(LMeasureError, match="not run from a page"):
+        forms.asked("view", {"recording": "a.rrd"}, tmp_path)
+
+
+def test_a_line_is_what_a_person_would_type(tmp_path: Path) -> None:
+    words = forms.asked("zone", {"rig": "my rig.toml", "out": "z.nc", "x": "-1:1:1", "tilt_steps": "3", "one_assembly": True}, tmp_path)
+    assert shlex.join(["lmeasure", *words]) == "lmeasure zone 'my rig.toml' --out z.nc --x=-1:1:1 --one-assembly"
+    assert forms.asked("check", {"rig": "r.toml", "bus": "virtual:a", "turns": False}, tmp_path)[-1] == "--no-turns"
+
+
+def test_pages_have_only_commands_that_there_are() -> None:
+    for page in PAGES.values():
+        assert set(page.commands) <= set(RUN)
+
+
+def test_names_for_what_is_written_are_free(tmp_path: Path) -> None:
+    (tmp_path / "zones").mkdir()
+    (tmp_path / "zones" / "zone.nc").write_text("")
+    assert forms.suggested("zone", "out", look_at(tmp_path)) == "zones/zone-2.nc"

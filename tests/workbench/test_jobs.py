@@ -1,0 +1,100 @@
+"""Jobs are the command line: the same files; they are ended, killed and found again, and what they recorded is kept."""
+
+import json
+import random
+import sys
+from pathlib import Path
+from typing import Any
+from urllib.request import Request, urlopen
+
+import numpy as np
+import pytest
+from bench import client, kill_server, served, until
+
+from lmeasure.cli import main
+from lmeasure.counts import read_counts
+from lmeasure.rig import write_rig
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
+from capture_bench import motion, on_bus, some_poses, true_rig
+
+
+def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    by_hand, by_page = tmp_path / "hand", tmp_path / "page"
+    by_hand.mkdir()
+    by_page.mkdir()
+    monkeypatch.chdir(by_hand)
+    monkeypatch.setattr("sys.argv", ["lmeasure", "init", ".", "--template", "six-cables"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    with client(by_page) as asked:
+        answer = asked.post("/run/init", data={"_form": "1", "template": "six-cables", "out": "."})
+        assert answer.headers["location"] == "/jobs/1"
+        until(lambda: asked.get("/api/jobs/1").json()["state"] != "running")
+        job = asked.get("/api/jobs/1").json()
+        assert job["state"] == "done"
+        assert job["line"] == "lmeasure init --template six-cables"
+        page = asked.get("/jobs/1").text
+        assert "/look/rig.toml" in page
+        # once more: it never writes over a file, and says so
+        again = asked.post("/api/jobs", json={"command": "init", "settings": {"template": "six-cables"}}).json()["number"]
+        until(lambda: asked.get(f"/api/jobs/{again}").json()["state"] != "running")
+        failed = asked.get(f"/api/jobs/{again}").json()
+        assert failed["state"] == "failed"
+        assert "never writes over a file" in failed["result"]["error"]
+    files = sorted(p.relative_to(by_hand) for p in by_hand.rglob("*") if p.is_file())
+    assert len(files) > 5
+    for file in files:
+        assert (by_page / file).read_bytes() == (by_hand / file).read_bytes(), file
+    # another server finds both, as they ended
+    with client(by_page) as asked:
+        assert [job["state"] for job in asked.get("/api/jobs").json()["jobs"]] == ["failed", "done"]
+
+
+def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
+    """The server is killed in the middle: the recording ends as by Ctrl-C, whole; the next server says interrupted."""
+    rig, poses = true_rig(), some_poses(3)
+    write_rig(tmp_path / "rig.toml", rig)
+    counts = np.tile(motion(rig, poses, 0.3, speed_mm_s=800.0).recorded, (20, 1))
+    port, group = random.randrange(20000, 60000), f"239.74.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
+    bus = {"interface": "udp_multicast", "channel": group, "port": port, "hop_limit": 0}
+    settings = {"rig": "rig.toml", "bus": f"udp_multicast:{group}", "bus_option": [f"port={port}"], "out": "run"}
+    with served(tmp_path) as address:
+        base, token = address.split("/?token=")
+
+        def ask(path: str, content: Any = None) -> Any:
+            head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+            with urlopen(Request(base + path, None if content is None else json.dumps(content).encode(), head)) as answer:
+                return json.load(answer)
+
+        with on_bus(rig, counts, bus):
+            ask("/api/jobs", {"command": "record", "settings": settings})
+            until(lambda: ask("/api/jobs/1")["last"].get("live", {}).get("samples", 0) > 50)
+            state = ask("/api/jobs/1")["last"]["live"]
+            assert len(state["channels"]) == 6
+            assert state["pose"]["text"].startswith("no pose")
+            kill_server(tmp_path / ".workbench" / "address")
+            until(lambda: (tmp_path / "run" / "run.toml").is_file())
+    kept = read_counts(tmp_path / "run" / "pass1.csv")
+    assert len(kept.time_s) >= 50
+    with client(tmp_path) as asked:
+        assert asked.get("/api/jobs/1").json()["state"] == "interrupted"
+        page = asked.get("/jobs/1").text
+        assert "interrupted" in page
+        assert asked.get("/look/run").status_code == 200
+        assert "No run has its start pose" in asked.get("/robot").text
+        # stated by the page, it may be certified once there is a trajectory
+        assert asked.post("/start/run", data={"start": "1,2"}).status_code == 422
+        assert asked.post("/start/run", data={"start": "/etc/passwd"}).status_code == 422
+        assert asked.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
+        assert "No run has its start pose" not in asked.get("/robot").text
+
+
+def test_a_long_job_is_ended_by_its_button(tmp_path: Path) -> None:
+    with client(tmp_path) as asked:
+        asked.post("/api/jobs", json={"command": "demo", "settings": {"out": "cell"}})
+        until(lambda: "progress" in asked.get("/api/jobs/1").json()["last"] or asked.get("/api/jobs/1").json()["said"])
+        assert asked.delete("/api/jobs/1").status_code == 200
+        until(lambda: asked.get("/api/jobs/1").json()["state"] == "cancelled")
+        assert not list((tmp_path / "cell").rglob("*.part"))

@@ -1,0 +1,116 @@
+"""The rig as a form: what is typed is written with the file's comments, and nothing that is no rig is written."""
+
+from pathlib import Path
+
+import pytest
+from bench import client
+
+from lmeasure.rig import read_rig
+from lmeasure.simulation import cell_rig
+from lmeasure.templates import TEMPLATES, Answers, rig_of, rig_text
+from lmeasure.workbench import rig_form
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    template = TEMPLATES["six-cables"]
+    file = tmp_path / "rig.toml"
+    file.write_text(rig_text(rig_of(template, Answers()), template.text))
+    return file
+
+
+def typed(path: Path, **changed: str) -> dict[str, str]:
+    document, digest = rig_form.read(path)
+    leaves = {leaf.key: leaf.value for _, leaves in rig_form.parts(document) for leaf in leaves}
+    return leaves | {"_digest": digest} | {key.replace("__", "."): value for key, value in changed.items()}
+
+
+def test_a_form_that_was_not_touched_changes_no_byte(path: Path) -> None:
+    before = path.read_bytes()
+    assert rig_form.save(path, typed(path)) == []
+    assert path.read_bytes() == before
+
+
+def test_one_value_changes_one_line(path: Path) -> None:
+    before = path.read_text().splitlines()
+    assert rig_form.save(path, typed(path, observation_point__0__position_mm__1="-1642.2")) == []
+    after = path.read_text().splitlines()
+    assert len([1 for a, b in zip(before, after, strict=True) if a != b]) == 1
+    assert read_rig(path).observation_point[0].position_mm[1] == -1642.2
+
+
+def test_every_value_of_the_file_has_a_field_and_every_field_its_value(path: Path) -> None:
+    document, _ = rig_form.read(path)
+    leaves = {leaf.key: leaf for _, leaves in rig_form.parts(document) for leaf in leaves}
+    assert len([key for key in leaves if "position_mm" in key]) == 18
+    assert {leaf.unit for key, leaf in leaves.items() if key.endswith("_deg")} == {"deg"}
+    assert leaves["observation_point.2.pulley_radius_mm"].assumed
+    assert not leaves["observation_point.2.position_mm.0"].assumed
+    # each by itself, changed and read again
+    for key, leaf in leaves.items():
+        if leaf.kind == "number":
+            content, wrong = rig_form.filled(document, {key: "7"})
+            assert wrong == []
+            here = content
+            for step in key.split("."):
+                here = here[int(step)] if isinstance(here, list) else here[step]
+            assert here == 7
+
+
+def test_all_complaints_come_at_once_and_nothing_is_written(path: Path) -> None:
+    before = path.read_bytes()
+    wrong = {"observation_point__0__pulley_radius_mm": "-3", "observation_point__1__drum__count_sign": "5", "cable__3__from": "B9"}
+    complaints = rig_form.save(path, typed(path, **wrong))
+    assert len(complaints) >= 3
+    assert any("pulley_radius_mm" in c for c in complaints)
+    assert any("B9" in c for c in complaints)
+    assert rig_form.save(path, typed(path, observation_point__0__position_mm__0="far")) == [
+        "observation_point.0.position_mm.0: 'far' is not a number"
+    ]
+    assert path.read_bytes() == before
+
+
+def test_a_file_that_somebody_changed_meanwhile_is_not_written_over(path: Path) -> None:
+    form = typed(path, observation_point__0__position_mm__0="1.0")
+    path.write_text(path.read_text() + "\n# by hand\n")
+    assert "changed meanwhile" in rig_form.save(path, form)[0]
+    assert "# by hand" in path.read_text()
+
+
+def test_the_page_saves_and_shows_again_what_was_typed(path: Path) -> None:
+    with client(path.parent) as asked:
+        page = asked.get("/rig?file=rig.toml").text
+        assert 'data-arrow="R"' in page
+        assert "<style" not in page
+        form = typed(path, observation_point__0__position_mm__0="12.5") | {"_file": "rig.toml"}
+        assert asked.post("/rig", data=form).status_code == 303
+        assert read_rig(path).observation_point[0].position_mm[0] == 12.5
+        answer = asked.post("/rig", data=typed(path, observation_point__0__pulley_radius_mm="-3") | {"_file": "rig.toml"})
+        assert answer.status_code == 422
+        assert 'value="-3"' in answer.text
+
+
+def test_a_coarse_zone_is_the_zone_on_its_grid(tmp_path: Path) -> None:
+    """Against the map itself on the same nodes; and a rig whose points fall together has none."""
+    from lmeasure.accuracy.limits import Limits
+    from lmeasure.accuracy.surroundings import box_around
+    from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
+    from lmeasure.rig import write_rig
+
+    rig = cell_rig(0)
+    write_rig(tmp_path / "rig.toml", rig)
+    places = {p.name: tuple(p.position_mm) for p in rig.observation_point}
+    told = rig_form.coarse(tmp_path / "rig.toml", places)
+    spans = [(a, b, (b - a) / rig_form.COARSE) for a, b, _ in box_around(rig)]
+    nodes = axis(*spans[0]), axis(*spans[1]), axis(*spans[2])
+    spacing = (spans[0][2], spans[1][2], spans[2][2])
+    data = map_zone(rig, None, nodes, tilts(0.0, 1, None), scan=Scan(limits=Limits(60.0), spacing_mm=spacing))
+    assert told["zone_volume_mm3"] == pytest.approx(float(data["in_zone"].values.sum()) * spacing[0] * spacing[1] * spacing[2])
+    assert told["zone_volume_mm3"] > 0.0
+    first = next(iter(places.values()))
+    assert (
+        rig_form.coarse(tmp_path / "rig.toml", {name: (first[0] + i, first[1], first[2]) for i, name in enumerate(places)})[
+            "zone_volume_mm3"
+        ]
+        < 0.2 * told["zone_volume_mm3"]
+    )
