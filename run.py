@@ -44,7 +44,7 @@ def plan(arguments: list[str]) -> tuple[frozenset[str], list[str]]:
         return frozenset(), ["lmeasure", "demo"]
     if arguments[0] == "test":
         return frozenset({"test"}), ["pytest", *(() if names_some(arguments[1:]) else ON_ALL_PROCESSORS), *arguments[1:]]
-    return frozenset(), ["lmeasure", *arguments]
+    return frozenset({"workbench"} if arguments[0] == "workbench" else ()), ["lmeasure", *arguments]
 
 
 def names_some(arguments: list[str]) -> bool:

@@ -51,7 +51,7 @@ def cell(tmp_path: Path) -> Path:
 
 def test_every_command_is_held_to_the_rule() -> None:
     """But those that write nothing, or only what they know again by themselves: a key is never written over, a demo has a mark."""
-    assert {name for name in COMMANDS if load(name).settings.paths is Asked.paths} == {"key", "demo", "init", "verify", "view"}
+    assert {name for name in COMMANDS if load(name).settings.paths is Asked.paths} == {"key", "demo", "init", "verify", "view", "workbench"}
 
 
 @pytest.mark.parametrize(

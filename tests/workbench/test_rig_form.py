@@ -54,7 +54,7 @@ def test_every_value_of_the_file_has_a_field_and_every_field_its_value(path: Pat
             here = content
             for step in key.split("."):
                 here = here[int(step)] if isinstance(here, list) else here[step]
-            assert here == 7
+            assert float(here) == 7.0
 
 
 def test_all_complaints_come_at_once_and_nothing_is_written(path: Path) -> None:
