@@ -76,6 +76,7 @@ def machine(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Machine:
         (["test", "-x", "pyproject.toml::test_a", "--pdb"], TEST, ["pytest", "-x", "pyproject.toml::test_a", "--pdb"]),
         (["calibrate", "folder", "--out", "test"], NONE, ["lmeasure", "calibrate", "folder", "--out", "test"]),
         (["--help"], NONE, ["lmeasure", "--help"]),
+        (["workbench", "cell"], frozenset({"workbench"}), ["lmeasure", "workbench", "cell"]),
     ],
 )
 def test_arguments(launcher: ModuleType, arguments: list[str], extras: frozenset[str], command: list[str]) -> None:
