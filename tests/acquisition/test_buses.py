@@ -28,6 +28,8 @@ from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig
 
+pytestmark = pytest.mark.live
+
 IntArray = NDArray[np.int64]
 HERE = Path(__file__).parent
 

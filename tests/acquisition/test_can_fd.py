@@ -21,6 +21,8 @@ from lmeasure.acquisition.session import connect, record_session
 from lmeasure.rig import rig_from_dict, write_rig
 from lmeasure.run import read_run
 
+pytestmark = pytest.mark.live
+
 CHANNELS = [{"channel": f"ch{i}", "id": 0x7FF, "bits": 64, "byte_offset": 8 * i, "start": i * 2**40} for i in range(1, 7)]
 RIG = rig_from_dict(cell(max_cable_speed_mm_s=1e6).to_dict() | {"can": {"decoder": "raw", "channel": CHANNELS}})
 FIELDS = counter_fields(RIG)

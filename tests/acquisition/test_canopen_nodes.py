@@ -24,6 +24,8 @@ from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.simulation import cell_rig
 
+pytestmark = pytest.mark.live
+
 START = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 BOTH: list[dict[str, Any]] = [{"channel": "ch1", "node": 5}, {"channel": "ch2", "node": 9}]
 

@@ -24,6 +24,8 @@ from lmeasure.acquisition.sources import BusSource
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 
+pytestmark = pytest.mark.live
+
 RIG = cell(max_cable_speed_mm_s=1e6)  # this person moves in no time
 
 

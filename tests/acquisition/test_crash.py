@@ -19,6 +19,8 @@ from lmeasure.rig import write_rig
 from lmeasure.run import read_run
 from lmeasure.simulation import read_scenario, simulate
 
+pytestmark = pytest.mark.live
+
 SCENARIO = """
 schema = "lmeasure.scenario/1"
 seed = 3

@@ -15,6 +15,8 @@ from lmeasure.acquisition.sources import BusSource
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import rig_from_dict
 
+pytestmark = pytest.mark.live
+
 RIG = cell()
 COUNTS = motion(RIG)
 FRAMES = frames_of(RIG, COUNTS)

@@ -22,6 +22,8 @@ from lmeasure.rig import rig_from_dict, write_rig
 from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig, read_scenario, simulate
 
+pytestmark = pytest.mark.live
+
 SCENARIO = """
 schema = "lmeasure.scenario/1"
 rig = "rig.toml"

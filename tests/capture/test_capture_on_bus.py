@@ -9,11 +9,14 @@ import threading
 from pathlib import Path
 
 import numpy as np
+import pytest
 from capture_bench import motion, nominal_of, on_bus, some_poses, true_rig, write_inputs
 
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.lengths import span_lengths
+
+pytestmark = pytest.mark.live
 
 
 def test_killed_in_the_middle_a_capture_goes_on_and_loses_nothing(tmp_path: Path) -> None:

@@ -21,6 +21,8 @@ from lmeasure.trajectory import reconstruct
 from lmeasure.view.recording import CABLE_COLOURS
 from lmeasure.view.stages import write_recording
 
+pytestmark = pytest.mark.live
+
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 LOOPBACK = {"0100007F", "00000000000000000000000001000000", "0000000000000000FFFF00000100007F"}
 """127.0.0.1, ::1 and ::ffff:127.0.0.1 as the kernel prints them."""

@@ -1,0 +1,50 @@
+"""Who is to run alone does, and whoever comes later waits for him."""
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from alone import turn
+
+fcntl = pytest.importorskip("fcntl")
+
+
+def test_one_that_waits_to_be_alone_comes_before_later_ones(tmp_path: Path) -> None:
+    told: list[str] = []
+    leave, first_is_in = threading.Event(), threading.Event()
+
+    def first() -> None:
+        with turn(tmp_path, alone=False):
+            first_is_in.set()
+            leave.wait(30.0)
+            told.append("first out")
+
+    def other(name: str, alone: bool) -> None:
+        with turn(tmp_path, alone):
+            told.append(f"{name} in")
+        told.append(f"{name} out")
+
+    threads = [threading.Thread(target=first), threading.Thread(target=other, args=("alone", True))]
+    threads[0].start()
+    assert first_is_in.wait(30.0)
+    with turn(tmp_path, alone=False):
+        told.append("beside")  # two that need not be alone
+    threads[1].start()
+    while not _held(tmp_path / "gate.lock"):
+        time.sleep(0.001)
+    threads.append(threading.Thread(target=other, args=("later", False)))
+    threads[2].start()
+    leave.set()
+    for thread in threads:
+        thread.join(30.0)
+    assert told.index("beside") < told.index("first out") < told.index("alone in") < told.index("later in")
+
+
+def _held(path: Path) -> bool:
+    with path.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
