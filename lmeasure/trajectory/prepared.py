@@ -17,6 +17,7 @@ from lmeasure.trajectory.origins import learn
 from lmeasure.trajectory.passes import Alignment
 from lmeasure.trajectory.power_on import find_start
 from lmeasure.trajectory.redundancy import Epochs
+from lmeasure.trajectory.reliability import of_run, said
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.slips import Slip, slip
 from lmeasure.trajectory.sources import PassClock
@@ -94,8 +95,11 @@ def prepare(
         if after is not found:
             found = after
             reconstruction.use(None)
-            learn(reconstruction, collected(reconstruction, pieces(found))[0])
+            epochs = collected(reconstruction, pieces(found))[0]
+            learn(reconstruction, epochs)
         found = replace(found, notes=(*found.notes, *_told(reconstruction)))
+    reliable = of_run(reconstruction, epochs)
+    reconstruction.reliability = None if reliable is None else said(reconstruction, reliable)
     return reconstruction, found
 
 
