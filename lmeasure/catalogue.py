@@ -1,14 +1,31 @@
 """Texts by key in the languages that people read: gettext catalogues of this package, `locale/LANGUAGE/DOMAIN.po`."""
 
+import os
+import re
 import string
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 LANGUAGES = ("en", "ru")
 LOCALE = Path(__file__).parent / "locale"
 DECIMAL_MARK = {"en": ".", "ru": ","}  # GOST R 1.5
+NUMBER = r"[-+]?\d[-+\d.e]*|nan|[-+]?inf"
+WORD = "s"
+KINDS = {"": ".+", WORD: r"\S+"}
+"""What a value of a template may be, by its format; of any other it is a number."""
+PLACES = "LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG"
+"""Variables of the environment that name a language; the first that is not empty counts."""
+
+
+def of_terminal(environment: Mapping[str, str] | None = None) -> str:
+    """The language of the environment, English where it is none that has a catalogue."""
+    known = os.environ if environment is None else environment
+    named = next((known[place] for place in PLACES if known.get(place)), "")
+    # LANGUAGE may name several, de:ru
+    asked = (re.split(r"[._@]", one)[0].lower() for one in named.split(":"))
+    return next((one for one in asked if one in LANGUAGES), "en")
 
 
 @cache
@@ -42,3 +59,38 @@ class Writer(string.Formatter):
         if not format_spec:
             return str(value)
         return decimal(self.language, value if isinstance(value, str) else format(value, format_spec))
+
+
+def retold(domain: str, language: str, message: str, inner: Callable[[str], str] = str) -> str | None:
+    """An English message as one of a domain's templates, whose keys are English, has it in a language; None where none fits.
+
+    A value with the format s is one word, with any other format a number, which gets the language's decimal mark; one without a format may
+    be a message itself, which `inner` tells.
+    """
+    known = texts(domain, language)
+    if message in known:
+        return known[message]
+    for pattern, template, kinds in _patterns(domain, language):
+        found = pattern.fullmatch(message)
+        if found is not None:
+            told = {"": inner, WORD: str}
+            values = {name: told.get(kinds[name], partial(decimal, language))(value) for name, value in found.groupdict().items()}
+            return known[template].format(**values)
+    return None
+
+
+@cache
+def _patterns(domain: str, language: str) -> tuple[tuple[re.Pattern[str], str, Mapping[str, str]], ...]:
+    """What each template with values looks like when it is filled in, the most wordy first."""
+    out = []
+    for key in texts(domain, language):
+        pattern, literal = "", 0
+        kinds: dict[str, str] = {}
+        for before, name, spec, _ in string.Formatter().parse(key):
+            pattern, literal = pattern + re.escape(before), literal + len(before)
+            if name is not None:
+                pattern += f"(?P<{name}>{KINDS.get(spec or '', NUMBER)})"
+                kinds[name] = spec or ""
+        if kinds:
+            out.append((literal, (re.compile(pattern, re.DOTALL), key, kinds)))
+    return tuple(each for _, each in sorted(out, key=lambda found: -found[0]))

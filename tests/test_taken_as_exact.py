@@ -18,10 +18,11 @@ from lmeasure.findings import recognised
 from lmeasure.lengths import counts_from_poses
 from lmeasure.observation.cable_effects import ATTACHMENT, BACKLASH, ECCENTRICITY, EFFECTS, FRICTION, CableEffect
 from lmeasure.poses import Poses
-from lmeasure.report import zone_html
+from lmeasure.report import zone_text
 from lmeasure.report.calibration import write_calibration_page
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run, read_run_head, write_run
+from lmeasure.saying import ENGLISH
 from lmeasure.trajectory import Trajectory, reconstruct
 from lmeasure.trajectory.stream import reconstruct_stream
 from lmeasure.unsolved import Taken
@@ -188,7 +189,7 @@ def test_a_rig_that_grows_wants_to_know_how_warm_it_was() -> None:
 def test_a_zone_says_it_on_its_page() -> None:
     x, y, z = (np.linspace(-100.0, 100.0, 3) for _ in range(3))
     zone = scan_zone(rig_from_dict(nominal(truth(2))), None, x=x, y=y, z=z, rotations=tilts(0.0, 1), limit_deg=80.0)
-    lines = zone_html.taken_as_exact(zone)
+    lines = zone_text.taken_as_exact(zone, ENGLISH)
     assert [line.split(":")[1].split(";")[0].strip() for line in lines] == WHAT
 
 

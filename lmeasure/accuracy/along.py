@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure import se3
-from lmeasure.accuracy.radius import radii_95
+from lmeasure.accuracy.radius import stated_radii_95
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.causes import Cause
 from lmeasure.errors import TrajectoryError
@@ -69,7 +69,7 @@ class Along:
 def along(trajectory: Trajectory) -> Along:
     """What is to be drawn and said of a trajectory."""
     covariance = trajectory.random + trajectory.systematic
-    u95_mm, u95_rad = _radii(covariance[:, 3:, 3:]), _radii(covariance[:, :3, :3])
+    u95_mm, u95_rad = stated_radii_95(covariance[:, 3:, 3:]), stated_radii_95(covariance[:, :3, :3])
     no_place, no_turn = np.isnan(trajectory.poses[:, 0]), np.isnan(trajectory.poses[:, 3])
     u95_mm[no_place], u95_rad[no_turn] = np.nan, np.nan
     stretches = stretches_of(trajectory)
@@ -83,14 +83,6 @@ def along(trajectory: Trajectory) -> Along:
     n = len(trajectory.time_s)
     rows = kept_rows(series, edges[(edges >= 0) & (edges < n)], MOST_ROWS)
     return Along(trajectory, u95_mm, u95_rad, turned, stretches, motion, why, rows)
-
-
-def _radii(covariance: FloatArray) -> FloatArray:
-    """(n,) 95 % radii; NaN where nothing is stated: no covariance, or a zero one, which no measurement has."""
-    out = np.full(len(covariance), np.nan)
-    stated = np.isfinite(covariance).all(axis=(1, 2)) & (np.einsum("nii->n", covariance) > 0.0)
-    out[stated] = radii_95(covariance[stated])
-    return out
 
 
 def _turned(poses: FloatArray) -> FloatArray:

@@ -65,3 +65,11 @@ def fit_radius_95() -> FloatArray:
     for (i, j), value in zip(powers, solution, strict=True):
         out[i, j] = value
     return out
+
+
+def stated_radii_95(covariances: FloatArray) -> FloatArray:
+    """(n,) `radii_95`; NaN where nothing is stated: no covariance, or a zero one, which no measurement has."""
+    out = np.full(len(covariances), np.nan)
+    stated = np.isfinite(covariances).all(axis=(1, 2)) & (np.einsum("nii->n", covariances) > 0.0)
+    out[stated] = radii_95(covariances[stated])
+    return out

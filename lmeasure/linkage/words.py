@@ -1,111 +1,157 @@
 """A record of links in lines for a person."""
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from lmeasure.saying import ENGLISH, Say
 
 MOST_OTHERS = 5
 
 
+class Line(NamedTuple):
+    """A line, whether it warns, and whether a page has it in a table or a picture too."""
+
+    text: str
+    warns: bool = False
+    detail: bool = False
+
+
 def told(record: dict[str, Any]) -> list[str]:
     """A record of `record.described` in lines."""
-    return [*_structure(record), *_assemblies(record), *_pose(record), *_design(record)]
+    return [line.text for line in lines(record)]
 
 
-def _structure(record: dict[str, Any]) -> list[str]:
+def lines(record: dict[str, Any], say: Say = ENGLISH) -> list[Line]:
+    """The same in a language, and what kind of line each is."""
+    return [*_structure(record, say), *_assemblies(record, say), *_pose(record, say), *_design(record, say)]
+
+
+def _structure(record: dict[str, Any], say: Say) -> Iterator[Line]:
+    number, name, freedoms = record["complex_assemblies"], record["notation"], record["freedoms"]
     if record["redundant"]:
-        head = f"{record['class']}: {record['links']} links, {record['redundant']} more than a pose needs, {record['freedoms']} freedoms"
+        head = say(
+            "{name}: {links} links, {more} more than a pose needs, {freedoms} freedoms",
+            name=record["class"],
+            links=record["links"],
+            more=record["redundant"],
+            freedoms=freedoms,
+        )
+    elif record["degenerate"]:
+        head = say("{name}: {freedoms} freedoms, {number} complex assemblies", name=name, freedoms=freedoms, number=number)
+    elif record["closed_form"]:
+        head = say("{name}: {freedoms} freedoms, {number} complex assemblies, in closed form", name=name, freedoms=freedoms, number=number)
     else:
-        how = ", in closed form" if record["closed_form"] else ", followed from a start system"
-        number = f"{record['complex_assemblies']} complex assemblies{'' if record['degenerate'] else how}"
-        head = f"{record['notation']}: {record['freedoms']} freedoms, {number}"
-    if not record["architecturally_singular"]:
-        return [head]
-    return [head, f"singular at every pose: {record['architecturally_singular_reason']}"]
-
-
-def _assemblies(record: dict[str, Any]) -> list[str]:
-    if "assemblies" not in record:
-        return []
+        head = say(
+            "{name}: {freedoms} freedoms, {number} complex assemblies, followed from a start system",
+            name=name,
+            freedoms=freedoms,
+            number=number,
+        )
+    yield Line(head)
     if record["architecturally_singular"]:
-        return ["no lengths tell a pose of it"]
-    found = record["assemblies"]
-    number = f"{len(found)} real {'assembly' if len(found) == 1 else 'assemblies'}"
+        why = say.told(record["architecturally_singular_reason"])
+        yield Line(say("singular at every pose: {why}", why=why), warns=True)
+
+
+def _assemblies(record: dict[str, Any], say: Say) -> Iterator[Line]:
+    if "assemblies" not in record:
+        return
+    if record["architecturally_singular"]:
+        yield Line(say("no lengths tell a pose of it"))
+        return
+    found, status = record["assemblies"], say.told(record["status"])
+    number = say("1 real assembly") if len(found) == 1 else say("{n} real assemblies", n=len(found))
     if record["redundant"]:
-        close = f"{number} {'closes' if len(found) == 1 else 'close'} all links within {record['within_mm']:g} mm"
-        rest = "" if record["next_misses_mm"] is None else f"; the next one of {', '.join(record['assemblies_of_links'])} misses by "
-        lines = [f"{close}{rest}{'' if not rest else format(record['next_misses_mm'], '.4g') + ' mm'}: {record['status']}"]
+        within = record["within_mm"]
+        close = (
+            say("1 real assembly closes all links within {mm:g} mm", mm=within)
+            if len(found) == 1
+            else say("{n} real assemblies close all links within {mm:g} mm", n=len(found), mm=within)
+        )
+        if record["next_misses_mm"] is not None:
+            links = ", ".join(record["assemblies_of_links"])
+            close += "; " + say("the next one of {links} misses by {mm:.4g} mm", links=links, mm=record["next_misses_mm"])
+        yield Line(f"{close}: {status}")
     elif record["complex_assemblies_found"] is None:
-        lines = [f"{number} of the cables over their pulleys, followed from straight ones and from many starts: {record['status']}"]
+        way = say("{number} of the cables over their pulleys, followed from straight ones and from many starts", number=number)
+        yield Line(f"{way}: {status}")
     else:
-        of = f"{record['complex_assemblies_found']} with complex ones of {record['complex_assemblies_expected']}"
-        lines = [f"{number}, {of}: {record['status']}"]
+        complex_ones = say("{n} with complex ones of {of}", n=record["complex_assemblies_found"], of=record["complex_assemblies_expected"])
+        yield Line(f"{number}, {complex_ones}: {status}")
     for one in found:
         if record["redundant"]:
-            doubt = f", misses by {one['misses_mm']:.2g} mm"
+            doubt = say(", misses by {mm:.2g} mm", mm=one["misses_mm"])
         else:
-            doubt = "" if one["certified"] or record["complex_assemblies_found"] is None else ", not certified"
-        lines.append(f"  {_place(one)}{doubt}")
-    return lines
+            doubt = "" if one["certified"] or record["complex_assemblies_found"] is None else say(", not certified")
+        yield Line(f"  {_place(one, say)}{doubt}", detail=True)
 
 
-def _place(one: dict[str, Any]) -> str:
-    place = ", ".join(f"{x:.4f}" for x in one["position_mm"])
-    return f"({place}) mm, quaternion ({', '.join(f'{x:.6f}' for x in one['quaternion_xyzw'])})"
+def _place(one: dict[str, Any], say: Say) -> str:
+    place, turn = say.numbers(one["position_mm"], ".4f"), say.numbers(one["quaternion_xyzw"], ".6f")
+    return say("({place}) mm, quaternion ({turn})", place=place, turn=turn)
 
 
-def _pose(record: dict[str, Any]) -> list[str]:
+def _pose(record: dict[str, Any], say: Say) -> Iterator[Line]:
     if "rank" not in record:
-        return []
-    lines = [_held(record)]
+        return
+    yield Line(_held(record, say))
     if record["gradient"] is not None:
-        lines.append(f"gradient (omega; v): {', '.join(f'{x:.6g}' for x in record['gradient'])}")
-    lines.append(f"pressure angles: {', '.join(f'{x:.1f}' for x in record['pressure_angles_deg'])} degrees")
+        yield Line(say("gradient (omega; v): {values}", values=say.numbers(record["gradient"], ".6g")), detail=True)
+    yield Line(say("pressure angles: {values} degrees", values=say.numbers(record["pressure_angles_deg"], ".1f")), detail=True)
     if "wrapped" in record:
         over = record["wrapped"]
-        lines.append(f"over the pulleys: {_held(over)}, worst pressure angle {over['worst_pressure_angle_deg']:.1f} degrees")
+        angle = over["worst_pressure_angle_deg"]
+        yield Line(say("over the pulleys: {held}, worst pressure angle {angle:.1f} degrees", held=_held(over, say), angle=angle))
         if over["u95_position_mm"] is not None:
-            lines.append(f"counts of +-1/2, there and at the zero pose: U95 of the position {over['u95_position_mm']:.4g} mm")
+            u95 = over["u95_position_mm"]
+            yield Line(say("counts of +-1/2, there and at the zero pose: U95 of the position {mm:.4g} mm", mm=u95))
     others = record.get("other_assemblies")
     if others:
-        near = [one for one in others if one["apart_mm"] <= record["near_mm"]]
-        lines.append(f"other assemblies of the same lengths: {len(others)}, the nearest {others[0]['apart_mm']:.4g} mm away with its turn")
-        lines += [f"warning: another assembly is near: {_place(one)}" for one in near[:MOST_OTHERS]]
+        near, nearest = [one for one in others if one["apart_mm"] <= record["near_mm"]], others[0]["apart_mm"]
+        yield Line(say("other assemblies of the same lengths: {n}, the nearest {mm:.4g} mm away with its turn", n=len(others), mm=nearest))
+        for one in near[:MOST_OTHERS]:
+            yield Line(say("warning: another assembly is near: {place}", place=_place(one, say)), warns=True)
     if "way" in record:
         crossed = record["way"]["singular_at_share"]
-        where = ", ".join(f"{100.0 * share:.1f} %" for share in crossed)
         worst = [v for v in record["way"]["mm_per_mm"] if v is not None]
-        lines.append(
-            f"on the way: singular at {where} of it"
-            if crossed
-            else f"on the way: never singular, the rim moves at most {max(worst):.4g} mm by 1 mm"
-        )
-    lines += record.get("boundary", {}).get("lines", [])
-    return lines
+        if crossed:
+            where = ", ".join(f"{say.number(100.0 * share, '.1f')} %" for share in crossed)
+            yield Line(say("on the way: singular at {where} of it", where=where))
+        else:
+            yield Line(say("on the way: never singular, the rim moves at most {mm:.4g} mm by 1 mm", mm=max(worst)))
+    yield from (Line(say.told(line)) for line in record.get("boundary", {}).get("lines", []))
 
 
-def _held(record: dict[str, Any]) -> str:
-    det = "" if record["determinant"] is None else f"determinant {record['determinant']:.6g} mm^3, "
+def _held(record: dict[str, Any], say: Say) -> str:
+    det = "" if record["determinant"] is None else say("determinant {value:.6g} mm^3, ", value=record["determinant"])
     if record["condition"] is None:
-        return f"{det}rank {record['rank']}: the links do not hold the platform"
-    u95 = f"U95 {record['u95_mm_per_mm']:.4g} mm"
-    return f"{det}rank {record['rank']}, condition {record['condition']:.4g}; lengths off by 1 mm: rim {record['mm_per_mm']:.4g} mm, {u95}"
+        return det + say("rank {rank}: the links do not hold the platform", rank=record["rank"])
+    return det + say(
+        "rank {rank}, condition {condition:.4g}; lengths off by 1 mm: rim {rim:.4g} mm, U95 {u95:.4g} mm",
+        rank=record["rank"],
+        condition=record["condition"],
+        rim=record["mm_per_mm"],
+        u95=record["u95_mm_per_mm"],
+    )
 
 
-def _design(record: dict[str, Any]) -> list[str]:
+def _design(record: dict[str, Any], say: Say) -> Iterator[Line]:
     if "design" not in record:
-        return []
+        return
     made = record["design"]
-    lines = []
     for text, sound in zip(made["tetrahedra"], made["clear_as_given"], strict=True):
-        lines.append(
-            f"tetrahedron {text}: {'never flat within the limits' if sound else 'may be flat, or not be assembled, within the limits'}"
-        )
+        if sound:
+            yield Line(say("tetrahedron {name}: never flat within the limits", name=text))
+        else:
+            yield Line(say("tetrahedron {name}: may be flat, or not be assembled, within the limits", name=text))
     if made["given"] == made["free"]:
-        return [*lines, "no singular pose lies within the limits as they are"]
+        yield Line(say("no singular pose lies within the limits as they are"))
+        return
     for name, (low, high) in made["free"].items():
         a, b = made["given"][name]
-        change = "" if (a, b) == (low, high) else f", before {a:g} to {b:g}"
-        lines.append(f"  {name}: {low:.4f} to {high:.4f} mm{change}")
-    return [*lines, "within these limits nothing is singular, and everything can be assembled"]
+        change = "" if (a, b) == (low, high) else say(", before {low:g} to {high:g}", low=a, high=b)
+        yield Line("  " + say("{name}: {low:.4f} to {high:.4f} mm", name=name, low=low, high=high) + change, detail=True)
+    yield Line(say("within these limits nothing is singular, and everything can be assembled"))
 
 
 def told_list(records: list[dict[str, Any]]) -> list[str]:

@@ -1,376 +1,360 @@
 """The page of a calibration: what must be known first, then the values, the residuals and the rig in 3-D."""
 
-from collections import Counter
 from pathlib import Path
-
-import plotly.graph_objects as go
 
 from lmeasure.calibration import Calibration
 from lmeasure.calibration.compare import Comparison, chance
 from lmeasure.calibration_record import CalibrationRecord
-from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.catalogue import decimal
 from lmeasure.report import html
+from lmeasure.report.calibration_figures import narrowed_figure, residuals_figure, rig_figure, spectrum_figure, worst_figure
+from lmeasure.saying import ENGLISH, Say
 
 
-def write_calibration_page(path: Path, calibration: Calibration, comparison: Comparison | None = None) -> None:
+def write_calibration_page(path: Path, calibration: Calibration, comparison: Comparison | None = None, language: str = "en") -> None:
     """Write a self-contained HTML page of the calibration, and of what moved since an earlier one, whole or not at all."""
-    record = calibration.record
-    html.write_page(
-        path,
-        f"Calibration of rig {record.rig}",
-        [
-            *verdict(record, calibration.refused),
-            *_moved(comparison),
-            html.heading("The rig"),
-            html.paragraph("Observation points with the cables at the first reference pose, and the reference poses. Drag to turn."),
-            html.figure(_rig(calibration), "rig", first=True),
-            *_silence(record),
-            html.heading("Residuals"),
-            html.paragraph("Measured less modelled change of each cable since its zero pose."),
-            html.figure(residuals_figure(record), "residuals", first=False),
-            *_predicted(calibration),
-            *_validation(record),
-            *_observability(record),
-            html.heading("Values"),
-            html.paragraph("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value."),
-            *_region(record),
-            html.table(
-                ("value", "result", "u", "U95", "prior u"),
-                ((p.name, f"{p.value:.4f}", f"{p.u:.3g}", f"{p.U95:.3g}", f"{p.prior_u:.3g}") for p in record.parameters),
+    record, say = calibration.record, Say(language)
+    number = say.number
+    body = [
+        *verdict(record, calibration.refused, say),
+        *_moved(comparison, say),
+        html.heading(say("The rig")),
+        html.paragraph(say("Observation points with the cables at the first reference pose, and the reference poses. Drag to turn.")),
+        html.figure(rig_figure(calibration, say), "rig", first=True, language=language),
+        *_silence(record, say),
+        html.heading(say("Residuals")),
+        html.paragraph(say("Measured less modelled change of each cable since its zero pose.")),
+        html.figure(residuals_figure(record, say), "residuals", first=False, language=language),
+        *_predicted(calibration, say),
+        *_validation(record, say),
+        *_observability(record, say),
+        html.heading(say("Values")),
+        html.paragraph(say("u is the standard uncertainty; where it equals the prior's, the counts said nothing about that value.")),
+        *_region(record, say),
+        html.table(
+            (say("value"), say("result"), "u", "U95", say("prior u")),
+            (
+                (
+                    p.name,
+                    number(p.value, ".4f"),
+                    number(p.u, ".3g"),
+                    "" if p.U95 is None else number(p.U95, ".3g"),
+                    number(p.prior_u, ".3g"),
+                )
+                for p in record.parameters
             ),
-            *_dimensions(record),
-            *_ranges(record),
-            *_robust(record),
-            *_coarse(record),
-            html.heading("Inputs"),
-            html.table(("file", "SHA-256"), ((i.file, i.sha256) for i in record.inputs), "text"),
-        ],
-    )
+        ),
+        *_dimensions(record, say),
+        *_ranges(record, say),
+        *_robust(record, say),
+        *_coarse(record, say),
+        html.heading(say("Inputs")),
+        html.table((say("file"), "SHA-256"), ((i.file, i.sha256) for i in record.inputs), "text"),
+    ]
+    html.write_page(path, say("Calibration of rig {rig}", rig=record.rig), body, language)
 
 
-def verdict(record: CalibrationRecord, refused: str | None) -> list[str]:
+def verdict(record: CalibrationRecord, refused: str | None, say: Say = ENGLISH) -> list[str]:
     """Whether the rig may be used, how good it is, and what to know of it first."""
     if refused is not None:
-        kind, told = "verdict bad", f"Not to be used: {refused}."
+        kind, told = "verdict bad", say("Not to be used: {why}.", why=say.told(refused))
     elif record.unobservable or any(w.code not in HARMLESS for w in record.warnings):
-        kind, told = "verdict doubt", "Calibrated, with reservations: read what is marked below."
+        kind, told = "verdict doubt", say("Calibrated, with reservations: read what is marked below.")
     else:
-        kind, told = "verdict", "Calibrated: nothing contradicts it."
-    rows = [("reference poses", str(len({r.pose for r in record.residuals}))), ("residuals", _mm(record.noise["residual_rms_mm"], "rms"))]
+        kind, told = "verdict", say("Calibrated: nothing contradicts it.")
+    rows = [
+        (say("reference poses"), str(len({r.pose for r in record.residuals}))),
+        (say("residuals"), say("{mm:.3g} mm rms", mm=record.noise["residual_rms_mm"])),
+    ]
     if "position_rms_mm" in record.predicted:
-        worst = _mm(record.predicted["position_worst_mm"], "at worst") if "position_worst_mm" in record.predicted else ""
-        place = "; ".join(t for t in (_mm(record.predicted["position_rms_mm"], "rms"), worst) if t)
-        rows.append(("the tool's place over the workspace, by the calibration alone, u", place))
+        place = say("{mm:.3g} mm rms", mm=record.predicted["position_rms_mm"])
+        if "position_worst_mm" in record.predicted:
+            place += "; " + say("{mm:.3g} mm at worst", mm=record.predicted["position_worst_mm"])
+        rows.append((say("the tool's place over the workspace, by the calibration alone, u"), place))
     if "against_nominal" in record.validation:
         against = record.validation["against_nominal"]
-        rows.append(("lengths at poses left out", f"{_mm(against['rms_mm'], 'rms')}; by the drawing {_mm(against['nominal_mm'], 'rms')}"))
+        told_of = say("{mm:.3g} mm rms; by the drawing {nominal:.3g} mm rms", mm=against["rms_mm"], nominal=against["nominal_mm"])
+        rows.append((say("lengths at poses left out"), told_of))
     if "held_out" in record.validation:
-        rows.append(("lengths at poses held out", _mm(record.validation["held_out"]["rms_mm"], "rms")))
-    chi = f"{record.noise['chi_squared']:.4g} with {record.noise['degrees_of_freedom']:.0f} degrees of freedom"
+        rows.append((say("lengths at poses held out"), say("{mm:.3g} mm rms", mm=record.validation["held_out"]["rms_mm"])))
+    chi = say(
+        "{chi:.4g} with {freedom:.0f} degrees of freedom", chi=record.noise["chi_squared"], freedom=record.noise["degrees_of_freedom"]
+    )
     rows += [
-        ("equations, unknowns, directions that the counts determine", f"{record.equations}, {record.unknowns}, {record.rank}"),
-        ("chi-squared", chi),
+        (say("equations, unknowns, directions that the counts determine"), f"{record.equations}, {record.unknowns}, {record.rank}"),
+        (say("chi-squared"), chi),
     ]
-    warnings = [html.paragraph(f"{w.code}: {w.text}", "warning") for w in record.warnings]
+    warnings = [html.warning(say.told(w.text), w.code) for w in record.warnings]
     return [html.paragraph(told, kind), *warnings, html.table((), rows, "text")]
-
-
-def _mm(value: float, what: str) -> str:
-    return f"{value:.3g} mm {what}"
 
 
 HARMLESS = ("assumed_rotation", "assumed_position", "taken_as_exact")
 """Warnings that only say what was taken for what was not stated."""
 
 
-def _region(record: CalibrationRecord) -> list[str]:
+def _region(record: CalibrationRecord, say: Say) -> list[str]:
     """What the joint region of the values is."""
     if not record.region:
         return []
-    counts = "whole counts, whose rounding is uniform" if record.region["whole_counts"] else "counts with Gaussian noise"
-    return [
-        html.paragraph(
-            f"U95 is the half width of each value's own interval of {100 * record.region['probability']:.0f} %; all values together "
-            f"lie within {record.region['factor']:.3g} standard uncertainties of their joint covariance, from {counts}. The model's "
-            f"curvature adds {record.region['bend']:.2g} standard uncertainties to the linear ones in the direction where it is largest; "
-            "lengths and poses hardly feel it and inherit the linear covariance."
-        )
-    ]
+    counts = say("whole counts, whose rounding is uniform") if record.region["whole_counts"] else say("counts with Gaussian noise")
+    told = say(
+        "U95 is the half width of each value's own interval of {percent:.0f} %; all values together lie within {factor:.3g} standard "
+        "uncertainties of their joint covariance, from {counts}. The model's curvature adds {bend:.2g} standard uncertainties to the "
+        "linear ones in the direction where it is largest; lengths and poses hardly feel it and inherit the linear covariance.",
+        percent=100 * record.region["probability"],
+        factor=record.region["factor"],
+        counts=counts,
+        bend=record.region["bend"],
+    )
+    return [html.paragraph(told)]
 
 
-def _dimensions(record: CalibrationRecord) -> list[str]:
+def _dimensions(record: CalibrationRecord, say: Say) -> list[str]:
     """What was not solved: stated to be uncertain, or taken as exact."""
-    parts = []
+    parts, number = [], say.number
     if record.dimensions:
-        rows = ((d.name, f"{d.value:.7g}", f"{d.u:.3g}", f"{d.prior_u:.3g}") for d in record.dimensions)
+        rows = ((d.name, number(d.value, ".7g"), number(d.u, ".3g"), number(d.prior_u, ".3g")) for d in record.dimensions)
         parts += [
-            html.heading("Dimensions stated to be uncertain"),
-            html.paragraph("They were not solved. The residuals correct them as far as they tell, and the rig has the corrected values."),
-            html.table(("value", "corrected", "u", "stated u"), rows),
+            html.heading(say("Dimensions stated to be uncertain")),
+            html.paragraph(
+                say("They were not solved. The residuals correct them as far as they tell, and the rig has the corrected values.")
+            ),
+            html.table((say("value"), say("corrected"), "u", say("stated u")), rows),
         ]
     if record.taken_as_exact:
         of_place = "position_rms_mm" in record.predicted
-        usual = ((str(t["text"]), str(t["usual"]), f"{t['mm']:.3g}") for t in record.taken_as_exact)
+        whose = say("the tool's place in a run") if of_place else say("the lengths together in a run")
+        usual = ((say.told(str(t["text"])), say.told(str(t["usual"])), number(t["mm"], ".3g")) for t in record.taken_as_exact)
         parts += [
-            html.heading("Taken as exact, not stated"),
+            html.heading(say("Taken as exact, not stated")),
             html.paragraph(
-                "What the rig does not state and nothing has solved is in no uncertainty here. What a usual size of it would add to "
-                + ("the tool's place in a run, " if of_place else "the lengths together in a run, ")
-                + "at worst over the workspace, by itself; the keys that state it are in docs/budget.md."
+                say(
+                    "What the rig does not state and nothing has solved is in no uncertainty here. What a usual size of it would add to "
+                    "{whose}, at worst over the workspace, by itself; the keys that state it are in docs/budget.md.",
+                    whose=whose,
+                )
             ),
-            html.table(("what", "usual size", "mm"), usual),
+            html.table((say("what"), say("usual size"), say("mm")), usual),
         ]
     return parts
 
 
-def _silence(record: CalibrationRecord) -> list[str]:
+def _silence(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.unobservable:
         return []
+    told = say("Each line moves by one prior standard uncertainty without changing a count. More and wider spread poses cure it.")
     return [
-        html.heading("What the counts cannot tell"),
-        html.paragraph("Each line moves by one prior standard uncertainty without changing a count. More and wider spread poses cure it."),
-        "<ul>" + "".join(f"<li>{html.text(u.text)}</li>" for u in record.unobservable) + "</ul>",
+        html.heading(say("What the counts cannot tell")),
+        html.paragraph(told),
+        "<ul>" + "".join(f"<li>{html.text(say.told(u.text))}</li>" for u in record.unobservable) + "</ul>",
     ]
 
 
-def _observability(record: CalibrationRecord) -> list[str]:
+def _observability(record: CalibrationRecord, say: Say) -> list[str]:
     """Directions by what the counts leave of the prior, and values by what they leave of their own."""
     if not record.spectrum:
         return []
-    figure = go.Figure()
-    for point in sorted({str(d["point"]) for d in record.spectrum}):
-        own = [(i, d) for i, d in enumerate(record.spectrum, 1) if d["point"] == point]
-        symbols = ["circle" if d["known"] else "x" for _, d in own]
-        figure.add_scatter(
-            x=[i for i, _ in own],
-            y=[d["left"] for _, d in own],
-            mode="markers",
-            name=html.label(point),
-            marker={"symbol": symbols, "size": 8},
-        )
-    figure.add_hline(y=1.0, line={"dash": "dash"})
-    # on a logarithmic axis an annotation lies at the logarithm
-    at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "bottom", "showarrow": False}
-    figure.add_annotation(text="the prior knows it as well", **at)
-    figure.update_layout(height=380, margin={"t": 20}, xaxis={"title": "direction, best seen first"})
-    figure.update_yaxes(title="standard uncertainty left, in prior ones", type="log")
-    values = go.Figure()
-    names = [html.label(p.name) for p in record.parameters]
-    priors = [p.prior_u for p in record.parameters]
-    values.add_scatter(y=names, x=priors, mode="markers", name="prior", marker={"symbol": "line-ns-open", "size": 9})
-    values.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name="calibrated")
-    # a row for each name: they never stand in each other's way
-    values.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10}, legend={"orientation": "h", "y": 1, "yanchor": "bottom"})
-    values.update_xaxes(title="standard uncertainty, mm or deg", type="log")
-    values.update_yaxes(autorange="reversed", dtick=1, automargin=True)
     return [
-        html.heading("What the counts see"),
+        html.heading(say("What the counts see")),
         html.paragraph(
-            "Every combination of values that the counts can tell apart, coloured by the point it is mostly made of. Below the line "
-            "the counts know it better than the nominal rig; crosses are left to the prior. A value is a mixture of all of them, so that "
-            "one weak direction spoils several values without spoiling a length."
+            say(
+                "Every combination of values that the counts can tell apart, coloured by the point it is mostly made of. Below the line "
+                "the counts know it better than the nominal rig; crosses are left to the prior. A value is a mixture of all of them, so "
+                "that one weak direction spoils several values without spoiling a length."
+            )
         ),
-        html.figure(figure, first=False),
-        html.figure(values, first=False),
+        html.figure(spectrum_figure(record, say), "spectrum", first=False, language=say.language),
+        html.figure(narrowed_figure(record, say), "narrowed", first=False, language=say.language),
     ]
 
 
-def _moved(comparison: Comparison | None) -> list[str]:
+def _moved(comparison: Comparison | None, say: Say) -> list[str]:
     if comparison is None:
         return []
-    verdict = "Something moved beyond the uncertainties." if comparison.moved else "Nothing moved beyond the uncertainties."
+    number = say.number
+    verdict = say("Something moved beyond the uncertainties.") if comparison.moved else say("Nothing moved beyond the uncertainties.")
     every = (*comparison.points, comparison.together)
+    moved, by_chance = say("moved"), say("by chance")
     return [
-        html.heading(f"Since the calibration {comparison.source}"),
+        html.heading(say("Since the calibration {source}", source=comparison.source)),
         html.paragraph(verdict, "warning" if comparison.moved else ""),
-        *(html.paragraph(f"note: {note}") for note in comparison.notes),
-        html.paragraph("All values of a point jointly, in the directions of which both calibrations' counts tell something."),
+        *(html.paragraph(say("Note: {note}", note=say.told(note))) for note in comparison.notes),
+        html.paragraph(say("All values of a point jointly, in the directions of which both calibrations' counts tell something.")),
         html.table(
-            ("point", "shift, mm", "chi-squared", "directions", "by chance", ""),
+            (say("point"), say("shift, mm"), say("chi-squared"), say("directions"), by_chance, ""),
             (
-                (p.point, f"{p.distance_mm:.4f}", f"{p.chi_squared:.4g}", f"{p.freedom} of {p.values}", chance(p.probability),
-                 "moved" if p.moved else "")
+                (
+                    say("all") if p is comparison.together else p.point,
+                    number(p.distance_mm, ".4f"),
+                    number(p.chi_squared, ".4g"),
+                    say("{n} of {of}", n=p.freedom, of=p.values),
+                    _chance(p.probability, say),
+                    moved if p.moved else "",
+                )
                 for p in every
             ),
         ),
-        html.paragraph("What the two make of the same counts, over the workspace of the reference poses."),
+        html.paragraph(say("What the two make of the same counts, over the workspace of the reference poses.")),
         html.table(
-            ("cable", "rms, mm", "worst, mm", "u there, mm", "by chance", ""),
+            (say("cable"), say("rms, mm"), say("worst, mm"), say("u there, mm"), by_chance, ""),
             (
-                (c.cable, f"{c.rms_mm:.4f}", f"{c.worst_mm:.4f}", f"{c.u_mm:.4f}", chance(c.probability), "moved" if c.moved else "")
+                (
+                    c.cable,
+                    number(c.rms_mm, ".4f"),
+                    number(c.worst_mm, ".4f"),
+                    number(c.u_mm, ".4f"),
+                    _chance(c.probability, say),
+                    moved if c.moved else "",
+                )
                 for c in comparison.lengths
             ),
         ),
         html.table(
-            ("value", "before", "now", "change", "u of the change"),
-            ((v.name, f"{v.old:.4f}", f"{v.new:.4f}", f"{v.change:.4f}", f"{v.u:.3g}") for v in comparison.values),
+            (say("value"), say("before"), say("now"), say("change"), say("u of the change")),
+            ((v.name, *(number(x, ".4f") for x in (v.old, v.new, v.change)), number(v.u, ".3g")) for v in comparison.values),
         ),
-    ]  # fmt: skip
+    ]
 
 
-def _predicted(calibration: Calibration) -> list[str]:
+def _chance(probability: float | None, say: Say) -> str:
+    return decimal(say.language, chance(probability))
+
+
+def _predicted(calibration: Calibration, say: Say) -> list[str]:
     """What the calibration's own uncertainty does to lengths and poses over the workspace of the reference poses."""
-    entry, predicted = calibration.record.predicted, calibration.predicted
-    rows = [(e["cable"], f"{e['rms_mm']:.4f}", f"{e['worst_mm']:.4f}") for e in entry["lengths"]]
+    entry = calibration.record.predicted
+    rows = [(e["cable"], say.number(e["rms_mm"], ".4f"), say.number(e["worst_mm"], ".4f")) for e in entry["lengths"]]
     parts = [
-        html.heading("Predicted standard uncertainty from this calibration"),
+        html.heading(say("Predicted standard uncertainty from this calibration")),
         html.paragraph(
-            f"Change of each cable since the zero pose, at {entry['poses']} poses in the box of the reference poses. This is what the "
-            "instrument inherits; an observation point may be known ten times worse than the lengths it predicts."
+            say(
+                "Change of each cable since the zero pose, at {poses} poses in the box of the reference poses. This is what the instrument "
+                "inherits; an observation point may be known ten times worse than the lengths it predicts.",
+                poses=entry["poses"],
+            )
         ),
-        html.table(("cable", "rms, mm", "worst, mm"), rows),
+        html.table((say("cable"), say("rms, mm"), say("worst, mm")), rows),
     ]
     if "position_rms_mm" in entry:
         parts.append(
             html.paragraph(
-                f"Tool position {entry['position_rms_mm']:.4f} mm rms, {entry['position_worst_mm']:.4f} mm at worst; "
-                f"rotation {entry['rotation_rms_deg']:.5f} deg rms, {entry['rotation_worst_deg']:.5f} deg at worst."
+                say(
+                    "Tool position {mm:.4f} mm rms, {worst:.4f} mm at worst; rotation {deg:.5f}° rms, {worst_deg:.5f}° at worst.",
+                    mm=entry["position_rms_mm"],
+                    worst=entry["position_worst_mm"],
+                    deg=entry["rotation_rms_deg"],
+                    worst_deg=entry["rotation_worst_deg"],
+                )
             )
         )
-    worst = predicted.length_mm.max(axis=1)
-    x, y, z = predicted.rows[:, :3].T
-    marker = {"size": 4, "color": worst, "colorscale": "Viridis", "colorbar": {"title": "mm"}}
-    figure = go.Figure(
-        go.Scatter3d(
-            x=x,
-            y=y,
-            z=z,
-            mode="markers",
-            marker=marker,
-            hovertemplate="%{marker.color:.4f} mm<br>%{x:.0f}, %{y:.0f}, %{z:.0f}<extra></extra>",
-        )
-    )
-    axes = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
-    figure.update_layout(height=520, margin={"t": 10}, scene=axes)
-    return [*parts, html.paragraph("Worst cable at each pose:"), html.figure(figure, first=False)]
+    figure = html.figure(worst_figure(calibration, say), "predicted", first=False, language=say.language)
+    return [*parts, html.paragraph(say("Worst cable at each pose:")), figure]
 
 
-def _validation(record: CalibrationRecord) -> list[str]:
-    parts = []
+def _validation(record: CalibrationRecord, say: Say) -> list[str]:
+    parts, number = [], say.number
     if "held_out" in record.validation:
         told = record.validation["held_out"]
-        kept = [(p["pose"], p["channel"], f"{p['error_mm']:+.4f}", f"{p['u_mm']:.4f}") for p in told["poses"]]
+        kept = [(p["pose"], p["channel"], number(p["error_mm"], "+.4f"), number(p["u_mm"], ".4f")) for p in told["poses"]]
         parts += [
-            html.heading("Poses held out"),
+            html.heading(say("Poses held out")),
             html.paragraph(
-                f"They took no part in the fit. Their lengths were predicted to {told['rms_mm']:.4g} mm rms; {told['expected_mm']:.4g} mm "
-                f"were to be expected, and {100 * told['within_95']:.0f} % lie within their 95 %."
+                say(
+                    "They took no part in the fit. Their lengths were predicted to {mm:.4g} mm rms; {expected:.4g} mm were to be expected, "
+                    "and {percent:.0f} % lie within their 95 %.",
+                    mm=told["rms_mm"],
+                    expected=told["expected_mm"],
+                    percent=100 * told["within_95"],
+                )
             ),
-            html.table(("pose", "channel", "error, mm", "u, mm"), kept),
+            html.table((say("pose"), say("channel"), say("error, mm"), say("u, mm")), kept),
         ]
     if "against_nominal" in record.validation:
         told = record.validation["against_nominal"]
         parts += [
-            html.heading("Against the drawing"),
+            html.heading(say("Against the drawing")),
             html.paragraph(
-                f"Each of {told['poses']} poses was predicted from all others: by this rig to {told['rms_mm']:.4g} mm rms, by the nominal "
-                f"one to {told['nominal_mm']:.4g} mm. Errors as large as these, if this rig is no worse, have the probability "
-                f"{told['p_worse']:.2g}; below 0.001 it is not delivered."
+                say(
+                    "Each of {poses} poses was predicted from all others: by this rig to {mm:.4g} mm rms, by the nominal one to "
+                    "{nominal:.4g} mm. Errors as large as these, if this rig is no worse, have the probability {p:.2g}; below {least:g} it "
+                    "is not delivered.",
+                    poses=told["poses"],
+                    mm=told["rms_mm"],
+                    nominal=told["nominal_mm"],
+                    p=told["p_worse"],
+                    least=0.001,
+                )
             ),
         ]
     if record.u_length_mm:
-        rows = [(cable, f"{u:.4f}") for cable, u in record.u_length_mm.items()]
+        rows = [(cable, number(u, ".4f")) for cable, u in record.u_length_mm.items()]
         parts += [
-            html.heading("Lengths that err on their own"),
-            html.paragraph("As the residuals show; in the uncertainties of everything measured with this rig."),
-            html.table(("cable", "u, mm"), rows),
+            html.heading(say("Lengths that err on their own")),
+            html.paragraph(say("As the residuals show; in the uncertainties of everything measured with this rig.")),
+            html.table((say("cable"), say("u, mm")), rows),
         ]
     if "poses" in record.validation:
-        rows = [(p["pose"], f"{p['rms_mm']:.4f}") for p in record.validation["poses"]]
+        rows = [(p["pose"], number(p["rms_mm"], ".4f")) for p in record.validation["poses"]]
+        left_out = record.validation["left_out_rms_mm"]
         parts += [
-            html.heading("Each pose predicted by the others"),
-            html.paragraph(f"A fit without a pose misses its lengths by {record.validation['left_out_rms_mm']:.4g} mm rms."),
-            html.table(("pose left out", "rms, mm"), rows),
+            html.heading(say("Each pose predicted by the others")),
+            html.paragraph(say("A fit without a pose misses its lengths by {mm:.4g} mm rms.", mm=left_out)),
+            html.table((say("pose left out"), say("rms, mm")), rows),
         ]
     if record.correlations:
         parts += [
-            html.heading("Values that cannot be told apart"),
-            html.paragraph("Correlations beyond 0.95: quote such values together, or not at all."),
-            html.table(("value", "with", "correlation"), ((c["a"], c["b"], f"{c['value']:+.4f}") for c in record.correlations)),
+            html.heading(say("Values that cannot be told apart")),
+            html.paragraph(say("Correlations beyond {limit:g}: quote such values together, or not at all.", limit=0.95)),
+            html.table(
+                (say("value"), say("with"), say("correlation")),
+                ((c["a"], c["b"], number(c["value"], "+.4f")) for c in record.correlations),
+            ),
         ]
     return parts
 
 
-def _robust(record: CalibrationRecord) -> list[str]:
+def _robust(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.robust:
         return []
-    rows = [(w["pose"], f"{w['weight']:.3f}") for w in sorted(record.robust["weights"], key=lambda w: float(w["weight"]))]
-    told = f"{record.robust['loss']} (constant {record.robust['constant']:g}) at {record.robust['scale']:.3g} times the stated noise"
-    return [
-        html.heading("Robust loss"),
-        html.paragraph(f"{told}: a pose that the others contradict counts less, one with weight 0 not at all."),
-        html.table(("pose", "weight"), rows),
-    ]
+    rows = [(w["pose"], say.number(w["weight"], ".3f")) for w in sorted(record.robust["weights"], key=lambda w: float(w["weight"]))]
+    told = say(
+        "{loss} (constant {constant:g}) at {scale:.3g} times the stated noise: a pose that the others contradict counts less, one with "
+        "weight 0 not at all.",
+        loss=say.told(record.robust["loss"]),
+        constant=record.robust["constant"],
+        scale=record.robust["scale"],
+    )
+    return [html.heading(say("Robust loss")), html.paragraph(told), html.table((say("pose"), say("weight")), rows)]
 
 
-def _ranges(record: CalibrationRecord) -> list[str]:
+def _ranges(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.ranges:
         return []
     rows = (
         (
             r["point"],
-            *(f"{low:.1f} to {high:.1f}" for low, high in zip(r["low_mm"], r["high_mm"], strict=True)),
-            f"{r['fitting']} of {r['tried']}",
+            *(say("{low:.1f} to {high:.1f}", low=low, high=high) for low, high in zip(r["low_mm"], r["high_mm"], strict=True)),
+            say("{n} of {of}", n=r["fitting"], of=r["tried"]),
         )
         for r in record.ranges
     )
+    told = say("Each point was solved again with its assumed values held at sets drawn from their whole range: all these places fit.")
     return [
-        html.heading("Result over the range of what nobody measured"),
-        html.paragraph(
-            "Each point was solved again with its assumed values held at sets drawn from their whole range: all these places fit."
-        ),
-        html.table(("point", "x, mm", "y, mm", "z, mm", "sets that fit"), rows),
+        html.heading(say("Result over the range of what nobody measured")),
+        html.paragraph(told),
+        html.table((say("point"), say("x, mm"), say("y, mm"), say("z, mm"), say("sets that fit")), rows),
     ]
 
 
-def _coarse(record: CalibrationRecord) -> list[str]:
+def _coarse(record: CalibrationRecord, say: Say) -> list[str]:
     if not record.coarse:
         return []
+    number = say.number
+    roots = {True: say("chosen"), False: say("possible"), None: say("not physical")}
     rows = (
-        (c["point"], c["channel"], *(f"{x:.3f}" for x in c["position_mm"]), f"{c['first_length_mm']:.3f}", f"{c['rms_mm']:.3g}",
-         "chosen" if c["chosen"] else "possible" if c["physical"] else "not physical")
+        (c["point"], c["channel"], *(number(x, ".3f") for x in c["position_mm"]), number(c["first_length_mm"], ".3f"),
+         number(c["rms_mm"], ".3g"), roots[bool(c["chosen"]) if c["chosen"] or c["physical"] else None])
         for c in record.coarse
     )  # fmt: skip
-    header = ("point", "channel", "x, mm", "y, mm", "z, mm", "first length, mm", "rms, mm", "root")
-    return [html.heading("Coarse solutions: straight cables, both roots"), html.table(header, rows)]
-
-
-def residuals_figure(record: CalibrationRecord) -> go.Figure:
-    """Residual of each channel at each reference pose."""
-    figure = go.Figure()
-    for channel in Counter(r.channel for r in record.residuals):
-        own = [r for r in record.residuals if r.channel == channel]
-        figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.label(channel))
-    figure.update_layout(
-        height=420,
-        margin={"t": 20},
-        xaxis={"title": "reference pose", "type": "category"},
-        yaxis={"title": "residual, mm; of angles, mrad"},
-    )
-    return figure
-
-
-def _rig(calibration: Calibration) -> go.Figure:
-    """Observation points, reference poses, and the cables at the first pose with their tangent points."""
-    campaign, rig = calibration.campaign, calibration.rig
-    rows = rig.cable_rows(campaign.drums)
-    _, tangent, attachment, _ = wrap_geometry(rows, campaign.poses.rows[:1])
-    figure = go.Figure()
-    for j, c in enumerate(campaign.drums):
-        line = [rows[j, :3], tangent[0, j], attachment[0, j]]
-        figure.add_scatter3d(
-            x=[p[0] for p in line], y=[p[1] for p in line], z=[p[2] for p in line], mode="lines", line={"width": 4}, name=html.label(c.name)
-        )
-    points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.drums)]
-    x, y, z = zip(*(p.position_mm for p in points), strict=True)
-    names = [f"\u00a0\u00a0{html.label(p.name)}" for p in points]
-    figure.add_scatter3d(
-        x=x, y=y, z=z, mode="markers+text", text=names, textposition="middle right", marker={"size": 4, "color": "black"},
-        name="observation points",
-    )  # fmt: skip
-    x, y, z = campaign.poses.rows[:, :3].T
-    names = [html.label(n) for n in campaign.poses.names]
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, marker={"size": 3, "color": "gray"}, name="reference poses")
-    axes = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
-    figure.update_layout(height=640, margin={"t": 10}, scene=axes)
-    return figure
+    columns = (say("point"), say("channel"), say("x, mm"), say("y, mm"), say("z, mm"), say("first length, mm"), say("rms, mm"), say("root"))
+    return [html.heading(say("Coarse solutions: straight cables, both roots")), html.table(columns, rows)]

@@ -54,6 +54,11 @@ def paragraph(value: object, kind: str = "") -> str:
     return f'<p class="{kind}">{text(value)}</p>' if kind else f"<p>{text(value)}</p>"
 
 
+def warning(said: object, code: str) -> str:
+    """Something that must be known, with the code by which it is looked up."""
+    return f'<p class="warning">{text(said)} <code>{text(code)}</code></p>'
+
+
 def heading(value: object, level: int = 2, anchor: str = "") -> str:
     """A section heading, to which an anchor leads where it is given."""
     return f'<h{level} id="{anchor}">{text(value)}</h{level}>' if anchor else f"<h{level}>{text(value)}</h{level}>"
@@ -91,19 +96,31 @@ UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
 
 
 ROOM = 40
+ABOVE = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 1.0, "yanchor": "bottom"}
+"""A legend over its figure: beside it, it would take a telephone's whole width."""
+BELOW = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
+"""A colour bar under its figure, for the same reason."""
+EYE = {"eye": {"x": 1.35, "y": 1.35, "z": 0.9}}
+SEPARATORS = {"en": ".,", "ru": ",\u00a0"}
+"""Decimal mark and what stands between thousands."""
 
 
 def figure(drawing: go.Figure, name: str | None = None, *, first: bool, language: str = "en") -> str:
     """A figure as wide as the page, its buttons in the page's language; the first one brings what draws all of them."""
+    if drawing.layout.legend.orientation is None and drawing.layout.legend.x is None:
+        drawing.update_layout(legend=ABOVE)
     # figures at the corner of two axes would touch
     drawing.update_xaxes(ticklabelstandoff=5).update_yaxes(ticklabelstandoff=5)
     if drawing.layout.modebar.orientation != "v":
         # room for the buttons, which else lie on the legend
         given = drawing.layout.margin.t
         drawing.update_layout(margin={"t": ROOM if given is None else max(ROOM, given)})
-    if any(trace.type.endswith("3d") or trace.type == "surface" for trace in drawing.data) and drawing.layout.scene.camera.eye.x is None:
-        drawing.update_scenes(camera={"eye": {"x": 1.6, "y": 1.6, "z": 1.1}})
+    if any(trace.type.endswith("3d") or trace.type == "surface" for trace in drawing.data):
+        drawing.update_layout(margin={side: 0 for side in "lrb" if drawing.layout.margin[side] is None})
+        if drawing.layout.scene.camera.eye.x is None:
+            drawing.update_scenes(camera=EYE)
     known = texts("report", language)
+    drawing.update_layout(separators=SEPARATORS[language])
     buttons = {key.removeprefix("plot."): text for key, text in known.items() if key.startswith("plot.")}
     config = {
         "responsive": True,
@@ -140,6 +157,6 @@ def page(title: str, body: Iterable[str], language: str = "en") -> str:
     return _PAGE.format(title=text(title), body=whole, language=language, policy=policy(whole), style=_STYLE.read_text(encoding="utf-8"))
 
 
-def write_page(path: Path, title: str, body: Iterable[str]) -> None:
+def write_page(path: Path, title: str, body: Iterable[str], language: str = "en") -> None:
     """Write a page of ready HTML parts under an escaped title, whole or not at all."""
-    files.write_text(path, page(title, body))
+    files.write_text(path, page(title, body, language))

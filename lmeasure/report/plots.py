@@ -25,9 +25,9 @@ from lmeasure.lengths import Lengths
 from lmeasure.poses import Poses
 from lmeasure.program import Program
 from lmeasure.report import html
-from lmeasure.report.calibration import residuals_figure
+from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
-from lmeasure.report.zone_html import slices_figure, space_figure
+from lmeasure.report.zone_figures import slices_figure, space_figure
 from lmeasure.rig import Rig
 from lmeasure.robots.identify import Identified
 from lmeasure.run import Run

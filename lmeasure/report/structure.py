@@ -13,9 +13,11 @@ from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.lcoordinate.singularity import rim_mm
 from lmeasure.lcoordinate.structures import LINKS, incidence, parse, structures
 from lmeasure.linkage.links import Linkage
-from lmeasure.linkage.words import told
+from lmeasure.linkage.words import lines
 from lmeasure.report import html
 from lmeasure.report.structure_drawing import svg
+from lmeasure.report.words import axes
+from lmeasure.saying import ENGLISH, Say
 
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
@@ -23,116 +25,115 @@ CARD = 'style="display:inline-block;vertical-align:top;width:200px;margin:0 0 1r
 FACES = ((0, 0, 0, 1), (1, 1, 2, 2), (2, 3, 3, 3))
 
 
-def write_structure_page(path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None) -> None:
+def write_structure_page(
+    path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None, language: str = "en"
+) -> None:
     """Write a self-contained page of links and their record (`linkage.record.described`); pose (7,) at which they were looked at."""
-    scripts: Any = True
-    body = [html.paragraph(line.strip(), "warning" if line.startswith(("warning", "singular")) else "") for line in _head(record)]
+    say = Say(language)
+    body = [html.paragraph(line.text, "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
     if len(linkage.base) == LINKS:
         body.append(svg(incidence(linkage.base, linkage.platform).structure))
-        body.append(html.paragraph("Platform above, base below; a dot is larger where more links meet."))
-    figures = [("In space", space_figure(linkage, record, pose), _space_words(record))]
+        body.append(html.paragraph(say("Platform above, base below; a dot is larger where more links meet.")))
+    figures = [(say("In space"), space_figure(linkage, record, pose, say), _space_words(record, say))]
     if "way" in record:
-        figures.append(("On the way", way_figure(record["way"]), WAY_WORDS))
+        words = say(
+            "The determinant, whose size depends on units, above; below what a user can judge by: how far the platform's rim moves by "
+            "lengths that are off by 1 mm together, and the largest pressure angle. Dotted lines are singular poses."
+        )
+        figures.append((say("On the way"), way_figure(record["way"], say), words))
     if record.get("boundary", {}).get("slices"):
-        figures.append(("Boundary of the workspace", slices_figure(record["boundary"], pose), SLICES_WORDS))
+        words = say(
+            "The boundary at each level, coloured by the limit that is met there; the dot is the pose. Point at a line to read its level."
+        )
+        figures.append((say("Boundary of the workspace"), slices_figure(record["boundary"], pose, say), words))
     for number, (title, figure, words) in enumerate(figures):
         body += [html.heading(title), html.paragraph(words)]
-        body.append(html.figure(figure, f"figure{number}", first=scripts))
-        scripts = False
+        body.append(html.figure(figure, f"figure{number}", first=number == 0, language=language))
+    place = (say("x, mm"), say("y, mm"), say("z, mm"))
+    header: tuple[str, ...]
     if record.get("assemblies"):
-        body += [html.heading("Assemblies"), html.table(("", "x, mm", "y, mm", "z, mm", "quaternion x, y, z, w", "proved"), _rows(record))]
+        header = ("", *place, say("quaternion x, y, z, w"), say("proved"))
+        body += [html.heading(say("Assemblies")), html.table(header, _rows(record, say))]
     if "rank" in record:
-        body += [html.heading("At the pose"), html.table(("figure", "value"), _at_pose(record))]
+        body += [html.heading(say("At the pose")), html.table((say("figure"), say("value")), _at_pose(record, say))]
     if "design" in record:
         made = record["design"]
-        rows = [(n, *(f"{v:.4f}" for v in made["given"][n]), *(f"{v:.4f}" for v in made["free"][n])) for n in made["given"]]
-        body += [html.heading("Lengths within which nothing is singular")]
-        body.append(html.table(("link", "given from, mm", "to, mm", "free from, mm", "to, mm"), rows))
-    body += [
-        html.heading("The links"),
-        html.table(("link", "from", "x, mm", "y, mm", "z, mm", "to", "x, mm", "y, mm", "z, mm"), _links(linkage)),
-    ]
-    html.write_page(path, f"Structure of {name}", body)
+        rows = [(n, *(say.number(v, ".4f") for v in (*made["given"][n], *made["free"][n]))) for n in made["given"]]
+        header = (say("link"), say("given from, mm"), say("to, mm"), say("free from, mm"), say("to, mm"))
+        body += [html.heading(say("Lengths within which nothing is singular")), html.table(header, rows)]
+    header = (say("link"), say("from"), *place, say("to"), *place)
+    body += [html.heading(say("The links")), html.table(header, _links(linkage, say))]
+    html.write_page(path, say("Structure of {name}", name=name), body, language)
 
 
-WAY_WORDS = (
-    "The determinant, whose size depends on units, above; below what a user can judge by: how far the platform's rim moves by lengths that "
-    "are off by 1 mm together, and the largest pressure angle. Dotted lines are singular poses."
-)
-SLICES_WORDS = (
-    "The boundary at each level, coloured by the limit that is met there; the dot is the pose. Point at a line to read its level."
-)
-
-
-def _head(record: dict[str, Any]) -> list[str]:
-    return [line for line in told(record) if not line.startswith(("  (", "  link", "gradient", "pressure"))]
-
-
-def _space_words(record: dict[str, Any]) -> str:
-    words = "Drag to turn, scroll to come nearer, click in the legend to show and hide. Black is the base, blue the platform."
+def _space_words(record: dict[str, Any], say: Say) -> str:
+    words = [say("Drag to turn, scroll to come nearer, click in the legend to show and hide. Black is the base, blue the platform.")]
     if record.get("assemblies"):
-        words += " The buttons show one assembly after the other."
+        words.append(say("The buttons show one assembly after the other."))
     if record.get("closed_form"):
-        words += " Coloured bodies are the tetrahedra by which the assemblies are found."
+        words.append(say("Coloured bodies are the tetrahedra by which the assemblies are found."))
     if "rank" in record:
-        words += " Violet is the axis of the screw that the lengths see least, green that of the determinant's gradient."
-    return words
+        words.append(say("Violet is the axis of the screw that the lengths see least, green that of the determinant's gradient."))
+    return " ".join(words)
 
 
-def _rows(record: dict[str, Any]) -> list[tuple[str, ...]]:
+def _rows(record: dict[str, Any], say: Say) -> list[tuple[str, ...]]:
     out = []
     for i, one in enumerate(record["assemblies"], 1):
-        turn = ", ".join(f"{v:.6f}" for v in one["quaternion_xyzw"])
-        out.append((str(i), *(f"{v:.4f}" for v in one["position_mm"]), turn, "yes" if one["certified"] else "no"))
+        place = (say.number(v, ".4f") for v in one["position_mm"])
+        out.append((str(i), *place, say.numbers(one["quaternion_xyzw"], ".6f"), say("yes") if one["certified"] else say("no")))
     return out
 
 
-def _at_pose(record: dict[str, Any]) -> list[tuple[str, str]]:
+def _at_pose(record: dict[str, Any], say: Say) -> list[tuple[str, str]]:
     rows = [
-        ("determinant, mm³", _figure(record["determinant"])),
-        ("rank", str(record["rank"])),
-        ("condition", _figure(record["condition"])),
+        (say("determinant, mm³"), _figure(record["determinant"], say)),
+        (say("rank"), str(record["rank"])),
+        (say("condition"), _figure(record["condition"], say)),
+        (say("rim by lengths off by 1 mm together, mm"), _figure(record["mm_per_mm"], say)),
+        (say("U95 of the position, each length uncertain by 1 mm, mm"), _figure(record["u95_mm_per_mm"], say)),
     ]
-    rows.append(("rim by lengths off by 1 mm together, mm", _figure(record["mm_per_mm"])))
-    rows.append(("U95 of the position, each length uncertain by 1 mm, mm", _figure(record["u95_mm_per_mm"])))
     if "wrapped" in record:
-        rows.append(("U95 of the position by counts of ±1/2, mm", _figure(record["wrapped"]["u95_position_mm"])))
-    rows.append(("pressure angles, °", ", ".join(f"{v:.1f}" for v in record["pressure_angles_deg"])))
+        rows.append((say("U95 of the position by counts of ±1/2, mm"), _figure(record["wrapped"]["u95_position_mm"], say)))
+    rows.append((say("pressure angles, °"), say.numbers(record["pressure_angles_deg"], ".1f")))
     if record["gradient"] is not None:
-        rows.append(("gradient (ω; v)", ", ".join(f"{v:.4g}" for v in record["gradient"])))
+        rows.append((say("gradient (ω; v)"), say.numbers(record["gradient"], ".4g")))
     screw = record["least_seen_screw"]
-    axis = (
-        f"axis through ({', '.join(f'{v:.4g}' for v in screw['point_mm'])}) mm along ({', '.join(f'{v:.3f}' for v in screw['direction'])})"
+    axis = say(
+        "axis through ({point}) mm along ({direction})",
+        point=say.numbers(screw["point_mm"], ".4g"),
+        direction=say.numbers(screw["direction"], ".3f"),
     )
-    pitch = "a shift" if screw["pitch_mm"] is None else f"{screw['pitch_mm']:.4g} mm per turn"
-    rows.append(("screw seen least", f"{axis}, {pitch}, {screw['mm_per_mm']:.3g} mm per mm"))
+    pitch = say("a shift") if screw["pitch_mm"] is None else say("{mm:.4g} mm per turn", mm=screw["pitch_mm"])
+    motion = say("{mm:.3g} mm per mm", mm=screw["mm_per_mm"])
+    rows.append((say("screw seen least"), f"{axis}, {pitch}, {motion}"))
     return rows
 
 
-def _figure(value: float | None) -> str:
-    return "none" if value is None else f"{value:.5g}"
+def _figure(value: float | None, say: Say) -> str:
+    return say("none") if value is None else say.number(value, ".5g")
 
 
-def _links(linkage: Linkage) -> list[tuple[str, ...]]:
+def _links(linkage: Linkage, say: Say) -> list[tuple[str, ...]]:
     each = zip(linkage.names, linkage.base, linkage.platform, strict=True)
-    return [(name, b, *(f"{v:g}" for v in at), p, *(f"{v:g}" for v in of)) for (name, b, p), at, of in each]
+    return [(name, b, *(say.number(v, "g") for v in at), p, *(say.number(v, "g") for v in of)) for (name, b, p), at, of in each]
 
 
-def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | None) -> go.Figure:
+def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | None, say: Say = ENGLISH) -> go.Figure:
     """Base, platform and links at the pose and at every assembly, with tetrahedra, screws and boundary slices where they are known."""
     figure = go.Figure()
-    figure.add_trace(_outline(linkage.base, BASE_INK, "base", [name for _, name, _ in linkage.names]))
+    figure.add_trace(_outline(linkage.base, BASE_INK, say("base"), [name for _, name, _ in linkage.names]))
     fixed = 1
-    shown: list[tuple[str, FloatArray]] = [("pose", pose)] if pose is not None else []
+    shown: list[tuple[str, FloatArray]] = [(say("pose"), pose)] if pose is not None else []
     for i, one in enumerate(record.get("assemblies", []), 1):
-        shown.append((f"assembly {i}", np.array([*one["position_mm"], *one["quaternion_xyzw"]])))
+        shown.append((say("assembly {i}", i=i), np.array([*one["position_mm"], *one["quaternion_xyzw"]])))
     if not shown:
-        figure.update_layout(title="The base alone: with --position-mm or lengths the platform is drawn too", title_font_size=13)
+        figure.update_layout(title=say("The base alone: with a pose or lengths the platform is drawn too"), title_font_size=13)
     groups = []
     for n, (name, at) in enumerate(shown):
-        traces = _platform(linkage, at, name) + _tetrahedra(linkage, at)
-        if name == "pose" and "rank" in record:
-            traces += _screws(linkage, record, at)
+        traces = _platform(linkage, at, name, say) + _tetrahedra(linkage, at, say)
+        if at is pose and "rank" in record:
+            traces += _screws(linkage, record, at, say)
         as_first = [trace.visible or True for trace in traces]
         for trace, visible_first in zip(traces, as_first, strict=True):
             trace.visible = visible_first if n == 0 else False
@@ -140,7 +141,9 @@ def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | No
         groups.append((name, as_first))
     for piece in record.get("boundary", {}).get("slices", []):
         x, y, z = _closed(piece).T
-        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4, "color": GRADIENT}, name=f"boundary, {piece['level_mm']:g} mm")
+        figure.add_scatter3d(
+            x=x, y=y, z=z, mode="lines", line={"width": 4, "color": GRADIENT}, name=say("boundary, {mm:g} mm", mm=piece["level_mm"])
+        )
     after = len(record.get("boundary", {}).get("slices", []))
     buttons = []
     for n, (name, _) in enumerate(groups):
@@ -149,9 +152,12 @@ def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | No
             visible += as_first if k == n else [False] * len(as_first)
         buttons.append({"label": name, "method": "restyle", "args": [{"visible": visible + [True] * after}]})
     if len(buttons) > 1:
-        figure.update_layout(updatemenus=[{"buttons": buttons, "x": 0.0, "y": 1.08, "xanchor": "left", "showactive": True}])
-    scene = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
-    return figure.update_layout(height=640, margin={"t": 40, "b": 10, "l": 0, "r": 0}, scene=scene, legend={"x": 1.0, "y": 1.0})
+        figure.update_layout(
+            updatemenus=[{"buttons": buttons, "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom", "showactive": True}]
+        )
+        figure.update_layout(legend={"orientation": "h", "x": 0.0, "y": 0.0, "yanchor": "top"})
+    scene = axes(say)
+    return figure.update_layout(height=640, margin={"t": 40, "b": 10, "l": 0, "r": 0}, scene=scene)
 
 
 def _closed(piece: dict[str, Any]) -> FloatArray:
@@ -177,7 +183,7 @@ def _outline(points: FloatArray, ink: str, title: str, names: list[str]) -> go.S
     )  # fmt: skip
 
 
-def _platform(linkage: Linkage, pose: FloatArray, name: str) -> list[Any]:
+def _platform(linkage: Linkage, pose: FloatArray, name: str, say: Say) -> list[Any]:
     points = se3.apply(pose, linkage.platform)
     starts = linkage.base
     if linkage.wrapped is not None:
@@ -185,11 +191,11 @@ def _platform(linkage: Linkage, pose: FloatArray, name: str) -> list[Any]:
     ways = np.full((len(points), 4, 3), np.nan)
     ways[:, 0], ways[:, 1], ways[:, 2] = linkage.base, starts, points
     x, y, z = ways.reshape(-1, 3).T
-    links = go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4, "color": LINK_INK}, name="links", hoverinfo="skip")
-    return [_outline(points, PLATFORM_INK, f"platform, {name}", [p for _, _, p in linkage.names]), links]
+    links = go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4, "color": LINK_INK}, name=say("links"), hoverinfo="skip")
+    return [_outline(points, PLATFORM_INK, say("platform, {name}", name=name), [p for _, _, p in linkage.names]), links]
 
 
-def _tetrahedra(linkage: Linkage, pose: FloatArray) -> list[Any]:
+def _tetrahedra(linkage: Linkage, pose: FloatArray, say: Say) -> list[Any]:
     """The tetrahedra of the closed form, hidden until the legend is clicked."""
     if len(linkage.base) != LINKS:
         return []
@@ -203,7 +209,7 @@ def _tetrahedra(linkage: Linkage, pose: FloatArray) -> list[Any]:
         x, y, z = points.T
         i_, j_, k_ = FACES
         mesh = go.Mesh3d(
-            x=x, y=y, z=z, i=i_, j=j_, k=k_, opacity=0.35, color=TETRAHEDRA[(n - 1) % len(TETRAHEDRA)], name=f"tetrahedron {n}",
+            x=x, y=y, z=z, i=i_, j=j_, k=k_, opacity=0.35, color=TETRAHEDRA[(n - 1) % len(TETRAHEDRA)], name=say("tetrahedron {n}", n=n),
             showlegend=True,
         )  # fmt: skip
         mesh.visible = "legendonly"
@@ -211,49 +217,49 @@ def _tetrahedra(linkage: Linkage, pose: FloatArray) -> list[Any]:
     return out
 
 
-def _screws(linkage: Linkage, record: dict[str, Any], pose: FloatArray) -> list[Any]:
+def _screws(linkage: Linkage, record: dict[str, Any], pose: FloatArray, say: Say) -> list[Any]:
     """Axes of the screw that is seen least, and of the determinant's gradient."""
     size = 1.5 * rim_mm(linkage.platform)
     screw = record["least_seen_screw"]
-    out = [_axis(np.array(screw["point_mm"]), np.array(screw["direction"]), pose[:3], size, SCREW, "screw seen least")]
+    out = [_axis(np.array(screw["point_mm"]), np.array(screw["direction"]), pose[:3], size, SCREW, say("screw seen least"), say)]
     if record["gradient"] is not None and np.any(record["gradient"]):
         omega, v = np.split(np.array(record["gradient"]), 2)
         turn = float(np.linalg.norm(omega))
         shift = turn * size <= 1e-6 * float(np.linalg.norm(v))
         direction = v / np.linalg.norm(v) if shift else omega / turn
         point = pose[:3] if shift else np.cross(omega, v) / turn**2
-        out.append(_axis(point, direction, pose[:3], size, GRADIENT, "gradient of the determinant"))
+        out.append(_axis(point, direction, pose[:3], size, GRADIENT, say("gradient of the determinant"), say))
     return out
 
 
-def _axis(point: FloatArray, direction: FloatArray, near: FloatArray, size: float, ink: str, name: str) -> Any:
+def _axis(point: FloatArray, direction: FloatArray, near: FloatArray, size: float, ink: str, name: str, say: Say) -> Any:
     """A piece of an axis beside a place, or a piece through the place where the axis is far away."""
     foot = point + direction * float((near - point) @ direction)
     if float(np.linalg.norm(foot - near)) > 10.0 * size:
-        foot, name = near, f"{name} (its axis is far away)"
+        foot, name = near, say("{name} (its axis is far away)", name=name)
     x, y, z = np.array([foot - size * direction, foot + size * direction]).T
     return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 6, "color": ink, "dash": "dash"}, name=name)
 
 
-def way_figure(way: dict[str, Any]) -> go.Figure:
+def way_figure(way: dict[str, Any], say: Say = ENGLISH) -> go.Figure:
     """Determinant, motion of the rim and pressure angle along a way."""
     figure = make_subplots(3, 1, shared_xaxes=True, vertical_spacing=0.05)
     percent = [100.0 * share for share in way["share"]]
     rows = (
-        ("determinant", "determinant, mm³", False),
-        ("mm_per_mm", "rim, mm per mm", True),
-        ("worst_pressure_angle_deg", "angle, °", False),
+        ("determinant", say("determinant, mm³"), False),
+        ("mm_per_mm", say("rim, mm per mm"), True),
+        ("worst_pressure_angle_deg", say("angle, °"), False),
     )
     for row, (key, title, log) in enumerate(rows, 1):
         figure.add_scatter(x=percent, y=way[key], mode="lines", line={"color": PLATFORM_INK}, showlegend=False, row=row, col=1)
         figure.update_yaxes(title_text=title, type="log" if log else "linear", row=row, col=1)
         for share in way["singular_at_share"]:
             figure.add_vline(x=100.0 * share, line={"dash": "dot", "color": LINK_INK}, row=row, col=1)
-    figure.update_xaxes(title_text="of the way, %", row=3, col=1)
+    figure.update_xaxes(title_text=say("of the way, %"), row=3, col=1)
     return figure.update_layout(height=620, margin={"t": 20})
 
 
-def slices_figure(workspace: dict[str, Any], pose: FloatArray | None) -> go.Figure:
+def slices_figure(workspace: dict[str, Any], pose: FloatArray | None, say: Say = ENGLISH) -> go.Figure:
     """The boundaries of all levels in their plane, and the pose (7,)."""
     a, b = ("xyz".index(axis) for axis in workspace["plane"])
     palette = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -267,36 +273,38 @@ def slices_figure(workspace: dict[str, Any], pose: FloatArray | None) -> go.Figu
             keep = np.array([x == limit for x in limits])
             reach = keep | np.append(False, keep[:-1])
             x, y = np.where(reach, places[:, a], np.nan), np.where(reach, places[:, b], np.nan)
-            label = f"{piece['level_mm']:g} mm, {'closed' if piece['closed'] else 'open'}: {limit}"
+            how = say("closed") if piece["closed"] else say("open")
+            label = say("{mm:g} mm, {how}: {limit}", mm=piece["level_mm"], how=how, limit=say.told(limit))
             figure.add_scatter(
-                x=x, y=y, mode="lines", line={"color": palette[met.index(limit) % len(palette)]}, name=html.text(limit),
+                x=x, y=y, mode="lines", line={"color": palette[met.index(limit) % len(palette)]}, name=html.label(say.told(limit)),
                 text=[label] * len(x),
-                hovertemplate="%{x:.2f}, %{y:.2f} mm<br>%{text}<extra></extra>", legendgroup=limit, showlegend=limit not in told_of,
+                hovertemplate=f"%{{x:.2f}}, %{{y:.2f}} {say('mm')}<br>%{{text}}<extra></extra>", legendgroup=limit,
+                showlegend=limit not in told_of,
             )  # fmt: skip
             told_of.add(limit)
     if pose is not None:
-        figure.add_scatter(x=[pose[a]], y=[pose[b]], mode="markers", marker={"color": BASE_INK, "size": 9}, name="pose")
-    figure.update_xaxes(title_text=f"{'XYZ'[a]}, mm", scaleanchor="y", constrain="domain")
-    figure.update_yaxes(title_text=f"{'XYZ'[b]}, mm", constrain="domain")
+        figure.add_scatter(x=[pose[a]], y=[pose[b]], mode="markers", marker={"color": BASE_INK, "size": 9}, name=say("pose"))
+    figure.update_xaxes(title_text=say(f"{'XYZ'[a]}, mm"), scaleanchor="y", constrain="domain")
+    figure.update_yaxes(title_text=say(f"{'XYZ'[b]}, mm"), constrain="domain")
     return figure.update_layout(height=620, margin={"t": 20})
 
 
-def write_list_page(path: Path, every: list[dict[str, Any]]) -> None:
+def write_list_page(path: Path, every: list[dict[str, Any]], language: str = "en") -> None:
     """Write a page with drawings of all structures of six links."""
+    say = Say(language)
     cards, classes = [], {one["class"] for one in every}
     for one in every:
         (structure,) = parse(one["notation"])
-        how = "determines no pose" if one["degenerate"] else "closed form" if one["closed_form"] else "homotopy"
+        how = say("determines no pose") if one["degenerate"] else say("closed form") if one["closed_form"] else say("homotopy")
         title, words = one["notation"].split(":")
         cards.append(
             f"<div {CARD}>{svg(structure)}<br><b>{title}</b><br>{words}<br>{one['koliskor']}: {one['complex_assemblies']}, {how}</div>"
         )
-    body = [
-        html.paragraph(
-            f"{len(structures())} structures of six links, platform and base told apart, in {len(classes)} classes by how many links meet "
-            "in each point, platform first. Platform above, base below; under each drawing the base points of each platform point, "
-            "Koliskor's notation and the number of complex assemblies: a platform of it has no more real poses with given lengths."
-        ),
-        *cards,
-    ]
-    html.write_page(path, "Structures of six links", body)
+    told = say(
+        "{number} structures of six links, platform and base told apart, in {classes} classes by how many links meet in each point, "
+        "platform first. Platform above, base below; under each drawing the base points of each platform point, Koliskor's notation and "
+        "the number of complex assemblies: a platform of it has no more real poses with given lengths.",
+        number=len(structures()),
+        classes=len(classes),
+    )
+    html.write_page(path, say("Structures of six links"), [html.paragraph(told), *cards], language)

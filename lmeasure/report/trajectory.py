@@ -16,7 +16,9 @@ from lmeasure.findings import Finding, recognised
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
 from lmeasure.report import html
+from lmeasure.report.words import axes
 from lmeasure.rig import Rig
+from lmeasure.saying import Say
 from lmeasure.status import WORDS
 
 DOMAIN = "trajectory"
@@ -162,7 +164,8 @@ def _known(found: Along, language: str) -> Iterable[str]:
 
 def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figure:
     """The path coloured by the 95 % radius, where it broke off, and the rig."""
-    words = texts(DOMAIN, language)
+    words, say = texts(DOMAIN, language), Say(language)
+    number = say.number
     poses, rows = found.trajectory.poses, found.rows
     figure = go.Figure()
     known = np.flatnonzero(~np.isnan(poses[:, 0]))
@@ -172,17 +175,11 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
     u95_um = 1e3 * found.u95_mm[rows]
     line: dict[str, object] = {"width": 6, "color": "#555555"}
     if found.worst is not None:
-        bar = {
-            "title": {"text": words["bar"], "side": "top"},
-            "orientation": "h",
-            "y": -0.02,
-            "yanchor": "top",
-            "thickness": 14,
-            "len": 0.9,
-        }
+        bar = {"title": {"text": words["bar"], "side": "top"}} | html.BELOW
         line = {"width": 6, "color": u95_um, "colorscale": "Viridis", "colorbar": bar}
     about = [
-        f"{t:.6g} s" + ("" if np.isnan(u) else f"<br>U95 {u:.4g} µm") for t, u in zip(found.trajectory.time_s[rows], u95_um, strict=True)
+        f"{number(t, '.6g')} {words['s']}" + ("" if np.isnan(u) else f"<br>U95 {number(u, '.4g')} {words['um']}")
+        for t, u in zip(found.trajectory.time_s[rows], u95_um, strict=True)
     ]
     figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line=line, text=about, hoverinfo="x+y+z+text", name=words["origin"])
     for ok, colour, key in ((False, FAULT, "broke"), (True, LESS, "fewer")):
@@ -196,15 +193,9 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
                 x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": colour, "symbol": "diamond"}, text=told, name=words[key],
                 hoverinfo="text",
             )  # fmt: skip
-    axes = {
-        "xaxis_title": "X, mm",
-        "yaxis_title": "Y, mm",
-        "zaxis_title": "Z, mm",
-        "aspectmode": "data",
-        "camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.1}},
-    }
+    scene = axes(say) | {"camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.1}}}
     legend = {"orientation": "h", "y": -0.14, "yanchor": "top", "x": 0.0}
-    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 150}, scene=axes, legend=legend)
+    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 150}, scene=scene, legend=legend)
 
 
 def _near(sample: int, known: np.ndarray) -> int | None:

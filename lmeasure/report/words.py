@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from lmeasure.catalogue import decimal, texts
+from lmeasure.saying import Say
 
 DOMAIN = "report"
 BETWEEN_NUMBERS = {"en": ", ", "ru": "; "}
@@ -44,6 +45,11 @@ def with_indices(text: str) -> list[tuple[str, str]]:
 def numbers(language: str, printed: Iterable[str]) -> str:
     """Printed numbers in a row."""
     return BETWEEN_NUMBERS[language].join(decimal(language, one) for one in printed)
+
+
+def axes(say: Say) -> dict[str, Any]:
+    """Of a drawing in the base frame."""
+    return {"xaxis_title": say("X, mm"), "yaxis_title": say("Y, mm"), "zaxis_title": say("Z, mm"), "aspectmode": "data"}
 
 
 def unit(language: str, symbol: str) -> str:

@@ -12,7 +12,10 @@
   const [low, high] = data.range_u95.map(Math.log10);
   const place = { i: nx >> 1, j: ny >> 1 };
 
-  const digits = (v) => (Number.isFinite(v) ? v.toPrecision(3) : "not told");
+  const words = data.words;
+  const printed = (v) => String(v).replace(".", data.mark);
+  const digits = (v) => (Number.isFinite(v) ? printed(v.toPrecision(3)) : words.unknown);
+  const filled = (text, values) => text.replace(/\[(\w+)\]/g, (_, name) => values[name]);
   const limits = () => {
     const part = Number(id("u95").value) / 1000;
     // the slider's end asks nothing unless a limit was asked for
@@ -38,13 +41,13 @@
 
   const draw = () => {
     const asked = limits();
-    id("level-told").textContent = `${data.z[asked.level]} mm`;
-    id("angle-told").textContent = `${asked.angle}°`;
-    id("u95-told").textContent = Number.isFinite(asked.u95) ? `${digits(asked.u95)} mm` : "any";
+    id("level-told").textContent = printed(data.z[asked.level]) + words.mm;
+    id("angle-told").textContent = `${printed(asked.angle)}°`;
+    id("u95-told").textContent = Number.isFinite(asked.u95) ? digits(asked.u95) + words.mm : words.any;
     let inside = 0;
     for (let n = 0; n < worst.length; n++) inside += margin(n, asked) >= 0;
     const volume = (inside * data.spacing[0] * data.spacing[1] * data.spacing[2]) / 1e9;
-    id("left").textContent = `Within these limits: ${inside} of ${worst.length} drawn places, ${digits(volume)} m³.`;
+    id("left").textContent = filled(words.left, { inside, of: worst.length, volume: digits(volume) });
     const edge = layer((n) => margin(n, asked), asked.level);
     const maps = { "map-angle": (n) => worst[n], "map-u95": (n) => finite(Math.log10(u95[n])) };
     for (const [name, value] of Object.entries(maps)) {
@@ -62,12 +65,13 @@
     const c = covariance.slice(6 * n, 6 * n + 6);
     const told = Number.isFinite(c[0]);
     const cable = data.cables[weakest[n]];
+    const between = data.mark === "," ? "; " : ", ";
     const rows = [
-      ["place", `(${here.join(", ")}) mm`],
-      ["in the zone", margin(n, asked) >= 0 ? "yes" : "no"],
-      ["worst pressure angle, over the orientations", `${worst[n].toFixed(1)}°`],
-      ["95 % radius of the position, worst over them", Number.isFinite(u95[n]) ? `${digits(u95[n])} mm` : "not told"],
-      ["weakest cable, in the middle orientation", told ? `${cable.name}: pressure angle ${angle[n].toFixed(1)}°` : "a cable cannot run"],
+      [words.place, `(${here.map(printed).join(between)})${words.mm}`],
+      [words.inside, margin(n, asked) >= 0 ? words.yes : words.no],
+      [words.angle, `${printed(worst[n].toFixed(1))}°`],
+      [words.u95, Number.isFinite(u95[n]) ? digits(u95[n]) + words.mm : words.unknown],
+      [words.weakest, told ? filled(words.cable, { name: cable.name, angle: printed(angle[n].toFixed(1)) }) : words.stuck],
     ];
     const table = document.createElement("table");
     for (const row of rows) {

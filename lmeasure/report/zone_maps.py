@@ -15,10 +15,13 @@ from lmeasure.accuracy.ellipsoids import ellipsoids
 from lmeasure.accuracy.limits import REASONS
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.catalogue import DECIMAL_MARK
 from lmeasure.report import html
 from lmeasure.rig import Rig
+from lmeasure.saying import Say
 
 SCRIPT = Path(__file__).with_name("zone.js")
+# perceptually even, and readable without colour vision
 SCALE = "Viridis"
 MOST_ALONG = 61
 MOST_LEVELS = 41
@@ -28,22 +31,23 @@ RADIUS = float(np.sqrt(chi2.ppf(0.95, 3)))
 """Of the ellipsoid that holds 95 %, in standard deviations."""
 
 
-def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None) -> list[str]:
+def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None, say: Say) -> list[str]:
     """The parts of the page: sliders, what they leave of the zone, both maps, and the place that was clicked. Plotly's code must stand
     before them."""
     seen = thinned(zone)
-    data = _data(seen, zone, rig, calibration)
+    data = _data(seen, zone, rig, calibration) | {"words": _words(say), "mark": DECIMAL_MARK[say.language]}
     angle, u95 = data["limit_deg"], data["limit_u95"]
     controls = (
-        _slider("level", "Level Z", 0, len(data["z"]) - 1, len(data["z"]) // 2, 1)
-        + _slider("angle", "Largest pressure angle", 0, 90, angle, 0.5)
+        _slider("level", say("Level Z"), 0, len(data["z"]) - 1, len(data["z"]) // 2, 1)
+        + _slider("angle", say("Largest pressure angle"), 0, 90, angle, 0.5)
         # its position is on a logarithmic scale, as the colours are
-        + _slider("u95", "Largest 95 % radius of the position", 0, 1000, round(1000 * _part(u95, data)), 1)
+        + _slider("u95", say("Largest 95 % radius of the position"), 0, 1000, round(1000 * _part(u95, data)), 1)
     )
-    figures = _titled("Worst pressure angle, °", _map(data, [0.0, 90.0]), "map-angle") + _titled(
-        "95 % radius of the position, mm", _map(data, list(np.log10(data["range_u95"])), log=True), "map-u95"
-    )
-    ellipsoid = html.figure(_ellipsoid(), "ellipsoid", first=False)
+    angles = _map(data, [0.0, 90.0], say)
+    radii = _map(data, list(np.log10(data["range_u95"])), say, log=True)
+    figures = _titled(say("Worst pressure angle, °"), angles, "map-angle", say)
+    figures += _titled(say("95 % radius of the position, mm"), radii, "map-u95", say)
+    ellipsoid = html.figure(_ellipsoid(say), "ellipsoid", first=False, language=say.language)
     return [
         f'<div class="controls">{controls}</div>',
         '<p class="strong" id="left"></p>',
@@ -52,6 +56,25 @@ def maps(zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None) -> l
         f'<script type="application/json" id="zone-data">{json.dumps(data).replace("<", chr(92) + "u003c")}</script>',
         f"<script>{SCRIPT.read_text(encoding='utf-8')}</script>",
     ]
+
+
+def _words(say: Say) -> dict[str, str]:
+    """What the page's script says."""
+    return {
+        "mm": say(" mm"),
+        "any": say("any"),
+        "yes": say("yes"),
+        "no": say("no"),
+        "place": say("place"),
+        "inside": say("in the zone"),
+        "angle": say("worst pressure angle, over the orientations"),
+        "u95": say("95 % radius of the position, worst over them"),
+        "weakest": say("weakest cable, in the middle orientation"),
+        "cable": say("[name]: pressure angle [angle]°"),
+        "unknown": say("not told"),
+        "stuck": say("a cable cannot run"),
+        "left": say("Within these limits: [inside] of [of] drawn places, [volume] m³."),
+    }
 
 
 def thinned(zone: xr.Dataset) -> xr.Dataset:
@@ -120,11 +143,11 @@ def log_colours(low: float, high: float) -> dict[str, Any]:
     return {"tickvals": [float(np.log10(v)) for v in values], "ticktext": [f"{v:.3g}" for v in values]}
 
 
-def _titled(title: str, figure: go.Figure, name: str) -> str:
-    return f"<div>{html.heading(title, 3)}{html.figure(figure, name, first=False)}</div>"
+def _titled(title: str, figure: go.Figure, name: str, say: Say) -> str:
+    return f"<div>{html.heading(title, 3)}{html.figure(figure, name, first=False, language=say.language)}</div>"
 
 
-def _map(data: dict[str, Any], span: list[float], *, log: bool = False) -> go.Figure:
+def _map(data: dict[str, Any], span: list[float], say: Say, *, log: bool = False) -> go.Figure:
     """A map that the script fills: colours, the edge of the zone, the clicked place."""
     mark = {"symbol": "cross-thin-open", "size": 14, "color": "#e4572e", "line": {"width": 3}}
     bar: dict[str, Any] = {"thickness": 14, "len": 0.9} | (log_colours(*data["range_u95"]) if log else {})
@@ -140,12 +163,12 @@ def _map(data: dict[str, Any], span: list[float], *, log: bool = False) -> go.Fi
         ]
     )  # fmt: skip
     figure.update_layout(height=450, margin={"t": 28, "b": 48, "l": 60, "r": 8}, showlegend=False)
-    figure.update_xaxes(title_text="X, mm", constrain="domain")
-    figure.update_yaxes(title_text="Y, mm", constrain="domain", scaleanchor="x")
+    figure.update_xaxes(title_text=say("X, mm"), constrain="domain")
+    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain", scaleanchor="x")
     return figure
 
 
-def _ellipsoid() -> go.Figure:
+def _ellipsoid(say: Say) -> go.Figure:
     """The picture of a clicked place: ellipsoid and weakest cable, which the script draws."""
     none: list[FloatArray] = []
     figure = go.Figure(
@@ -154,6 +177,6 @@ def _ellipsoid() -> go.Figure:
             go.Scatter3d(x=none, y=none, z=none, mode="lines", line={"width": 6, "color": "#e4572e"}, hoverinfo="skip"),
         ]
     )
-    axes = {f"{axis}axis": {"title": f"{axis.upper()}, mm"} for axis in "xyz"}
+    axes = {f"{axis}axis": {"title": say(f"{axis.upper()}, mm")} for axis in "xyz"}
     figure.update_layout(height=420, margin={"t": 0, "b": 0, "l": 0, "r": 0}, showlegend=False, scene=axes | {"aspectmode": "data"})
     return figure

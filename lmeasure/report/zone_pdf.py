@@ -12,45 +12,49 @@ import xarray as xr
 from lmeasure import files
 from lmeasure.accuracy.extent import extent
 from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.report import zone_html as page
+from lmeasure.report import zone_text
+from lmeasure.report.zone_figures import views
+from lmeasure.report.zone_maps import SCALE
 from lmeasure.rig import Rig
+from lmeasure.saying import Say
 
 SLICES = 9
 TEMPLATE = Path(__file__).with_name("zone.typ")
 
 
-def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig) -> None:
+def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en") -> None:
     """Write the PDF (A4, PDF/A-2b): findings, slices, figures, reasons, the rig's drawing; whole or not at all."""
-    found = extent(zone)
+    found, say = extent(zone), Say(language)
+    limit = f"{say.number(zone.attrs['limit_deg'], 'g')}°"
+    sides = [(say("{right} to the right, {up} up", right=h.upper(), up=v.upper()), lines) for h, v, lines in views(zone, rig)]
     content: dict[str, Any] = {
-        "title": f"Accuracy zone of {rig.name}",
-        "findings": [*page.findings(zone, found), *page.taken_as_exact(zone)],
-        "slices": [{"level": f"{level:g}", "svg": svg} for level, svg in _slices(zone)],
+        "language": language,
+        "title": zone_text.title(rig, say),
+        "findings": [*zone_text.findings(zone, found, say), *zone_text.taken_as_exact(zone, say)],
+        "slices": [{"level": say("Z = {mm:g} mm", mm=level), "svg": svg} for level, svg in _slices(zone)],
         "scale": _scale(),
-        "limit": f"{zone.attrs['limit_deg']:g}",
-        "views": [{"axes": f"{h.upper()} to the right, {v.upper()} up", "svg": _drawing(lines)} for h, v, lines in page.views(zone, rig)],
-        "tables": [
-            {"title": "Figures", "header": ["figure", "value"], "rows": page.figures(zone, found)},
-            {"title": "Both criteria side by side", "header": ["criterion", "nodes", "volume, m³"], "rows": page.criteria(zone)},
-            {"title": "Why nodes are not in the zone", "header": ["reason", "nodes", "share"], "rows": page.rejected(zone)},
-            {
-                "title": "The rig",
-                "header": ["cable", "from", "x, mm", "y, mm", "z, mm", "pulley, mm", "to"],
-                "rows": page.rig_rows(rig),
-            },
-        ],
+        "views": [{"axes": axes, "svg": _drawing(lines)} for axes, lines in sides],
+        "tables": [{"title": title, "header": header, "rows": rows} for title, header, rows in zone_text.tables(zone, found, rig, say)],
         "digest": str(zone.attrs["result_sha256"]),
+        "words": {
+            "result": say("result"),
+            "page": say("page"),
+            "of": say("of"),
+            "levels": say("Level by level"),
+            "levels told": say("Worst pressure angle over the orientations; the white line is the edge of the zone. X to the right, Y up."),
+            "limit": say("limit {angle}", angle=limit),
+            "scale": say("colour scale, 0 to 90 degrees"),
+            "sides": say("The rig, seen along its axes"),
+            "sides told": say("Green: the scanned box. Red: observation points. The tool stands in the middle of the box."),
+        },
     }
-    if found.cube_points:
-        header, rows = page.iso_table(found)
-        content["tables"].insert(1, {"title": "Test cube of ISO 9283 in the zone", "header": list(header), "rows": rows})
     pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(content)}, pdf_standards=["a-2b"])
     with files.whole(path) as temporary:
         temporary.write_bytes(pdf)
 
 
 def _colour(fraction: float) -> str:
-    return str(plotly.colors.sample_colorscale(page.SCALE, [min(max(fraction, 0.0), 1.0)], colortype="rgb")[0])
+    return str(plotly.colors.sample_colorscale(SCALE, [min(max(fraction, 0.0), 1.0)], colortype="rgb")[0])
 
 
 def _scale() -> str:

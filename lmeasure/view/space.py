@@ -24,6 +24,7 @@ from lmeasure.view.thinned import Thinned
 
 MAX_FRAMES = 3000  # pictures of the cables: a run of a minute at fifty a second
 MAX_PATH_POINTS = 20000
+SHADES = 16  # of a way, by its 95 % radius
 # thicknesses in pixels stay visible at any distance
 CABLE, THIN, THICK = rr.Radius.ui_points(1.2), rr.Radius.ui_points(0.8), rr.Radius.ui_points(2.0)
 ARC_POINTS = 13
@@ -132,6 +133,42 @@ def draw_path(rec: rr.RecordingStream, entity: str, path: Thinned, colour: Colou
     strips = [metres(part[:, :3]) for part in np.split(path.rows, changed_rows(path.rows[:, 3])[1:]) if part[0, 3] and len(part) > 1]
     rec.log(entity, rr.LineStrips3D(strips, colors=colour, radii=THIN), static=True)
     return [f"the line {entity} shows {len(path)} of {path.seen} samples"] if len(path) < path.seen else []
+
+
+def draw_shaded_path(rec: rr.RecordingStream, entity: str, path: Thinned) -> list[str]:
+    """The same in the colours of the 95 % radius, from rows of place [mm], whether it is known, and that radius [mm], NaN where nobody
+    states it: a strip for each colour, which begins where the one before ended."""
+    radius = path.rows[:, 4]
+    stated = (path.rows[:, 3] > 0.0) & np.isfinite(radius) & (radius > 0.0)
+    if not stated.any():
+        return draw_path(rec, entity, path, WHITE)
+    low, middle, top = np.log10(np.percentile(radius[stated], (0, 50, 95)))
+    shade = np.full(len(radius), -1.0)
+    shade[stated] = np.rint(np.interp(np.log10(radius[stated]), _rising(low, middle, top), (0.0, SHADES / 2, SHADES)))
+    strips, colours = [], []
+    for part in np.split(np.arange(len(path)), changed_rows(path.rows[:, 3])[1:]):
+        if not path.rows[part[0], 3] or len(part) < 2:
+            continue
+        starts = changed_rows(shade[part])
+        for begin, end in zip(starts, [*starts[1:], len(part) - 1], strict=True):
+            if end > begin:
+                strips.append(metres(path.rows[part[begin : end + 1], :3]))
+                colours.append(_zone_colour(shade[part[begin]] / SHADES) if shade[part[begin]] >= 0.0 else WHITE)
+    rec.log(entity, rr.LineStrips3D(strips, colors=colours, radii=THICK), static=True)
+    ends = ", ".join(f"{name} {10.0**value:.3g} mm" for name, value in (("teal", low), ("yellow", middle), ("red", top)))
+    fewer = [f"the line {entity} shows {len(path)} of {path.seen} samples"] if len(path) < path.seen else []
+    return [*fewer, f"colours of the line {entity} are the 95 % radius: {ends}"]
+
+
+def _rising(low: float, middle: float, top: float) -> tuple[float, float, float]:
+    """The same, a little apart where they are one."""
+    return low, max(middle, low + 1e-9), max(top, middle + 1e-9, low + 2e-9)
+
+
+def _zone_colour(part: float) -> Colour:
+    """From the first over the middle to the last of the colours of a zone."""
+    red, green, blue = (int(np.interp(part, (0.0, 0.5, 1.0), channel)) for channel in zip(*ZONE_COLOURS, strict=True))
+    return red, green, blue
 
 
 def log_reference(rec: rr.RecordingStream, rig: Rig, reference: Poses) -> None:

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
+from lmeasure.accuracy.radius import stated_radii_95
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.causes import in_english
 from lmeasure.rig import Rig
 from lmeasure.status import WORDS, Status
 from lmeasure.trajectory import Trajectory
 from lmeasure.view.recording import changed_rows, entity_path, indexes_at, send_scalars, time_indexes
-from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, WHITE, draw_frames, draw_path, send_tool, thinned_note
+from lmeasure.view.space import MAX_FRAMES, MAX_PATH_POINTS, draw_frames, draw_shaded_path, send_tool, thinned_note
 from lmeasure.view.thinned import Thinned
 
 GOOD, BAD = (0, 130, 95), (213, 94, 0)
@@ -43,7 +44,7 @@ class TrajectoryLog:
     def __init__(self, rec: rr.RecordingStream, rig: Rig) -> None:
         self._rec, self._rig = rec, rig
         self._frames = Thinned(MAX_FRAMES, 8)  # time and pose
-        self._path = Thinned(MAX_PATH_POINTS, 4)  # place, and whether it is known
+        self._path = Thinned(MAX_PATH_POINTS, 5)  # place, whether it is known, its 95 % radius
         self._statuses = _Statuses(rec)
         # until a pose is known
         self._place_only = len({c.to_point for c in rig.cable}) == 1
@@ -67,7 +68,8 @@ class TrajectoryLog:
         self._frames.add(np.column_stack([piece.time_s, piece.poses]), changes)
         ok = piece.status == Status.OK
         before = self._path.rows[-1, 3] if len(self._path) else None
-        self._path.add(np.column_stack([piece.poses[:, :3], ok]), changed_rows(ok, before))
+        radii = stated_radii_95((piece.random + piece.systematic)[:, 3:, 3:])
+        self._path.add(np.column_stack([piece.poses[:, :3], ok, radii]), changed_rows(ok, before))
         self._covers = piece.covers
         self._notes |= dict.fromkeys(map(str, piece.notes))
 
@@ -80,7 +82,7 @@ class TrajectoryLog:
             indexes = indexes_at(frames.rows[part, 0], frames.numbers[part])
             draw_frames(self._rec, self._rig, indexes, frames.rows[part, 1:], place_only=self._place_only, looks=i == 0)
         notes = [f"uncertainties: {self._covers}", *self._notes, *thinned_note(frames)]
-        return notes + draw_path(self._rec, "/world/path", path, WHITE)
+        return notes + draw_shaded_path(self._rec, "/world/path", path)
 
 
 @dataclass

@@ -5,9 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import CalibrationError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, Asked, Names, Paths, Recording, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Names, Paths, Recording, option
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Calibration
@@ -44,6 +45,7 @@ class Settings(Asked):
     compare: Annotated[
         Path | None, option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD")
     ] = None
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
@@ -72,7 +74,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     chosen = stage.Settings(**{name: getattr(settings, name) for name in fit})
     result = stage.calibrate(campaign, chosen, steps(progress, "calibrating"))
     comparison = None if earlier is None else comparing.compare(earlier, result, settings.seed)
-    write_calibration_page(out / "report.html", result, comparison)
+    write_calibration_page(out / "report.html", result, comparison, settings.language or of_terminal())
     write_calibration_record(out / "calibration.json", result.record)
     if result.refused is not None:
         # an earlier one would seem to belong to this record

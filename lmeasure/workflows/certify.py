@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import COLUMNS, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, Point, option
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, Point, option
 
 CHOICES = "What is certified"
 
@@ -24,7 +25,7 @@ class Settings(Asked):
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
     details: Annotated[Path | None, option("Laboratory, customer, item, dates, traceability ...", metavar="details.toml")] = None
-    language: Annotated[Literal["en", "ru"], option("en or ru.")] = "en"
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     key: Annotated[Path | None, option("Sign with this private key (`lmeasure key`).", metavar="FILE")] = None
     dcc: Annotated[bool, option("Also write certificate.xml, a DCC 3.3.0.")] = False
     xsd: Annotated[Path | None, option("Hold the DCC against this schema.", metavar="FILE.xsd")] = None
@@ -72,7 +73,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     chosen = stage.Settings(limit_angle_deg=settings.limit_deg, **{name: getattr(settings, name) for name in same})
     measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
-    choices = Choices(settings.language, settings.key, settings.dcc, settings.xsd, settings.zipped)
+    choices = Choices(settings.language or of_terminal(), settings.key, settings.dcc, settings.xsd, settings.zipped)
     content = write_certificate(settings.out, inputs, chosen, choices, progress=steps(progress, "certify"))
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
     return Result(content, tuple(lines), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))

@@ -2,13 +2,14 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import BOX, Asked, Box, Names, Numbers, Paths, Spans, option
+from lmeasure.workflows.settings import BOX, LANGUAGE, Asked, Box, Names, Numbers, Paths, Spans, option
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
@@ -28,7 +29,7 @@ class Settings(Asked):
         ),
     ]
     identified: Annotated[Path, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER")]
-    out: Annotated[Path, option("Folder for the corrected files, under their names, and corrections.json.")]
+    out: Annotated[Path, option("Folder for the corrected files, under their names, corrections.json and corrections.html.")]
     dialect: Annotated[str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.")] = ""
     frames: Annotated[
         Path | None, option("Frames and tools that the program names but does not state (docs/correction.md).", metavar="FILE.toml")
@@ -41,10 +42,11 @@ class Settings(Asked):
     clip: Annotated[bool, option("Shorten corrections that are larger, instead of leaving their targets.")] = False
     keep_out: Annotated[Box | None, Spans(","), option("Box in the robot's base in which the tool must not be.", metavar=BOX)] = None
     skip: Annotated[Names, option("Targets to leave as they are.", metavar="NAME,...")] = ()
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:
         """Corrected files from programs and an identification."""
-        outputs = inside(self.out, "corrections.json", *(path.name for path in self.programs))
+        outputs = inside(self.out, "corrections.json", "corrections.html", *(path.name for path in self.programs))
         inputs = (*self.programs, *present(self.frames), *inside(self.identified, "identified.json", "robot.toml"))
         return Paths(outputs, inputs)
 
@@ -57,6 +59,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     import numpy as np
 
     from lmeasure import files
+    from lmeasure.report.correction import write_correction_page
     from lmeasure.robots.corrected_program import as_record, corrected_program
     from lmeasure.robots.correction import Limits
     from lmeasure.robots.dialects.known import dialect_of, opened
@@ -91,6 +94,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     record = as_record(found, listing, listing.frames)
     record["inputs"] = [{"file": str(p), "sha256": files.sha256(p)} for p in settings.paths().inputs]
     files.write_text(settings.out / "corrections.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
+    inputs = [(Path(str(i["file"])).name, str(i["sha256"])) for i in record["inputs"]]
+    page, language = settings.out / "corrections.html", settings.language or of_terminal()
+    write_correction_page(page, found, listing, robot, inputs=inputs, language=language)
     done = [o for o in found.outcomes if not o.left and o.correction is not None]
     lines = [f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"]
     figures: dict[str, float] = {"corrected": found.changed}
@@ -104,7 +110,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
         figures |= {"largest_correction_mm": size, "largest_error_before_mm": was, "largest_u95_mm": worst}
     remarks = [f"{o.file}:{o.target.line}: {o.target.name}: {o.left}" for o in found.outcomes if o.left] + [str(u) for u in listing.unread]
     lines += [f"left as it was: {text}" for text in remarks]
-    lines.append(f"written: {', '.join(str(settings.out / n) for n in [*names, 'corrections.json'])}")
+    lines.append(f"written: {', '.join(str(settings.out / n) for n in [*names, 'corrections.json', 'corrections.html'])}")
     return Result(found, tuple(lines), figures, tuple(remarks))
 
 

@@ -3,11 +3,12 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import Asked, Names, Paths, option
+from lmeasure.workflows.settings import LANGUAGE, Asked, Names, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.robots.identify import Identified
@@ -45,6 +46,7 @@ class Settings(Asked):
     u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
     keep_outliers: Annotated[bool, option("Use rows that the others contradict, too.")] = False
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     seed: Annotated[int, option("Seed of starts, folds and random sets.", ge=0)] = 0
 
     def paths(self) -> Paths:
@@ -122,7 +124,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         write_urdf(out / "robot.urdf", result)
     if over is not None:
         files.write_table(out / "workspace.csv", over.columns())
-    write_robot_page(out / "report.html", found, record, over)
+    write_robot_page(out / "report.html", found, record, over, settings.language or of_terminal())
     identified.write_record(out / "identified.json", record)
     urdf = ["robot.urdf"] if isinstance(result, Robot) else []  # which has words for serial arms alone
     names = ["identified.json", "robot.toml", *urdf, "report.html"]

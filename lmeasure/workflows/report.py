@@ -4,9 +4,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import COLUMNS, START, U_POSITION, U_ROTATION, Asked, Paths, option
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, START, U_POSITION, U_ROTATION, Asked, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.accuracy.along import Along
@@ -31,7 +32,7 @@ class Settings(Asked):
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
-    language: Annotated[Literal["en", "ru"], option("en or ru: language of the page.")] = "en"
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:
         """A page from a run or a trajectory."""
@@ -75,7 +76,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     inputs = [(path.name, files.sha256(path)) for path in sources]
     page = settings.out / "trajectory.html"
     name = settings.measured.resolve().name
-    write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language)
+    write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language or of_terminal())
     progress(1.0, "report")
     told = [f"{label}: {value}" for label, value in summary(found, "en")]
     figures = {"samples": float(len(trajectory.time_s)), "left_out": float(sum(s.samples for s in found.stretches if not s.ok))}

@@ -176,6 +176,7 @@ UnitQuaternion = Annotated[tuple[float, float, float, float], AfterValidator(_un
 Names = Annotated[tuple[str, ...], Words(",", str)]
 Recording = Annotated[Path, AfterValidator(_recording)]
 START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
+LANGUAGE = option("Language of what is to be read: en or ru; default that of the terminal (LANG).")
 RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")
 TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .csv, .parquet, .tum, EuRoC, .mcap."
 COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")

@@ -5,9 +5,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import FileFormatError, SettingsError, StructureError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import RERUN, Asked, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Numbers, Pair, Paths, Point, Quaternion, Range, Recording, option
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
@@ -65,6 +66,7 @@ class Settings(Asked):
     ] = None
     length_mm: Annotated[Pair | None, option("Least and greatest length in the workspace.", metavar="MIN:MAX", panel=AT_A_POSE)] = None
     report: Annotated[Path | None, option("Write structure.html, with drawings, into this folder.", metavar="DIR")] = None
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
@@ -87,7 +89,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         if settings.report is not None:
             from lmeasure.report.structure import write_list_page
 
-            write_list_page(settings.report / "structure.html", every)
+            write_list_page(settings.report / "structure.html", every, settings.language or of_terminal())
         made: Any = every
         lines = told_list(every)
     else:
@@ -105,7 +107,8 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         if settings.report is not None:
             from lmeasure.report.structure import write_structure_page
 
-            write_structure_page(settings.report / "structure.html", settings.file.name, linkage, made, pose=pose)
+            page, language = settings.report / "structure.html", settings.language or of_terminal()
+            write_structure_page(page, settings.file.name, linkage, made, pose=pose, language=language)
         if settings.rerun is not None:
             from lmeasure.view.structure import write_structure_recording
 

@@ -2,11 +2,12 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import AccuracyError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, Asked, Pair, Paths, Range, Recording, UnitQuaternion, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Pair, Paths, Range, Recording, UnitQuaternion, option
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,6 +65,7 @@ class Settings(Asked):
         bool, option("Follow the zone's edge at every level, for angle and lengths; writes OUT.boundary.csv too.", panel=COMPUTING)
     ] = False
     report: Annotated[Path | None, option("Write zone.html and zone.pdf into this folder.", metavar="DIR")] = None
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
@@ -113,7 +115,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     if settings.report is not None:
         from lmeasure.report.zone import write_zone_report
 
-        write_zone_report(settings.report, data, rig, calibration)
+        write_zone_report(settings.report, data, rig, calibration, settings.language or of_terminal())
     if settings.rerun is not None:
         from lmeasure.view.stages import write_recording
 

@@ -13,11 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 from lmeasure import compiling
+from lmeasure.catalogue import of_terminal as language
 from lmeasure.catalogue import texts
 from lmeasure.cli import app, machine, main
 from lmeasure.cli.commands import command
 from lmeasure.cli.faces import told_of_compiling
-from lmeasure.cli.words import language, retold, said
+from lmeasure.cli.words import retold, said
 from lmeasure.workflows import COMMANDS, JOBS
 from lmeasure.workflows.flow import Result
 

@@ -1,3 +1,4 @@
+import itertools
 import math
 import subprocess
 import sys
@@ -8,15 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
+import scipy.stats
 from numpy.typing import NDArray
 from recordings import HOME, SINGLE, scalars, stored
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
+from lmeasure.accuracy.radius import stated_radii_95
 from lmeasure.errors import FileFormatError, LMeasureError
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import Leg, SimulatedRun, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct
+from lmeasure.view.space import ZONE_COLOURS
 from lmeasure.view.stages import write_recording
 from lmeasure.view.viewer import RERUN, check_recording, open_viewer
 
@@ -89,8 +93,25 @@ def test_a_gap_shows_nothing_instead_of_the_last_pose(written: tuple[Path, Simul
         ("/world/tangent_points", "Points3D:positions"),
     ):
         assert [bool(cell) for cell in stored(path, entity, component, "sample")[1]] == expected, entity
+
+
+def test_the_way_has_the_colours_of_its_95_percent_radius(written: tuple[Path, SimulatedRun, Trajectory]) -> None:
+    """A strip for each colour, begun where the one before it ended but for the gap; the larger the radius the farther its colour."""
+    path, _, trajectory = written
     strips = stored(path, "/world/path", "LineStrips3D:strips")[1][0]
-    assert [len(strip) for strip in strips] == [GAP.start, len(expected) - GAP.stop]
+    colours = stored(path, "/world/path", "LineStrips3D:colors")[1][0]
+    (gap,) = [i for i, (a, b) in enumerate(itertools.pairwise(strips)) if a[-1] != b[0]]
+    steps = [len(strip) - 1 for strip in strips]
+    assert (sum(steps[: gap + 1]) + 1, sum(steps[gap + 1 :]) + 1) == (GAP.start, len(trajectory.time_s) - GAP.stop)
+    radii = stated_radii_95((trajectory.random + trajectory.systematic)[:, 3:, 3:])
+    radii = np.concatenate([radii[: GAP.start - 1], radii[GAP.stop : -1]])
+    of_steps = np.repeat(colours, steps)
+    # from teal to yellow red and green rise, from there on green falls
+    red, green = (of_steps >> 24 & 255).astype(float), (of_steps >> 16 & 255).astype(float)
+    order = np.where(red < ZONE_COLOURS[1][0] - 1, red, 1000.0 - green)
+    order[(red < ZONE_COLOURS[1][0] - 1) & (green < ZONE_COLOURS[0][1])] = 1000.0
+    assert len(set(of_steps.tolist())) > 8
+    assert scipy.stats.spearmanr(order, radii).statistic > 0.98
 
 
 def test_scalars_are_whole_and_exact(written: tuple[Path, SimulatedRun, Trajectory]) -> None:

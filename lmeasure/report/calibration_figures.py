@@ -1,0 +1,99 @@
+"""The figures of a calibration: the rig in space, residuals, what the counts see, and what they make of lengths."""
+
+from collections import Counter
+
+import plotly.graph_objects as go
+
+from lmeasure.calibration import Calibration
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.report import html
+from lmeasure.report.words import axes
+from lmeasure.saying import ENGLISH, Say
+
+
+def residuals_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
+    """Residual of each channel at each reference pose."""
+    figure = go.Figure()
+    for channel in Counter(r.channel for r in record.residuals):
+        own = [r for r in record.residuals if r.channel == channel]
+        figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.label(channel))
+    figure.update_layout(
+        height=420, margin={"t": 20}, xaxis={"title": say("reference pose"), "type": "category"}, yaxis={"title": say("residual, mm; of angles, mrad")}
+    )
+    return figure
+
+
+def rig_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
+    """Observation points, reference poses, and the cables at the first pose with their tangent points."""
+    campaign, rig = calibration.campaign, calibration.rig
+    rows = rig.cable_rows(campaign.drums)
+    _, tangent, attachment, _ = wrap_geometry(rows, campaign.poses.rows[:1])
+    figure = go.Figure()
+    for j, c in enumerate(campaign.drums):
+        line = [rows[j, :3], tangent[0, j], attachment[0, j]]
+        figure.add_scatter3d(
+            x=[p[0] for p in line], y=[p[1] for p in line], z=[p[2] for p in line], mode="lines", line={"width": 4}, name=html.label(c.name)
+        )
+    points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.drums)]
+    x, y, z = zip(*(p.position_mm for p in points), strict=True)
+    names = [f"\u00a0\u00a0{html.label(p.name)}" for p in points]
+    figure.add_scatter3d(
+        x=x, y=y, z=z, mode="markers+text", text=names, textposition="middle right", marker={"size": 4, "color": "black"},
+        name=say("observation points"),
+    )  # fmt: skip
+    x, y, z = campaign.poses.rows[:, :3].T
+    names = [html.label(n) for n in campaign.poses.names]
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, marker={"size": 3, "color": "gray"}, name=say("reference poses"))
+    figure.update_layout(height=640, margin={"t": 10}, scene=axes(say))
+    return figure
+
+
+def worst_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
+    """Standard uncertainty of the worst cable's length at poses of the workspace."""
+    worst = calibration.predicted.length_mm.max(axis=1)
+    x, y, z = calibration.predicted.rows[:, :3].T
+    unit = say("mm")
+    marker = {
+        "size": 4,
+        "color": worst,
+        "colorscale": "Viridis",
+        "colorbar": {"title": {"text": say("u of the length, mm"), "side": "top"}} | html.BELOW,
+    }
+    told = f"%{{marker.color:.4f}} {unit}<br>%{{x:.0f}}, %{{y:.0f}}, %{{z:.0f}}<extra></extra>"
+    figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=told))
+    return figure.update_layout(height=560, margin={"t": 10, "b": 60}, scene=axes(say))
+
+
+def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
+    """Directions by what the counts leave of the prior."""
+    figure = go.Figure()
+    for point in sorted({str(d["point"]) for d in record.spectrum}):
+        own = [(i, d) for i, d in enumerate(record.spectrum, 1) if d["point"] == point]
+        symbols = ["circle" if d["known"] else "x" for _, d in own]
+        figure.add_scatter(
+            x=[i for i, _ in own],
+            y=[d["left"] for _, d in own],
+            mode="markers",
+            name=html.label(point),
+            marker={"symbol": symbols, "size": 8},
+        )
+    figure.add_hline(y=1.0, line={"dash": "dash"})
+    # on a logarithmic axis an annotation lies at the logarithm
+    at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "bottom", "showarrow": False}
+    figure.add_annotation(text=say("the prior knows it as well"), **at)
+    figure.update_layout(height=380, margin={"t": 20}, xaxis={"title": say("direction, best seen first")})
+    return figure.update_yaxes(title=say("u left, in prior u"), type="log")
+
+
+def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
+    """Values by what the counts leave of their own prior."""
+    figure = go.Figure()
+    names = [html.label(p.name) for p in record.parameters]
+    priors = [p.prior_u for p in record.parameters]
+    figure.add_scatter(y=names, x=priors, mode="markers", name=say("prior"), marker={"symbol": "line-ns-open", "size": 9})
+    figure.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibrated"))
+    # a row for each name: they never stand in each other's way
+    figure.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10})
+    figure.update_xaxes(title=say("u, mm or deg"), type="log")
+    return figure.update_yaxes(autorange="reversed", dtick=1, automargin=True)

@@ -1,0 +1,133 @@
+"""The page of a corrected program: how many targets were corrected, by how much, what is left, and every target with its line."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+
+from lmeasure.report import html
+from lmeasure.report.words import axes
+from lmeasure.robots.corrected_program import Corrected, Outcome
+from lmeasure.robots.dialects.program_text import Listing
+from lmeasure.robots.identified_robot import IdentifiedRobot
+from lmeasure.saying import ENGLISH, Say
+
+ARROWS = 0.1
+"""Of the targets' extent: length at which the largest correction is drawn."""
+BEFORE, AFTER, U95 = "#d55e00", "#0072b2", "#009e73"
+MOST_ROWS = 500
+
+
+def write_correction_page(
+    path: Path, found: Corrected, listing: Listing, robot: IdentifiedRobot, *, inputs: Sequence[tuple[str, str]], language: str = "en"
+) -> None:
+    """Write a self-contained HTML page of what became of a program, whole or not at all; inputs: files with their SHA-256."""
+    say = Say(language)
+    done = _done(found)
+    body = [html.paragraph(*_verdict(found, listing, say)), html.table((), _figures(found, say), "text")]
+    if done:
+        told = say(
+            "How far the identified robot would have been from each target, how far it is now, and the radius that holds 95 % of where it "
+            "goes: how well it is known, and how well it repeats."
+        )
+        space, times = space_figure(done, robot, say)
+        enlarged = say(
+            "By how much the controller is told another pose than the program told it, {times:.3g} times enlarged, at the flange in the "
+            "robot's base.",
+            times=times,
+        )
+        body += [html.heading(say("Errors before and after")), html.paragraph(told)]
+        body += [html.figure(errors_figure(done, say), "errors", first=True, language=language)]
+        body += [html.heading(say("Corrections in space")), html.paragraph(enlarged)]
+        body += [html.figure(space, "space", first=False, language=language)]
+    body += _targets(found, say)
+    if listing.unread:
+        lines = "".join(f"<li>{html.text(say.told(str(u)))}</li>" for u in listing.unread)
+        body += [html.heading(say("Positions that were not read")), f"<ul>{lines}</ul>"]
+    body += [html.heading(say("Inputs")), html.table((say("file"), "SHA-256"), inputs, "text")]
+    html.write_page(path, say("Corrected program: {name}", name=", ".join(source.name for source in listing.sources)), body, language)
+
+
+def _done(found: Corrected) -> list[Outcome]:
+    return [o for o in found.outcomes if not o.left and o.correction is not None]
+
+
+def _verdict(found: Corrected, listing: Listing, say: Say) -> tuple[str, str]:
+    left = len(found.outcomes) - found.changed
+    if left or listing.unread:
+        told = say("{left} targets were left as they are, {unread} positions were not read.", left=left, unread=len(listing.unread))
+        return told, "verdict doubt" if found.changed else "verdict bad"
+    return say("Every target is corrected."), "verdict"
+
+
+def _figures(found: Corrected, say: Say) -> list[tuple[str, str]]:
+    rows = [(say("targets corrected"), say("{n} of {of}", n=found.changed, of=len(found.outcomes)))]
+    done = _done(found)
+    if done:
+        corrections = [o.correction for o in done if o.correction is not None]
+        u95 = max(o.u95_mm for o in done)
+        rows += [
+            (say("largest correction"), say("{mm:.3f} mm", mm=max(c.size_mm for c in corrections))),
+            (say("largest error before"), say("{mm:.3f} mm", mm=max(c.was_mm for c in corrections))),
+            (say("largest error left"), say("{mm:.3f} mm", mm=max(c.left_mm for c in corrections))),
+            (say("largest U95 of where it goes now"), say("{mm:.3f} mm", mm=u95) if np.isfinite(u95) else say("cannot be told")),
+        ]
+    return rows
+
+
+def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
+    """Error of each target before and after, and the U95 of where the robot goes."""
+    names = [html.label(o.target.name) for o in done]
+    columns = (
+        (say("before"), BEFORE, [o.correction.was_mm for o in done if o.correction is not None]),
+        (say("left"), AFTER, [o.correction.left_mm for o in done if o.correction is not None]),
+        ("U95", U95, [o.u95_mm for o in done]),
+    )
+    figure = go.Figure()
+    place = list(range(1, len(done) + 1))
+    for name, colour, values in columns:
+        figure.add_scatter(x=place, y=values, text=names, mode="markers", name=name, marker={"color": colour, "size": 7})
+    figure.update_layout(height=420, margin={"t": 20})
+    return figure.update_xaxes(title=say("target, in the program's order")).update_yaxes(title=say("mm"), rangemode="tozero")
+
+
+def space_figure(done: Sequence[Outcome], robot: IdentifiedRobot, say: Say = ENGLISH) -> tuple[go.Figure, float]:
+    """Flange at the targets in the robot's base, what is told the controller less what was, and how many times that is enlarged."""
+    corrections = [o.correction for o in done if o.correction is not None]
+    places = robot.nominal.forward(np.array([c.before for c in corrections]))[:, :3]
+    change = np.array([c.flange[:3] for c in corrections]) - places
+    extent = float(np.ptp(places, axis=0).max()) or 100.0
+    times = ARROWS * extent / max(float(np.linalg.norm(change, axis=1).max()), 1e-9)
+    names = [html.label(o.target.name) for o in done]
+    line = np.stack([places, places + times * change, np.full_like(places, np.nan)], axis=1).reshape(-1, 3)
+    figure = go.Figure()
+    figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=say("correction"), line={"color": BEFORE, "width": 5})
+    x, y, z = places.T
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=names, name=say("targets"), marker={"size": 3, "color": AFTER})
+    figure.update_layout(scene=axes(say), height=640, margin={"t": 10, "b": 10})
+    return figure, times
+
+
+def _targets(found: Corrected, say: Say) -> list[str]:
+    """Every target: where it stands, by how much it changes, what remains, and why it was left."""
+    number = say.number
+    rows = []
+    for o in found.outcomes[:MOST_ROWS]:
+        c = o.correction
+        sizes = ("", "", "") if c is None else (number(c.size_mm, ".3f"), number(np.degrees(c.size_rad), ".4f"), number(c.was_mm, ".3f"))
+        u95 = number(o.u95_mm, ".3f") if np.isfinite(o.u95_mm) else ""
+        left = say("shortened") if c is not None and c.clipped and not o.left else say.told(o.left)
+        rows.append((o.target.name, f"{o.file}:{o.target.line}", *sizes, u95, left))
+    header = (
+        say("target"),
+        say("line"),
+        say("correction, mm"),
+        say("correction, °"),
+        say("error before, mm"),
+        say("U95, mm"),
+        say("remark"),
+    )
+    more = len(found.outcomes) - len(rows)
+    note = [html.paragraph(say("{n} more are in corrections.json.", n=more))] if more else []
+    return [html.heading(say("Targets")), html.table(header, rows, "targets"), *note]

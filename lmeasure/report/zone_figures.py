@@ -1,0 +1,157 @@
+"""The figures of a zone: in space with its rig, level by level, and the rig seen along its axes."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import xarray as xr
+from plotly.subplots import make_subplots
+
+from lmeasure.arrays import FloatArray
+from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.kernels.layout import BASE_XYZ
+from lmeasure.report import html
+from lmeasure.report.words import axes
+from lmeasure.report.zone_maps import SCALE, log_colours
+from lmeasure.rig import Rig
+from lmeasure.saying import ENGLISH, Say
+
+EDGE = "#e4572e"
+MOST_LEVELS = 41
+MOST_NODES_IN_SPACE = 40
+
+
+def middle_pose(zone: xr.Dataset) -> FloatArray:
+    """(7,) the box's centre with the middle orientation, at which the rig is drawn."""
+    centre = [0.5 * float(zone[name].values[0] + zone[name].values[-1]) for name in "xyz"]
+    turns = zone["quaternion_xyzw"].values
+    return np.concatenate([centre, turns[len(turns) // 2]])
+
+
+def _shown_levels(count: int) -> list[int]:
+    return sorted({round(i) for i in np.linspace(0, count - 1, min(count, MOST_LEVELS))})
+
+
+def _margin(zone: xr.Dataset) -> FloatArray:
+    """How far each node is from the limit of the angle [deg]: positive in the zone, negative outside, whatever limit cuts it there."""
+    inside = zone["in_zone"].values.astype(bool)
+    margin = float(zone.attrs["limit_deg"]) - zone["worst_pressure_angle_deg"].values
+    return np.where(inside, np.maximum(margin, 0.01), np.minimum(margin, -0.01))
+
+
+def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH) -> go.Figure:
+    """The zone's edge as a surface, a plane at the slider's level, the cables and points of the rig."""
+    stride = max(1, -(-max(zone.sizes[name] for name in "xyz") // MOST_NODES_IN_SPACE))
+    coarse = zone.isel(x=slice(None, None, stride), y=slice(None, None, stride))
+    x, y, z = (coarse[name].values for name in "xyz")
+    angle, inside = coarse["worst_pressure_angle_deg"].values, coarse["in_zone"].values.astype(bool)
+    figure = go.Figure()
+    levels = _shown_levels(len(z))
+    first = len(levels) // 2
+    bar = {"title": {"text": say("worst angle, °"), "side": "right"}, "len": 0.5, "y": 0.35, "thickness": 14}
+    for n, k in enumerate(levels):
+        figure.add_surface(
+            x=x, y=y, z=np.full((len(y), len(x)), z[k]), surfacecolor=np.float32(angle[:, :, k].T), cmin=0, cmax=90, colorscale=SCALE,
+            colorbar=bar, opacity=0.9, visible=n == first, name=say("level {mm:g} mm", mm=float(z[k])),
+            hovertemplate=f"x %{{x}} y %{{y}} z %{{z}} {say('mm')}<br>%{{surfacecolor:.1f}}°<extra></extra>",
+        )  # fmt: skip
+    if inside.any() and not inside.all():
+        grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
+        figure.add_isosurface(
+            x=grid[:, 0], y=grid[:, 1], z=grid[:, 2], value=np.float32(_margin(coarse).ravel()),
+            isomin=0, isomax=90, surface_count=1, opacity=0.35,
+            colorscale=[[0, EDGE], [1, EDGE]], showscale=False, hoverinfo="skip", name=say("edge of the zone"),
+            caps={"x_show": True, "y_show": True, "z_show": True}, showlegend=True,
+        )  # fmt: skip
+    rows = rig.cable_rows()
+    _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
+    for j, c in enumerate(rig.cable):
+        line = np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]])
+        figure.add_scatter3d(
+            x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", line={"width": 4}, name=say("cable {name}", name=html.label(c.name))
+        )
+    points = np.array([p.position_mm for p in rig.observation_point])
+    figure.add_scatter3d(
+        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text", textposition="middle right",
+        text=[f"\u00a0\u00a0{html.label(p.name)}" for p in rig.observation_point],
+        marker={"size": 4, "color": "black"}, name=say("observation points"),
+    )  # fmt: skip
+    others = [True] * (len(figure.data) - len(levels))
+    steps = [
+        {"label": f"{z[k]:g}", "method": "restyle", "args": [{"visible": [i == n for i in range(len(levels))] + others}]}
+        for n, k in enumerate(levels)
+    ]
+    figure.update_layout(
+        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps}],
+        scene=axes(say) | {"camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.0}}},
+        height=760,
+        margin={"t": 10, "b": 10, "l": 10, "r": 10},
+        legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
+        modebar={"orientation": "v"},
+    )
+    return figure
+
+
+def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
+    """Level by level along Z: worst pressure angle and 95 % radius, with the zone's edge; a slider over the levels."""
+    x, y, z = (zone[name].values for name in "xyz")
+    levels = _shown_levels(len(z))
+    first = len(levels) // 2
+    margin = _margin(zone)
+    radius = zone["u95_position_mm"].values
+    known = radius[np.isfinite(radius) & (radius > 0.0)]
+    low, top = (float(np.percentile(known, 0)), float(np.percentile(known, 95))) if len(known) else (0.1, 1.0)
+    u95 = np.log10(radius, out=np.full(radius.shape, np.nan), where=np.isfinite(radius) & (radius > 0.0))
+    span = (np.log10(low), np.log10(max(top, 1.01 * low)))
+    maps = (
+        (zone["worst_pressure_angle_deg"].values, (0.0, 90.0), 0.44, {"title": "°"}, "%{z:.2f} °"),
+        (u95, span, 1.01, {"title": say("mm")} | log_colours(low, max(top, 1.01 * low)), f"%{{customdata:.4f}} {say('mm')}"),
+    )
+    figure = make_subplots(
+        1, 2, subplot_titles=(say("worst pressure angle, °"), say("95 % radius of the position, mm")), horizontal_spacing=0.14
+    )
+    for n, k in enumerate(levels):
+        for column, (values, ends, place, bar, told) in enumerate(maps, 1):
+            figure.add_trace(
+                go.Heatmap(
+                    x=x, y=y, z=np.float32(values[:, :, k].T), zmin=ends[0], zmax=ends[1], colorscale=SCALE, visible=n == first,
+                    customdata=np.float32(radius[:, :, k].T), colorbar={"x": place} | bar,
+                    hovertemplate=f"x %{{x}} y %{{y}} {say('mm')}<br>{told}<extra></extra>",
+                ), 1, column,
+            )  # fmt: skip
+            figure.add_trace(
+                go.Contour(
+                    x=x, y=y, z=np.float32(margin[:, :, k].T), showscale=False, hoverinfo="skip", visible=n == first,
+                    contours={"start": 0, "end": 0, "size": 1, "coloring": "none"}, line={"color": "white", "width": 3},
+                ), 1, column,
+            )  # fmt: skip
+    each = 2 * len(maps)
+    steps = [
+        {"label": f"{z[k]:g}", "method": "restyle", "args": [{"visible": [i // each == n for i in range(each * len(levels))]}]}
+        for n, k in enumerate(levels)
+    ]
+    figure.update_layout(
+        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps, "pad": {"t": 50}}],
+        height=560,
+        margin={"t": 40, "b": 20},
+        showlegend=False,
+    )
+    figure.update_xaxes(title_text=say("X, mm"), constrain="domain")
+    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain")
+    figure.update_yaxes(scaleanchor="x", row=1, col=1)
+    figure.update_yaxes(scaleanchor="x2", row=1, col=2)
+    return figure
+
+
+def views(zone: xr.Dataset, rig: Rig) -> list[tuple[str, str, list[Any]]]:
+    """(horizontal axis, vertical axis, lines) of the rig seen from above and from the side, for drawing on paper."""
+    rows = rig.cable_rows()
+    _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
+    lines = [np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]) for j in range(len(rows))]
+    low, high = (np.array([zone[n].values[i] for n in "xyz"], dtype=np.float64) for i in (0, -1))
+    out = []
+    for h, v in itertools.combinations(range(3), 2):
+        box = np.array([[low[h], low[v]], [high[h], low[v]], [high[h], high[v]], [low[h], high[v]], [low[h], low[v]]])
+        out.append(("xyz"[h], "xyz"[v], [box, *(line[:, [h, v]] for line in lines)]))
+    return out

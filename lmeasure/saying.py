@@ -1,0 +1,57 @@
+"""The words of a page in its language. English is the source: a text stands in the code where it is said, and is the key of the catalogues
+`locale/*/pages.po`; what a computation has said already, in English, is told again by the templates of `locale/*/told.po`."""
+
+from typing import Any
+
+from lmeasure.catalogue import Writer, decimal, retold, texts
+from lmeasure.findings import Finding, recognised
+
+PAGES, TOLD = "pages", "told"
+BETWEEN = "; ", ". ", ", "
+"""What stands between parts that were told one by one."""
+
+
+class Say:
+    """Says texts in a language: `say("Residuals")`, `say("{n} poses", n=7)`."""
+
+    def __init__(self, language: str = "en") -> None:
+        self.language = language
+        self._own = {} if language == "en" else texts(PAGES, language)
+        self._writer = Writer(language)
+
+    def __call__(self, text: str, /, **values: Any) -> str:
+        """A text of the code, or a template with its values; numbers with the language's decimal mark."""
+        said = self._own.get(text, text)
+        return self._writer.vformat(said, (), values) if values else said
+
+    def number(self, value: float, form: str) -> str:
+        """A number by itself."""
+        return decimal(self.language, format(value, form))
+
+    def numbers(self, values: Any, form: str) -> str:
+        """Numbers in a row, between which the decimal mark does not stand."""
+        return (", " if self.language == "en" else "; ").join(self.number(v, form) for v in values)
+
+    def told(self, text: str | Finding) -> str:
+        """What a computation said; as it is where the language has no words for it."""
+        if isinstance(text, Finding):
+            return text.text(self.language)
+        if self.language == "en" or not text:
+            return text
+        return self._known(text) or text
+
+    def _known(self, text: str) -> str | None:
+        found = recognised(text)
+        if found is not None:
+            return found.text(self.language)
+        whole = retold(TOLD, self.language, text, self.told)
+        if whole is not None:
+            return whole
+        for mark in BETWEEN:
+            parts = [(part, self._known(part)) for part in text.split(mark)] if mark in text else []
+            if any(said is not None for _, said in parts):
+                return mark.join(said or part for part, said in parts)
+        return None
+
+
+ENGLISH = Say()

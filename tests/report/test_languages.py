@@ -1,0 +1,135 @@
+"""Pages in every language: each text that the code says is in the catalogue, and no Russian page says anything in English."""
+
+import ast
+import json
+import re
+import string
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pypdfium2
+import pytest
+from pages import PAGES, PDFS, ROOT
+
+from lmeasure.catalogue import retold, texts
+from lmeasure.saying import PAGES as DOMAIN
+from lmeasure.saying import TOLD, Say
+
+QUICK = ("calibration", "zone", "structures")
+NAMES = {
+    "lmeasure", "place", "docs", "budget", "csv", "json", "toml", "cell", "earlier", "tracker", "alpha", "beta", "SHA", "ISO", "tool",
+    "run", "report", "program", "trajectory", "rig", "kuka", "oat", "puma", "numpy", "scipy", "python", "Python", "start", "solve",
+}  # fmt: skip
+"""Of programs, files and values, which are the same in every language."""
+WORD = re.compile(r"[A-Za-z]{3,}")
+IDENTIFIER = re.compile(r"--[\w-]+|\b[\w-]*[\d_.][\w.-]*[A-Za-z][\w.-]*|\b[A-Za-z]+\d[\w.-]*|https?://\S+")
+SHOWN = {"name", "text", "title", "label", "prefix", "suffix", "hovertemplate", "ticktext", "dictionary"}
+
+
+class Words(HTMLParser):
+    """The texts of a page that a person reads: of its body but for codes, and of its figures."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self._within: list[str] = []
+        self._figures = ""
+        self.feed(page)
+        for found in re.finditer(r"Plotly\.newPlot\(", self._figures):
+            self._figure(self._figures[found.end() :])
+
+    def _figure(self, arguments: str) -> None:
+        decoder = json.JSONDecoder()
+        while (arguments := arguments.lstrip(" \n,")) and arguments[0] in '"[{':
+            value, end = decoder.raw_decode(arguments)
+            self._shown(value, shown=False)
+            arguments = arguments[end:]
+
+    def _shown(self, value: object, *, shown: bool) -> None:
+        if isinstance(value, dict):
+            for key, own in value.items():
+                if key not in ("template", "locales"):
+                    self._shown(own, shown=shown or key in SHOWN)
+        elif isinstance(value, list):
+            for own in value:
+                self._shown(own, shown=shown)
+        elif isinstance(value, str) and shown:
+            self.texts.append(re.sub(r"%\{[^}]*\}|<[^>]*>", " ", value))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._within.append(tag)
+        self.texts += [value for key, value in attrs if key in ("alt", "title", "aria-label") and value]
+
+    def handle_endtag(self, tag: str) -> None:
+        while self._within and self._within.pop() != tag:
+            pass
+
+    def handle_data(self, data: str) -> None:
+        if "script" in self._within:
+            self._figures += data
+        elif not {"style", "code"} & set(self._within):
+            self.texts.append(data)
+
+
+def in_english(texts: list[str]) -> dict[str, list[str]]:
+    """Texts with words that are English."""
+    found = {text.strip()[:120]: [w for w in WORD.findall(IDENTIFIER.sub(" ", text)) if w not in NAMES] for text in texts}
+    return {text: words for text, words in found.items() if words}
+
+
+@pytest.mark.parametrize("kind", [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in PAGES])
+def test_no_russian_page_says_anything_in_english(kind: str, tmp_path: Path) -> None:
+    page = PAGES[kind](tmp_path, "ru")
+    read = Words(page.read_text(encoding="utf-8"))
+    assert sum(bool(re.search("[а-яё]", text)) for text in read.texts) > 10
+    assert in_english(read.texts) == {}
+    for name in PDFS:
+        if (tmp_path / name).exists():
+            document = pypdfium2.PdfDocument(tmp_path / name)
+            lines = [line for sheet in document for line in sheet.get_textpage().get_text_bounded().splitlines()]
+            document.close()
+            assert in_english(lines) == {}
+
+
+@pytest.mark.parametrize("kind", [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in PAGES])
+def test_no_english_page_says_anything_in_russian(kind: str, tmp_path: Path) -> None:
+    read = Words(PAGES[kind](tmp_path, "en").read_text(encoding="utf-8"))
+    assert [text for text in read.texts if re.search("[а-яё]", text)] == []
+
+
+def said() -> set[str]:
+    """Every text of the code that is given to `say`."""
+    out = set()
+    for path in sorted((ROOT / "lmeasure").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "say" and node.args:
+                first = node.args[0]
+                out |= {first.value} if isinstance(first, ast.Constant) else set()
+    return out
+
+
+def test_the_catalogue_has_each_text_that_the_code_says_and_no_other() -> None:
+    assert set(texts(DOMAIN, "ru")) == said()
+
+
+@pytest.mark.parametrize("domain", [DOMAIN, TOLD])
+def test_a_translation_names_the_values_of_its_text(domain: str) -> None:
+    for key, text in texts(domain, "ru").items():
+        own, other = ({name for _, name, _, _ in string.Formatter().parse(t) if name is not None} for t in (key, text))
+        assert own == other, key
+        assert text, key
+
+
+def test_what_a_computation_said_is_told_again() -> None:
+    say = Say("ru")
+    moved = "B1 moves 0.31 mm along its line of sight (0.10, -0.20, 0.97) while guide alpha changes by +0.5 deg"
+    assert say.told(f"{moved}: the counts stay the same, only the prior holds it") == (
+        "B1 смещается на 0,31 мм вдоль линии визирования (0.10, -0.20, 0.97), при этом угол alpha направляющей меняется на +0,5°: отсчёты "
+        "не меняются, удерживает только априорное значение"
+    )
+    assert say.told("nothing that anybody has words for") == "nothing that anybody has words for"
+    assert say("{mm:.3g} mm rms", mm=0.0123) == "0,0123 мм СКЗ"
+    assert Say("en")("{mm:.3g} mm rms", mm=0.0123) == "0.0123 mm rms"
+    # a number is no text
+    assert retold(TOLD, "ru", "singular") == "особая поза"
+    assert retold(TOLD, "ru", "link x short") is None
