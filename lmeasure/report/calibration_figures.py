@@ -58,7 +58,7 @@ def worst_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
         "size": 4,
         "color": worst,
         "colorscale": "Viridis",
-        "colorbar": {"title": {"text": say("u of the length, mm"), "side": "top"}} | html.BELOW,
+        "colorbar": {"title": {"text": say("u of the length, mm"), "side": "top"}} | html.BAR,
     }
     told = f"%{{marker.color:.4f}} {unit}<br>%{{x:.0f}}, %{{y:.0f}}, %{{z:.0f}}<extra></extra>"
     figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=told))
@@ -75,12 +75,12 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
             x=[i for i, _ in own],
             y=[d["left"] for _, d in own],
             mode="markers",
-            name=html.label(point),
+            name=html.label(say.told(point)),
             marker={"symbol": symbols, "size": 8},
         )
     figure.add_hline(y=1.0, line={"dash": "dash"})
     # on a logarithmic axis an annotation lies at the logarithm
-    at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "bottom", "showarrow": False}
+    at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "top", "showarrow": False}
     figure.add_annotation(text=say("the prior knows it as well"), **at)
     figure.update_layout(height=380, margin={"t": 20}, xaxis={"title": say("direction, best seen first")})
     return figure.update_yaxes(title=say("u left, in prior u"), type="log")

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from lmeasure.catalogue import decimal as number
+from lmeasure.catalogue import texts
 from lmeasure.certification.printed import with_u95 as with_u95
 from lmeasure.findings import from_stated, recognised
-from lmeasure.report.words import characteristic_name, numbers, unit, word
+from lmeasure.report.words import DOMAIN, characteristic_name, numbers, unit, word
 
 Rows = list[tuple[str, ...]]
 
@@ -379,4 +380,6 @@ def inputs(certificate: dict[str, Any]) -> Rows:
 
 def program(certificate: dict[str, Any]) -> str:
     """Versions in one line."""
-    return "; ".join(f"{visible(key)} {visible(value)}" for key, value in certificate["environment"].items())
+    words = texts(DOMAIN, certificate["language"])
+    named = ((words.get(f"environment.{key}", visible(key)), visible(value)) for key, value in certificate["environment"].items())
+    return "; ".join(f"{key} {value}" for key, value in named)

@@ -6,7 +6,9 @@ import html
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 
 from lmeasure import files
@@ -96,31 +98,29 @@ UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
 
 
 ROOM = 40
-ABOVE = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 1.0, "yanchor": "bottom"}
-"""A legend over its figure: beside it, it would take a telephone's whole width."""
-BELOW = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
-"""A colour bar under its figure, for the same reason."""
-EYE = {"eye": {"x": 1.35, "y": 1.35, "z": 0.9}}
 SEPARATORS = {"en": ".,", "ru": ",\u00a0"}
 """Decimal mark and what stands between thousands."""
+LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "container", "yanchor": "bottom"}
+"""Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
+BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
+"""A colour bar under its figure, for the same reason."""
+CAMERA = {"eye": {"x": 1.45, "y": 1.45, "z": 0.95}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+BESIDE = 120
+"""Height of what stands beside a scene, buttons, legend, colour bar, in pixels."""
+BEYOND = 0.08
+"""Of the extent: room around a scene, beyond which labels would be cut off."""
 
 
 def figure(drawing: go.Figure, name: str | None = None, *, first: bool, language: str = "en") -> str:
     """A figure as wide as the page, its buttons in the page's language; the first one brings what draws all of them."""
-    if drawing.layout.legend.orientation is None and drawing.layout.legend.x is None:
-        drawing.update_layout(legend=ABOVE)
-    # figures at the corner of two axes would touch
-    drawing.update_xaxes(ticklabelstandoff=5).update_yaxes(ticklabelstandoff=5)
-    if drawing.layout.modebar.orientation != "v":
-        # room for the buttons, which else lie on the legend
-        given = drawing.layout.margin.t
-        drawing.update_layout(margin={"t": ROOM if given is None else max(ROOM, given)})
-    if any(trace.type.endswith("3d") or trace.type == "surface" for trace in drawing.data):
-        drawing.update_layout(margin={side: 0 for side in "lrb" if drawing.layout.margin[side] is None})
-        if drawing.layout.scene.camera.eye.x is None:
-            drawing.update_scenes(camera=EYE)
-    known = texts("report", language)
+    settled(drawing)
     drawing.update_layout(separators=SEPARATORS[language])
+    scene = any(_in_space(trace) for trace in drawing.data)
+    given = drawing.layout.height or 640
+    if scene:
+        # on a telephone as high as wide, or its sides would be cut off
+        drawing.layout.height = None
+    known = texts("report", language)
     buttons = {key.removeprefix("plot."): text for key, text in known.items() if key.startswith("plot.")}
     config = {
         "responsive": True,
@@ -129,7 +129,46 @@ def figure(drawing: go.Figure, name: str | None = None, *, first: bool, language
         "locale": language,
         "locales": {language: {"dictionary": buttons, "format": {}}},
     }
-    return str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
+    ready = str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
+    if not scene:
+        return ready
+    return f'<div class="scene" style="height:min({given}px, calc(100vw + {BESIDE}px))">{ready}</div>'
+
+
+def settled(drawing: go.Figure) -> go.Figure:
+    """The figure with room for its buttons, labels and legend at every width, where it does not say itself how it wants them."""
+    legend, margin = drawing.layout.legend, drawing.layout.margin
+    if legend.orientation is None and legend.x is None:
+        drawing.update_layout(legend=LEGEND)
+    # figures at the corner of two axes would touch
+    drawing.update_xaxes(ticklabelstandoff=5).update_yaxes(ticklabelstandoff=5, exponentformat="power")
+    if drawing.layout.modebar.orientation != "v":
+        # room for the buttons
+        drawing.update_layout(margin={"t": ROOM if margin.t is None else max(ROOM, margin.t)})
+    if any(_in_space(trace) for trace in drawing.data):
+        drawing.update_layout(margin={side: 0 for side in "lrb" if margin[side] is None})
+        if drawing.layout.scene.camera.eye.x is None:
+            drawing.update_scenes(camera=CAMERA)
+        _with_room(drawing)
+    else:
+        drawing.update_layout(margin={"r": 16 if margin.r is None else margin.r})
+    return drawing
+
+
+def _in_space(trace: Any) -> bool:
+    return trace.type.endswith("3d") or trace.type in ("surface", "isosurface")
+
+
+def _with_room(drawing: go.Figure) -> None:
+    """Ranges in which the labels of points have room."""
+    own = [trace for trace in drawing.data if _in_space(trace)]
+    if not any("text" in str(getattr(trace, "mode", "")) and trace.visible != "legendonly" for trace in own):
+        return
+    for axis in "xyz":
+        values = np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own])
+        low, high = np.nanmin(values), np.nanmax(values)
+        room = max(BEYOND * float(high - low), 1.0)
+        drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]}})
 
 
 _SCRIPT = re.compile(r"<script\b[^>]*>(.*?)</script>", re.DOTALL | re.IGNORECASE)

@@ -155,7 +155,6 @@ def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | No
         figure.update_layout(
             updatemenus=[{"buttons": buttons, "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom", "showactive": True}]
         )
-        figure.update_layout(legend={"orientation": "h", "x": 0.0, "y": 0.0, "yanchor": "top"})
     scene = axes(say)
     return figure.update_layout(height=640, margin={"t": 40, "b": 10, "l": 0, "r": 0}, scene=scene)
 

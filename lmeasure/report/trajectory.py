@@ -12,7 +12,6 @@ from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, mer
 from lmeasure.arrays import FloatArray
 from lmeasure.catalogue import decimal, texts
 from lmeasure.causes import Cause
-from lmeasure.findings import Finding, recognised
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
 from lmeasure.report import html
@@ -112,7 +111,7 @@ def summary(found: Along, language: str) -> list[tuple[str, str]]:
 
 def _left_out(found: Along, language: str) -> list[str]:
     """What has no pose, or was measured without a cable, by cause."""
-    words = texts(DOMAIN, language)
+    words, say = texts(DOMAIN, language), Say(language)
     if not found.stretches:
         return []
     kinds: dict[tuple[int, Cause, str], list[Stretch]] = {}
@@ -125,7 +124,7 @@ def _left_out(found: Along, language: str) -> list[str]:
         rows.append(
             (
                 _status(status, language),
-                _said(cause, language),
+                say.told(cause),
                 cable,
                 str(sum(s.samples for s in own)),
                 str(len(own)),
@@ -142,18 +141,10 @@ def _status(status: int, language: str) -> str:
     return texts(DOMAIN, language)[f"status.{WORDS[status]}"]
 
 
-def _said(text: str | Finding, language: str) -> str:
-    """A text of the computation in the page's language, as far as it is known there."""
-    if isinstance(text, Finding):
-        return text.text(language)
-    found = recognised(text) if text and language != "en" else None
-    return text if found is None else found.text(language)
-
-
 def _known(found: Along, language: str) -> Iterable[str]:
     """What the uncertainties hold, and what else must be known."""
-    words, trajectory = texts(DOMAIN, language), found.trajectory
-    yield words["covers"].format(covers=_said(trajectory.covers, language))
+    words, trajectory, say = texts(DOMAIN, language), found.trajectory, Say(language)
+    yield words["covers"].format(covers=say.told(trajectory.covers))
     yield from (note.text(language) for note in trajectory.notes)
     yield from (taken.said.text(language) for taken in trajectory.taken_as_exact)
     if found.motion is not None:
@@ -175,7 +166,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
     u95_um = 1e3 * found.u95_mm[rows]
     line: dict[str, object] = {"width": 6, "color": "#555555"}
     if found.worst is not None:
-        bar = {"title": {"text": words["bar"], "side": "top"}} | html.BELOW
+        bar = {"title": {"text": words["bar"], "side": "top"}} | html.BAR
         line = {"width": 6, "color": u95_um, "colorscale": "Viridis", "colorbar": bar}
     about = [
         f"{number(t, '.6g')} {words['s']}" + ("" if np.isnan(u) else f"<br>U95 {number(u, '.4g')} {words['um']}")
@@ -194,8 +185,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
                 hoverinfo="text",
             )  # fmt: skip
     scene = axes(say) | {"camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.1}}}
-    legend = {"orientation": "h", "y": -0.14, "yanchor": "top", "x": 0.0}
-    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 150}, scene=scene, legend=legend)
+    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 110}, scene=scene, legend=html.LEGEND)
 
 
 def _near(sample: int, known: np.ndarray) -> int | None:
@@ -239,7 +229,7 @@ def _shown(stretches: Sequence[Stretch], found: Along) -> list[Stretch]:
 
 def _about(s: Stretch, language: str) -> str:
     samples = f"{s.first}–{s.last}" if s.last > s.first else str(s.first)
-    return ", ".join(part for part in (_status(s.status, language), samples, _said(s.cause, language), s.cable) if part)
+    return ", ".join(part for part in (_status(s.status, language), samples, Say(language).told(s.cause), s.cable) if part)
 
 
 def time_figure(found: Along, language: str = "en") -> go.Figure:

@@ -17,12 +17,13 @@ from lmeasure.saying import TOLD, Say
 
 QUICK = ("calibration", "zone", "structures")
 NAMES = {
-    "lmeasure", "place", "docs", "budget", "csv", "json", "toml", "cell", "earlier", "tracker", "alpha", "beta", "SHA", "ISO", "tool",
-    "run", "report", "program", "trajectory", "rig", "kuka", "oat", "puma", "numpy", "scipy", "python", "Python", "start", "solve",
+    "lmeasure", "place", "docs", "csv", "json", "toml", "alpha", "beta", "SHA", "ISO", "JCGM", "UTC", "rot", "start", "tool", "run",
+    "puma", "oat", "python", "numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno", "Linux",
+    "xarray", "cell", "simulated", "thesis", "earlier", "tracker", "line", "rows", "generic", "correct", "pick", "inputs",
 }  # fmt: skip
 """Of programs, files and values, which are the same in every language."""
 WORD = re.compile(r"[A-Za-z]{3,}")
-IDENTIFIER = re.compile(r"--[\w-]+|\b[\w-]*[\d_.][\w.-]*[A-Za-z][\w.-]*|\b[A-Za-z]+\d[\w.-]*|https?://\S+")
+IDENTIFIER = re.compile(r"--[\w-]+|'[\w-]+'|\b\w+(?:[_./]\w|\d)[\w./-]*|\b[a-f]+(?:-[a-f]+)+\b|\b[AR][DPT](?:[plxyzabc]|rot)\b")
 SHOWN = {"name", "text", "title", "label", "prefix", "suffix", "hovertemplate", "ticktext", "dictionary"}
 
 
@@ -53,7 +54,7 @@ class Words(HTMLParser):
         elif isinstance(value, list):
             for own in value:
                 self._shown(own, shown=shown)
-        elif isinstance(value, str) and shown:
+        elif isinstance(value, str) and shown and value not in ("top", "right"):
             self.texts.append(re.sub(r"%\{[^}]*\}|<[^>]*>", " ", value))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:

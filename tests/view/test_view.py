@@ -106,12 +106,11 @@ def test_the_way_has_the_colours_of_its_95_percent_radius(written: tuple[Path, S
     radii = stated_radii_95((trajectory.random + trajectory.systematic)[:, 3:, 3:])
     radii = np.concatenate([radii[: GAP.start - 1], radii[GAP.stop : -1]])
     of_steps = np.repeat(colours, steps)
-    # from teal to yellow red and green rise, from there on green falls
-    red, green = (of_steps >> 24 & 255).astype(float), (of_steps >> 16 & 255).astype(float)
-    order = np.where(red < ZONE_COLOURS[1][0] - 1, red, 1000.0 - green)
-    order[(red < ZONE_COLOURS[1][0] - 1) & (green < ZONE_COLOURS[0][1])] = 1000.0
+    scale = np.array([np.interp(np.linspace(0.0, 1.0, 101), (0.0, 0.5, 1.0), channel) for channel in zip(*ZONE_COLOURS, strict=True)]).T
+    found = np.column_stack([of_steps >> bits & 255 for bits in (24, 16, 8)])
+    level = np.linalg.norm(found[:, None] - scale, axis=2).argmin(axis=1)
     assert len(set(of_steps.tolist())) > 8
-    assert scipy.stats.spearmanr(order, radii).statistic > 0.98
+    assert scipy.stats.spearmanr(level, radii).statistic > 0.98
 
 
 def test_scalars_are_whole_and_exact(written: tuple[Path, SimulatedRun, Trajectory]) -> None:
