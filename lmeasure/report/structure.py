@@ -1,5 +1,6 @@
 """The page of a structure: drawn, in space with its assemblies, tetrahedra and screws, along a way, and the workspace's boundary."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ def write_structure_page(
 ) -> None:
     """Write a self-contained page of links and their record (`linkage.record.described`); pose (7,) at which they were looked at."""
     say = Say(language)
-    body = [html.paragraph(line.text, "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
+    body = [html.paragraph(_powers(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
     if len(linkage.base) == LINKS:
         body.append(svg(incidence(linkage.base, linkage.platform).structure))
         body.append(html.paragraph(say("Platform above, base below; a dot is larger where more links meet.")))
@@ -55,7 +56,7 @@ def write_structure_page(
         header = ("", *place, say("quaternion x, y, z, w"), say("proved"))
         body += [html.heading(say("Assemblies")), html.table(header, _rows(record, say))]
     if "rank" in record:
-        body += [html.heading(say("At the pose")), html.table((say("figure"), say("value")), _at_pose(record, say))]
+        body += [html.heading(say("At the pose")), html.table((say("figure"), say("value")), _at_pose(record, say), "text")]
     if "design" in record:
         made = record["design"]
         rows = [(n, *(say.number(v, ".4f") for v in (*made["given"][n], *made["free"][n]))) for n in made["given"]]
@@ -97,7 +98,7 @@ def _at_pose(record: dict[str, Any], say: Say) -> list[tuple[str, str]]:
         rows.append((say("U95 of the position by counts of ±1/2, mm"), _figure(record["wrapped"]["u95_position_mm"], say)))
     rows.append((say("pressure angles, °"), say.numbers(record["pressure_angles_deg"], ".1f")))
     if record["gradient"] is not None:
-        rows.append((say("gradient (ω; v)"), say.numbers(record["gradient"], ".4g")))
+        rows.append((say("gradient (ω; v)"), _powers(say.numbers(record["gradient"], ".4g"))))
     screw = record["least_seen_screw"]
     axis = say(
         "axis through ({point}) mm along ({direction})",
@@ -111,12 +112,25 @@ def _at_pose(record: dict[str, Any], say: Say) -> list[tuple[str, str]]:
 
 
 def _figure(value: float | None, say: Say) -> str:
-    return say("none") if value is None else say.number(value, ".5g")
+    return say("none") if value is None else _powers(say.number(value, ".5g"))
+
+
+def _powers(printed: str) -> str:
+    """Printed numbers with their powers of ten as people write them."""
+    return re.sub(r"e([+-])0*(\d+)", lambda found: "·10" + (found[1] + found[2]).lstrip("+").translate(_RAISED), printed)
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def _places(at: FloatArray, say: Say) -> tuple[str, ...]:
+    """Coordinates without what rounding leaves of them."""
+    return tuple(say.number(round(float(v), 6) + 0.0, "g") for v in at)
 
 
 def _links(linkage: Linkage, say: Say) -> list[tuple[str, ...]]:
     each = zip(linkage.names, linkage.base, linkage.platform, strict=True)
-    return [(name, b, *(say.number(v, "g") for v in at), p, *(say.number(v, "g") for v in of)) for (name, b, p), at, of in each]
+    return [(name, b, *_places(at, say), p, *_places(of, say)) for (name, b, p), at, of in each]
 
 
 def space_figure(linkage: Linkage, record: dict[str, Any], pose: FloatArray | None, say: Say = ENGLISH) -> go.Figure:
