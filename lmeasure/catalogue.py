@@ -73,8 +73,8 @@ def retold(domain: str, language: str, message: str, inner: Callable[[str], str]
     for pattern, template, kinds in _patterns(domain, language):
         found = pattern.fullmatch(message)
         if found is not None:
-            told = {"": inner, WORD: str}
-            values = {name: told.get(kinds[name], partial(decimal, language))(value) for name, value in found.groupdict().items()}
+            tell: dict[str, Callable[[str], str]] = {"": inner, WORD: str}
+            values = {name: tell.get(kinds[name], partial(decimal, language))(value) for name, value in found.groupdict().items()}
             return known[template].format(**values)
     return None
 

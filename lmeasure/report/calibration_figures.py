@@ -18,10 +18,8 @@ def residuals_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure
     for channel in Counter(r.channel for r in record.residuals):
         own = [r for r in record.residuals if r.channel == channel]
         figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.label(channel))
-    figure.update_layout(
-        height=420, margin={"t": 20}, xaxis={"title": say("reference pose"), "type": "category"}, yaxis={"title": say("residual, mm; of angles, mrad")}
-    )
-    return figure
+    axes_of = {"xaxis": {"title": say("reference pose"), "type": "category"}, "yaxis": {"title": say("residual, mm; of angles, mrad")}}
+    return figure.update_layout(height=420, margin={"t": 20}, **axes_of)
 
 
 def rig_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
@@ -95,5 +93,5 @@ def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
     figure.add_scatter(y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibrated"))
     # a row for each name: they never stand in each other's way
     figure.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10})
-    figure.update_xaxes(title=say("u, mm or deg"), type="log")
+    figure.update_xaxes(title=say("u, mm or deg"), type="log", dtick=1)
     return figure.update_yaxes(autorange="reversed", dtick=1, automargin=True)

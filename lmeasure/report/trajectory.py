@@ -53,7 +53,7 @@ def write_trajectory_page(
         html.heading(words["known"]),
         *(html.paragraph(line) for line in _known(found, language)),
         html.heading(words["inputs"]),
-        html.table((words["file"], "SHA-256"), inputs, "figures"),
+        html.table((words["file"], "SHA-256"), inputs, "text"),
     ]
     files.write_text(path, html.page(words["title"].format(name=name), body, language))
 

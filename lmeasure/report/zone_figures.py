@@ -17,7 +17,7 @@ from lmeasure.report.zone_maps import SCALE, log_colours
 from lmeasure.rig import Rig
 from lmeasure.saying import ENGLISH, Say
 
-EDGE = "#e4572e"
+EDGE, CABLES = "#e4572e", "#4a5568"
 MOST_LEVELS = 41
 MOST_NODES_IN_SPACE = 40
 
@@ -49,7 +49,7 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH) -> go.Figure:
     figure = go.Figure()
     levels = _shown_levels(len(z))
     first = len(levels) // 2
-    bar = {"title": {"text": say("worst angle, °"), "side": "right"}, "len": 0.5, "y": 0.35, "thickness": 14}
+    bar = {"title": {"text": say("worst angle, °"), "side": "top"}} | html.BAR
     for n, k in enumerate(levels):
         figure.add_surface(
             x=x, y=y, z=np.full((len(y), len(x)), z[k]), surfacecolor=np.float32(angle[:, :, k].T), cmin=0, cmax=90, colorscale=SCALE,
@@ -66,11 +66,11 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH) -> go.Figure:
         )  # fmt: skip
     rows = rig.cable_rows()
     _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
-    for j, c in enumerate(rig.cable):
-        line = np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]])
-        figure.add_scatter3d(
-            x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", line={"width": 4}, name=say("cable {name}", name=html.label(c.name))
-        )
+    gap = np.full((1, 3), np.nan)
+    ways = [np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]) for j in range(len(rows))]
+    along = np.concatenate([np.concatenate([way, gap]) for way in ways]).T
+    look = {"width": 4, "color": CABLES}
+    figure.add_scatter3d(x=along[0], y=along[1], z=along[2], mode="lines", line=look, name=say("cables"), hoverinfo="skip")
     points = np.array([p.position_mm for p in rig.observation_point])
     figure.add_scatter3d(
         x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text", textposition="middle right",
@@ -83,7 +83,7 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH) -> go.Figure:
         for n, k in enumerate(levels)
     ]
     figure.update_layout(
-        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps}],
+        sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps, "pad": {"t": 70}}],
         scene=axes(say) | {"camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.0}}},
         height=760,
         margin={"t": 10, "b": 10, "l": 10, "r": 10},
@@ -106,7 +106,7 @@ def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
     span = (np.log10(low), np.log10(max(top, 1.01 * low)))
     maps = (
         (zone["worst_pressure_angle_deg"].values, (0.0, 90.0), 0.44, {"title": "°"}, "%{z:.2f} °"),
-        (u95, span, 1.01, {"title": say("mm")} | log_colours(low, max(top, 1.01 * low)), f"%{{customdata:.4f}} {say('mm')}"),
+        (u95, span, 1.01, {"title": say("mm")} | log_colours(low, max(top, 1.01 * low), say), f"%{{customdata:.4f}} {say('mm')}"),
     )
     figure = make_subplots(
         1, 2, subplot_titles=(say("worst pressure angle, °"), say("95 % radius of the position, mm")), horizontal_spacing=0.14

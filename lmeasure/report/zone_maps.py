@@ -18,7 +18,7 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.catalogue import DECIMAL_MARK
 from lmeasure.report import html
 from lmeasure.rig import Rig
-from lmeasure.saying import Say
+from lmeasure.saying import ENGLISH, Say
 
 SCRIPT = Path(__file__).with_name("zone.js")
 # perceptually even, and readable without colour vision
@@ -137,10 +137,10 @@ def ticks(low: float, high: float) -> list[float]:
     return inside if len(inside) > 1 else [low, high]
 
 
-def log_colours(low: float, high: float) -> dict[str, Any]:
+def log_colours(low: float, high: float, say: Say = ENGLISH) -> dict[str, Any]:
     """A colour scale of logarithms that is labelled by the values themselves."""
     values = ticks(low, high)
-    return {"tickvals": [float(np.log10(v)) for v in values], "ticktext": [f"{v:.3g}" for v in values]}
+    return {"tickvals": [float(np.log10(v)) for v in values], "ticktext": [say.number(v, ".3g") for v in values]}
 
 
 def _titled(title: str, figure: go.Figure, name: str, say: Say) -> str:
@@ -150,7 +150,7 @@ def _titled(title: str, figure: go.Figure, name: str, say: Say) -> str:
 def _map(data: dict[str, Any], span: list[float], say: Say, *, log: bool = False) -> go.Figure:
     """A map that the script fills: colours, the edge of the zone, the clicked place."""
     mark = {"symbol": "cross-thin-open", "size": 14, "color": "#e4572e", "line": {"width": 3}}
-    bar: dict[str, Any] = {"thickness": 14, "len": 0.9} | (log_colours(*data["range_u95"]) if log else {})
+    bar: dict[str, Any] = {"thickness": 14, "len": 0.9} | (log_colours(*data["range_u95"], say) if log else {})
     figure = go.Figure(
         [
             go.Heatmap(x=data["x"], y=data["y"], z=[], zmin=span[0], zmax=span[1], colorscale=SCALE, colorbar=bar, hoverinfo="none"),
