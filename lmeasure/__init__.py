@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lmeasure.counts import Counts, read_counts, write_counts
     from lmeasure.drum import DrumMeasurement, read_drums, with_drums
     from lmeasure.lengths import Lengths, lengths_from_counts, read_lengths, span_lengths, write_lengths
+    from lmeasure.linkage.noun import Described
     from lmeasure.pipeline import (
         calibrate,
         certify,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         read_log,
         reconstruct,
         simulate,
+        structure,
         verify,
         zone,
     )
@@ -51,6 +53,7 @@ __all__ = [
     "Certificate",
     "CertificationSettings",
     "Counts",
+    "Described",
     "DrumMeasurement",
     "Evaluation",
     "LMeasureError",
@@ -92,6 +95,7 @@ __all__ = [
     "scan_zone",
     "simulate",
     "span_lengths",
+    "structure",
     "verify",
     "with_drums",
     "write_calibration_record",
@@ -150,6 +154,7 @@ _HOMES = {
         "span_lengths",
         "write_lengths",
     ),
+    "linkage.noun": ("Described",),
     "pipeline": (
         "calibrate",
         "certify",
@@ -161,6 +166,7 @@ _HOMES = {
         "read_log",
         "reconstruct",
         "simulate",
+        "structure",
         "verify",
         "zone",
     ),

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from lmeasure.certification.campaign import Campaign as TestCampaign
     from lmeasure.certification.sealed import Certificate
     from lmeasure.certification.verify import Verification
+    from lmeasure.linkage.links import Linkage
+    from lmeasure.linkage.noun import Described
+    from lmeasure.linkage.record import Workspace
     from lmeasure.program import Program
     from lmeasure.report.plots import Figure
     from lmeasure.trajectory.passes import Alignment
@@ -127,6 +130,29 @@ def place(
     wanted = placement.read_placement(Path(task)) if isinstance(task, Path | str) else task
     most = placement.GENERATIONS if generations is None else generations
     return placement.place(_linked(rig)[0], wanted, seed, progress, generations=most)
+
+
+def structure(
+    links: "Linkage | Rig | File",
+    pose: FloatArray | None = None,
+    *,
+    lengths_mm: Iterable[float] | None = None,
+    to: FloatArray | None = None,
+    workspace: "Workspace | None" = None,
+    design: bool = False,
+) -> "Described":
+    """What links make of a rig, or of a table of points and links, before anything is built or measured.
+
+    pose (7,): position [mm] and quaternion x, y, z, w of the platform; to (7,): another, to which it goes straight; lengths_mm: of which
+    all assemblies are found; workspace: boundary around the pose; design: limits of the lengths within which nothing is singular. See
+    `linkage.record.described`.
+    """
+    from lmeasure.linkage.links import linkage_of, read_linkage
+    from lmeasure.linkage.noun import structure_of
+
+    found = linkage_of(links) if isinstance(links, Rig) else read_linkage(Path(links)) if isinstance(links, Path | str) else links
+    found = found if lengths_mm is None else found.with_lengths(tuple(lengths_mm), "lengths_mm")
+    return structure_of(found, pose, to=to, workspace=workspace, design=design)
 
 
 def plan_poses(
@@ -298,7 +324,7 @@ def verify(certificate: "Certificate | File", public_key: File | None = None, pr
 
 def plot(what: Any, rig: "Rig | calibration.Calibration | File | None" = None) -> "Figure":
     """A plotly figure of a rig, poses, counts, lengths, a run, a calibration, a trajectory, a zone, a plan, a placement, a program, an
-    evaluation or a certificate. rig: drawn with a zone or a trajectory."""
+    evaluation, a certificate, an identification, corrections, a structure or its boundary. rig: drawn with a zone or a trajectory."""
     from lmeasure.report.plots import figure_of
 
     return figure_of(what, None if rig is None else _linked(rig)[0])

@@ -17,7 +17,11 @@ import lmeasure as lm
 from lmeasure import pipeline
 from lmeasure.accuracy.placement import Placement
 from lmeasure.errors import CalibrationError, CertificationError, LMeasureError
+from lmeasure.linkage.record import Workspace
 from lmeasure.report.plots import DRAWN
+from lmeasure.robots.corrected_program import Corrected, Outcome
+from lmeasure.robots.correction import Limits, correct
+from lmeasure.robots.dialects.program_text import Target
 from lmeasure.robots.measurements import measured
 from lmeasure.robots.robot import shipped
 from lmeasure.shown import Shown
@@ -58,6 +62,16 @@ def test_import_brings_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def corrected() -> Corrected:
+    """One target of a robot whose link is 0.4 mm too long."""
+    nominal = shipped("generic6").model
+    change = np.array([0.4 * (p.name == "joint_2.a_mm") for p in nominal.parameters])
+    joints = np.radians([20.0, -10.0, 15.0, 30.0, 60.0, 0.0])
+    done = correct(nominal, nominal.moved(change), joints, Limits())
+    target = Target("P1", 0, 1, True, tuple(np.degrees(joints)), ())
+    return Corrected((Outcome(target, "p.csv", done, tuple(np.degrees(done.joints)), "", 0.1),), ("",))
+
+
 @pytest.fixture(scope="module")
 def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """One of every object, most of them from the others."""
@@ -91,6 +105,7 @@ def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
               "high_mm": [p + 1.0 for p in rig.observation_point[0].position_mm]}]  # fmt: skip
     wanted = Placement.model_validate({"schema": "lmeasure.placement/1", "task": task, "mount": mount})
     poses_alone = program.model_copy(update={"path": ()})
+    links = lm.structure(rig, np.array([0.0, 0, 0, 0, 0, 0, 1]), workspace=Workspace("xy", reach_mm=300.0, limit_deg=40.0))
     return {
         "made": made,
         "rig": rig,
@@ -106,6 +121,9 @@ def nouns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "placed": lm.place(rig, wanted, generations=1),
         "program": program,
         "identified": identified,
+        "corrected": corrected(),
+        "described": links,
+        "boundary": links.boundary,
         "evaluation": lm.evaluate(trajectory, poses_alone, run=made, rig=calibration, trials=100),
         "certificate": lm.certify(trajectory, poses_alone, folder, run=made, rig=calibration, trials=100),
     }

@@ -24,7 +24,7 @@ def write_correction_page(
 ) -> None:
     """Write a self-contained HTML page of what became of a program, whole or not at all; inputs: files with their SHA-256."""
     say = Say(language)
-    done = _done(found)
+    done = found.done
     body = [html.paragraph(*_verdict(found, listing, say)), html.table((), _figures(found, say), "text")]
     if done:
         told = say(
@@ -49,10 +49,6 @@ def write_correction_page(
     html.write_page(path, say("Corrected program: {name}", name=", ".join(source.name for source in listing.sources)), body, language)
 
 
-def _done(found: Corrected) -> list[Outcome]:
-    return [o for o in found.outcomes if not o.left and o.correction is not None]
-
-
 def _verdict(found: Corrected, listing: Listing, say: Say) -> tuple[str, str]:
     left = len(found.outcomes) - found.changed
     if left or listing.unread:
@@ -63,7 +59,7 @@ def _verdict(found: Corrected, listing: Listing, say: Say) -> tuple[str, str]:
 
 def _figures(found: Corrected, say: Say) -> list[tuple[str, str]]:
     rows = [(say("targets corrected"), say("{n} of {of}", n=found.changed, of=len(found.outcomes)))]
-    done = _done(found)
+    done = found.done
     if done:
         corrections = [o.correction for o in done if o.correction is not None]
         u95 = max(o.u95_mm for o in done)

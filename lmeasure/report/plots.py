@@ -22,13 +22,15 @@ from lmeasure.errors import LMeasureError
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
 from lmeasure.lengths import Lengths
+from lmeasure.linkage.noun import Boundary, Described
 from lmeasure.poses import Poses
 from lmeasure.program import Program
-from lmeasure.report import html
+from lmeasure.report import correction, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
 from lmeasure.report.zone_figures import slices_figure, space_figure
 from lmeasure.rig import Rig
+from lmeasure.robots.corrected_program import Corrected
 from lmeasure.robots.identify import Identified
 from lmeasure.run import Run
 from lmeasure.simulation import Simulated
@@ -44,7 +46,7 @@ def figure_of(what: Any, rig: Rig | None = None) -> go.Figure:
     """The figure of a noun; rig is drawn with what lies in space. LMeasureError for what is none."""
     for kind, draw in DRAWN.items():
         if isinstance(what, kind):
-            return draw(what, rig)
+            return html.settled(draw(what, rig))
     known = ", ".join(kind.__name__ for kind in DRAWN)
     raise LMeasureError(f"{type(what).__name__} is nothing that can be drawn; what can: {known}")
 
@@ -182,6 +184,9 @@ DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
     Placed: lambda placed, rig: _rig(placed.rig, None),
     Program: _program,
     Identified: _identified,
+    Corrected: lambda corrected, rig: correction.errors_figure(corrected.done),
+    Described: lambda found, rig: structure.space_figure(found.linkage, found.record, found.pose),
+    Boundary: lambda found, rig: structure.slices_figure(found.content, found.pose),
     Evaluation: lambda evaluation, rig: _characteristics([c.as_dict() for c in evaluation.characteristics]),
     Certificate: lambda certificate, rig: _characteristics(certificate.content["characteristics"]),
 }

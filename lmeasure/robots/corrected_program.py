@@ -10,6 +10,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.robots.correction import Correction, Limits, correct, fits, in_keep_out, ways
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewritten
 from lmeasure.robots.identified_robot import IdentifiedRobot
+from lmeasure.shown import DataFrame, Shown, framed
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,27 @@ class Outcome:
     u95_mm: float
 
 
-@dataclass(frozen=True)
-class Corrected:
+@dataclass(frozen=True, repr=False)
+class Corrected(Shown):
     """outcomes in the order of the listing, and the texts of its sources."""
 
     outcomes: tuple[Outcome, ...]
     texts: tuple[str, ...]
+
+    def about(self) -> dict[str, str]:
+        """How many targets are corrected, by how much, and how well the robot goes there."""
+        out = {"targets": f"{len(self.outcomes)}, {self.changed} corrected"}
+        sizes = [o.correction.size_mm for o in self.done if o.correction is not None]
+        return out | ({"largest correction": f"{max(sizes):.3f} mm", "U95": f"{max(o.u95_mm for o in self.done):.3f} mm"} if sizes else {})
+
+    def to_frame(self) -> DataFrame:
+        """A row for each target."""
+        return framed([{key: value for key, value in _record(o).items() if not isinstance(value, list)} for o in self.outcomes])
+
+    @property
+    def done(self) -> tuple[Outcome, ...]:
+        """The targets that are corrected."""
+        return tuple(o for o in self.outcomes if not o.left and o.correction is not None)
 
     @property
     def changed(self) -> int:

@@ -97,7 +97,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     inputs = [(Path(str(i["file"])).name, str(i["sha256"])) for i in record["inputs"]]
     page, language = settings.out / "corrections.html", settings.language or of_terminal()
     write_correction_page(page, found, listing, robot, inputs=inputs, language=language)
-    done = [o for o in found.outcomes if not o.left and o.correction is not None]
+    done = found.done
     lines = [f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"]
     figures: dict[str, float] = {"corrected": found.changed}
     if done:

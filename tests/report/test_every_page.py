@@ -1,84 +1,80 @@
-"""Every page that the program writes, opened at the width of a telephone, a desk and a wall: nothing runs over, is clipped, collides, or
-asks for anything outside. `LMEASURE_PICTURES=FOLDER pytest -m slow tests/report/test_every_page.py` keeps pictures of them."""
+"""Every page that the program writes, opened at the width of a telephone, a desk and a wall in both languages: nothing runs over, is
+clipped, collides, or asks for anything outside. PDFs beside them: no text lies beyond its sheet or on another.
+`LMEASURE_PICTURES=FOLDER pytest -m slow tests/report/test_every_page.py` keeps pictures of them."""
 
 import base64
+import itertools
 import os
-import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+import pypdfium2
 import pytest
 from browser import LOOK, Page, opened
+from pages import PAGES, PDFS
 
-sys.path.append(str(Path(__file__).parents[1] / "certification"))
-from campaigns import write_campaign
-
-from lmeasure import calibration
-from lmeasure.accuracy.zone import axis, scan_zone, tilts
-from lmeasure.certification import Settings
-from lmeasure.certification.measure import Inputs
-from lmeasure.report.calibration import write_calibration_page
-from lmeasure.report.certificate import Choices, write_certificate
-from lmeasure.report.zone import write_zone_report
-from lmeasure.workflows import load
-
-ROOT = Path(__file__).parents[2]
-TRUTH = ROOT / "tests" / "authorities" / "truth"
 WIDTHS = (390, 1400, 2560)
+QUICK = {("zone", "ru"), ("calibration", "en")}
+EVERY = [
+    (kind, language) if (kind, language) in QUICK else pytest.param(kind, language, marks=pytest.mark.slow)
+    for kind in PAGES
+    for language in ("en", "ru")
+]
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A page of each kind, small."""
-    out = tmp_path_factory.mktemp("pages")
-    write_campaign(out / "campaign")
-    given = Inputs(out / "campaign" / "trajectory.parquet", out / "campaign" / "program.toml", out / "campaign" / "run")
-    made = {}
-    for language in ("en", "ru"):
-        write_certificate(out / language, given, Settings(trials=200), Choices(language))
-        made[f"certificate {language}"] = out / language / "report.html"
-    found = calibration.calibrate(calibration.read_campaign(TRUTH / "cell-12-poses"), calibration.Settings(hold_out=("7",)))
-    write_calibration_page(out / "calibration.html", found)
-    nodes = axis(-300, 300, 100)
-    zone = scan_zone(found.rig, found.record, x=nodes, y=nodes, z=nodes, rotations=tilts(0.2, 2), limit_deg=40.0, full=True)
-    write_zone_report(out / "zone", zone, found.rig, found.record)
-    structure = load("structure")
-    asked = {"file": TRUTH / "cell-12-poses" / "rig.toml", "report": out / "structure", "position_mm": "0,0,0", "quaternion": "0,0,0,1"}
-    structure.run(structure.settings.model_validate(asked))
-    table = np.genfromtxt(ROOT / "datasets" / "ur5" / "grid.csv", delimiter=",", names=True)[::12]
-    rows = [[f"P{k}", *(r[f"joint_{i}"] for i in range(1, 7)), *(r[f"{a}_t"] + r[f"{a}_dif"] for a in "xyz")] for k, r in enumerate(table)]
-    head = ",".join(["name", *(f"joint_{i}_deg" for i in range(1, 7)), "x_mm", "y_mm", "z_mm"])
-    (out / "rows.csv").write_text("\n".join([head, *(",".join(map(str, row)) for row in rows)]) + "\n")
-    identify = load("identify")
-    identify.run(identify.settings.model_validate({"robot": "ur5", "measurements": out / "rows.csv", "out": out / "robot"}))
-    made |= {"calibration": out / "calibration.html", "zone": out / "zone" / "zone.html", "identification": out / "robot" / "report.html"}
-    return made | {"structure": out / "structure" / "structure.html"}
-
-
-@pytest.fixture(scope="module")
-def browser(pages: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Any:
-    with opened(pages["zone"], tmp_path_factory.mktemp("profile")) as page:
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    folder = tmp_path_factory.mktemp("profile")
+    (folder / "empty.html").write_text("")
+    with opened(folder / "empty.html", folder / "profile") as page:
         yield page
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["certificate en", "certificate ru", "calibration", "zone", "identification", "structure"])
-def test_nothing_runs_over_collides_or_asks_for_anything(pages: dict[str, Path], browser: Page, kind: str) -> None:
+@pytest.mark.parametrize(("kind", "language"), EVERY)
+def test_nothing_runs_over_collides_or_asks_for_anything(kind: str, language: str, browser: Page, tmp_path: Path) -> None:
+    page = PAGES[kind](tmp_path, language)
     browser.errors.clear()
     browser.requests.clear()
-    browser.go(pages[kind])
+    browser.go(page)
     browser.wait("[...document.querySelectorAll('.js-plotly-plot')].every(e => e._fullLayout)")
     told = []
     for width in WIDTHS:
         browser.resize(width)
         told += [f"{width}: {text}" for text in browser.evaluate(LOOK)]
         if "LMEASURE_PICTURES" in os.environ:
-            picture = Path(os.environ["LMEASURE_PICTURES"]) / f"{kind.replace(' ', '-')}-{width}.png"
+            picture = Path(os.environ["LMEASURE_PICTURES"]) / f"{kind}-{language}-{width}.png"
             picture.write_bytes(base64.b64decode(browser.shoot()))
     assert told == []
     assert browser.errors == []
     assert [url[:80] for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    for name in PDFS:
+        if (tmp_path / name).exists():
+            assert faults_of(tmp_path / name) == []
+            if "LMEASURE_PICTURES" in os.environ:
+                document = pypdfium2.PdfDocument(tmp_path / name)
+                for number, sheet in enumerate(document, 1):
+                    sheet.render(scale=1.5).to_pil().save(Path(os.environ["LMEASURE_PICTURES"]) / f"{kind}-{language}-sheet{number}.png")
+                document.close()
+
+
+def faults_of(pdf: Path) -> list[str]:
+    """Lines of text that lie beyond their sheet, or on another."""
+    document, out = pypdfium2.PdfDocument(pdf), []
+    for number, sheet in enumerate(document, 1):
+        width, height = sheet.get_size()
+        text = sheet.get_textpage()
+        boxes = [text.get_rect(i) for i in range(text.count_rects())]
+        lines = [(box, text.get_text_bounded(*box)) for box in boxes]
+        for (left, bottom, right, top), said in lines:
+            if left < 0.0 or bottom < 0.0 or right > width or top > height:
+                out.append(f"sheet {number}: {said!r} lies beyond it")
+        for (a, one), (b, other) in itertools.combinations(lines, 2):
+            across, along = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+            # an index reaches into the height of its line
+            if across > 2.0 and along > 0.6 * min(a[3] - a[1], b[3] - b[1]):
+                out.append(f"sheet {number}: {one!r} and {other!r} collide by {across:.1f} x {along:.1f}")
+    document.close()
+    return out
 
 
 def test_the_check_sees_what_it_is_for(tmp_path: Path) -> None:
@@ -95,3 +91,12 @@ def test_the_check_sees_what_it_is_for(tmp_path: Path) -> None:
     assert "'beyond' is clipped" in told
     assert "'wide' runs over" in told
     assert any(url.startswith("http://127.0.0.1") for url in shown.requests)
+
+
+def test_the_check_of_sheets_sees_what_it_is_for(tmp_path: Path) -> None:
+    typst = pytest.importorskip("typst")
+    lines = "#set page(width: 100pt, height: 100pt)\n#place(dx: 0pt)[one]\n#place(dx: 6pt)[two]\n#place(dx: 80pt, dy: 30pt)[beyond it]"
+    (tmp_path / "bad.pdf").write_bytes(typst.compile(lines.encode()))
+    told = " ".join(faults_of(tmp_path / "bad.pdf"))
+    assert "collide" in told
+    assert "lies beyond it" in told

@@ -125,7 +125,7 @@ def test_what_a_computation_said_is_told_again() -> None:
     say = Say("ru")
     moved = "B1 moves 0.31 mm along its line of sight (0.10, -0.20, 0.97) while guide alpha changes by +0.5 deg"
     assert say.told(f"{moved}: the counts stay the same, only the prior holds it") == (
-        "B1 смещается на 0,31 мм вдоль линии визирования (0.10, -0.20, 0.97), при этом угол alpha направляющей меняется на +0,5°: отсчёты "
+        "B1 смещается на 0,31 мм вдоль линии визирования (0,10; -0,20; 0,97), при этом угол alpha направляющей меняется на +0,5°: отсчёты "
         "не меняются, удерживает только априорное значение"
     )
     assert say.told("nothing that anybody has words for") == "nothing that anybody has words for"
