@@ -13,7 +13,7 @@ import xarray as xr
 sys.path.append(str(Path(__file__).parents[1] / "certification"))
 from campaigns import write_campaign
 
-from lmeasure import calibration
+from lmeasure import calibration, se3
 from lmeasure.accuracy.along import along
 from lmeasure.accuracy.zone import axis, scan_zone, tilts
 from lmeasure.calibration.compare import Earlier, compare
@@ -25,6 +25,7 @@ from lmeasure.report.certificate import Choices, write_certificate
 from lmeasure.report.trajectory import write_trajectory_page
 from lmeasure.report.zone import write_zone_report
 from lmeasure.rig import rig_from_dict
+from lmeasure.robots.robot import shipped
 from lmeasure.run import read_run
 from lmeasure.simulation import cell_rig, simulate_campaign
 from lmeasure.trajectory import Stated, read_trajectory, reconstruct
@@ -157,6 +158,27 @@ def _identification(out: Path, language: str) -> Path:
     return _ran("identify", {"robot": "ur5", "measurements": out / "rows.csv", "out": out / "robot"}, language, out / "robot/report.html")
 
 
+def _correction(out: Path, language: str) -> Path:
+    """Targets of a robot that differs from its nominal one, some of them beyond its reach, skipped or unreadable."""
+    nominal, rng = shipped("generic6").model, np.random.default_rng(3)
+    sizes = {"theta_deg": 5e-4, "alpha_deg": 5e-4, "beta_deg": 5e-4, "d_mm": 0.3, "a_mm": 0.3}
+    true = nominal.moved(np.array([rng.normal() * sizes.get(p.name.rpartition(".")[2], 0.0) for p in nominal.parameters]))
+    joints = rng.uniform(-1.5, 1.5, (80, 6))
+    joints[:, 4] = rng.choice([-1.0, 1.0], 80) * rng.uniform(0.4, 1.4, 80)
+    tool = np.array([10.0, 20.0, 150.0, 0.0, 0.0, 0.0, 1.0])
+    places = se3.compose(true.forward(joints), np.broadcast_to(tool, (80, 7)))[:, :3]
+    head = ["name", *(f"joint_{i}_deg" for i in range(1, 7))]
+    rows = [[f"m{k}", *np.degrees(q), *xyz] for k, (q, xyz) in enumerate(zip(joints, places, strict=True))]
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "rows.csv").write_text("\n".join([",".join([*head, "x_mm", "y_mm", "z_mm"]), *(",".join(map(str, r)) for r in rows)]) + "\n")
+    _ran("identify", {"robot": "generic6", "measurements": out / "rows.csv", "out": out / "robot"}, language, out / "robot" / "report.html")
+    targets = [[f"P{k}", *np.degrees(q).round(4)] for k, q in enumerate(joints[:20])]
+    lines = [*(",".join(map(str, t)) for t in targets), "P20,0,0,400,0,50,0", "P21,1,2,x,4,5,6"]
+    (out / "pick.csv").write_text("\n".join([",".join(head), *lines]) + "\n")
+    asked = {"programs": [out / "pick.csv"], "identified": out / "robot", "out": out / "corrected", "skip": "P3", "most_mm": 2.0}
+    return _ran("correct", asked, language, out / "corrected" / "corrections.html")
+
+
 def _ran(command: str, asked: dict[str, Any], language: str, page: Path) -> Path:
     found = load(command)
     found.run(found.settings.model_validate(asked | {"language": language}))
@@ -177,6 +199,7 @@ PAGES: dict[str, Callable[[Path, str], Path]] = {
     "structure": _structure,
     "structures": _structures,
     "identification": _identification,
+    "correction": _correction,
 }
 """Every kind of page, and what writes one into a folder in a language."""
 PDFS = ("zone.pdf", "certificate/certificate.pdf")
