@@ -150,7 +150,8 @@ def _titled(title: str, figure: go.Figure, name: str, say: Say) -> str:
 def _map(data: dict[str, Any], span: list[float], say: Say, *, log: bool = False) -> go.Figure:
     """A map that the script fills: colours, the edge of the zone, the clicked place."""
     mark = {"symbol": "cross-thin-open", "size": 14, "color": "#e4572e", "line": {"width": 3}}
-    bar: dict[str, Any] = {"thickness": 14, "len": 0.9} | (log_colours(*data["range_u95"], say) if log else {})
+    low, high = data["range_u95"]
+    bar: dict[str, Any] = {"thickness": 14, "len": 0.9} | (log_colours(low, high, say) if log else {})
     figure = go.Figure(
         [
             go.Heatmap(x=data["x"], y=data["y"], z=[], zmin=span[0], zmax=span[1], colorscale=SCALE, colorbar=bar, hoverinfo="none"),

@@ -92,11 +92,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     for name, text in zip(names, found.texts, strict=True):
         files.write_bytes(settings.out / name, text.encode("latin-1"))
     record = as_record(found, listing, listing.frames)
-    record["inputs"] = [{"file": str(p), "sha256": files.sha256(p)} for p in settings.paths().inputs]
+    inputs = [(path, files.sha256(path)) for path in settings.paths().inputs]
+    record["inputs"] = [{"file": str(path), "sha256": digest} for path, digest in inputs]
     files.write_text(settings.out / "corrections.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
-    inputs = [(Path(str(i["file"])).name, str(i["sha256"])) for i in record["inputs"]]
     page, language = settings.out / "corrections.html", settings.language or of_terminal()
-    write_correction_page(page, found, listing, robot, inputs=inputs, language=language)
+    write_correction_page(page, found, listing, robot, inputs=[(path.name, digest) for path, digest in inputs], language=language)
     done = found.done
     lines = [f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"]
     figures: dict[str, float] = {"corrected": found.changed}
