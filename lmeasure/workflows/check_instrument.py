@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
+from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import START, Asked, Paths, option
+from lmeasure.workflows.settings import LANGUAGE, START, Asked, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.interim import Checked
@@ -55,7 +56,7 @@ class Settings(Asked):
     near_mm: Annotated[float, option("Stops nearer than this are visits of one place.", ge=0.01, le=1000.0)] = 2.0
     false_alarm_percent: Annotated[float, option("How many checks of a sound instrument may fail.", ge=0.001, le=50.0, unit="%")] = 1.0
     trend: Annotated[Path | None, option("Table to which this check is appended; its page draws all of it.", metavar="FILE.csv")] = None
-    language: Annotated[Literal["en", "ru"], option("en or ru: language of the page.")] = "en"
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def paths(self) -> Paths:
         """A record and a page from a run."""
@@ -90,7 +91,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     inputs = [(path.name, files.sha256(path)) for path in sources]
     content = as_dict(found) | {"time": when, "inputs": [{"file": name, "sha256": digest} for name, digest in inputs]}
     files.write_text(settings.out / "check.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
-    write_check_page(settings.out / "check.html", found, trend, inputs=inputs, language=settings.language, when=when)
+    write_check_page(settings.out / "check.html", found, trend, inputs=inputs, language=settings.language or of_terminal(), when=when)
     stops = ", ".join(f"{name} at {begin:.1f} s" for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True))
     lines = [f"stops: {stops}"]
     lines += [
