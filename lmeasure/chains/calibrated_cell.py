@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lmeasure.calibration import Calibration, calibrate, read_campaign
+from lmeasure.catalogue import of_terminal
 from lmeasure.chains.over_the_bus import count_at_stops
 from lmeasure.rig import Rig
 from lmeasure.simulation import Campaign, campaign_at, write_campaign
@@ -67,7 +68,7 @@ def calibrated_cell(out: Path, true: Rig, rng: np.random.Generator, step: Step) 
 
     report = step(CALIBRATE)
     calibration = calibrate(read_campaign(out / "campaign"), progress=report)
-    write_calibration_page(out / "calibration" / "report.html", calibration)
+    write_calibration_page(out / "calibration" / "report.html", calibration, language=of_terminal())
     write_calibration_record(out / "calibration" / "calibration.json", calibration.record)
     write_rig(out / "calibration" / "rig.toml", calibration.rig)
     return CalibratedCell(campaign, calibration)

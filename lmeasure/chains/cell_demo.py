@@ -12,6 +12,7 @@ from lmeasure import files
 from lmeasure.accuracy import scan_zone, write_zone
 from lmeasure.accuracy.zone import axis, tilts
 from lmeasure.calibration import Calibration
+from lmeasure.catalogue import of_terminal
 from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
 from lmeasure.chains.folder import claim, mark
 from lmeasure.chains.over_the_bus import DWELL_S, SPEED_MM_S, different_counts, record_motion
@@ -94,7 +95,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     report = step(MAP)
     zone, true_zone = map_zone(run, report), map_zone(replace(run, rig=true, calibration=None), report)
     write_zone(out / "zone.nc", zone)
-    write_zone_page(out / "zone.html", zone, run.rig, run.calibration)
+    write_zone_page(out / "zone.html", zone, run.rig, run.calibration, of_terminal())
 
     report = step(DRAW)
     write_recording(

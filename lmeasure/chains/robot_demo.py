@@ -10,6 +10,7 @@ import numpy as np
 
 from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
+from lmeasure.catalogue import of_terminal
 from lmeasure.certification import Settings, evaluate
 from lmeasure.certification.asked_tests import Tests
 from lmeasure.certification.campaign import campaign, timed
@@ -132,7 +133,7 @@ def robot_demo(
     report = step(CERTIFY)
     settings = settings or Settings()
     inputs = Inputs(out / "trajectory.parquet", out / "program.toml", out / "run")
-    certificate = write_certificate(out / "certificate", inputs, settings, Choices(), progress=report)
+    certificate = write_certificate(out / "certificate", inputs, settings, Choices(of_terminal()), progress=report)
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
     files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
 
