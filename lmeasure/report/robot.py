@@ -151,12 +151,12 @@ def _workspace(over: Workspace, told: dict[str, Any], say: Say, *, with_code: bo
         (say("median at the measured poses"), told["measured_u95_mm"]),
     )
     worst = ", ".join(f"{name} {say.number(value, '.1f')}" for name, value in told["worst_pose"].items())
-    colours = {"colorbar": {"title": {"text": say("U95, mm"), "side": "top"}} | html.BAR, "colorscale": "Viridis"}
+    bar: dict[str, Any] = {"title": {"text": say("U95, mm"), "side": "top"}} | html.BAR
     hover = f"%{{x:.0f}}, %{{y:.0f}}: %{{z:.3f}} {say('mm')}<extra></extra>"
-    flat = go.Figure(go.Heatmap(**_flat_map(over), **colours | {"colorbar": colours["colorbar"] | {"y": -0.25}}, hovertemplate=hover))
+    flat = go.Figure(go.Heatmap(**_flat_map(over), colorbar=bar | {"y": -0.25}, colorscale="Viridis", hovertemplate=hover))
     flat.update_layout(xaxis_title=say("distance from the base's z axis, mm"), yaxis_title=say("height, mm"), height=600)
     flat.update_layout(xaxis_constrain="domain", yaxis_scaleanchor="x", yaxis_constrain="domain", margin={"b": 110})
-    marker = {"color": over.median_mm, "size": 7, "symbol": "square", "opacity": 0.6, **colours}
+    marker = {"color": over.median_mm, "size": 7, "symbol": "square", "opacity": 0.6, "colorbar": bar, "colorscale": "Viridis"}
     space = go.Figure(go.Scatter3d(x=over.cells[:, 0], y=over.cells[:, 1], z=over.cells[:, 2], mode="markers", marker=marker, name="U95"))
     space.update_layout(scene=axes(say), height=640, margin={"t": 10, "b": 60})
     about = say(
