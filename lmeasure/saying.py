@@ -41,12 +41,12 @@ class Say:
         return self._known(text) or text
 
     def _known(self, text: str) -> str | None:
-        found = recognised(text)
-        if found is not None:
-            return found.text(self.language)
         whole = retold(TOLD, self.language, text, self.told)
         if whole is not None:
             return whole
+        found = recognised(text)
+        if found is not None:
+            return found.text(self.language)
         for mark in BETWEEN:
             parts = [(part, self._known(part)) for part in text.split(mark)] if mark in text else []
             if any(said is not None for _, said in parts):
