@@ -140,3 +140,9 @@ def test_a_candidate_as_a_break() -> None:
     each = np.array([[1.0, 2.0], [3.0, 4.0]])
     one = Candidates(two, two + 0.5, each, each, two, each, np.array([each + 10.0, each + 20.0]), np.array([each + 30.0, each + 40.0]))
     assert one.at(1, 0, 0.7) == Break(0, 1.0, 1.5, 3.0, 0.7, (13.0, 23.0), (33.0, 43.0))
+
+
+def test_of_two_cables_each_has_the_other_and_one_alone_none() -> None:
+    two = np.array([[1.0, 5.0], [np.nan, 2.0], [3.0, 3.0]])
+    np.testing.assert_array_equal(others_largest(two), [[5.0, 1.0], [2.0, 0.0], [3.0, 3.0]])
+    np.testing.assert_array_equal(others_largest(two[:, :1]), np.zeros((3, 1)))
