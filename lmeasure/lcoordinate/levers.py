@@ -21,8 +21,8 @@ from lmeasure.errors import StructureError
 def lever(near: FloatArray, vertex: FloatArray, third: FloatArray, far: FloatArray) -> FloatArray:
     """Distances of a third point from the far point of a ray: near and far (...,) how far its points are from the vertex, vertex (...,) and
     third (...,) how far the third point is from the vertex and from the near point [mm]; NaN where there is no such triangle."""
-    square = vertex**2 + far**2 - far * (near**2 + vertex**2 - third**2) / near
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
+        square = vertex**2 + far**2 - far * (near**2 + vertex**2 - third**2) / near
         closes = (third <= near + vertex) & (third >= np.abs(near - vertex))
         return np.where(closes, np.sqrt(np.maximum(square, 0.0)), np.nan)
 

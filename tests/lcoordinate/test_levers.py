@@ -74,3 +74,9 @@ def test_what_no_mechanism_has() -> None:
     assert np.isnan(MECHANISM.links_of_drives(drives + np.eye(6)[2] * 2000.0)).all()  # no triangle
     with pytest.raises(StructureError, match="platform point 3: needs a rod through a base point to which it is linked"):
         Rods(LINKS, BASE, {0: (900.0, 0), 1: (950.0, 1), 2: (1000.0, 0)})
+
+
+def test_without_a_ray_there_is_no_lever() -> None:
+    """A vertex at its near end has no far end; so has nothing that closes no triangle. Neither warns."""
+    near, third = np.array([0.0, 0.0, 2.0]), np.array([3.0, 5.0, 9.0])
+    assert np.isnan(lever(near, np.full(3, 5.0), third, np.full(3, 7.0))).all()
