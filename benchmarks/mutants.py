@@ -416,7 +416,7 @@ def run(
     chosen = sorted(chosen, key=lambda m: m.start)
     known = equivalents()
     survivors, tried = [m for m in chosen if m.key in known], [m for m in chosen if m.key not in known]
-    if before is not None:
+    if before is not None and f"({len(every)} in the file, {len(chosen)} tried" in before:  # else the file was changed since
         tried = [m for m in tried if f"`{m.source}`: `{m.change}`: survives" in before]
     survivors += _survivors(copy, tests, tried, longest_s, plain=plain) if tried else []
     same = [m for m in survivors if m.key in known]

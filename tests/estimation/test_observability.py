@@ -41,6 +41,12 @@ def test_small_parts_of_others_are_not_told() -> None:
     assert {owner for owner, _ in found.parts(PARAMETERS)} == {"a", "b"}
 
 
+def test_an_owner_with_a_third_of_a_direction_is_told() -> None:
+    part = np.sqrt((1.0 - 0.35**2) / 2.0)
+    (found,) = by_owner(PARAMETERS, np.array([[part, 0.0, part, 0.0, 0.35]]))
+    assert {owner for owner, _ in found.parts(PARAMETERS)} == {"a", "b", "c"}
+
+
 @given(st.integers(0, 1000))
 def test_few_parameters_are_found_in_any_basis(seed: int) -> None:
     sparse = np.array([[1.0, 0.5, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0, -0.2]])
