@@ -435,17 +435,18 @@ def run(
     return "\n".join(lines).rstrip() + "\n"
 
 
-def written(sections: dict[str, str]) -> str:
-    """The whole report."""
+def written(sections: dict[str, str], *, unseen: bool = False) -> str:
+    """The whole report; unseen: of faults drawn from all that no test was written for."""
     counts = [tuple(int(word) for word in (line.split()[0], line.split()[2])) for s in sections.values() for line in s.splitlines()[2:3]]
     dead, told = (sum(c[i] for c in counts) for i in (0, 1))
     head = "# Faults in the core, and whether tests see them\n\nMade by `python benchmarks/mutants.py`, which says what a fault is.\n"
-    least = scipy.stats.beta.ppf(0.025, dead, told - dead + 1) if dead else 0.0
-    most = scipy.stats.beta.ppf(0.975, dead + 1, told - dead) if dead < told else 1.0
-    total = (
-        f"\n**{dead} of {told} killed ({100 * dead / max(told, 1):.1f} %), equivalent ones apart.** Of a sample drawn at random that is "
-        f"{100 * least:.1f} to {100 * most:.1f} % of all (95 %, Clopper and Pearson).\n"
-    )
+    total = f"\n**{dead} of {told} killed ({100 * dead / max(told, 1):.1f} %), equivalent ones apart.** "
+    if unseen:
+        least = scipy.stats.beta.ppf(0.025, dead, told - dead + 1) if dead else 0.0
+        most = scipy.stats.beta.ppf(0.975, dead + 1, told - dead) if dead < told else 1.0
+        total += f"Drawn from all faults of the core: of these it is {100 * least:.1f} to {100 * most:.1f} % (95 %, Clopper and Pearson).\n"
+    else:
+        total += "Tests were written for what survived, so that it says nothing of faults that were not tried: `--together` does.\n"
     return head + total + "".join("\n" + sections[file] for file in CORE if file in sections)
 
 
@@ -493,7 +494,7 @@ def main() -> None:
                 copies[file.startswith("kernels/")], file, CORE[file], asked.sample, asked.seed, asked.limit_s,
                 before=before, together=together, plain=asked.plain,
             )  # fmt: skip
-            asked.out.write_text(written(sections), encoding="utf-8")
+            asked.out.write_text(written(sections, unseen=together is not None), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -117,6 +117,9 @@ class Cliff(Bounds):
     def values(self, poses: FloatArray) -> FloatArray:
         return np.where(np.linalg.norm(poses[..., :3], axis=-1) < 10.0, 1.0, -1.0)[..., None]
 
+    def rates(self, pose: FloatArray, directions: FloatArray) -> FloatArray:
+        return np.zeros((1, len(directions)))
+
 
 def test_a_limit_without_a_slope_has_no_boundary() -> None:
     with pytest.raises(StructureError, match="has no tangent where the ray meets it"):
