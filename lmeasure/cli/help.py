@@ -9,10 +9,6 @@ from lmeasure.cli.words import retold, said
 from lmeasure.workflows import JOBS
 
 
-def _usage(self: Any, ctx: Any, formatter: Any) -> None:
-    formatter.write_usage(ctx.command_path, " ".join(said(piece) for piece in self.collect_usage_pieces(ctx)), said("Usage: "))
-
-
 def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
     """Lines of all arguments and options, by their group."""
     found: dict[str, list[tuple[str, str]]] = {}
@@ -31,46 +27,39 @@ def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
     return found
 
 
-def _options(self: Any, ctx: Any, formatter: Any) -> None:
-    for group, records in _records(self, ctx).items():
-        with formatter.section(said(group)):
-            formatter.write_dl(records)
+class _InWords:
+    """Usage, what it is for, and options in the reader's language."""
 
-
-class Command(TyperCommand):
-    """A command whose help is in the reader's language, its options in their groups."""
+    help: str | None
 
     def format_usage(self, ctx: Any, formatter: Any) -> None:
         """The line of usage."""
-        _usage(self, ctx, formatter)
+        pieces: Any = self
+        formatter.write_usage(ctx.command_path, " ".join(said(piece) for piece in pieces.collect_usage_pieces(ctx)), said("Usage: "))
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:
-        """What the command does."""
+        """What it does."""
         formatter.write_paragraph()
         with formatter.indentation():
             formatter.write_text(said(self.help or ""))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, options, and groups of options."""
-        _options(self, ctx, formatter)
+        for group, records in _records(self, ctx).items():
+            with formatter.section(said(group)):
+                formatter.write_dl(records)
 
 
-class Group(TyperGroup):
+class Command(_InWords, TyperCommand):
+    """A command whose help is in the reader's language, its options in their groups."""
+
+
+class Group(_InWords, TyperGroup):
     """The commands by their jobs."""
-
-    def format_usage(self, ctx: Any, formatter: Any) -> None:
-        """The line of usage."""
-        _usage(self, ctx, formatter)
-
-    def format_help_text(self, ctx: Any, formatter: Any) -> None:
-        """What the program is."""
-        formatter.write_paragraph()
-        with formatter.indentation():
-            formatter.write_text(said(self.help or ""))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Options, then the commands."""
-        _options(self, ctx, formatter)
+        super().format_options(ctx, formatter)
         self.format_commands(ctx, formatter)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
