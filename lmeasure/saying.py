@@ -44,6 +44,11 @@ class Say:
         whole = retold(TOLD, self.language, text, self.told)
         if whole is not None:
             return whole
+        # a list of which each part is known, before what takes a whole list for one value
+        for mark in BETWEEN:
+            known = [self._known(part) for part in text.split(mark)] if mark in text else []
+            if known and all(said is not None for said in known):
+                return mark.join(said for said in known if said is not None)
         found = recognised(text)
         if found is not None:
             return found.text(self.language)

@@ -185,7 +185,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
                 hoverinfo="text",
             )  # fmt: skip
     scene = axes(say) | {"camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.1}}}
-    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 110}, scene=scene, legend=html.LEGEND)
+    return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 135}, scene=scene, legend=html.LEGEND)
 
 
 def _near(sample: int, known: np.ndarray) -> int | None:
