@@ -14,6 +14,7 @@ import argparse
 import os
 import platform
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -119,14 +120,14 @@ def measured_in(cell: Cell, true: Any, joints: FloatArray, stand: FloatArray, rn
     return replace(rows, covariance=covariance, systematic=systematic)
 
 
-def robots(count: int) -> list[str]:
+def robots(count: int, kinds: Sequence[str] = KINDS) -> list[str]:
     lines = [
         "| robot | robots | parameters determined | within 95 %, % | one of each robot: % | two-sided p "
         "| predictions within u95, % | one of each robot: % | two-sided p |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     cell = Cell()
-    for name in KINDS:
+    for name in kinds:
         inside, one, within, single = [], [], [], []
         for k in range(count):
             rng = np.random.default_rng([SEED, k, KINDS.index(name)])
@@ -200,9 +201,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", type=int, default=200)
     parser.add_argument("--frames", type=int, default=2000)
+    parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
-    parts = [("Frames", frame_draws(asked.frames)), ("Robots", robots(asked.robots))]
+    kinds = [name for name in asked.kinds.split(",") if name]
+    parts = [("Frames", frame_draws(asked.frames))] * (asked.frames > 0) + [("Robots", robots(asked.robots, kinds))] * bool(kinds)
     run = f"python benchmarks/{Path(__file__).name} --robots {asked.robots} --frames {asked.frames} --write"
     where = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
     head = f"# Robots and frames identified through cables\n\n`{run}`, seed {SEED}; {where}.\n"
