@@ -56,7 +56,7 @@ def real() -> Measurements:
 def judged(
     rows: Measurements, train: NDArray[np.int64], test: NDArray[np.int64], free: tuple[str, ...] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors and u95 [mm] at the rows `test` of an identification from the rows `train`; free: None as the command does."""
+    """Errors and u95 [mm] at the rows `test` of an identification from the rows `train`; free: None as the command has it."""
     robot, own = shipped("ur5").model, rows.of(train)
     found = identify_with_choice(robot, own) if free is None else identify(robot, own, Settings(free))
     held = held_out(found)

@@ -205,7 +205,8 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
     kinds = [name for name in asked.kinds.split(",") if name]
-    parts = [("Frames", frame_draws(asked.frames))] * (asked.frames > 0) + [("Robots", robots(asked.robots, kinds))] * bool(kinds)
+    parts = [("Frames", frame_draws(asked.frames))] if asked.frames else []
+    parts += [("Robots", robots(asked.robots, kinds))] if kinds else []
     run = f"python benchmarks/{Path(__file__).name} --robots {asked.robots} --frames {asked.frames} --write"
     where = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
     head = f"# Robots and frames identified through cables\n\n`{run}`, seed {SEED}; {where}.\n"
