@@ -11,6 +11,7 @@ import argparse
 import os
 import platform
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -195,14 +196,15 @@ def asked_for(robots: int) -> list[str]:
                 size = np.array([0.3 if p.unit == "mm" else 5e-4 for p in nominal.parameters])
                 links = np.isin(np.arange(len(size)), freed(nominal, ("links",)))
                 true = nominal.moved(rng.normal(size=len(size)) * size * links)
-                joints = rng.uniform(*(np.clip(limit, -2.5, 2.5) for limit in nominal.limits), (count, len(nominal.joint_names)))
+                low, high = (np.clip(limit, -2.5, 2.5) for limit in nominal.limits)
+                joints = rng.uniform(low, high, (count, len(low)))
                 place = se3.compose(true.forward(joints), np.array([30.0, 40.0, 50.0, 0.0, 0.0, 0.0, 1.0]))[:, :3]
                 found = identify(nominal, measured(joints, place + U_MM * rng.normal(size=place.shape)))
                 chances += [w.chance for w in worth_freeing(found) if not w.freed]
-            low = int((np.array(chances) < 0.05).sum())
-            p = scipy.stats.binomtest(low, len(chances), 0.05).pvalue
+            below = int((np.array(chances) < 0.05).sum())
+            p = scipy.stats.binomtest(below, len(chances), 0.05).pvalue
             alarms = int((np.array(chances) < FALSE_ALARM).sum())
-            lines.append(f"| {name} | {count} | {len(chances)} | {100 * low / len(chances):.1f} | {p:.2g} | {alarms} |")
+            lines.append(f"| {name} | {count} | {len(chances)} | {100 * below / len(chances):.1f} | {p:.2g} | {alarms} |")
             print(lines[-1], flush=True)
     return lines
 
@@ -214,7 +216,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
     rows = real()
-    tables = {
+    tables: dict[str, Callable[[], list[str]]] = {
         "Five folds of 1,000 poses": lambda: folds(rows),
         "Planned and random poses": lambda: planned(rows),
         "Planned out of parts of them": lambda: planned_of_parts(rows),

@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
-from lmeasure.conventions import CONVENTIONS, QUATERNION_COLUMNS, check_angles, rotation_from_angles
+from lmeasure.conventions import CONVENTIONS, QUATERNION_COLUMNS, AngleConvention, check_angles, rotation_from_angles
 from lmeasure.errors import FileFormatError
 from lmeasure.opened import read_regular
 
@@ -109,9 +109,10 @@ class ForeignTable:
                 return Column(own, self._units[own])
         return Column(name, "") if name in self._table.columns and not unit else None
 
-    def orientation(self, *, gaps: bool = False) -> FloatArray | None:
+    def orientation(self, preferred: AngleConvention | None = None, *, gaps: bool = False) -> FloatArray | None:
         """(n, 4) quaternions x, y, z, w of unit length, from `qx` ... `qw` or the angles of any controller's convention, NaN in a row
-        without one where gaps are allowed; None where there is no such column. FileFormatError names a row whose quaternion is none."""
+        without one where gaps are allowed; None where there is no such column. preferred: whose columns are looked for first, in any
+        unit. FileFormatError names a row whose quaternion is none."""
         if all(self.find(name) for name in QUATERNION_COLUMNS):
             out = np.column_stack([self.numbers(name, gaps=gaps) for name in QUATERNION_COLUMNS])
             length = np.linalg.norm(out, axis=1)
@@ -121,9 +122,13 @@ class ForeignTable:
                 raise FileFormatError(f"{self.row(i)}: the quaternion's length is {length[i]:.9g}, not 1")
             return np.asarray(out / length[:, None])
         # a and rx stand in several: only a set that is there whole counts, the longest names first
-        for each in CONVENTIONS.values():
+        first = () if preferred is None else (preferred,)
+        for each, any_unit in (*((c, False) for c in (*first, *CONVENTIONS.values())), *((c, True) for c in first)):
             columns = [tuple(name.rsplit("_", 1)) for name in each.columns]
-            if all(name in self._columns or f"{name}_{unit}" in self._table.columns for name, unit in columns):
+            if all(
+                name in self._columns or f"{name}_{unit}" in self._table.columns or (any_unit and self.find(name, "deg"))
+                for name, unit in columns
+            ):
                 values = np.column_stack([self.numbers(name, "deg", gaps=gaps) for name, _ in columns])
                 check_angles(values[~np.isnan(values)], f"{self.path}: {', '.join(each.columns)}")
                 known = ~np.isnan(values).any(axis=1)

@@ -1,7 +1,7 @@
 """Poses: positions and orientations of the tool in the base frame, with their standard uncertainties where stated."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure import conventions, files, se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import FileFormatError
+from lmeasure.foreign import Column
+from lmeasure.pose_table import read_pose_table
 from lmeasure.shown import DataFrame, Shown, framed
 
 POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
@@ -147,15 +149,16 @@ def joined(first: Poses, then: Poses) -> Poses:
     )
 
 
-def read_poses(path: Path, angles: str, *, positions_alone: bool = False) -> Poses:
-    """Read `pose, x_mm, y_mm, z_mm` with angle columns of the convention or qx, qy, qz, qw.
+def read_poses(path: Path, angles: str, columns: Mapping[str, Column] | None = None, *, positions_alone: bool = False) -> Poses:
+    """Read `pose, x_mm, y_mm, z_mm` with angle columns of the convention or qx, qy, qz, qw; or anybody's table (`pose_table`), with what
+    `columns` says of it.
 
     Optional: u_position_mm, u_rotation_deg, or for each axis u_x_mm, u_y_mm, u_z_mm and u_rx_deg, u_ry_deg, u_rz_deg, with correlations
     such as rho_x_y or rho_z_rx. positions_alone: a file without any column of an orientation is read, and is not `oriented`.
     """
-    table = files.read_table(path)
-    columns = conventions.convention(angles).columns
-    known = (*POSITION_COLUMNS, *conventions.QUATERNION_COLUMNS, *columns, "u_position_mm", "u_rotation_deg", *AXIS_COLUMNS)
+    table = read_pose_table(path, angles, columns)
+    turns = conventions.convention(angles).columns
+    known = (*POSITION_COLUMNS, *conventions.QUATERNION_COLUMNS, *turns, "u_position_mm", "u_rotation_deg", *AXIS_COLUMNS)
     with table.every_fault(known):
         return _poses_in(table, angles, positions_alone)
 

@@ -1,6 +1,7 @@
 """A calibration campaign: a nominal rig, reference poses of the robot, and what the counters showed there."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ from lmeasure.calibration_record import Input
 from lmeasure.checked import gathered
 from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
+from lmeasure.foreign import Column
 from lmeasure.lengths import counts_from_poses
+from lmeasure.pose_table import read_pose_table
 from lmeasure.poses import Poses, joined, read_poses
 from lmeasure.rig import AngleEncoder, Cable, Drum, Observed, Rig, Turned, read_rig
 from lmeasure.unused_counts import ARM_MM
@@ -172,8 +175,9 @@ def extended(
     )
 
 
-def read_campaign(folder: Path) -> Campaign:
-    """Read rig.toml (nominal), reference_poses.csv and counts.csv; FileFormatError or CalibrationError names file, pose and channel.
+def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> Campaign:
+    """Read rig.toml (nominal), reference_poses.csv, whose columns may be stated, and counts.csv; FileFormatError or CalibrationError names
+    file, pose and channel.
 
     Rows of one pose that follow one another are readings of one dwell and are averaged; a pose that comes again later is another visit.
     """
@@ -181,7 +185,7 @@ def read_campaign(folder: Path) -> Campaign:
     if not folder.is_dir():
         raise FileFormatError(f"{folder}: is not a calibration folder")
     rig = read_rig(folder / "rig.toml")
-    poses = read_poses(folder / "reference_poses.csv", rig.angles, positions_alone=True)
+    poses = read_poses(folder / "reference_poses.csv", rig.angles, columns, positions_alone=True)
     inputs = tuple(Input(file=name, sha256=files.sha256(folder / name)) for name in ("rig.toml", "reference_poses.csv", "counts.csv"))
     path = folder / "counts.csv"
     table = files.read_table(path)
@@ -202,7 +206,7 @@ def read_campaign(folder: Path) -> Campaign:
     notes = tuple(f"encoder {channel}: counts.csv has no column of it; nothing is told of it" for channel in unread)
     pose_of = np.array([index[name] for name in names])
     visit_of = _visits(pose_of, passage)
-    stated = files.read_table(folder / "reference_poses.csv")
+    stated = read_pose_table(folder / "reference_poses.csv", rig.angles, columns)
     warm = _temperatures(stated, table, pose_of)
     # each pose's first visit in the order of reference_poses.csv, later ones behind
     again = sorted({(v, i) for v, i in zip(visit_of.tolist(), pose_of.tolist(), strict=True) if v})

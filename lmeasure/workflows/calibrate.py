@@ -9,6 +9,7 @@ from lmeasure.catalogue import of_terminal
 from lmeasure.errors import CalibrationError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Names, Paths, Recording, option
+from lmeasure.workflows.settings import COLUMNS, RERUN, Asked, Names, Paths, Recording, option
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Calibration
@@ -42,6 +43,7 @@ class Settings(Asked):
     u_rotation_deg: Annotated[
         float | None, option("Standard uncertainty of their orientations about each axis, instead of their file's.", ge=0)
     ] = None
+    columns: Annotated[str, COLUMNS] = ""
     compare: Annotated[
         Path | None, option("Earlier output folder or calibration.json: say what moved, and whether by chance.", metavar="OLD")
     ] = None
@@ -59,13 +61,18 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     """Calibrate, and write rig, record and page. CalibrationError where the rig must not be used, which is then not written."""
     from lmeasure import calibration as stage
     from lmeasure.calibration import compare as comparing
+    from lmeasure.calibration.slips import without_slips
     from lmeasure.calibration_record import write_calibration_record
+    from lmeasure.foreign import columns_of
     from lmeasure.poses import write_poses
     from lmeasure.report.calibration import write_calibration_page
     from lmeasure.rig import write_rig
 
     out = settings.out
-    campaign = stage.read_campaign(settings.folder)
+    poses_file = settings.folder / "reference_poses.csv"
+    campaign = without_slips(stage.read_campaign(settings.folder, columns_of(settings.columns)), str(poses_file))
+        stage.read_campaign(settings.folder, columns_of(settings.columns)), f"{settings.folder / 'reference_poses.csv'}"
+    )
     u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     campaign = replace(campaign, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
     # read before anything is written: OLD may be the very folder of --out
