@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import CalibrationError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Names, Paths, Recording, option
-from lmeasure.workflows.settings import COLUMNS, RERUN, Asked, Names, Paths, Recording, option
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, RERUN, Asked, Names, Paths, Recording, option
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Calibration
@@ -71,8 +70,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     out = settings.out
     poses_file = settings.folder / "reference_poses.csv"
     campaign = without_slips(stage.read_campaign(settings.folder, columns_of(settings.columns)), str(poses_file))
-        stage.read_campaign(settings.folder, columns_of(settings.columns)), f"{settings.folder / 'reference_poses.csv'}"
-    )
     u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     campaign = replace(campaign, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
     # read before anything is written: OLD may be the very folder of --out
