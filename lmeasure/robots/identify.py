@@ -225,6 +225,8 @@ def _reached(robot: R, rows: Measurements) -> tuple[Measurements, list[Noted]]:
     found = [noted("row-out-of-reach", "no_pose", rows.names[i], row=rows.subject(i)) for i in np.flatnonzero(lost).tolist()]
     if lost.all():
         raise RobotError(f"{rows.where(0)}, and all others: no pose of robot {robot.name!r} has these joint values")
+    if len(rows) > 1 and not np.ptp(rows.joints, axis=0).any():
+        raise RobotError(f"all {len(rows)} rows have the same joint values: they tell nothing of the robot")
     return (rows.of(np.flatnonzero(~lost)) if lost.any() else rows), found
 
 

@@ -243,5 +243,7 @@ def test_what_is_missing_is_said() -> None:
         columns_of("x:X")
     with pytest.raises(LMeasureError, match="at least 3 are needed"):
         identify(shipped("ur5").model, real(slice(0, 2)))
+    with pytest.raises(RobotError, match="all 20 rows have the same joint values"):
+        identify(shipped("ur5").model, real(slice(0, 20)).of(np.zeros(20, dtype=np.int64)))
     with pytest.raises(RobotError, match="nothing that can be freed; known"):
         identify(shipped("ur5").model, real(slice(0, 20)), Settings(("everything",)))
