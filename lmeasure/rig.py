@@ -219,7 +219,12 @@ class Rig(Shown, Strict):
     @property
     def can_table(self) -> RawCan | DbcCan | CanOpenCan | J1939Can:
         """The `[can]` table, or the default frames of CiA 406 encoders."""
-        return self.can or default_can((*self.channels, *(e.channel for e in self.encoders)))
+        return self.can or default_can(self.all_channels)
+
+    @property
+    def all_channels(self) -> tuple[str, ...]:
+        """The counter channels of the cables, then those of the encoders of angles."""
+        return (*self.channels, *(e.channel for e in self.encoders))
 
     def cables_of(self, passage: int) -> tuple[Cable, ...]:
         """The cables measured in one pass."""

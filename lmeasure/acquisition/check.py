@@ -16,8 +16,9 @@ from lmeasure.acquisition.check_watch import LEAST_PULL_MM, Watch
 from lmeasure.acquisition.check_watch import Ask as Ask
 from lmeasure.acquisition.check_watch import Step as Step
 from lmeasure.acquisition.session import Link
+from lmeasure.can_table import default_can
 from lmeasure.errors import AcquisitionError
-from lmeasure.rig import Cable, Rig, Turned
+from lmeasure.rig import Cable, Rig, Turned, rig_from_dict
 from lmeasure.shown import DataFrame, Shown, framed
 
 REST_S = 1.0
@@ -160,7 +161,10 @@ def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float)
 
 def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any], list[str]]:
     """A rig.toml's content with the channels and signs that the self-test showed, and what was corrected, a line each. Channels are only
-    corrected where each cable, and each encoder, moved one of its own."""
+    corrected where each cable, and each encoder, moved one of its own.
+
+    Without a table [can] the n-th channel is node n: where channels change their places one is written, or the nodes would go with them.
+    """
     data = copy.deepcopy(dict(content))
     told: list[str] = []
     moved = [c.moved for c in result.cables]
@@ -189,4 +193,8 @@ def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any]
         if e.direction is not None and e.direction != before:
             told.append(f"{e.what}: count_sign {before} -> {e.direction}")
             turned[e.channel]["count_sign"] = e.direction
+    frames = {c.channel: c.id for c in default_can(rig_from_dict(dict(content)).all_channels).channel}
+    if "can" not in data and frames != {c.channel: c.id for c in default_can(rig_from_dict(data).all_channels).channel}:
+        data["can"] = {"decoder": "raw", "channel": [{"channel": channel, "id": identifier} for channel, identifier in frames.items()]}
+        told.append("a table [can] says which frames the channels are, as before")
     return data, told

@@ -142,7 +142,7 @@ class Watch:
             alike = np.flatnonzero(self.lengths == self.lengths[self.channels.index(wanted)])
             j = int(alike[np.argmax(np.abs(moved[alike]))])
             if abs(moved[j]) > self.least[j] and self.channels[j] != wanted:
-                told.append(f"{self.channels[j]} moves, not {wanted}")
+                told.insert(0, f"{self.channels[j]} moves, not {wanted}")  # first: a narrow terminal cuts what is behind
         return "  ".join(told)
 
     def faults(self) -> dict[str, int]:

@@ -21,10 +21,11 @@ LARGEST_IDENTIFIER = 0x1FFFFFFF
 class LogReport:
     """What reading a log met, filled as its batches are taken.
 
-    frames read; unread lines that are no frames anyone can read, and the first of them; ended_early: why the reading stopped before the
-    log's proper end, or None.
+    dialect: what kind of log it is, in words; frames read; unread lines that are no frames anyone can read, and the first of them;
+    ended_early: why the reading stopped before the log's proper end, or None.
     """
 
+    dialect: str = ""
     frames: int = 0
     unread: int = 0
     first_unread: str = ""

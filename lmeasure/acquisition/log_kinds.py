@@ -30,6 +30,16 @@ OWN: dict[str, Batches] = {
 }
 LIBRARY = "library"
 """Read by python-can: its own CSV, and MF4."""
+DIALECTS = {
+    "blf": "Vector's BLF",
+    "asc": "Vector's ASC",
+    "candump": "lines of candump -L",
+    "screen": "what candump shows on a screen",
+    "trc": "PEAK's TRC",
+    "gvret": "CSV of GVRET or SavvyCAN",
+    LIBRARY: "CSV of python-can, or MF4",
+}
+"""For people."""
 BY_SUFFIX = {".blf": "blf", ".asc": "asc", ".log": "candump", ".txt": "", ".trc": "trc", ".csv": LIBRARY, ".mf4": LIBRARY}
 FIXED = (".blf", ".asc", ".mf4")
 """Suffixes that leave no doubt."""

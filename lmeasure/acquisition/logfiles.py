@@ -22,7 +22,7 @@ import numpy as np
 
 from lmeasure.acquisition.frames import ERROR, EXTENDED, Frames, frames_from_messages, join, no_frames
 from lmeasure.acquisition.log_common import LogReport, checked, read_some
-from lmeasure.acquisition.log_kinds import HEAD_BYTES, LIBRARY, OWN, kind_of
+from lmeasure.acquisition.log_kinds import DIALECTS, HEAD_BYTES, LIBRARY, OWN, kind_of
 from lmeasure.errors import FileFormatError
 from lmeasure.extras import how_to_install
 from lmeasure.opened import open_regular
@@ -51,6 +51,7 @@ def log_batches(path: Path, report: LogReport, progress: Progress | None = None)
             raise FileFormatError(f"{path}: is empty")
         file = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw
         kind = kind_of(path, suffix, read_some(file, HEAD_BYTES, LogReport()))
+        report.dialect = f"{DIALECTS[kind]}{', packed' if packed else ''}"
         file.seek(0)
         batches = _library_batches(path, file, suffix, report) if kind == LIBRARY else OWN[kind](path, file, report)
         for batch in batches:

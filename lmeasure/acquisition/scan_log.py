@@ -27,6 +27,8 @@ FEW = 0.01
 ALIKE = 0.02
 """By which the rates of a SYNC and of what answers it differ."""
 WIDTHS = (4, 3, 2)
+DATED_S = 1e8
+"""Seconds since 1970 are more, those of a device's own clock less."""
 Bytes = NDArray[np.uint8]
 
 
@@ -76,11 +78,19 @@ class Carried:
 
 @dataclass(frozen=True)
 class Scan:
-    """All identifiers of a log, and what could not be read of it."""
+    """All identifiers of a log, its dialect, the time of its first frame [s] and how long it lasts [s], and what could not be read."""
 
     path: Path
+    dialect: str
+    begins_s: float
+    lasts_s: float
     carried: tuple[Carried, ...]
     notes: tuple[str, ...]
+
+    @property
+    def times(self) -> str:
+        """What its times are."""
+        return "times of day" if self.begins_s > DATED_S else "times from a beginning of its own"
 
     @property
     def sync(self) -> Carried | None:
@@ -107,7 +117,7 @@ class Scan:
     def lines(self) -> list[str]:
         """For people: the identifiers, then the guess."""
         out = [
-            f"{self.path}: {sum(c.frames for c in self.carried)} frames",
+            f"{self.path}: {sum(c.frames for c in self.carried)} frames in {self.lasts_s:.6g} s; {self.dialect}, {self.times}",
             *(line for c in self.carried for line in c.lines()),
             *self.notes,
         ]
@@ -128,7 +138,9 @@ def scan_log(path: Path, progress: Callable[[int, int], None] | None = None) -> 
         why = "; ".join(report.notes())
         raise FileFormatError(f"{path}: holds no CAN frame{': ' + why if why else ''}")
     carried = tuple(_carried(key, found[key]) for key in sorted(found))
-    return Scan(Path(path), carried, tuple(report.notes()))
+    begins = min(seen.first_s for seen in found.values())
+    lasts = max(seen.last_s for seen in found.values()) - begins
+    return Scan(Path(path), report.dialect, begins, lasts, carried, tuple(report.notes()))
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The closed loop over a simulated cell: from counts on a bus to a trajectory and a zone, beside the truth they came from."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -51,9 +51,10 @@ class Line:
 
 @dataclass(frozen=True)
 class Demo:
-    """What a demo gave: its figures as lines, what to know besides, and the files to look at, the most telling first."""
+    """What a demo gave: its figures as lines and as numbers, what to know besides, and the files to look at, the most telling first."""
 
     lines: tuple[Line, ...]
+    figures: Mapping[str, float]
     remarks: tuple[str, ...]
     look: tuple[Path, ...]
 
@@ -122,7 +123,17 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     )
     mark(out, lines)
     look = ("demo.rrd", "zone.html", "calibration/report.html", "trajectory.parquet", "run", "zone.nc")
-    return Demo(lines, remarks, tuple(out / name for name in look))
+    figures = {
+        "samples": float(len(trajectory.status)),
+        "with_a_pose": float((trajectory.status == Status.OK).sum()),
+        "error_of_points_mm": point_error(calibration.rig, true),
+        "error_of_position_mm": vector_rms(errors.position_mm),
+        "error_of_rotation_rad": vector_rms(errors.rotation_rad),
+        "positions_inside_95": errors.inside_position,
+        "rotations_inside_95": errors.inside_rotation,
+        "zone_volume_mm3": float(zone.attrs["zone_volume_mm3"]),
+    }
+    return Demo(lines, figures, remarks, tuple(out / name for name in look))
 
 
 def map_zone(run: Run, progress: Callable[[int, int], None] | None = None) -> xr.Dataset:

@@ -13,7 +13,7 @@ from lmeasure import workflows
 from lmeasure.cli import events, machine
 from lmeasure.cli.faces import FACES, Face, told_of_compiling, with_bar
 from lmeasure.cli.help import Command
-from lmeasure.cli.words import said
+from lmeasure.cli.words import retold, said
 from lmeasure.errors import LMeasureError, SettingsError
 from lmeasure.workflows.options import flag_of, written
 from lmeasure.workflows.settings import said_of
@@ -54,7 +54,7 @@ def command(name: str) -> Any:
                 typer.echo(f"lmeasure: {' '.join(result.failure.split())}", err=True)
             raise typer.Exit(1 if result.failure else result.exit_code)
         for line in result.summary:
-            typer.echo(line)
+            typer.echo(retold(line))
         if result.failure:
             raise LMeasureError(result.failure)
         if result.exit_code:

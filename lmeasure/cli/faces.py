@@ -1,10 +1,6 @@
 """What a person sees while a command works: a bar that vanishes, stages that stay, a table of a recording, questions."""
 
-import queue
-import shutil
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -13,7 +9,8 @@ import typer
 
 from lmeasure import compiling
 from lmeasure.cli import events
-from lmeasure.cli.words import said
+from lmeasure.cli.terminal import TypedLines, columns, fitted, state_line
+from lmeasure.cli.words import retold, said
 from lmeasure.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -44,10 +41,10 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
     """With a person who does what is asked while the counts are shown, and the table of what came of it."""
     keys = TypedLines()
-    with state_line() as (say, show):
+    with state_line(keys) as (say, show):
 
         def ask(step: "Step") -> str:
-            words = said("{text}, then press Enter", text=said(step.text))
+            words = said("{text}, then press Enter", text=retold(step.text))
             say(f"{step.number}/{step.of} {words}")
             if events.asked():
                 events.tell("asked", text=words, number=step.number, of=step.of)
@@ -69,79 +66,13 @@ def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
     on_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def ask(text: str) -> str:
-        return str(typer.prompt(said(text), default="", show_default=False, prompt_suffix=": "))
+        return str(typer.prompt("\n".join(fitted(retold(text), columns())), default="", show_default=False, prompt_suffix=": "))
 
     keys = TypedLines()
-    with state_line() as (say, show):
+    with state_line(keys) as (say, show):
         if on_terminal or events.asked():
             return workflow.run(settings, say=say, keys=keys, ask=ask if on_terminal else keys.answer, show=show)
         return workflow.run(settings, say=say, keys=keys)
-
-
-class TypedLines:
-    """Lines of standard input as they are typed, read beside the work; nothing is read before the first question for them."""
-
-    def __init__(self) -> None:
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._ended = self.gone = False
-
-    def _read(self) -> None:
-        if sys.stdin is not None:
-            for line in sys.stdin:
-                self._lines.put(line.rstrip("\n"))
-        self._ended = True
-
-    def typed(self) -> list[str]:
-        """Those since the last question."""
-        if self._reader.ident is None:
-            self._reader.start()
-        ended, out = self._ended, []
-        while not self._lines.empty():
-            out.append(self._lines.get())
-        self.gone = ended
-        return out
-
-    def answer(self, text: str) -> str:
-        """The next line, as the answer to a question of another program's page; typer.Abort where there is none."""
-        events.tell("asked", text=said(text), number=0, of=0)
-        while not (lines := self.typed()):
-            if self.gone:
-                raise typer.Abort
-            time.sleep(0.05)
-        for later in lines[1:]:
-            self._lines.put(later)
-        return lines[0]
-
-
-@contextmanager
-def state_line() -> "Iterator[tuple[Callable[[str], None], Callable[[str], None] | None]]":
-    """What prints lines, and what renews one on a terminal, ten times a second at most, in which a person may type."""
-    if events.asked():
-        yield lambda text: events.tell("said", text=text), events.Paced("state")
-        return
-    if sys.stderr is None or not sys.stderr.isatty():
-        yield lambda text: typer.echo(text), None
-        return
-    shown, width = 0.0, max(shutil.get_terminal_size().columns - 1, 20)
-
-    def clear() -> None:
-        print(f"\r{'':{width}}\r", end="", file=sys.stderr, flush=True)
-
-    def say(text: str) -> None:
-        clear()
-        typer.echo(text)
-
-    def show(text: str) -> None:
-        nonlocal shown
-        if time.monotonic() - shown >= 0.1:
-            shown = time.monotonic()
-            print(f"\r{text[:width]:{width}}", end="", file=sys.stderr, flush=True)
-
-    try:
-        yield say, show
-    finally:
-        clear()
 
 
 def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
@@ -274,21 +205,38 @@ def stages() -> "Iterator[Progress]":
 
 
 def _print(result: "Check") -> None:
-    """The table, within 80 columns, and under it every fault on a line of its own."""
-    form = "{:<12.12} {:<10.10} {:<10.10} {:>3} {:>9} {:>9} {:>15} {}"
-    typer.echo(form.format("cable", "channel", "moved", "+-", "stroke mm", "slack mm", "counts/turn", "").rstrip())
-    for c in result.cables:
-        direction = "-" if c.direction is None else f"{c.direction:+d}"
-        stroke, slack = ("-" if v is None else f"{v:{f}}" for v, f in ((c.stroke_mm, ".1f"), (c.slack_mm, "+.3f")))
-        turn = "-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} of {c.expected_per_turn:g}"
-        typer.echo(form.format(c.cable, c.channel, c.moved or "-", direction, stroke, slack, turn, "" if c.faults else "ok").rstrip())
-    for n, e in enumerate(result.encoders):
-        if n == 0:
-            typer.echo(form.format("encoder", "channel", "moved", "+-", "turned deg", "back deg", "", "").rstrip())
-        direction = "-" if e.direction is None else f"{e.direction:+d}"
-        turned, back = ("-" if v is None else f"{v:{f}}" for v, f in ((e.turned_deg, ".1f"), (e.back_deg, "+.3f")))
-        name = e.what.removeprefix("swivel of ").removeprefix("inclination ")
-        typer.echo(form.format(name, e.channel, e.moved or "-", direction, turned, back, "", "" if e.faults else "ok").rstrip())
-    typer.echo(f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts")
-    for fault in result.all_faults:
-        typer.echo(f"fault: {fault}")
+    """The table, as wide as its contents, and under it every fault on a line of its own."""
+
+    def sign(direction: int | None) -> str:
+        return "-" if direction is None else f"{direction:+d}"
+
+    def number(value: float | None, form: str) -> str:
+        return "-" if value is None else f"{value:{form}}"
+
+    head = [said(word) for word in ("cable", "channel", "moved", "+-", "stroke mm", "slack mm", "counts/turn")]
+    rows = [
+        [c.cable, c.channel, c.moved or "-", sign(c.direction), number(c.stroke_mm, ".1f"), number(c.slack_mm, "+.3f")]
+        + ["-" if c.counts_per_turn is None else f"{c.counts_per_turn:.0f} / {c.expected_per_turn:g}", "" if c.faults else "ok"]
+        for c in result.cables
+    ]
+    lines = _table([[*head, ""], *rows])
+    if result.encoders:
+        head = [said(word) for word in ("encoder", "channel", "moved", "+-", "turned deg", "back deg")]
+        rows = [
+            [e.what.removeprefix("swivel of ").removeprefix("inclination "), e.channel, e.moved or "-", sign(e.direction)]
+            + [number(e.turned_deg, ".1f"), number(e.back_deg, "+.3f"), "" if e.faults else "ok"]
+            for e in result.encoders
+        ]
+        lines += _table([[*head, ""], *rows])
+    rest = f"{result.rate_hz:.1f} samples/s; at rest the counters move by at most {max(result.spread.values()):g} counts"
+    lines += [retold(line) for line in (rest, *(f"fault: {fault}" for fault in result.all_faults))]
+    for line in lines:
+        for part in fitted(line, columns()) if sys.stdout.isatty() else [line]:
+            typer.echo(part)
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    """Rows below each other: names to the left, at most ten letters of each, numbers to the right."""
+    short = [[*(name[:10] for name in row[:3]), *row[3:]] for row in rows]
+    widths = [max(len(row[j]) for row in short) for j in range(len(short[0]))]
+    return [" ".join(f"{c:{'<' if j < 3 else '>'}{widths[j]}}" for j, c in enumerate(row)).rstrip() for row in short]

@@ -72,8 +72,7 @@ class Trajectory(Shown):
 
     def about(self) -> dict[str, str]:
         """Samples, worst angle, uncertainty and what it covers."""
-        summary = Summary()
-        summary.add(self)
+        summary = self.told()
         return {
             "samples": f"{summary.samples}, " + ", ".join(f"{count} {word}" for word, count in summary.statuses.most_common()),
             "worst pressure angle": f"{summary.worst_angle:.1f} deg",
@@ -126,9 +125,13 @@ class Trajectory(Shown):
 
     def summary(self) -> str:
         """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
+        return self.told().text()
+
+    def told(self) -> "Summary":
+        """What is to be said of it."""
         summary = Summary()
         summary.add(self)
-        return summary.text()
+        return summary
 
 
 class Summary:
@@ -165,6 +168,14 @@ class Summary:
             least, largest = self.apart_s or (np.inf, 0.0)
             self.apart_s = min(least, float(intervals.min())), max(largest, float(intervals.max()))
         self.taken_as_exact = worst((*self.taken_as_exact, *piece.taken_as_exact))
+
+    def figures(self) -> dict[str, float]:
+        """Numbers by name."""
+        found = {"samples": float(self.samples), "with_a_pose": float(self.statuses["ok"])}
+        if self.statuses["ok"]:
+            found |= {"worst_pressure_angle_deg": self.worst_angle, "largest_u_position_mm": self.u_position}
+            found |= {"largest_u_rotation_deg": math.degrees(self.u_rotation)} if self.u_rotation else {}
+        return found
 
     def text(self) -> str:
         """The lines."""

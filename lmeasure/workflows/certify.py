@@ -76,4 +76,15 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     choices = Choices(settings.language or of_terminal(), settings.key, settings.dcc, settings.xsd, settings.zipped)
     content = write_certificate(settings.out, inputs, chosen, choices, progress=steps(progress, "certify"))
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
-    return Result(content, tuple(lines), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))
+    return Result(content, tuple(lines), _figures(content), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))
+
+
+LARGEST = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")
+
+
+def _figures(content: dict[str, Any]) -> dict[str, float]:
+    """How many there are and of how many the instrument is capable, and the largest of the lengths that matter most."""
+    every = content["characteristics"]
+    largest = {name: [c["value"] for c in every if c["name"] == name and c["value"] is not None] for name in LARGEST}
+    counted = {"characteristics": float(len(every)), "capable": float(sum(c["capable"] is True for c in every))}
+    return counted | {f"largest_{name}_mm": max(values) for name, values in largest.items() if values}

@@ -48,9 +48,18 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     data, told = corrected(document, result)
     if settings.write is None:
         hint = (f"--write FILE writes a rig with {len(told)} correction(s): {'; '.join(told)}",) if told else ()
-        return Result(result, hint, warnings=tuple(faults), failure=failure)
+        return Result(result, hint, _figures(result), tuple(faults), failure=failure)
     content = document.holding(data)
     rig_from_dict(content, str(settings.write))
     files.rewrite_toml(settings.write, content)
     lines = (*told, f"written: {settings.write}, to be checked again") if told else (f"written: {settings.write}, with nothing to correct",)
-    return Result(result, lines, warnings=tuple(faults), failure=failure)
+    return Result(result, lines, _figures(result), tuple(faults), failure=failure)
+
+
+def _figures(result: "Check") -> dict[str, float]:
+    """Of the whole, and of each cable what it showed."""
+    found = {"rate_hz": result.rate_hz, "faults": float(len(result.all_faults))}
+    for c in result.cables:
+        shown = {"stroke_mm": c.stroke_mm, "slack_mm": c.slack_mm, "counts_per_turn": c.counts_per_turn}
+        found |= {f"{c.cable}.{name}": value for name, value in shown.items() if value is not None}
+    return found

@@ -41,4 +41,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison]"
     progress(1.0, "compare")
     if settings.out is not None:
         files.write_text(settings.out, canonical(as_dict(found)).decode("utf-8"))
-    return Result(found, tuple(lines(found)))
+    shifts = [shift.distance_mm for pair in found.pairs for shift in pair.shifts]
+    figures = {"certificates": float(len(read)), "compared": float(sum(len(pair.changes) for pair in found.pairs))}
+    figures |= {"largest_shift_mm": max(shifts)} if shifts else {}
+    figures |= {"largest_exchangeability_mm": max(e.value_mm for e in found.exchangeability)} if found.exchangeability else {}
+    return Result(found, tuple(lines(found)), figures)

@@ -37,12 +37,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
             (f"{h.name} {h.where}", *(f"{v:.4g}" for v in (h.value, h.u95, h.true_value)), h.unit, "inside" if h.inside else "OUTSIDE")
             for h in tested.shown()
         ]
-        return Result(tested, _told([head, *rows], tested.remarks, tested.look), warnings=tested.remarks, files=tested.look)
+        held = tested.held
+        figures = {"characteristics": float(len(held)), "truth_inside_u95": float(sum(h.inside for h in held))}
+        figures |= {f"{h.name}_{'percent' if h.unit == '%' else h.unit}": h.value for h in tested.shown()}
+        return Result(tested, _told([head, *rows], tested.remarks, tested.look), figures, tested.remarks, tested.look)
     from lmeasure.chains import demo
 
     shown = demo(settings.out or Path("lmeasure-demo"), step, settings.seed)
     lines = [("", "error against the truth", "stated without knowing it"), *((x.what, x.error, x.stated) for x in shown.lines)]
-    return Result(shown, _told(lines, shown.remarks, shown.look), warnings=shown.remarks, files=shown.look)
+    return Result(shown, _told(lines, shown.remarks, shown.look), shown.figures, shown.remarks, shown.look)
 
 
 def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...]) -> tuple[str, ...]:

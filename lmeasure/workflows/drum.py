@@ -26,11 +26,14 @@ class Settings(Asked):
         return Paths((self.out,), (self.measurements, self.rig))
 
 
+WRITTEN = ("tangent_length_mm", "axial_offset_mm", "count_length_mm")
+
+
 @workflow("drum")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Rig]":
     """Write the rig with its drums."""
     from lmeasure import files
-    from lmeasure.drum import choose, drum_summary, drums_into, read_drums
+    from lmeasure.drum import choose, drum_geometry, drum_summary, drums_into, read_drums
     from lmeasure.rig import rig_from_dict
 
     before = files.read_toml(settings.rig)
@@ -42,4 +45,5 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Rig]":
     linked = before.get("calibration")
     dropped = f"note: the link to {linked} is dropped: it was made with the drums as they were; calibrate again"
     notes = () if linked is None else (dropped,)
-    return Result(rig, (*map(drum_summary, measured), *notes), warnings=notes)
+    found = {f"{m.point}.{name}": float(getattr(drum_geometry(m), name)) for m in measured for name in WRITTEN}
+    return Result(rig, (*map(drum_summary, measured), *notes), found, notes)

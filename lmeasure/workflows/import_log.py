@@ -89,7 +89,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Imported | t
     missing = "note: no start pose: where the tool started is unknown; "
     missing += f"state [start] in {settings.out / 'run.toml'} before poses are wanted"
     notes = (missing,) if pose is None else ()
-    return Result(imported, (*imported.summary().splitlines(), *notes), warnings=notes)
+    logs = imported.logs
+    figures: dict[str, float] = {"frames": sum(log.report.frames for log in logs), "samples": sum(len(log.counts.time_s) for log in logs)}
+    figures |= {"duration_s": float(max(log.counts.time_s[-1] for log in logs)), "faults": sum(log.events.tally.total() for log in logs)}
+    return Result(imported, (*imported.summary().splitlines(), *notes), figures, notes)
 
 
 def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple[Scan, ...]]":

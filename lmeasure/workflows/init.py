@@ -68,7 +68,8 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
         told.append(f"{len(rig.assumed)} of its values are guesses and stand in its list assumed; hold all others against your rig too")
     measures, measured = main.with_name("drums.toml"), main.with_name("measured.toml")
     told.append(f"next: measure the drums, and `lmeasure drum {measures} --rig {main} --out {measured}`; docs/rig.md goes on from there")
-    return Result(rig, tuple(told), files=tuple(texts))
+    figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
+    return Result(rig, tuple(told), figures, files=tuple(texts))
 
 
 def _refuse_to_write_over(paths: list[Path]) -> None:

@@ -43,4 +43,5 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Placed]":
         from lmeasure.view.stages import write_recording
 
         write_recording(settings.rerun, placed.rig, nominal=sketch)
-    return Result(placed, tuple(placed.summary().splitlines()))
+    figures = {"rigs_tried": float(placed.evaluations)} | placed.after | {f"before_{name}": v for name, v in placed.before.items()}
+    return Result(placed, tuple(placed.summary().splitlines()), figures)

@@ -92,7 +92,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
 
         write_recording(settings.rerun, rig, reference=plan.poses)
     fill_in = "; fill in temperature_c of the new poses when they are counted" if "temperature_c" in more else ""
-    return Result(plan, (*summary(plan).splitlines(), f"written: {out}{fill_in}"))
+    figures = {"poses": len(plan.poses), "recorded": plan.recorded, "usable_part": plan.usable, "equations": plan.equations}
+    figures |= {"unknowns": len(plan.parameters), "directions_determined": plan.outlook.rank}
+    figures |= {"u_length_rms_mm": plan.outlook.rms_mm, "u_length_worst_mm": plan.outlook.worst_mm}
+    return Result(plan, (*summary(plan).splitlines(), f"written: {out}{fill_in}"), figures)
 
 
 def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Campaign":

@@ -165,7 +165,7 @@ def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
     windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path]
     windows += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
     count = sum(map(len, windows))
-    return Result(program, (f"{count} windows filled in: {written}",), files=(written,))
+    return Result(program, (f"{count} windows filled in: {written}",), {"windows": float(count)}, files=(written,))
 
 
 def _cycles(text: str | None) -> dict[str, int]:

@@ -56,7 +56,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     if can_stream(head) and linear:
         with _each_piece(settings.rerun, head) as each:
             summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=steps(progress, "reconstruct"), each=each)
-        return Result(summary, tuple(summary.text().splitlines()))
+        return Result(summary, tuple(summary.text().splitlines()), summary.figures())
     progress(0.0, "reconstruct")
     recorded = read_run(settings.run, settings.rig, stated)
     trajectory = reconstruct(
@@ -73,7 +73,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
         from lmeasure.view.stages import write_recording
 
         write_recording(settings.rerun, recorded.rig, run=recorded, trajectory=trajectory)
-    return Result(trajectory, tuple(trajectory.summary().splitlines()))
+    return Result(trajectory, tuple(trajectory.summary().splitlines()), trajectory.told().figures())
 
 
 def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["Each | None"]:

@@ -83,7 +83,9 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
         write_counts_recording(settings.rerun, read_rig(settings.rig), passes)
     notes = (_missing(settings),) if settings.start is None and settings.passage == 1 else ()
     early = "" if ended == "complete" else f"{settings.out}: ended early, what came before is kept: {ended}"
-    return Result(recording, (*recording.summary().splitlines(), *notes), warnings=notes, failure=early)
+    figures = {"samples": float(recording.samples), "frames": float(recording.frames), "duration_s": recording.seconds}
+    figures |= {"faults": float(sum(recording.faults.values()))} | {f"closure_{c}_counts": v for c, v in recording.closure.items()}
+    return Result(recording, (*recording.summary().splitlines(), *notes), figures, notes, failure=early)
 
 
 def _missing(settings: Settings) -> str:

@@ -47,4 +47,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
             nominal=None if campaign is None else campaign.nominal,
             reference=None if campaign is None else campaign.measured,
         )
-    return Result(simulated, tuple(simulated.summary().splitlines()))
+    figures: dict[str, float] = {}
+    if simulated.run is not None:
+        passes = simulated.run.run.passes
+        figures |= {"samples": float(len(passes[0].time_s)), "duration_s": float(passes[0].time_s[-1]), "passes": float(len(passes))}
+    if simulated.campaign is not None:
+        figures["reference_poses"] = float(len(simulated.campaign.poses))
+    return Result(simulated, tuple(simulated.summary().splitlines()), figures)

@@ -116,7 +116,17 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     progress(1.0, "structure")
     if settings.out is not None:
         files.write_text(settings.out, json.dumps(made, indent=1, allow_nan=False) + "\n")
-    return Result(made, tuple(lines))
+    return Result(made, tuple(lines), _figures(made))
+
+
+COUNTED = ("freedoms", "links", "complex_assemblies", "rank", "determinant", "worst_pressure_angle_deg")
+
+
+def _figures(made: "dict[str, Any] | list[dict[str, Any]]") -> dict[str, float]:
+    if isinstance(made, list):
+        return {"structures": float(len(made))}
+    found = {name: float(made[name]) for name in COUNTED if isinstance(made.get(name), int | float)}
+    return found | ({"assemblies": float(len(made["assemblies"]))} if "assemblies" in made else {})
 
 
 def _check(settings: Settings) -> None:

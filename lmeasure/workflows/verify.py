@@ -33,4 +33,6 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Verification
     else:
         with tempfile.TemporaryDirectory() as scratch, opened_zip(settings.bundle, Path(scratch)) as folder:
             found = verify(folder, key, PRINTERS, step)
-    return Result(found, tuple(told(found, asked=key is not None)), exit_code=found.exit_code)
+    figures: dict[str, float] = {"figures": found.figures, "differences": len(found.differences), "not_compared": len(found.skipped)}
+    figures |= {"largest_relative_difference": found.largest} if found.figures else {}
+    return Result(found, tuple(told(found, asked=key is not None)), figures, exit_code=found.exit_code)

@@ -136,7 +136,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         parts = guard(rig, calibration, data, program, rotation=rotations.mean())
         files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))
         lines += [part.line() for part in parts]
-    return Result(data, tuple(lines), {"zone_volume_mm3": float(data.attrs["zone_volume_mm3"])})
+    inside = data["in_zone"].values.astype(bool)
+    figures = {"zone_volume_mm3": float(data.attrs["zone_volume_mm3"]), "nodes": float(inside.size), "nodes_in_zone": float(inside.sum())}
+    figures["smallest_worst_pressure_angle_deg"] = float(data["worst_pressure_angle_deg"].min())
+    if inside.any():
+        u95 = data["u95_position_mm"].values[inside]
+        figures |= {"least_u95_position_mm": float(u95.min()), "largest_u95_position_mm": float(u95.max())}
+    return Result(data, tuple(lines), figures)
 
 
 def _rotations(settings: Settings) -> "Rotation":

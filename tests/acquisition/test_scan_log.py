@@ -57,6 +57,15 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def test_the_dialect_and_what_its_times_are_is_told(log: Path, tmp_path: Path) -> None:
+    scan = scan_log(log)
+    assert scan.lines()[0].endswith(f"s; lines of candump -L, {scan.times}")
+    screen = tmp_path / "seen.txt"
+    screen.write_text("".join(f" (1700000000.{k:02d}0000)  can0  181   [4]  {k:02X} 00 00 00\n" for k in range(30)))
+    (line, *_) = scan_log(screen).lines()
+    assert line == f"{screen}: 30 frames in 0.29 s; what candump shows on a screen, times of day"
+
+
 def test_the_guess_is_the_table_that_the_log_was_written_by(log: Path, tmp_path: Path) -> None:
     scan = scan_log(log)
     assert scan.sync is not None

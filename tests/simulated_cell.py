@@ -1,0 +1,125 @@
+"""A robot cell in a process of its own: drums that count on a real bus, a person who pulls cables and turns drums, a robot that is sent to
+poses.
+
+    python simulated_cell.py RIG.toml PLANNED.csv '{"interface": "udp_multicast", ...}'
+
+RIG.toml is the rig as it was built. What is done stands on standard input, a line each: `pull c1`, `let c1`, `turn B1`, `go 3` (the pose of
+that name). Counters were zeroed at the first pose, where the robot stands.
+"""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+sys.path.insert(0, str(Path(__file__).parent / "capture"))
+SAMPLES_S = 0.01
+SPEED_MM_S = 1600.0
+PULL_MM = 100.0
+
+
+def main(rig_file: str, planned: str, bus: dict[str, Any]) -> None:
+    """Send, and do what is asked, until standard input ends."""
+    import can
+    import numpy as np
+    from capture_bench import motion
+
+    from lmeasure.acquisition.decoders import counter_fields
+    from lmeasure.acquisition.feed import frames_from_counts, send
+    from lmeasure.poses import read_poses
+    from lmeasure.rig import read_rig
+
+    rig = read_rig(Path(rig_file))
+    poses, fields = read_poses(Path(planned), rig.angles), counter_fields(rig)
+    column = {c: j for j, c in enumerate(rig.channels)}
+    order = [column[f.channel] for f in fields]
+    ways: queue.SimpleQueue[np.ndarray] = queue.SimpleQueue()
+    ended = threading.Event()
+
+    def play() -> None:
+        row = np.zeros(len(order))
+        with can.Bus(**bus) as sender:
+            while not ended.is_set():
+                rows = ways.get() if not ways.empty() else row[None]
+                for row in rows:
+                    send(frames_from_counts(np.zeros(1), np.rint(row[order])[None], fields, rig.can_table.sync_id), sender, paced=False)
+                    time.sleep(SAMPLES_S)  # a host that is busy makes the robot slow, not the drums fast
+
+    def counted(here: int, there: int) -> np.ndarray:
+        return motion(rig, poses.rows[[here, there]], 0.0, zero=poses.rows[0], speed_mm_s=SPEED_MM_S).recorded[::2]
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    now, here = np.zeros(len(order)), 0
+    for line in sys.stdin:
+        what, name = line.split()
+        if what == "go":
+            there = poses.names.index(name)
+            way = counted(here, there)
+            ways.put(way)
+            here, now = there, way[-1]
+            continue
+        point = name if what == "turn" else next(c.from_point for c in rig.cable if c.name == name)
+        j, drum = column[next(c.channel for c in rig.cable if c.from_point == point)], rig.point(point).drum
+        paid_out = {"pull": PULL_MM / drum.count_length_mm, "let": 0.0, "turn": drum.counts_per_revolution}[what]
+        goal = counted(here, here)[-1]
+        goal[j] += drum.count_sign * paid_out
+        ways.put(np.linspace(now, goal, 12)[1:])
+        now = goal
+    ended.set()
+    thread.join()
+
+
+def exchanged(rig: Any, first: int, other: int) -> dict[str, Any]:
+    """The content of a rig built like this one, but with the plugs of two cables' encoders exchanged: frames stay with the encoders."""
+    data: dict[str, Any] = rig.to_dict()
+    data["can"] = {"decoder": "raw", "channel": [{"channel": c.channel, "id": c.id} for c in rig.can_table.channel]}
+    a, b = data["cable"][first], data["cable"][other]
+    a["channel"], b["channel"] = b["channel"], a["channel"]
+    return data
+
+
+@contextmanager
+def cell(folder: Path, rig_file: Path, planned: Path, bus: dict[str, Any]) -> Iterator["Person"]:
+    """The process, and who is asked to do something there."""
+    root = str(Path(__file__).parent.parent)
+    words = [sys.executable, __file__, str(rig_file), str(planned), json.dumps(bus)]
+    with subprocess.Popen(words, cwd=folder, stdin=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": root}) as process:
+        assert process.stdin is not None
+        try:
+            yield Person(process.stdin)
+        finally:
+            process.stdin.close()
+
+
+class Person:
+    """Does in the cell what commands ask in English."""
+
+    def __init__(self, cell: IO[str]) -> None:
+        self._cell = cell
+
+    def do(self, text: str) -> None:
+        """What a step of `lmeasure check` asks, or a line of `lmeasure capture` that names a pose."""
+        words = text.replace(",", "").split()
+        if words[0] == "Pull":
+            self._tell("pull", words[2])
+        elif words[0] == "Let":
+            self._tell("let", words[2])
+        elif words[0] == "Turn":
+            self._tell("turn", words[4])
+        elif "pose" in words and "of" in words:
+            self._tell("go", words[words.index("pose") + 1])
+
+    def _tell(self, what: str, name: str) -> None:
+        print(what, name, file=self._cell, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], json.loads(sys.argv[3]))
