@@ -12,8 +12,8 @@ from lmeasure.workflows import COMMANDS
 
 TESTS = Path(__file__).parents[1]
 RUN = TESTS / "authorities" / "truth" / "cell-run"
-WITHOUT = {"key", "schema", "view"}
-"""Give a file, a text or a picture, and no figure."""
+WITHOUT = {"key", "schema", "view", "workbench"}
+"""Give a file, a text, a picture or a page, and no figure."""
 
 
 def test_every_workflow_that_finds_something_gives_figures() -> None:
