@@ -15,7 +15,7 @@ from lmeasure.errors import LMeasureError, SettingsError
 from lmeasure.workbench import forms
 from lmeasure.workbench.answers import COOKIE, bench_of, form_of, job_of, lost, page
 from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card
-from lmeasure.workbench.jobs import RUNNING, Job
+from lmeasure.workbench.jobs import FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
 
 STEP_NAMES = {
@@ -104,7 +104,16 @@ async def job(request: Request) -> Response:
     files = _files(found, bench.folder)
     shown = [path for path in files if path.endswith(".html")][:2]
     again = f"/run/{found.command}?{urlencode(_query(found), doseq=True)}"
-    return page(request, "job.html", job=found, files=files, shown=shown, again=again, titles=TITLES, onward=ONWARD.get(found.command, ()))
+    return page(request, "job.html", job=found, files=files, shown=shown, again=again, titles=TITLES, onward=_onward(found))
+
+
+def _onward(job: Job) -> tuple[tuple[str, str], ...]:
+    """What comes after a job; a self-test that found faults is done again with the rig that it corrected."""
+    asked = _query(job)
+    if job.command == "check" and job.state == FAILED and asked.get("write"):
+        corrected = asked | {"rig": asked["write"], "write": ""}
+        return ((f"/run/check?{urlencode(corrected, doseq=True)}", "Take the corrected rig and check again"),)
+    return ONWARD.get(job.command, ())
 
 
 def _files(job: Job, folder: Path) -> list[str]:

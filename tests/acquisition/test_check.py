@@ -238,6 +238,8 @@ def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdic
         # the frames stay with the encoders, though the rig had no table [can] and its channels have another order now
         assert {f.channel: f.identifier for f in counter_fields(wired)} == {"ch1": 0x181, "ch2": 0x182}
         assert [wired.point(c.from_point).drum.count_sign for c in wired.cable] == [-1, -1]
+        # frames stay whose they were: without a [can] table the first channel's would be those of node 1
+        assert {f.channel: f.identifier for f in counter_fields(wired)} == {f.channel: f.identifier for f in counter_fields(two_cables())}
     else:
         assert wired == two_cables()
 

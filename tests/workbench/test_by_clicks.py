@@ -1,0 +1,140 @@
+"""What a person does with the mouse: a rig begun and changed, cables that are exchanged found and mended; how all pages look."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bench import served
+
+from lmeasure.rig import read_rig, write_rig
+
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "acquisition")]
+from browser import LOOK, Page, opened  # noqa: E402
+from test_check import Bench, a_group, two_cables  # noqa: E402
+
+PAGES = (
+    "/",
+    "/rig",
+    "/check",
+    "/live",
+    "/calibrate",
+    "/zone",
+    "/runs",
+    "/robot",
+    "/files",
+    "/commands",
+    "/api",
+    "/run/structure",
+    "/nowhere",
+)
+
+
+def visit(page: Page, base: str, path: str) -> None:
+    """Open a page of the workbench."""
+    page.go(base + path)
+    page.wait(f"location.pathname + location.search === {path!r} && document.readyState === 'complete'")
+
+
+def press(page: Page, selector: str, then: str) -> None:
+    """Press what a selector finds, once it is there, and wait."""
+    page.wait(f"document.readyState === 'complete' && !!document.querySelector({selector!r})")
+    page.evaluate(f"document.querySelector({selector!r}).click()")
+    page.wait(then)
+
+
+def fill(page: Page, form: str, **values: str) -> None:
+    """Type into the fields of a form."""
+    for name, value in values.items():
+        found = json.dumps(f"{form} [name='{name}']")
+        typed = "for (const kind of ['input', 'change']) e.dispatchEvent(new Event(kind, {bubbles: true}))"
+        page.evaluate(f"(() => {{const e = document.querySelector({found}); e.value = {json.dumps(value)}; {typed}}})()")
+
+
+ENDED = "!!document.querySelector('.after')"
+
+
+def looked_at(page: Page, base: str, widths: dict[str, tuple[int, ...]]) -> list[Any]:
+    """What is wrong with how pages look, in languages at widths."""
+    wrong: list[Any] = []
+    for language, wide in widths.items():
+        press(page, f".language [value={language}]", f"document.documentElement?.lang === '{language}'")
+        for path in PAGES:
+            visit(page, base, path)
+            for width in wide:
+                page.resize(width)
+                wrong += [(language, path, width, text) for text in page.evaluate(LOOK)]
+    return wrong
+
+
+@pytest.mark.slow
+def test_every_page_at_every_width(tmp_path: Path) -> None:
+    """In both languages, with a rig in the project."""
+    write_rig(tmp_path / "rig.toml", two_cables())
+    with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
+        assert looked_at(page, address.split("/?")[0], dict.fromkeys(("ru", "en"), (390, 1024, 1400, 2560))) == []
+
+
+def test_a_rig_is_begun_changed_and_every_page_stands(tmp_path: Path) -> None:
+    """In both languages; nothing is asked of another machine, nothing runs over."""
+    with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
+        base = address.split("/?")[0]
+        page.wait("!!document.querySelector('.way')")
+        assert "token" not in page.evaluate("location.href")
+        visit(page, base, "/rig")
+        press(page, "form[data-command=init] button.go", "location.pathname === '/jobs/1'")
+        visit(page, base, "/jobs/1")  # loaded again in the middle
+        page.wait(ENDED)
+        assert page.evaluate("document.getElementById('state').textContent") == "done"
+        visit(page, base, "/rig?file=rig.toml")
+        page.evaluate("document.querySelector('[data-arrow=R]').focus()")
+        assert page.evaluate("[...document.querySelectorAll('#cable .lit')].map(e => e.textContent)") == ["R"]
+        page.evaluate("document.getElementById('inches').click()")
+        fill(page, "#rig-form", **{"observation_point.0.position_mm.2": "80"})
+        page.wait("document.getElementById('scene-zone').textContent.includes('m³')")
+        press(page, "#rig-form button.go", "location.search.includes('saved')")
+        assert read_rig(tmp_path / "rig.toml").observation_point[0].position_mm[2] == pytest.approx(2032.0, abs=1e-9)
+        assert read_rig(tmp_path / "rig.toml").observation_point[0].position_mm[0] == 860.0
+        assert looked_at(page, base, {"ru": (1024,), "en": (390,)}) == []
+        assert [error for error in page.errors if "404" not in error] == []
+        assert {request.split("/")[2] for request in page.requests if request.startswith("http")} == {base.removeprefix("http://")}
+
+
+def test_exchanged_cables_are_red_and_one_click_mends_the_rig(tmp_path: Path) -> None:
+    """The self-test over a real bus, a person who pulls, and the buttons of the page."""
+    write_rig(tmp_path / "rig.toml", two_cables())
+    group = a_group()
+    person = Bench(two_cables(), {"interface": "udp_multicast", **group}, wiring=[1, 0])
+    try:
+        with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
+            base = address.split("/?")[0]
+
+            def walk(number: int) -> list[list[str]]:
+                page.wait(f"location.pathname === '/jobs/{number}'")
+                seen = ""
+                while not page.evaluate(ENDED):
+                    asked = str(
+                        page.evaluate("document.getElementById('asked')?.hidden ? '' : document.getElementById('asked')?.textContent") or ""
+                    )
+                    if asked and asked != seen:
+                        seen = asked
+                        person.do(asked.partition("  ")[2])
+                        page.evaluate("document.querySelector('[data-type=\"\"]').click()")
+                rows = "[...document.querySelectorAll('.cables tbody tr')]"
+                return list(page.evaluate(f"{rows}.map(r => [r.cells[0].textContent, r.className, r.cells[1].textContent])"))
+
+            visit(page, base, "/check")
+            fill(page, "form[data-command=check]", rig="rig.toml", bus=f"udp_multicast:{group['channel']}")
+            fill(page, "form[data-command=check]", bus_option=f"port={group['port']}", write="mended.toml")
+            page.evaluate("document.querySelector('form[data-command=check] [name=turns]').checked = false")
+            press(page, "form[data-command=check] button.go", "location.pathname.startsWith('/jobs/')")
+            assert [row[:2] for row in walk(1)] == [["c1", "red"], ["c2", "red"]]
+            press(page, ".after a[href*='rig=mended']", "location.pathname === '/run/check'")
+            press(page, "form[data-command=check] button.go", "location.pathname.startsWith('/jobs/')")
+            mended = walk(2)
+            assert [row[:2] for row in mended] == [["c1", ""], ["c2", ""]], mended
+            assert page.evaluate("document.getElementById('state').textContent") == "done"
+    finally:
+        person.close()
+    assert [c.channel for c in read_rig(tmp_path / "mended.toml").cable] == ["ch2", "ch1"]
