@@ -12,7 +12,8 @@ from lmeasure.rig import read_rig, write_rig
 
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "acquisition")]
 from browser import LOOK, Page, opened  # noqa: E402
-from test_check import Bench, a_group, two_cables  # noqa: E402
+from test_buses import a_group  # noqa: E402
+from test_check import Bench, two_cables  # noqa: E402
 
 PAGES = (
     "/",
