@@ -10,6 +10,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration import diagnosis
 from lmeasure.calibration.campaign import Campaign, of_cables
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
+from lmeasure.calibration.known_lengths import Distance
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.unknowns import Frame, Model, unknowns_of
 from lmeasure.estimation import Fit, fit
@@ -33,6 +34,8 @@ class Settings:
     """Poses that take no part in the fit and judge it."""
     self_calibration: bool = False
     """Poses are estimated with the points, and not trusted; see `calibration.joint`."""
+    distances: tuple[Distance, ...] = ()
+    """Known distances between poses, with which a self-calibration's scale is not only that of the counts."""
     frame: Frame = "rig"
     """What holds the frame of a self-calibration: the nominal rig or the reference poses."""
 

@@ -12,6 +12,7 @@ from lmeasure.calibration.findings import poses_findings, shape_findings, underd
 from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.guard import AgainstNominal, against_nominal
 from lmeasure.calibration.joint import begun_jointly, fitted_pose, solve_jointly
+from lmeasure.calibration.known_lengths import with_distances
 from lmeasure.calibration.lp_search import Box
 from lmeasure.calibration.misfit import explain_misfit
 from lmeasure.calibration.points import Point, Settings, box_of, coarse_entry, solve_point
@@ -110,6 +111,8 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
         misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
         misfits += down_weighted(campaign, weights)
     model, found = explained.model, explained.fit
+    found, of_lengths = with_distances(model, found, settings.distances)
+    misfits = [*misfits, *of_lengths]
     where = regions(found, settings.seed, found.freedom if explained.estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *begun.gross, *misfits]
@@ -152,7 +155,8 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
             "validation": record.validation | held_out_entry(judged) | nominal_entry(compared),
             "u_length_mm": {c.name: float(u) for c, u in zip(campaign.drums, explained.u_length_mm, strict=False) if u > 0.0},
             "robust": {} if weights is None else weights_entry(campaign, weights),
-            "settings": asdict(settings) | {"solve": list(settings.solve), "hold_out": list(settings.hold_out)},
+            "settings": asdict(settings)
+            | {"solve": list(settings.solve), "hold_out": list(settings.hold_out), "distances": [d._asdict() for d in settings.distances]},
         }
     )
     if progress:

@@ -3,8 +3,9 @@
 `check_instrument` takes a run of minutes in which the robot goes to some places, comes back to them and ends where it began.
 """
 
+from lmeasure.calibration.known_lengths import Distance
 from lmeasure.interim.check import Checked, Limits, check_instrument
-from lmeasure.interim.closures import Closure, Distance
+from lmeasure.interim.closures import Closure
 from lmeasure.interim.moved import Cause, Verdict
 
 __all__ = ["Cause", "Checked", "Closure", "Distance", "Limits", "Verdict", "check_instrument"]

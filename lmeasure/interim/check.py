@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from lmeasure.arrays import FloatArray
+from lmeasure.calibration.known_lengths import Distance
 from lmeasure.catalogue import decimal, texts
-from lmeasure.interim.closures import Closure, Distance, closures
+from lmeasure.interim.closures import Closure, closures
 from lmeasure.interim.moved import Cause, Verdict, agreement
 from lmeasure.interim.stops import Stops, find_stops
 from lmeasure.run import Run

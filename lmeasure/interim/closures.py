@@ -7,7 +7,6 @@ O_i O_i' + O_j O_j' + (F_i - F_j)(F_i - F_j)' + twice the robot's, with O and F 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.stats
@@ -15,6 +14,7 @@ import scipy.stats
 from lmeasure import se3
 from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import FloatArray
+from lmeasure.calibration.known_lengths import Distance
 from lmeasure.errors import TrajectoryError
 from lmeasure.interim.stops import SIZE_MM, Stops
 from lmeasure.kernels.cable import span_rows
@@ -34,15 +34,6 @@ class Closure:
     value_mm: float
     u95_mm: float
     probability: float
-
-
-class Distance(NamedTuple):
-    """A known distance of the tool's origin at two places, by their names, and its standard uncertainty [mm]."""
-
-    a: str
-    b: str
-    mm: float
-    u_mm: float
 
 
 def closures(

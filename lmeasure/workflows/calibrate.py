@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.catalogue import of_terminal
-from lmeasure.errors import CalibrationError
-from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, RERUN, Asked, Names, Paths, Recording, option
+from lmeasure.errors import CalibrationError, SettingsError
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, RERUN, START, Asked, Distances, Names, Paths, Recording, distances, option
 
 if TYPE_CHECKING:
-    from lmeasure.calibration import Calibration
+    from lmeasure.calibration import Calibration, Campaign
     from lmeasure.calibration_record import CalibrationRecord
 
 
@@ -19,7 +19,12 @@ class Settings(Asked):
     """What `lmeasure calibrate` is asked; options of the fit are those of `lmeasure.CalibrationSettings`."""
 
     folder: Annotated[
-        Path, option("Calibration folder: rig.toml (nominal), reference_poses.csv, counts.csv.", metavar="FOLDER", positional=True)
+        Path,
+        option(
+            "Calibration folder: rig.toml (nominal), reference_poses.csv, counts.csv; with --self and --continue a run folder as well.",
+            metavar="FOLDER",
+            positional=True,
+        ),
     ]
     out: Annotated[Path, option("Folder for rig.toml, calibration.json and report.html.")]
     solve: Annotated[Names, option("What to solve for: position, guide, radius, scale, tangent, axial, pitch, attachment.")] = (
@@ -35,6 +40,21 @@ class Settings(Asked):
     self_calibration: Annotated[
         bool, option("Estimate the poses too and trust none: seven cables or more to a body, four to one point.", flag="--self")
     ] = False
+    continued: Annotated[
+        bool,
+        option("Refine the calibration that a run's rig links by that run, if the rig has not moved since.", flag="--continue"),
+    ] = False
+    distance: Annotated[
+        Distances,
+        option(
+            "Known distance of the tool's origin at two poses that --self finds (of a run: start, or times in s), mm, and its standard "
+            "uncertainty; several with ';' between.",
+            metavar="NAME1,NAME2,mm,u",
+        ),
+    ] = ()
+    rig: Annotated[Path | None, option("Use this rig.toml instead of a run's own.")] = None
+    start: Annotated[str | None, option(f"About where a run began, instead of its own start: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    samples: Annotated[int, option("How many samples of a run, as far from each other as can be, calibrate.", ge=10, le=200)] = 40
     frame: Annotated[Literal["rig", "poses"], option("What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig"
     u_position_mm: Annotated[
         float | None, option("Standard uncertainty of each coordinate of the reference poses, instead of their file's.", ge=0)
@@ -52,7 +72,10 @@ class Settings(Asked):
     def paths(self) -> Paths:
         """rig.toml, calibration.json, report.html, poses.csv from a calibration folder."""
         made = inside(self.out, "rig.toml", "calibration.json", "report.html", "poses.csv")
-        return Paths((*made, *present(self.rerun)), inside(self.folder, "rig.toml", "reference_poses.csv", "counts.csv"))
+        run = in_run_folder(self.folder) if (self.folder / "run.toml").is_file() else ()
+        start = None if self.start is None else Path(self.start)
+        read = (*inside(self.folder, "rig.toml", "reference_poses.csv", "counts.csv"), *run, *present(self.rig, start))
+        return Paths((*made, *present(self.rerun)), read)
 
 
 @workflow("calibrate")
@@ -60,22 +83,23 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
     """Calibrate, and write rig, record and page. CalibrationError where the rig must not be used, which is then not written."""
     from lmeasure import calibration as stage
     from lmeasure.calibration import compare as comparing
-    from lmeasure.calibration.slips import without_slips
+    from lmeasure.calibration.known_lengths import Distance
     from lmeasure.calibration_record import write_calibration_record
-    from lmeasure.foreign import columns_of
     from lmeasure.poses import write_poses
     from lmeasure.report.calibration import write_calibration_page
     from lmeasure.rig import write_rig
 
     out = settings.out
-    poses_file = settings.folder / "reference_poses.csv"
-    campaign = without_slips(stage.read_campaign(settings.folder, columns_of(settings.columns)), str(poses_file))
+    if settings.continued:
+        return _continued(settings, progress)
+    campaign = _campaign(settings)
     u_rotation = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     campaign = replace(campaign, poses=campaign.poses.with_uncertainty(settings.u_position_mm, u_rotation))
     # read before anything is written: OLD may be the very folder of --out
     earlier = None if settings.compare is None else comparing.read_earlier(settings.compare)
     fit = ("solve", "neighbourhood_mm", "neighbourhood_deg", "prior", "seed", "robust", "hold_out", "self_calibration", "frame")
-    chosen = stage.Settings(**{name: getattr(settings, name) for name in fit})
+    known = tuple(Distance(*each) for each in distances(settings.distance))
+    chosen = stage.Settings(**{name: getattr(settings, name) for name in fit}, distances=known)
     result = stage.calibrate(campaign, chosen, steps(progress, "calibrating"))
     comparison = None if earlier is None else comparing.compare(earlier, result, settings.seed)
     write_calibration_page(out / "report.html", result, comparison, settings.language or of_terminal())
@@ -100,6 +124,61 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
         {p.name: p.value for p in result.record.parameters} | {"residual_rms_mm": result.record.noise["residual_rms_mm"]},
         tuple(f"{w.code}: {w.text}" for w in result.record.warnings),
     )
+
+
+def _campaign(settings: Settings) -> "Campaign":
+    """The campaign of a calibration folder, or of a run whose poses are found with the rig."""
+    from lmeasure import calibration as stage
+    from lmeasure.calibration.motion import is_run, read_motion
+    from lmeasure.calibration.slips import without_slips
+    from lmeasure.foreign import columns_of
+    from lmeasure.start import stated_start
+
+    if not is_run(settings.folder):
+        for name in ("rig", "start"):
+            if getattr(settings, name) is not None:
+                raise SettingsError(name, "goes with a run folder")
+        read = stage.read_campaign(settings.folder, columns_of(settings.columns))
+        return without_slips(read, str(settings.folder / "reference_poses.csv"))
+    if not settings.self_calibration:
+        raise CalibrationError(f"{settings.folder}: a run has no reference poses: calibrate by it with --self, or go on with --continue")
+    start = None if settings.start is None else stated_start(settings.start)
+    times = tuple(name for a, b, _, _ in distances(settings.distance) for name in (a, b))
+    return read_motion(settings.folder, settings.rig, start, settings.samples, times)[0]
+
+
+def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
+    """The record that a run's rig links, refined by the run, into a new folder."""
+    from lmeasure import calibration as stage
+    from lmeasure.calibration.continuing import continued
+    from lmeasure.calibration.motion import is_run, read_motion
+    from lmeasure.calibration.prediction import predict
+    from lmeasure.calibration.recording import predicted_entry
+    from lmeasure.calibration_record import write_calibration_record
+    from lmeasure.report.calibration import write_calibration_page
+    from lmeasure.rig import write_rig
+    from lmeasure.start import stated_start
+
+    if not is_run(settings.folder):
+        raise CalibrationError(f"{settings.folder}: --continue takes a run folder")
+    start = None if settings.start is None else stated_start(settings.start)
+    campaign, run = read_motion(settings.folder, settings.rig, start, settings.samples)
+    if run.calibration is None:
+        raise CalibrationError(f"{settings.folder}: its rig links no calibration to go on from; --rig names one that does")
+    progress(0.3, "continuing")
+    found = continued(campaign, run.calibration)
+    if found.moved is not None:
+        raise CalibrationError(f"{settings.folder}: {found.moved}; nothing is written")
+    predicted = predict(campaign, found.rig, found.record, settings.seed)
+    record = found.record.model_copy(update={"predicted": predicted_entry(campaign, predicted)})
+    result = stage.Calibration(found.rig, record, campaign, predicted)
+    out = settings.out
+    write_calibration_page(out / "report.html", result, None, settings.language or of_terminal())
+    write_calibration_record(out / "calibration.json", record)
+    write_rig(out / "rig.toml", found.rig)
+    written = f"written: {out / 'rig.toml'}, {out / 'calibration.json'}, {out / 'report.html'}"
+    figures = {p.name: p.value for p in record.parameters}
+    return Result(result, (*_lines(record), written), figures, tuple(f"{w.code}: {w.text}" for w in record.warnings))
 
 
 def _lines(record: "CalibrationRecord") -> list[str]:

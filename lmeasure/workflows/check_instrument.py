@@ -1,34 +1,15 @@
 """From a short run of a calibrated instrument to a verdict: fit for use, or to be calibrated again."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-from pydantic import AfterValidator, BeforeValidator
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, START, Asked, Paths, option
+from lmeasure.workflows.settings import LANGUAGE, START, Asked, Distances, Paths, option
 
 if TYPE_CHECKING:
     from lmeasure.interim import Checked
-
-
-def _listed(value: Any) -> Any:
-    """What a command line gives once or several times, with semicolons between."""
-    return tuple(part.strip() for part in value.split(";") if part.strip()) if isinstance(value, str) else value
-
-
-def _checked(values: tuple[str, ...]) -> tuple[str, ...]:
-    for value in values:
-        parts = value.split(",")
-        try:
-            numbers = [float(part) for part in parts[2:]]
-        except ValueError:
-            numbers = []
-        if len(parts) != 4 or len(numbers) != 2 or not (0.0 < numbers[0] < 1e5 and 0.0 <= numbers[1] < 1e3):
-            raise ValueError(f"{value!r} is not NAME1,NAME2,mm,u: two places, their distance and its standard uncertainty")
-    return values
 
 
 class Settings(Asked):
@@ -41,9 +22,7 @@ class Settings(Asked):
     rig: Annotated[Path | None, option("Use this rig.toml, with the calibration that it links, instead of the run's own.")] = None
     start: Annotated[str | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     distance: Annotated[
-        tuple[str, ...],
-        BeforeValidator(_listed),
-        AfterValidator(_checked),
+        Distances,
         option(
             "Known distance of the tool's origin at two places (P1, P2, ... in the order of their first visits), mm, and its standard "
             "uncertainty; several with ';' between.",
@@ -76,12 +55,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     from lmeasure.report.interim import write_check_page
     from lmeasure.run import read_run
     from lmeasure.start import stated_start
+    from lmeasure.workflows.settings import distances
 
     if settings.trend is not None and settings.trend.suffix.lower() != ".csv":
         raise SettingsError("trend", f"{str(settings.trend)!r} does not end in .csv")
     recorded = read_run(settings.run, settings.rig, None if settings.start is None else stated_start(settings.start))
     progress(0.2, "check")
-    known = [Distance(a, b, float(mm), float(u)) for a, b, mm, u in (each.split(",") for each in settings.distance)]
+    known = [Distance(*each) for each in distances(settings.distance)]
     limits = Limits(settings.false_alarm_percent / 100.0, settings.near_mm, settings.repeatability_mm)
     found = check_instrument(recorded, known, limits)
     progress(0.8, "writing")

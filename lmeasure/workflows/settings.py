@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple, Self, get_args
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
@@ -163,6 +164,29 @@ def _unit(value: tuple[float, float, float, float]) -> tuple[float, float, float
     return value
 
 
+def _listed(value: Any) -> Any:
+    return tuple(part.strip() for part in value.split(";") if part.strip()) if isinstance(value, str) else value
+
+
+def _are_distances(values: tuple[str, ...]) -> tuple[str, ...]:
+    for value in values:
+        parts = value.split(",")
+        try:
+            numbers = [float(part) for part in parts[2:]]
+        except ValueError:
+            numbers = []
+        if len(parts) != 4 or len(numbers) != 2 or not (0.0 < numbers[0] < 1e5 and 0.0 <= numbers[1] < 1e3):
+            raise ValueError(f"{value!r} is not NAME1,NAME2,mm,u: two places, their distance and its standard uncertainty")
+    return values
+
+
+def distances(values: tuple[str, ...]) -> list[tuple[str, str, float, float]]:
+    """Names, distance and standard uncertainty [mm] of texts that were checked."""
+    return [(a.strip(), b.strip(), float(mm), float(u)) for a, b, mm, u in (value.split(",") for value in values)]
+
+
+Distances = Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_are_distances)]
+"""NAME1,NAME2,mm,u with ';' between several."""
 Range = Annotated[tuple[float, float, float], Separated(":", count=3)]
 """start:stop:step, both ends included."""
 Pair = Annotated[tuple[float, float], Separated(":", count=2)]

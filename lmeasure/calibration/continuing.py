@@ -1,0 +1,147 @@
+"""A calibration that goes on: what ordinary runs tell beside a record, and whether the rig is still the one of the record.
+
+The record says theta ~ N(theta_0, C_0) of its parameters, the run's readings r(theta, poses) have covariance V. With the poses eliminated
+(`estimation.elimination`: A the derivatives of what no pose makes up for, whitened, y the residuals likewise) Gauss and Newton's step is
+
+    theta = theta_0 + d,   d = -(C_0^-1 + A'A)^-1 A'(y - A (theta_k - theta_0)),   C = (C_0^-1 + A'A)^-1,
+
+and y'y + d' C_0^-1 d at the optimum is chi-squared, one degree of freedom for each y, while nothing has moved. C_0 may be singular: with
+C_0 = F F' the step is in F's coordinates, whose prior is a unit normal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration.campaign import Campaign
+from lmeasure.calibration.frame import model_of
+from lmeasure.calibration.unknown_poses import free_components
+from lmeasure.calibration.unknowns import Model, rig_with
+from lmeasure.calibration_record import CalibrationRecord, Finding, Residual
+from lmeasure.errors import CalibrationError
+from lmeasure.estimation import Parameters
+from lmeasure.estimation.elimination import Eliminated
+from lmeasure.observation.parameters import value_of
+from lmeasure.rig import Rig
+
+MOVED = 1e-3
+"""Probability of chance under which the rig is not that of the record any more."""
+STEPS = 30
+SETTLED = 1e-4  # of a standard uncertainty
+
+
+@dataclass(frozen=True)
+class Continued:
+    """The refined rig and record; chi_squared of the run's readings and the record together, its degrees of freedom, and the probability of
+    as much while nothing has moved; moved: why the two must not be put together, what explains it best first."""
+
+    rig: Rig
+    record: CalibrationRecord
+    chi_squared: float
+    freedom: int
+    probability: float
+    moved: str | None
+
+
+def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
+    """Refine the record of a campaign's rig by its samples, at poses that nobody knows.
+
+    CalibrationError where the record has dimensions that are no parameters, the channels leave nothing over, or it does not settle.
+    """
+    if record.dimensions:
+        listed = ", ".join(d.name for d in record.dimensions[:3])
+        raise CalibrationError(f"calibration.json: corrects unsolved dimensions ({listed}, ...): solve for them (--solve) first")
+    names = tuple(p.name for p in record.parameters)
+    nominal = np.array([value_of(campaign.rig, name) or 0.0 for name in names])
+    C0 = record.tangent_matrix()
+    width = np.sqrt(np.maximum(np.diag(C0), 0.0))
+    unit = np.where(width > 0.0, width, 1.0)
+    values, vectors = np.linalg.eigh(C0 / np.outer(unit, unit))
+    kept = values > 1e-12 * max(float(values.max()), 1e-300)
+    F = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    model = model_of(campaign, Parameters(names, nominal, unit), free_components(campaign, trusted=False), "rig")
+    theta, z = model.start, np.zeros(F.shape[1])
+    for _ in range(STEPS):
+        part, y, A = _seen(model, theta, F)
+        step = np.linalg.solve(np.eye(len(z)) + A.T @ A, -(A.T @ y + z))
+        dp = part.follow_up(model.residuals(theta), F @ step / unit)
+        theta, z = theta + np.r_[F @ step, dp], z + step
+        if np.abs(step).max(initial=0.0) < SETTLED and np.abs(dp).max(initial=0.0) < 1e-6:
+            break
+    else:
+        raise CalibrationError("the run and the record do not settle together: the rig is not what the record says, or the run is short")
+    part, y, A = _seen(model, theta, F)
+    told = np.linalg.inv(np.eye(len(z)) + A.T @ A)
+    C = F @ told @ F.T
+    chi2, freedom = float(y @ y + z @ z), len(y)
+    probability = float(scipy.stats.chi2.sf(chi2, freedom))
+    moved = _moved(model, part, theta, y, A, z, probability) if probability < MOVED else None
+    u = np.sqrt(np.maximum(np.diag(C), 0.0))
+    rig = rig_with(campaign, model.parameters, theta[: model.own], "calibration.json", u)
+    return Continued(rig, _record(record, model, theta, C, (chi2, freedom, probability)), chi2, freedom, probability, moved)
+
+
+def _seen(model: Model, theta: FloatArray, F: FloatArray) -> tuple[Eliminated, FloatArray, FloatArray]:
+    """The problem at theta with the poses eliminated; whitened residuals (f,), and their derivatives (f, r) in the record's coordinates."""
+    part = Eliminated(model, theta, model.covariance(theta), model.own)
+    if part.loose:
+        raise CalibrationError(model.untold(part.loose[0]))
+    return part, part.W @ model.residuals(theta), part.W @ part.A @ (F / model.parameters.width[:, None])
+
+
+def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: FloatArray, z: FloatArray, probability: float) -> str:
+    """What explains best that run and record contradict each other: one owner of parameters whose values are another's now."""
+    residual = np.r_[y, z]
+    base = np.vstack([A, np.eye(len(z))])
+    Q, _ = np.linalg.qr(base)
+    free, whitened = residual - Q @ (Q.T @ residual), part.W @ part.A
+    gains = []
+    for owner in dict.fromkeys(model.parameters.owner(i) for i in range(model.own)):
+        own = np.vstack([whitened[:, model.parameters.of(owner)], np.zeros((len(z), len(model.parameters.of(owner))))])
+        own -= Q @ (Q.T @ own)
+        U, s, _ = np.linalg.svd(own, full_matrices=False)
+        U = U[:, s > 1e-6 * max(float(s[0]), 1e-300)]
+        gains.append((float(np.sum((U.T @ free) ** 2)) - 2.0 * U.shape[1], owner))
+    gains.sort(reverse=True)
+    near = [owner for gain, owner in gains if gain > gains[0][0] - 9.2]
+    which = f"{near[0]} has moved, it seems" if len(near) == 1 else f"one of {', '.join(near[:4])} has moved, which cannot be told"
+    return f"the rig has changed since its calibration (p = {probability:.2g} for no change): {which}; calibrate again"
+
+
+def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArray, test: tuple[float, int, float]) -> CalibrationRecord:
+    """The record with the new values, covariance and residuals."""
+    campaign, rows = model.campaign, tuple(tuple(map(float, row)) for row in C)
+    u, r = np.sqrt(np.maximum(np.diag(C), 0.0)), model.residuals(theta)
+    parameters = tuple(
+        p.model_copy(update={"value": float(v), "u": float(s), "prior_u": p.u, "U95": 1.96 * float(s)})
+        for p, v, s in zip(old.parameters, theta[: model.own], u, strict=True)
+    )
+    before = float(np.sqrt(np.mean([p.u**2 for p in old.parameters if p.name.endswith("_mm")] or [0.0])))
+    after = float(np.sqrt(np.mean([p.u**2 for p in parameters if p.name.endswith("_mm")] or [0.0])))
+    text = (
+        f"goes on from the record of {old.equations} equations by {model.equations} of a run: places were known to {before:.3g} mm in the "
+        f"mean square, now {after:.3g}; chi-squared of both {test[0]:.4g} with {test[1]} degrees of freedom (p = {test[2]:.2g})"
+    )
+    return old.model_copy(
+        update={
+            "parameters": parameters,
+            "covariance": rows,
+            "tangent_covariance": rows,
+            "residuals": tuple(
+                Residual(pose=campaign.poses.names[i], channel=campaign.cables[j].channel, mm=-float(x))
+                for i, j, x in zip(model.pose_index, model.cable_index, r, strict=True)
+            ),
+            "equations": model.equations,
+            "unknowns": len(theta),
+            "rank": len(theta),
+            "warnings": (Finding(code="continued", text=text), *old.warnings),
+            "inputs": (*old.inputs, *campaign.inputs),
+            "poses": (),
+            "correlations": (),
+            "spectrum": (),
+            "validation": {},
+            "noise": {"chi_squared": test[0], "degrees_of_freedom": float(test[1]), "residual_rms_mm": float(np.sqrt(np.mean(r**2)))},
+        }
+    )
