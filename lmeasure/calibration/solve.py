@@ -8,6 +8,7 @@ import numpy as np
 from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
+from lmeasure.calibration.effects_named import named_effects
 from lmeasure.calibration.findings import poses_findings, shape_findings, underdetermined, unknown_temperature
 from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.guard import AgainstNominal, against_nominal
@@ -116,6 +117,8 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     where = regions(found, settings.seed, found.freedom if explained.estimated else None)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *begun.gross, *misfits]
+    # by the stated noise: what explains residuals as noise would hide the law that they follow
+    findings += [] if begun.gross else named_effects(begun.model, begun.first)
     findings += shape_findings(campaign, model.parameters, found, begun.points, searched=begun.searched)
     if where.bend > BENT and not len(found.silent):
         text = (

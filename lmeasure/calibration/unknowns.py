@@ -186,7 +186,7 @@ class Model(Problem):
         rows, _, counts = self.cables(theta)
         poses = self.poses(theta)
         f = (cable_kernels.span_lengths(rows, poses) - cable_kernels.changes_from_counts(rows, counts)) * self._per_unit
-        r = self._since_zero(f)
+        r = self.since_zero(f)
         r[self._turned] -= (self._turn_mm * np.round(r / self._turn_mm))[self._turned]
         if self._effects is not None:
             zero, every, k, warm = self._situation(poses, counts)
@@ -194,7 +194,7 @@ class Model(Problem):
             r = r + self._of_drums(excess)[self.pose_index, self.cable_index]
         return np.where(np.isfinite(r), r, 1e6)
 
-    def _since_zero(self, every: FloatArray) -> FloatArray:
+    def since_zero(self, every: FloatArray) -> FloatArray:
         """(e, ...) of each residual's pose and channel from (n, m, ...), less the same at the zero pose where it counts from there."""
         begun = every[self._zero, self.cable_index]
         begun[~self._since] = 0.0
@@ -290,7 +290,7 @@ class Model(Problem):
             return out
         # an encoder sees where its cable is tied to the tool too
         g = cable_kernels.length_gradients(rows, poses, counts, scales) * self._per_unit[:, None]
-        by_point = self._since_zero(g)[:, layout.BY_ATTACHMENT : layout.BY_ATTACHMENT + 3]
+        by_point = self.since_zero(g)[:, layout.BY_ATTACHMENT : layout.BY_ATTACHMENT + 3]
         column = 0
         for v in self.unsolved.variables:
             if v.kind is ATTACHMENT:
@@ -377,7 +377,7 @@ class Model(Problem):
         g = cable_kernels.length_gradients(rows, self.poses(theta), counts, scales)
         if len(rows) > self._drums:
             g *= self._per_unit[:, None]
-        g = self._since_zero(g)
+        g = self.since_zero(g)
         J = np.zeros((self.equations, self.own))
         equation, parameter, unknown = self._derivatives
         J[equation, unknown] = g[equation, parameter]

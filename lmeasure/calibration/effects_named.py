@@ -1,0 +1,129 @@
+"""Which physical effect would explain what is left of a calibration's residuals, each by its own law, and how seldom chance looks like it.
+
+    run-out of a drum         a cos(2 pi k/N) + b sin(2 pi k/N) of its lengths                        (`observation.cable_effects`)
+    eccentric pulley          two components of its groove's way off the axle                         (likewise)
+    drum's diameter, pitch    derivatives by the length of a count and by the groove's pitch; another cable's diameter is the first
+    pulley's radius           derivative by it
+    eccentric encoder         a cos(theta) + b sin(theta) of its angles
+    swivel axis offset        the pulley's plane runs beside the axis by d: the point at the distance rho from it is seen d/rho farther
+    swivel axis tilted        the encoder turns about another axis than the cable comes along: alpha and beta of the encoder's own
+
+Each is one to two columns that may be added to the residuals; what they would take of chi-squared, against what the rest leaves, is an F
+test (`estimation.deletion`), whose probability is multiplied by the number of effects tried (Bonferroni): under `CHANCE` one is named,
+which a campaign without any does by chance no more often. Those that come within odds of a hundred of it are named with it. Nothing is
+corrected.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray
+from lmeasure.calibration.unknowns import Model
+from lmeasure.calibration_record import Finding
+from lmeasure.effects import Zero
+from lmeasure.estimation import Fit
+from lmeasure.estimation.deletion import Deletion
+from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels.layout import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, GUIDE_XYZ
+from lmeasure.observation.cable_effects import ECCENTRICITY, RUN_OUT
+from lmeasure.observation.wrap import arms
+from lmeasure.rig import Cable, Turned
+from lmeasure.unsolved import Unsolved, Variable
+
+CHANCE = 0.01
+NEAR = math.log(100.0)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """kind: what it is; channel: of which channel; columns (e, c): what one unit of each component adds to the residuals; unit, and the
+    size of one in it; key: by which rig.toml states or solves it, empty where it has none."""
+
+    kind: str
+    channel: str
+    columns: FloatArray
+    unit: str
+    per_unit: float
+    key: str
+
+
+def named_effects(model: Model, found: Fit) -> list[Finding]:
+    """The effects that a fit's residuals ask for, in words: none or one, and those that are not told apart from it."""
+    deletion, tested = Deletion(found), []
+    for effect in effects(model, found.theta):
+        judged = deletion.shift(effect.columns)
+        test = deletion.test(judged.square, judged.freedom) if judged else None
+        if test:
+            tested.append((test[1], effect))
+    if not tested:
+        return []
+    tested.sort(key=lambda pair: pair[0])
+    best = tested[0][0] + math.log(len(tested))
+    if best > math.log(CHANCE):
+        return []
+    near = [effect for log_p, effect in tested if log_p <= tested[0][0] + NEAR]
+    said = [f"{effect.kind} of {effect.channel} ({_size(deletion, effect)})" for effect in near[:4]]
+    text = (
+        f"what is left of the residuals follows the law of {' or '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(tested)} "
+        "effects tried; nothing was corrected"
+    )
+    if near[0].key:
+        text += f"; state {near[0].key}"
+    return [Finding(code="effect", channel=near[0].channel, text=text, value=math.exp(best))]
+
+
+def effects(model: Model, theta: FloatArray) -> Iterator[Effect]:
+    """Those that are neither solved nor stated in the rig."""
+    campaign, names = model.campaign, set(model.parameters.names)
+    rows, scales, counts = model.cables(theta)
+    poses, drums = model.poses(theta), campaign.drums
+    at = model.pose_index, model.cable_index
+    per_unit = campaign.mm_per_unit
+    g = model.since_zero(cable_kernels.length_gradients(rows, poses, counts, scales) * per_unit[:, None])
+    m, zero = len(drums), campaign.zero[: len(drums)]
+    begun = Zero(poses[zero], counts[zero, np.arange(m)], np.zeros(m))
+    own_counts = np.ascontiguousarray(counts[:, :m])
+    for j, c in enumerate(campaign.cables):
+        mine = model.cable_index == j
+        if isinstance(c, Cable):
+            point = campaign.rig.point(c.from_point)
+            for kind, said, holder in ((RUN_OUT, "run-out of the drum", point.drum), (ECCENTRICITY, "an eccentric pulley", point)):
+                if getattr(holder, kind.key) is None and (kind is RUN_OUT or point.pulley_radius_mm > 0.0):
+                    shifts = Unsolved(campaign.rig, [Variable(kind, point.name, 1.0)], drums).shifts(rows[:m], begun, poses, own_counts)
+                    columns = np.where(mine[:, None], shifts[at[0], np.minimum(at[1], m - 1)], 0.0)
+                    yield Effect(said, c.channel, columns, "mm", 1.0, f"{kind.key} of {point.name}")
+            solvable = (
+                (BY_SCALE, "scale", "a drum of another diameter", "%", 100.0, "--solve scale"),
+                (BY_PITCH, "groove_pitch_mm", "another groove pitch", "mm", 1.0, "--solve pitch"),
+                (BY_RADIUS, "pulley_radius_mm", "another pulley radius", "mm", 1.0, "--solve radius"),
+            )
+            for column, key, said, unit, size, ask in solvable:
+                if f"{c.from_point}.{key}" not in names:
+                    yield Effect(said, c.channel, np.where(mine, g[:, column], 0.0)[:, None], unit, size, ask)
+        elif isinstance(c, Turned) and c.from_point:
+            way = poses[:, :3] + arms(rows[j : j + 1], poses)[:, 0] - rows[j, BASE_XYZ]
+            rho = np.linalg.norm(np.cross(way, rows[j, GUIDE_XYZ]), axis=1)
+            angle = counts[:, j] * campaign.rig.counter(c).per_count
+            seen = np.column_stack([np.cos(angle), np.sin(angle)]) * per_unit[j]
+            yield Effect("an eccentric encoder", c.channel, _of(model, seen, j), "deg", math.degrees(1.0), "eccentricity_deg")
+            beside = (per_unit[j] / rho)[:, None]
+            yield Effect("a swivel axis beside the groove", c.channel, _of(model, beside, j), "mm", 1.0, "")
+            tilt = np.where(mine[:, None], g[:, [BY_ALPHA, BY_BETA]], 0.0)
+            yield Effect("a tilted swivel axis", c.channel, tilt, "deg", math.degrees(1.0), "")
+
+
+def _of(model: Model, values: FloatArray, j: int) -> FloatArray:
+    """(e, c) of a channel's residuals from values (n, c) at the poses, since its zero pose where it counts from there."""
+    every = np.zeros((len(values), len(model.campaign.cables), values.shape[1]))
+    every[:, j] = values
+    return model.since_zero(every)
+
+
+def _size(deletion: Deletion, effect: Effect) -> str:
+    """How large it would be: the length of its components, each by itself."""
+    steps = [deletion.step(column) for column in effect.columns.T]
+    size = math.hypot(*(step[0] for step in steps if step is not None)) * effect.per_unit
+    return f"{size:.2g} {effect.unit}"
