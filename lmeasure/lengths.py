@@ -281,7 +281,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
                 others[c.passage] = other_times(counts.time_s, time_s)
             times = others[c.passage]
             if times is not None:
-                values, missed, why = on_time_base(c.passage, times, values, why, drum)
+                values, missed, why = on_time_base(c.passage, times, values, why, drum=drum)
                 missed_mm[:, j] = missed * drum.per_count
         gone_on[:, j] = values
         reasons.append(why)

@@ -92,7 +92,7 @@ def other_times(time_s: FloatArray, base_s: FloatArray) -> OtherTimes | None:
 
 
 def on_time_base(
-    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, drum: Drum | AngleEncoder
+    passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, *, drum: Drum | AngleEncoder
 ) -> tuple[FloatArray, FloatArray, Reasons]:
     """Counts of a later pass at pass 1's times and by how much they may miss there, in counts; what lies outside it, in a hole of it, or
     next to a sample that is not good, is flagged."""

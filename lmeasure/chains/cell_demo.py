@@ -96,7 +96,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     report = step(MAP)
     zone, true_zone = map_zone(run, report), map_zone(replace(run, rig=true, calibration=None), report)
     write_zone(out / "zone.nc", zone)
-    write_zone_page(out / "zone.html", zone, run.rig, run.calibration, of_terminal())
+    write_zone_page(out / "zone.html", zone, run.rig, run.calibration, language=of_terminal())
 
     report = step(DRAW)
     write_recording(

@@ -21,7 +21,7 @@ BEFORE, AFTER = "#d55e00", "#0072b2"
 
 
 def write_robot_page(
-    path: Path, found: Identified[Any], record: dict[str, Any], over: Workspace | None = None, language: str = "en"
+    path: Path, found: Identified[Any], record: dict[str, Any], over: Workspace | None = None, *, language: str = "en"
 ) -> None:
     """Write a self-contained HTML page of the identification, whole or not at all."""
     say = Say(language)

@@ -13,7 +13,7 @@ from lmeasure.rig import Rig
 from lmeasure.saying import Say
 
 
-def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None = None, language: str = "en") -> None:
+def write_zone_page(path: Path, zone: xr.Dataset, rig: Rig, calibration: CalibrationRecord | None = None, *, language: str = "en") -> None:
     """Write a self-contained HTML page: what was found, the zone in space, its maps, figures, reasons, the rig. calibration: that of the
     zone."""
     found, say = extent(zone), Say(language)

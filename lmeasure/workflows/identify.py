@@ -124,7 +124,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         write_urdf(out / "robot.urdf", result)
     if over is not None:
         files.write_table(out / "workspace.csv", over.columns())
-    write_robot_page(out / "report.html", found, record, over, settings.language or of_terminal())
+    write_robot_page(out / "report.html", found, record, over, language=settings.language or of_terminal())
     identified.write_record(out / "identified.json", record)
     urdf = ["robot.urdf"] if isinstance(result, Robot) else []  # which has words for serial arms alone
     names = ["identified.json", "robot.toml", *urdf, "report.html"]

@@ -115,7 +115,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     if settings.report is not None:
         from lmeasure.report.zone import write_zone_report
 
-        write_zone_report(settings.report, data, rig, calibration, settings.language or of_terminal())
+        write_zone_report(settings.report, data, rig, calibration, language=settings.language or of_terminal())
     if settings.rerun is not None:
         from lmeasure.view.stages import write_recording
 

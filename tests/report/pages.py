@@ -106,12 +106,12 @@ def _refused(out: Path, language: str) -> Path:
 
 
 def _zone(out: Path, language: str) -> Path:
-    write_zone_report(out, zone(40.0), calibrated().rig, calibrated().record, language)
+    write_zone_report(out, zone(40.0), calibrated().rig, calibrated().record, language=language)
     return out / "zone.html"
 
 
 def _empty_zone(out: Path, language: str) -> Path:
-    write_zone_report(out, zone(1.0), calibrated().rig, calibrated().record, language)
+    write_zone_report(out, zone(1.0), calibrated().rig, calibrated().record, language=language)
     return out / "zone.html"
 
 
