@@ -116,7 +116,7 @@ def _extreme(box: FloatArray, side: float, way: float) -> tuple[float, float]:
     reached, closed, used = -np.inf, -np.inf, 0
     while len(boxes):
         was = (boxes[:, :, 0] == boxes[:, :, 1]).all(axis=1)
-        square, rates, whole = _enclosed(boxes, side)
+        square, rates, whole = enclosed(boxes, side)
         top = way * iv.root(square)[:, 1 if way > 0 else 0]
         can = np.isfinite(top)
         boxes, top, rates, whole, was = boxes[can], top[can], rates[can], whole[can], was[can]
@@ -138,14 +138,14 @@ def _extreme(box: FloatArray, side: float, way: float) -> tuple[float, float]:
         if used > BOXES:
             closed = max(closed, float(top.max(initial=-np.inf)))
             break
-        boxes = np.concatenate([boxes[corner[~done]], _halved(boxes[~corner[~done]])])
+        boxes = np.concatenate([boxes[corner[~done]], halved(boxes[~corner[~done]])])
     if not np.isfinite(closed):
         raise StructureError("limits: a face of the tetrahedron cannot be assembled anywhere within them")
     bounds = (reached if np.isfinite(reached) else -np.inf, closed)
     return bounds if way > 0 else (-bounds[1], -bounds[0])
 
 
-def _halved(boxes: FloatArray) -> FloatArray:
+def halved(boxes: FloatArray) -> FloatArray:
     """(2 n, 5, 2) the halves of boxes (n, 5, 2) across their widest edges."""
     every = np.arange(len(boxes))
     widest = (boxes[:, :, 1] - boxes[:, :, 0]).argmax(axis=1)
@@ -156,7 +156,7 @@ def _halved(boxes: FloatArray) -> FloatArray:
     return np.concatenate([lower, upper])
 
 
-def _enclosed(boxes: FloatArray, side: float) -> tuple[FloatArray, FloatArray, BoolArray]:
+def enclosed(boxes: FloatArray, side: float) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Enclosures (n, 2) of PQ^2, NaN where no face can be assembled; (n, 5) signs of its rates by the edges, 0 where they change; (n,)
     whether everything in the box can be assembled."""
     xy, px, py, qx, qy = (boxes[:, i] for i in range(5))

@@ -56,6 +56,13 @@ def _piece(found: Incidence, base: FloatArray, platform: FloatArray, lengths: Fl
     return poses, (lowest > -FLAT) & (missed < CLOSES * size)
 
 
+def heights(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> FloatArray:
+    """(n, 8) of the assemblies in closed form of lengths (n, 6) the lowest squared height of a tetrahedron, as part of its squared edges:
+    0 where two assemblies meet, negative where there is none."""
+    at, of = base.mean(axis=0), platform.mean(axis=0)
+    return _solved(incidence(base, platform), base - at, platform - of, lengths)[1]
+
+
 def complex_points(found: Incidence, base: FloatArray, platform: FloatArray, lengths: FloatArray) -> ComplexArray:
     """(8, 8) Study coordinates of all assemblies, complex ones included, of one set of lengths (6,)."""
     x, _ = _solved(found, base.astype(np.complex128), platform.astype(np.complex128), lengths[None].astype(np.complex128))

@@ -44,7 +44,7 @@ def described(
     """All that is known of links, as `lmeasure structure` writes it.
 
     pose (7,) base_from_platform, to (7,) another to which the platform goes straight; workspace: around the pose; design: limits of the
-    links' lengths within which nothing is singular.
+    links' lengths within which nothing is singular, of the pose's assembly where one is stated.
     """
     base, platform, m = linkage.base, linkage.platform, len(linkage.base)
     structure = incidence(base, platform).structure if m == LINKS else None
@@ -76,7 +76,7 @@ def described(
         if workspace is not None:
             record["boundary"] = _boundary(linkage, pose, workspace)
     if design:
-        record["design"] = asdict(designed(linkage))
+        record["design"] = asdict(designed(linkage, pose))
     return record
 
 

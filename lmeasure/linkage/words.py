@@ -144,14 +144,18 @@ def _design(record: dict[str, Any], say: Say) -> Iterator[Line]:
             yield Line(say("tetrahedron {name}: never flat within the limits", name=text))
         else:
             yield Line(say("tetrahedron {name}: may be flat, or not be assembled, within the limits", name=text))
+    one = made["assembly"]
+    where = "" if one is None else _place({"position_mm": one[:3], "quaternion_xyzw": one[3:]}, say)
     if made["given"] == made["free"]:
-        yield Line(say("no singular pose lies within the limits as they are"))
+        sound = say("no singular pose lies within the limits as they are")
+        yield Line(say("{said} in the assembly at {where}", said=sound, where=where) if where else sound)
         return
     for name, (low, high) in made["free"].items():
         a, b = made["given"][name]
         change = "" if (a, b) == (low, high) else say(", before {low:g} to {high:g}", low=a, high=b)
         yield Line("  " + say("{name}: {low:.4f} to {high:.4f} mm", name=name, low=low, high=high) + change, detail=True)
-    yield Line(say("within these limits nothing is singular, and everything can be assembled"))
+    sound = say("within these limits nothing is singular, and everything can be assembled")
+    yield Line(say("{said} in the assembly at {where}", said=sound, where=where) if where else sound)
 
 
 def told_list(records: list[dict[str, Any]]) -> list[str]:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from linkages import rig
 
-from lmeasure import se3
 from lmeasure.errors import FileFormatError
 from lmeasure.lcoordinate import singularity
 from lmeasure.lcoordinate.structures import Structure, incidence, parse, somov_malyshev, structure_of, structures
@@ -131,18 +130,3 @@ def test_freedoms_by_somov_and_malyshev() -> None:
     assert all(somov_malyshev(rods, merged) == (6, 0) for rods in range(7) for merged in range(rods + 1))
     assert somov_malyshev(3, fingers=False) == (6, 9)
     assert somov_malyshev(fingers=False) == (6, 6)
-
-
-def test_the_determinant_of_l_321_321_is_a_product_of_three_volumes() -> None:
-    """|det| times the lengths of the links is 6V1 6V2 6V3 of the corners by which tetrahedra place the platform's points."""
-    (structure,) = parse("L-321-321")
-    for seed in range(5):
-        base, platform, (pose,) = rig(structure, seed)
-        order = list(incidence(base, platform).order)
-        a, p = base[order], se3.apply(pose, platform[order])
-        B, P = a[[0, 1, 2]], p[[0, 3, 5]]  # links abc, ab, a
-        six = [
-            abs(np.linalg.det(np.subtract(three, top))) for top, three in ((P[0], B), (P[1], [*B[:2], P[0]]), (P[2], [B[0], P[0], P[1]]))
-        ]
-        lengths = np.linalg.norm(p - a, axis=1)
-        assert abs(singularity.determinants(base, platform, pose)) * lengths.prod() == pytest.approx(np.prod(six), rel=1e-9)
