@@ -1,14 +1,17 @@
-"""Complex assemblies of every structure by two methods, and the file of start systems.
+"""Complex assemblies of every structure by three methods, and the file of start systems.
 
-First by monodromy among platforms of the structure; then by following all assemblies of a general platform, none of whose points are
-shared, to a platform of the structure: every isolated assembly of it is an end of one of these paths, however they were found.
+First by monodromy among platforms of the structure, twice, from two platforms; then by following all assemblies of a general platform, none
+of whose points are shared, to a platform of the structure: every isolated assembly of it is an end of one of these paths, however they were
+found. At last the trace test, which asks of what was found whether anything is missing: second differences of the sum over all, and the
+least of those over all but one, as parts of the largest of one assembly (`starts.not_linear`).
 
-    python benchmarks/assembly_counts.py                 # the table
+    python benchmarks/assembly_counts.py --out benchmarks/results/assembly_counts.md
     python benchmarks/assembly_counts.py --write         # and lmeasure/lcoordinate/starts.npz
 """
 
 import argparse
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -28,21 +31,44 @@ def by_degeneration(general: tuple[ComplexArray, ComplexArray], structure: Struc
     return len(starts.distinct(ends[proper]))
 
 
+def trace(structure: Structure, start: tuple[ComplexArray, ComplexArray], rng: np.random.Generator) -> str:
+    """Two columns: of all assemblies, and the least of all but one."""
+    off = starts.not_linear(structure, *start, rng)
+    if off is None:
+        return "no point of one link | "
+    size = np.abs(off).max()
+    return f"{abs(off.sum()) / size:.0e} | {np.abs(off.sum() - off).min() / size:.0e}"
+
+
 def main() -> None:
     """Print the table, a line as soon as it is known."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="write the file of start systems")
-    write = parser.parse_args().write
+    parser.add_argument("--out", type=Path, help="page to write")
+    asked = parser.parse_args()
     rng = np.random.default_rng(SEED)
     own = starts.of_its_own()
     began = time.perf_counter()
     kept = {structure: starts.grown(structure, rng) for structure in reversed(own)}
     general = kept[own[-1]]
-    print("| structure | monodromy | from the general platform |\n|---|---|---|")
+    page = ["# Complex assemblies of every structure", "", "`benchmarks/assembly_counts.py`", ""]
+    page += [
+        "| structure | monodromy | from another platform | from the general platform | trace of all | of all but one |",
+        "|---" * 6 + "|",
+    ]
     for structure in own:
-        print(f"| {structure.notation} | {len(kept[structure][1])} | {by_degeneration(general, structure, rng)} |", flush=True)
-    print(f"{time.perf_counter() - began:.0f} s")
-    if write:
+        counts = (len(kept[structure][1]), len(starts.grown(structure, rng)[1]), by_degeneration(general, structure, rng))
+        told = " | ".join(map(str, counts))
+        page.append(f"| {structure.notation} | {told} | {trace(structure, kept[structure], rng)} |")
+        print(page[-1], flush=True)
+    page += [
+        "",
+        f"{time.perf_counter() - began:.0f} s. Of L-222-222 every assembly is an end of one of the sixteen of L-222-2211:ab-ac-bd.",
+        "",
+    ]
+    if asked.out:
+        asked.out.write_text("\n".join(page), encoding="utf-8")
+    if asked.write:
         starts.write([kept[s] for s in own])
 
 

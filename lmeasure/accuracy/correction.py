@@ -60,7 +60,7 @@ def corrected(
 
     A path that leaves them becomes one of points; its ends, orientation, speed and cycles stay. It keeps the limits between its points too.
     rotation: of paths that state none. The assembly is that of the first commanded place that keeps the limits. Left as they are and named:
-    paths that turn or weave, and those with an end beyond a limit. AccuracyError where no place keeps the limits, or cables are not six.
+    paths that turn or weave, and those with an end beyond a limit. AccuracyError where no place keeps the limits.
     """
     linkage = linkage_of(rig)
     places = [p.position_mm for p in program.pose] + [tuple(x) for path in program.path for x in path.points(step_mm)]
@@ -83,9 +83,7 @@ def _bounds(linkage: Any, place: Any, turn: Any, limit_deg: float, lengths_mm: t
     pose = np.array([*place, *turn], dtype=np.float64)
     try:
         bounds = bounds_of(linkage, pose, limit_deg, lengths_mm)
-    except StructureError as error:
-        if "links" in str(error) and "six" in str(error):
-            raise AccuracyError(f"a path is corrected for six cables, this rig has {len(linkage.base)}") from None
+    except StructureError:
         return None
     return bounds if (bounds.values(pose) >= MARGIN).all() else None
 

@@ -22,10 +22,10 @@ def edges(rig: Rig, zone: xr.Dataset, rotations: Rotation, lengths_mm: tuple[flo
 
     Of the angle and of the lengths' limits, in all the orientations it was scanned with; other limits asked for cut the zone further. Parts
     are told by the grid, holes in them are not looked for. A part whose edge leaves the scanned box is open. AccuracyError unless the rig
-    has six cables and the levels are few enough.
+    has six cables or more and the levels are few enough.
     """
-    if len(rig.cable) != CABLES_FOR_A_POSE:
-        raise AccuracyError(f"--boundary: the edge of the zone is followed for six cables, this rig has {len(rig.cable)}")
+    if len(rig.cable) < CABLES_FOR_A_POSE:
+        raise AccuracyError(f"--boundary: the edge of the zone is followed for six cables and more, this rig has {len(rig.cable)}")
     if len(zone["z"]) > LEVELS:
         raise AccuracyError(f"--boundary: {len(zone['z'])} levels; at most {LEVELS} are followed")
     linkage = linkage_of(rig)

@@ -8,9 +8,13 @@ out,
 
 is smooth, holds nothing infinite at singular poses, and is negative in other assemblies. For no limit angle (90 degrees) it is the
 determinant itself.
+
+Of more links, rows J with weights W, a unit of length i moves the body by the least squares of a run, N^-1 J_i w_i with N = J'WJ, and
+the same holds with det N for the determinant and adj N J_i w_i for the cofactors (`docs/decisions/0034`). det N has no sign: rows of more
+than six links lose their rank on curves, which part nothing, so that without a limit angle there is nothing to keep of it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +24,7 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import StructureError
 from lmeasure.lcoordinate.singularity import cofactors, link_rows, rim_mm
+from lmeasure.lcoordinate.structures import LINKS
 
 STEP = 1e-6  # of a displacement in units of the rim, for central differences
 
@@ -30,12 +35,13 @@ Lines = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 
 @dataclass(frozen=True)
 class Bounds:
-    """Six links from base (6, 3) to body (6, 3) and what they must keep.
+    """Six links or more from base (m, 3) to body (m, 3) and what they must keep.
 
     at: a pose (7,) at which the mechanism works, whose sign of the determinant is kept; limit_rad: of every pressure angle, None: only
     never singular; lengths_mm: least and greatest length of a link; determinant: least |det| [mm^3], of rows with unit directions.
     lines: of links that are not straight from point to point, cables over pulleys; turns (k, 4): quaternions by which the body is turned at
-    every place, and has to keep its limits in all of these orientations.
+    every place, and has to keep its limits in all of these orientations; weights (m,) of more than six lengths' squares, default all 1;
+    called: the links' names, default `link 1` and so on.
     """
 
     base: FloatArray
@@ -46,18 +52,38 @@ class Bounds:
     determinant: float = 0.0
     lines: Lines | None = None
     turns: FloatArray | None = None
+    weights: FloatArray | None = None
+    called: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         """StructureError where the mechanism is singular at the pose from which it starts."""
-        M = self._lines(self.at)[0]
-        sound = len(self.base) == 6 and bool(np.isfinite(M).all())
-        if not (sound and abs(float(np.linalg.det(M))) > 1e-12 * float(np.linalg.norm(M, axis=1).prod())):
+        M, _, points = self._lines(self.at)
+        sound = len(self.base) >= LINKS and bool(np.isfinite(M).all())
+        if sound and len(self.base) == LINKS:
+            sound = abs(float(np.linalg.det(M))) > 1e-12 * float(np.linalg.norm(M, axis=1).prod())
+        elif sound:
+            sound = float(np.linalg.cond(self._normal(M, points)[1])) < 1e12
+        if not sound:
             raise StructureError("bounds: the links do not hold the body at the pose from which the bounds are looked for")
+        if len(self.base) > LINKS and (self.determinant > 0.0 or (self.limit_rad is None and self.lengths_mm is None)):
+            most = f"bounds: {len(self.base)} links have no determinant and lose hold of the body on curves only"
+            raise StructureError(f"{most}: state a limit angle or lengths")
 
     @cached_property
     def _start(self) -> float:
-        """The determinant at the pose `at`."""
-        return float(np.linalg.det(self._lines(self.at)[0]))
+        """The determinant at the pose `at`, that of N where there are more links than six."""
+        M, _, points = self._lines(self.at)
+        return float(np.linalg.det(M if len(self.base) == LINKS else self._normal(M, points)[1]))
+
+    def _normal(self, M: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(..., m, 6) rows (e; arm x e) about the middle of the points, in parts of the rim, (..., 6, 6) N, and the arms."""
+        arms = (points - points.mean(axis=-2, keepdims=True)) / rim_mm(self.body)
+        J = np.concatenate([M[..., :3], np.cross(arms, M[..., :3])], axis=-1)
+        return J, np.asarray(np.swapaxes(J, -1, -2) @ (self._weights[:, None] * J)), arms
+
+    @property
+    def _weights(self) -> FloatArray:
+        return np.ones(len(self.base)) if self.weights is None else self.weights
 
     def _lines(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         return link_rows(self.base, self.body, poses) if self.lines is None else self.lines(poses)
@@ -65,9 +91,11 @@ class Bounds:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the limits, in the order of `values`."""
-        angles = ("singular",) if self.limit_rad is None else tuple(f"pressure angle of link {i + 1}" for i in range(6))
+        links = self.called or [f"link {i + 1}" for i in range(len(self.base))]
+        none = ("singular",) if len(links) == LINKS else ()
+        angles = none if self.limit_rad is None else tuple(f"pressure angle of {link}" for link in links)
         least = ("determinant",) if self.determinant > 0.0 else ()
-        lengths = () if self.lengths_mm is None else tuple(f"link {i + 1} {way}" for way in ("short", "long") for i in range(6))
+        lengths = () if self.lengths_mm is None else tuple(f"{link} {way}" for way in ("short", "long") for link in links)
         once = angles + least + lengths
         if self.turns is None:
             return once
@@ -85,13 +113,11 @@ class Bounds:
         M, lengths, points = self._lines(poses)
         known = np.asarray(np.isfinite(M).all(axis=(-1, -2)))
         M = np.where(known[..., None, None], M, 0.0)
-        det = np.where(known, np.linalg.det(M), np.nan)
+        det, speeds = self._moved(M, points)
         start = self._start
-        whole = det / start
-        kept = [whole[..., None]]
+        whole = np.where(known, det, np.nan) / start
+        kept = [whole[..., None]] if len(self.base) == LINKS else []
         if self.limit_rad is not None:
-            C = cofactors(M)
-            speeds = np.linalg.norm(C[..., :3] + np.cross(C[..., 3:], points), axis=-1)
             kept = [whole[..., None] - np.cos(self.limit_rad) * speeds / abs(start)]
         if self.determinant > 0.0:
             kept.append(whole[..., None] - self.determinant / abs(start))
@@ -99,6 +125,15 @@ class Bounds:
             least, greatest = self.lengths_mm
             kept += [(lengths - least) / greatest, (greatest - lengths) / greatest]
         return np.concatenate(kept, axis=-1)
+
+    def _moved(self, M: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(...,) the determinant, and (..., m) how fast each body point moves by its own link alone, times the determinant's size."""
+        if len(self.base) == LINKS:
+            C = cofactors(M)
+            return np.asarray(np.linalg.det(M)), np.linalg.norm(C[..., :3] + np.cross(C[..., 3:], points), axis=-1)
+        J, N, arms = self._normal(M, points)
+        by = (J * self._weights[:, None]) @ cofactors(N)
+        return np.asarray(np.linalg.det(N)), np.linalg.norm(by[..., :3] + np.cross(by[..., 3:], arms), axis=-1)
 
     def inside(self, poses: FloatArray) -> BoolArray:
         """(...,) whether every limit is kept at poses (..., 7)."""

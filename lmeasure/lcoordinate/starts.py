@@ -14,11 +14,12 @@ import numpy as np
 
 from lmeasure.arrays import ComplexArray
 from lmeasure.kernels.homotopy import REACHED, follow
-from lmeasure.lcoordinate import study
+from lmeasure.lcoordinate import certified, study
 from lmeasure.lcoordinate.structures import Structure, structures
 
 FILE = Path(__file__).with_name("starts.npz")
 QUIET = 8  # loops that must bring nothing new
+TRACE_STEP = 3.0  # of the dimensions
 APART = 1e-6  # of points of length one
 
 
@@ -83,6 +84,34 @@ def grown(structure: Structure, rng: np.random.Generator) -> tuple[ComplexArray,
         quiet = 0 if len(more) > len(found) else quiet + 1
         found = more
     return links, found
+
+
+def not_linear(structure: Structure, links: ComplexArray, points: ComplexArray, rng: np.random.Generator) -> ComplexArray | None:
+    """(n,) what the trace test has of each of the assemblies points (n, 8) of links (6, 7): their sum is zero when they are all, and that
+    of a part of them is not (Sommese, Verschelde, Wampler, Symmetric functions applied to the decomposition of solution sets, 2002).
+
+    Five links leave a curve of poses, on which one platform point has places y and z = y.y. A sixth link to it from a base point of its
+    own is a linear form in (y, z) with nothing special: its squared length, changed in equal steps, moves a linear slice in parallel. The
+    sum of y over all points of such slices moves in a straight line; were one missing, a loop in the length would exchange it for one of
+    those that are there. What is returned are second differences of a form of y. Where no base point has but one link, the same is done
+    with platform and base swapped; None where neither body has such a point, as in L-222-222. NaN where a path is lost.
+    """
+    ends, own = np.array(structure.links).T[::-1], structure.degrees
+    if 1 not in own[1]:
+        ends, links, points = ends[::-1], links[:, [3, 4, 5, 0, 1, 2, 6]], study.inverse(points)
+    if 1 not in own[0] + own[1]:
+        return None
+    k = next(i for i, end in enumerate(ends[0]) if (ends[0] == end).sum() == 1)
+    way, form = np.zeros_like(links), _complex(rng, 3)
+    way[k, 6] = TRACE_STEP * _complex(rng, 1)[0]
+    values = []
+    for t in (-1.0, 0.0, 1.0):
+        ended, told = follow(links, links + t * way, points)
+        x = certified.proved(links + t * way, ended if t else points).points
+        p = study.product(x[:, 4:], x[:, :4] * [1.0, -1.0, -1.0, -1.0])[:, 1:] / (x[:, :4] ** 2).sum(axis=1)[:, None]
+        y = p + study.turns(x) @ links[k, 3:6]
+        values.append(np.where((told == REACHED) | (t == 0.0), y @ form, np.nan))
+    return np.asarray(values[0] - 2.0 * values[1] + values[2])
 
 
 def distinct(points: ComplexArray) -> ComplexArray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import StructureError
+from lmeasure.kernels.layout import COUNT_LENGTH
 from lmeasure.lcoordinate.bounds import Bounds
 from lmeasure.lcoordinate.workspace import Boundary, Slice, boundary, first_met
 from lmeasure.linkage.links import Linkage
@@ -50,15 +51,16 @@ class Piece:
 def bounds_of(
     linkage: Linkage, pose: FloatArray, limit_deg: float | None, lengths_mm: tuple[float, float] | None, *, turns: FloatArray | None = None
 ) -> Bounds:
-    """Limits that six links keep, in the assembly of a pose (7,): cables as they run over their pulleys.
+    """Limits that links keep, in the assembly of a pose (7,): cables as they run over their pulleys, more than six weighed by their counts
+    as in a run.
 
-    StructureError where there are more than six or they do not hold the platform at the pose.
+    StructureError where they do not hold the platform at the pose, or more than six are asked for nothing that has a boundary.
     """
-    if len(linkage.base) != 6:
-        raise StructureError(f"boundary: has {len(linkage.base)} links; the boundary of the workspace is followed for six")
     limit = None if limit_deg is None or limit_deg >= 90.0 else float(np.radians(limit_deg))
     lines = None if linkage.wrapped is None else lines_of(linkage)
-    return Bounds(linkage.base, linkage.platform, pose, limit, lengths_mm, lines=lines, turns=turns)
+    weights = None if linkage.cables is None else (linkage.cables[:, COUNT_LENGTH].min() / linkage.cables[:, COUNT_LENGTH]) ** 2
+    called = [name for name, _, _ in linkage.names]
+    return Bounds(linkage.base, linkage.platform, pose, limit, lengths_mm, lines=lines, turns=turns, weights=weights, called=called)
 
 
 def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float], *, reach_mm: float) -> tuple[list[Piece], list[str]]:

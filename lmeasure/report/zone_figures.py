@@ -1,6 +1,7 @@
 """The figures of a zone: in space with its rig, level by level, and the rig seen along its axes."""
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from plotly.subplots import make_subplots
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
+from lmeasure.linkage.slices import Piece
 from lmeasure.report import html
 from lmeasure.report.words import axes
 from lmeasure.report.zone_maps import SCALE, log_colours
@@ -40,8 +42,8 @@ def _margin(zone: xr.Dataset) -> FloatArray:
     return np.where(inside, np.maximum(margin, 0.01), np.minimum(margin, -0.01))
 
 
-def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH) -> go.Figure:
-    """The zone's edge as a surface, a plane at the slider's level, the cables and points of the rig."""
+def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Sequence[Piece] = ()) -> go.Figure:
+    """The zone's edge as a surface and, where it was followed, in lines, a plane at the slider's level, cables and points of the rig."""
     stride = max(1, -(-max(zone.sizes[name] for name in "xyz") // MOST_NODES_IN_SPACE))
     coarse = zone.isel(x=slice(None, None, stride), y=slice(None, None, stride))
     x, y, z = (coarse[name].values for name in "xyz")
@@ -63,6 +65,12 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH) -> go.Figure:
             isomin=0, isomax=90, surface_count=1, opacity=0.35,
             colorscale=[[0, EDGE], [1, EDGE]], showscale=False, hoverinfo="skip", name=say("edge of the zone"),
             caps={"x_show": True, "y_show": True, "z_show": True}, showlegend=True,
+        )  # fmt: skip
+    for n, piece in enumerate(followed):
+        x, y, z = np.append(piece.places, piece.places[: int(piece.closed)], axis=0).T
+        figure.add_scatter3d(
+            x=x, y=y, z=z, mode="lines", line={"width": 3, "color": EDGE}, name=say("edge, followed"), legendgroup="followed",
+            showlegend=n == 0,
         )  # fmt: skip
     rows = rig.cable_rows()
     _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
     from lmeasure.arrays import FloatArray
+    from lmeasure.linkage.slices import Piece
 
 RANGE = "START:STOP:STEP"
 LIMITS = "Limits"
@@ -112,10 +113,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     )
     data = map_zone(rig, calibration, nodes, rotations, scan=scan, progress=steps(progress, "zone"))
     write_zone(settings.out, data)
+    followed: list[Piece] = []
+    said: list[str] = []
+    if settings.boundary:
+        from lmeasure.accuracy import edge
+
+        followed, said = edge.edges(rig, data, rotations, settings.length_mm)
+        files.write_table(settings.out.with_suffix(".boundary.csv"), edge.columns(followed))
     if settings.report is not None:
         from lmeasure.report.zone import write_zone_report
 
-        write_zone_report(settings.report, data, rig, calibration, language=settings.language or of_terminal())
+        write_zone_report(settings.report, data, rig, calibration, language=settings.language or of_terminal(), followed=followed)
     if settings.rerun is not None:
         from lmeasure.view.stages import write_recording
 
@@ -126,12 +134,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         lines.append(f"the zone goes on beyond the box along {', '.join(over)}")
     if not data["in_zone"].values.any():
         lines += advice(data, settings.rig)
-    if settings.boundary:
-        from lmeasure.accuracy import edge
-
-        pieces, said = edge.edges(rig, data, rotations, settings.length_mm)
-        files.write_table(settings.out.with_suffix(".boundary.csv"), edge.columns(pieces))
-        lines += [*(piece.line("z") for piece in pieces), *said]
+    lines += [*(piece.line("z") for piece in followed), *said]
     if program is not None:
         parts = guard(rig, calibration, data, program, rotation=rotations.mean())
         files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))

@@ -315,7 +315,8 @@ def test_limits_are_cut_until_nothing_is_singular(run, tmp_path: Path) -> None: 
 def test_limits_of_other_structures_are_cut_too(run, tmp_path: Path, links: list[tuple[str, str, float]], pose: bool, says: str) -> None:  # type: ignore[no-untyped-def]
     """4.1's example, whose tetrahedra stand on l7 and l8, and one that none solve: of its assembly at a stated pose."""
     at, turned = [2.660485, 4.463435, 9.494587], [0.0, 0.0, 0.0, 1.0]
-    base, platform = (np.array([of[link[i]] for link in links], dtype=float) for i, of in ((0, BASE), (1, PLATFORM)))
+    base = np.array([BASE[b] for b, _, _ in links], dtype=np.float64)
+    platform = np.array([PLATFORM[p] for _, p, _ in links], dtype=np.float64)
     there = np.linalg.norm(se3.apply(np.array([*at, *turned]), platform) - base, axis=1)
     limits = "".join(
         f'[[link]]\nfrom = "{b}"\nto = "{p}"\nlimits_mm = [{0.99 * length}, {1.02 * length}]\n'

@@ -111,6 +111,22 @@ def test_start_systems_by_monodromy_again(name: str) -> None:
     assert len(starts.distinct(np.concatenate([starts.unit(points), proper]))) == len(points)
 
 
+def test_no_assembly_is_missing_by_the_trace() -> None:
+    """The sum over all assemblies moves in a straight line with a squared length, that without any one of them does not: of every structure
+    but L-222-222, whose assemblies are among the ends of those of L-222-2211:ab-ac-bd, with as many."""
+    rng, without = np.random.default_rng(3), []
+    for structure in starts.of_its_own():
+        off = starts.not_linear(structure, *starts.start_of(structure), rng)
+        if off is None:
+            without.append(structure.notation)
+            continue
+        size = np.abs(off).max()
+        assert abs(off.sum()) < 1e-5 * size
+        assert np.abs(off.sum() - off).min() > 1e-4 * size
+    assert without == ["L-222-222:ab-ac-bc"]
+    assert COUNTS["L-222-222:ab-ac-bc"] == COUNTS["L-222-2211:ab-ac-bd"]
+
+
 def test_lengths_that_cannot_be_have_none() -> None:
     base, platform, (pose,) = rig(parse("L-222-111111")[0], 4)
     found = straight.assemblies(base, platform, np.r_[lengths_at(base, platform, pose)[:5], 1e-3])
