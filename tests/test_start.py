@@ -14,10 +14,16 @@ from cells import START, FloatArray, cell, motion, position_error, record
 from lmeasure import files
 from lmeasure.errors import FileFormatError, LMeasureError
 from lmeasure.lengths import lengths_from_counts, span_lengths
-from lmeasure.rig import Rig
+from lmeasure.linkage.links import linkage_of
+from lmeasure.linkage.measures import along
+from lmeasure.observation.wrap import span_rows
+from lmeasure.rig import Rig, read_rig
 from lmeasure.run import read_run, write_run
 from lmeasure.trajectory import Reconstruction, covariances, reconstruct
+from lmeasure.trajectory.lost import other_near
 from lmeasure.trajectory.monte_carlo import by_monte_carlo
+
+TRUTH = Path(__file__).parent / "authorities" / "truth"
 
 
 def folder(path: Path, rig: Rig, start: Mapping[str, object], n: int = 200) -> FloatArray:
@@ -115,3 +121,24 @@ def test_uncertain_lengths_make_the_whole_run_uncertain(tmp_path: Path) -> None:
     u = np.sqrt(np.einsum("nii->ni", found.systematic))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", drawn.systematic)), u, rtol=0.17)
     assert u[0, 3:].max() > 0.1
+
+
+def test_a_start_near_a_fold_is_told_with_the_other_assembly() -> None:
+    """On both sides of a singular pose the other one is found, with the same lengths and twice as far; away from it nothing is said."""
+    rig = read_rig(TRUTH / "cell-run" / "rig.toml")
+    rows, home, beyond = rig.cable_rows(), np.array([0.0, 0, 0, 0, 0, 0, 1]), np.array([900.0, -1000, 200, 0, 0, 0, 1])
+    (share,) = along(linkage_of(rig), home, beyond)["singular_at_share"]
+    assert other_near(rows, home, 50.0) is None
+    far = float(np.linalg.norm(beyond[:3]))
+    for step in (-4.0, 4.0):
+        start = home + np.append((share + step / far) * beyond[:3], np.zeros(4))
+        found = other_near(rows, start, 50.0)
+        assert found is not None
+        pose, apart = found
+        np.testing.assert_allclose(span_rows(rows, pose[None])[0], span_rows(rows, start[None])[0], atol=1e-6)
+        sides = np.sign(np.linalg.det(span_rows(rows, np.stack([start, pose]))[1]))
+        assert sides[0] == -sides[1]
+        assert 0.5 * apart < 4.0 < apart
+        (note,) = [n for n in Reconstruction(rig, start)._notes() if n.code == "start.near"]
+        assert note.values["apart_mm"] == apart
+    assert not any(n.code == "start.near" for n in Reconstruction(rig, home)._notes())

@@ -139,11 +139,14 @@ class Bounds:
         """(...,) whether every limit is kept at poses (..., 7)."""
         return np.asarray((self.values(poses) > 0.0).all(axis=-1))
 
-    def rates(self, pose: FloatArray, directions: FloatArray) -> FloatArray:
-        """(k, q) rates of the limits at a pose (7,) by displacements (q, 6) of the body (`se3.displaced`), by central differences."""
+    def with_rates(self, pose: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k,) the limits at a pose (7,), and (k, q) their rates by displacements (q, 6) of the body (`se3.displaced`), by central
+        differences."""
         step = STEP * rim_mm(self.body) / np.maximum(np.abs(directions * np.repeat([rim_mm(self.body), 1.0], 3)).max(axis=1), 1e-300)
-        ahead, behind = (self.values(se3.displaced(pose, sign * step[:, None] * directions)) for sign in (1.0, -1.0))
-        return np.asarray(((ahead - behind) / (2.0 * step[:, None])).T)
+        off = step[:, None] * directions
+        values = self.values(np.concatenate([pose[None], se3.displaced(pose, np.concatenate([off, -off]))]))
+        q = len(directions)
+        return values[0], np.asarray(((values[1 : 1 + q] - values[1 + q :]) / (2.0 * step[:, None])).T)
 
 
 def _turned(poses: FloatArray, turns: FloatArray) -> FloatArray:

@@ -25,6 +25,10 @@ STEP = 1e-4  # of a turn, and of the rim: differences of gradients err by its sq
 FLAT = 1e-6  # of what would matter: curvature over a length, a gradient beside curvature
 
 
+SOUND = 1e-3
+"""Determinant of rows of length one from which an inverse is as good as any."""
+
+
 def rim_mm(body: FloatArray) -> float:
     """Where turns of a body with the points (m, 3) are counted: the largest distance of a point from their middle [mm], never 0."""
     return max(float(np.linalg.norm(body - body.mean(axis=0), axis=1).max()), 1e-3)
@@ -47,7 +51,11 @@ def determinants(base: FloatArray, body: FloatArray, poses: FloatArray) -> Float
 
 
 def cofactors(M: FloatArray) -> FloatArray:
-    """(..., k, k) cofactors d det / d M of matrices (..., k, k), singular ones too: det U det V U diag(products of the others) V'."""
+    """(..., k, k) cofactors d det / d M of matrices (..., k, k), singular ones too: det M^-T, and where that is nearly nothing times
+    nearly infinite, det U det V U diag(products of the others) V'."""
+    det = np.linalg.det(M)
+    if (np.abs(det) > SOUND * np.linalg.norm(M, axis=-1).prod(axis=-1)).all():
+        return np.asarray(det[..., None, None] * np.swapaxes(np.linalg.inv(M), -1, -2))
     U, s, Vt = np.linalg.svd(M)
     others = np.stack([np.delete(s, i, axis=-1).prod(axis=-1) for i in range(s.shape[-1])], axis=-1)
     sign = np.linalg.det(U) * np.linalg.det(Vt)

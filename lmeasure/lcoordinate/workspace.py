@@ -104,9 +104,8 @@ def _onto(bounds: Bounds, plane: Slice, place: FloatArray, which: int) -> FloatA
     """The place (2,) on the limit, by Newton's method along its gradient; None where that fails."""
     last = False
     for _ in range(20):
-        pose = plane.poses(place)
-        value = float(bounds.values(pose)[which])
-        rate = bounds.rates(pose, plane.displacements)[which]
+        values, rates = bounds.with_rates(plane.poses(place), plane.displacements)
+        value, rate = float(values[which]), rates[which]
         steep = float(rate @ rate)
         if not (np.isfinite(value) and steep > 0.0):
             return None
@@ -123,9 +122,7 @@ def _onto(bounds: Bounds, plane: Slice, place: FloatArray, which: int) -> FloatA
 def _corner(bounds: Bounds, plane: Slice, place: FloatArray, one: int, other: int) -> FloatArray | None:
     """The place where two limits are met; None where Newton's method finds none."""
     for _ in range(20):
-        pose = plane.poses(place)
-        both = [one, other]
-        values, rates = bounds.values(pose)[both], bounds.rates(pose, plane.displacements)[both]
+        values, rates = (found[[one, other]] for found in bounds.with_rates(plane.poses(place), plane.displacements))
         if abs(float(np.linalg.det(rates))) < 1e-14 * float(np.linalg.norm(rates)) ** 2 or not np.isfinite(values).all():
             return None
         step = -np.linalg.solve(rates, values)
@@ -137,7 +134,7 @@ def _corner(bounds: Bounds, plane: Slice, place: FloatArray, one: int, other: in
 
 def _tangent(bounds: Bounds, plane: Slice, place: FloatArray, which: int, way: float) -> FloatArray:
     """(2,) unit tangent with the inside on the left of way 1."""
-    rate = bounds.rates(plane.poses(place), plane.displacements)[which]
+    rate = bounds.with_rates(plane.poses(place), plane.displacements)[1][which]
     along = way * np.array([rate[1], -rate[0]])
     return np.asarray(along / np.linalg.norm(along))
 

@@ -21,7 +21,7 @@ from lmeasure.status import Status
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.budget import RESTORED_ORIGIN, Budget
 from lmeasure.trajectory.corrections import correction_of
-from lmeasure.trajectory.lost import NEARLY, explain, split_at
+from lmeasure.trajectory.lost import NEARLY, explain, other_near, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
 from lmeasure.trajectory.redundancy import Redundancy
 from lmeasure.trajectory.scheme import FREEDOMS, scheme_of
@@ -34,6 +34,7 @@ COMPILING_PAYS = 2**14  # samples from which the kernels save more than they tak
 LANES_PAY = 2**17  # of redundant channels, whose lanes take longer to compile
 START_CLEAR = np.radians(75.0)  # worst pressure angle up to which a start that is off by centimetres is still on its side
 START_COVERAGE = 3.0  # standard uncertainties of the start
+START_NEAR_MM = 50.0  # another assembly this near to the start is told: a start that is off by centimetres may be meant for it
 
 _CAUSES = {
     Status.SINGULAR: finding("cause.singular"),
@@ -103,8 +104,12 @@ class Reconstruction:
         if status[0] != Status.OK:
             raise TrajectoryError(f"start: {_CAUSES[Status(status[0])]}{self._lost_at(self.start)}")
         self._start_angle = float(angle[0])
-        if self.scheme.six and any(u_start):
-            self._check_side()
+        self._near: float | None = None
+        if self.scheme.six:
+            other = other_near(self.scheme.rows, self.start, START_NEAR_MM)
+            self._near = None if other is None else other[1]
+            if any(u_start):
+                self._check_side()
 
     def _check_side(self) -> None:
         """TrajectoryError when the start, uncertain as it is, may lie beyond a singular pose: then the run may be in another assembly."""
@@ -304,6 +309,8 @@ class Reconstruction:
             notes.append(finding("scheme.held", freedoms=self.scheme.held, constraint=self.scheme.constraint))
         if self._start_angle > START_CLEAR:
             notes.append(finding("start.angle", angle_deg=float(np.degrees(self._start_angle))))
+        if self._near is not None:
+            notes.append(finding("start.near", apart_mm=self._near, fold_mm=self._near / 2.0))
         if self.correction is not None:
             notes += self.correction.notes()
         return tuple(notes)

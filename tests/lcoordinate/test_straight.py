@@ -124,7 +124,7 @@ def test_no_assembly_is_missing_by_the_trace() -> None:
         assert abs(off.sum()) < 1e-5 * size
         assert np.abs(off.sum() - off).min() > 1e-4 * size
     assert without == ["L-222-222:ab-ac-bc"]
-    assert COUNTS["L-222-222:ab-ac-bc"] == COUNTS["L-222-2211:ab-ac-bd"]
+    assert len({starts.complex_assemblies(parse(name)[0]) for name in ("L-222-222", "L-222-2211:ab-ac-bd")}) == 1
 
 
 def test_lengths_that_cannot_be_have_none() -> None:
