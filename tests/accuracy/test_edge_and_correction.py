@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -47,7 +48,7 @@ def test_the_edge_of_a_zone_lies_on_its_limit() -> None:
 
 def test_the_edge_of_a_zone_of_eight_cables_lies_on_its_limit(tmp_path: Path) -> None:
     """Where more cables than six have no determinant; a path is led around the same limit, and the page shows the edge."""
-    words = ["zone", EIGHT, "--x=-1100:300:200", "--y=-1500:1500:200", "--z=0:0:1", "--limit-deg", 70, "--boundary", "--report", tmp_path]
+    words = ["zone", EIGHT, "--x=-1100:300:350", "--y=-1500:1500:300", "--z=0:0:1", "--limit-deg", 70, "--boundary", "--report", tmp_path]
     done = CliRunner().invoke(app, [str(w) for w in [*words, "--out", tmp_path / "zone.nc"]])
     assert done.exit_code == 0
     table = pd.read_csv(tmp_path / "zone.boundary.csv")
@@ -58,13 +59,18 @@ def test_the_edge_of_a_zone_of_eight_cables_lies_on_its_limit(tmp_path: Path) ->
     page = (tmp_path / "zone.html").read_text()
     assert "The edge, followed" in page
     assert ("closed, " in page) == bool(table["closed"].any())
-    # a straight path across the edge and back
-    k = int(np.argmax(places[:, 0]))
-    inner, out = places.mean(axis=0), places[k] + 0.02 * (places[k] - places.mean(axis=0))
+    # from the place that keeps the limit best over the edge beside it, and back
+    zone_of = xr.open_dataset(tmp_path / "zone.nc")
+    i, j, _ = np.unravel_index(int(zone_of["worst_pressure_angle_deg"].argmin()), zone_of["worst_pressure_angle_deg"].shape)
+    inner = np.array([zone_of["x"].values[i], zone_of["y"].values[j], 0.0])
+    over = places[np.argmin(np.linalg.norm(places - inner, axis=1))]
+    out = over + 20.0 * (over - inner) / np.linalg.norm(over - inner)
     path = CommandedPath(name="over", kind="points", points_mm=tuple(tuple(p.tolist()) for p in (inner, out, inner)))
-    (led,) = corrected(read_rig(EIGHT), Program(schema_="lmeasure.program/1", path=(path,)), Rotation.identity(), limit_deg=70.0)[1]
-    assert led.changed
-    assert max(angle_at(p, Rotation.identity(1), EIGHT) for p in led.points[::10]) < 70.0 + 1e-3
+    (led,) = corrected(
+        read_rig(EIGHT), Program(schema_="lmeasure.program/1", path=(path,)), Rotation.identity(), limit_deg=70.0, step_mm=50.0
+    )[1]
+    assert (led.left, led.changed) == ("", True)
+    assert max(angle_at(p, Rotation.identity(1), EIGHT) for p in led.points[::4]) < 70.0 + 1e-3
 
 
 def test_an_edge_beyond_the_box_is_open() -> None:
