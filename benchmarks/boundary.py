@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lmeasure.arrays import FloatArray
 from lmeasure.lcoordinate.bounds import Bounds
 from lmeasure.lcoordinate.workspace import Slice, boundary
 
@@ -16,6 +17,17 @@ from lmeasure.lcoordinate.workspace import Slice, boundary
 BODY = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0)] * 2, dtype=float)
 BASE = np.array([(0, -5, 0), (5, 0, 0), (-4, 1, 0), (0, -1, -4), (1, 0, -4), (0, 1, -4)], dtype=float)
 PIECE = 20_000  # poses at a time
+BENDS = 5.0  # mm, about the radius of its bends
+
+
+def chords(bounds: Bounds, plane: Slice, places: FloatArray) -> float:
+    """By how much the middles of the chords are beside the limit at most [mm]."""
+    worst = 0.0
+    for a, b in zip(places, np.roll(places, -1, axis=0), strict=True):
+        values, rates = bounds.with_rates(plane.poses((a + b) / 2.0), plane.displacements)
+        k = int(np.argmin(values))
+        worst = max(worst, abs(float(values[k])) / float(np.linalg.norm(rates[k])))
+    return worst
 
 
 def main() -> None:
@@ -41,20 +53,30 @@ def main() -> None:
     radius = float(np.linalg.norm(found.places, axis=1).mean())
     page = ["# Boundary of a workspace, followed and scanned", "", "`benchmarks/boundary.py`; times are those of one processor.", ""]
     page.append(
-        f"The slice y = 1 of the example of 5.3 with 84 degrees: {rays} places, closed, each on its limit to {off:.0e} of the determinant, "
+        f"Slice y = 1 of the example of 5.3 with 84 degrees: {rays} places, closed, each on its limit to {off:.0e} of the determinant, "
         f"in {follow:.2f} s. A pose is judged in {1e6 * each:.1f} us, in batches."
     )
     page += [
         "",
-        "| accuracy, mm | nodes of a grid | its time, s | times | steps along as many rays | their time, s | times |",
-        "|---" * 7 + "|",
+        "| accuracy, mm | followed, places | chords off, mm | its time, s | nodes of a grid | its time, s | times "
+        "| steps along as many rays | their time, s | times |",
+        "|---" * 10 + "|",
     ]
-    for accuracy in (1e-1, 1e-2, 1e-3, 1e-6, 1e-9):
-        nodes, steps = float(np.prod((high - low) / accuracy)), rays * radius / accuracy
+    for accuracy in (1e-1, 1e-2, 1e-3):
+        began = time.process_time()
+        line = boundary(bounds, plane, np.array([0.2, -1.0]), float(np.sqrt(8.0 * accuracy * BENDS)))
+        spent, count = time.process_time() - began, len(line.places)
+        off_chord = chords(bounds, plane, line.places)
+        nodes, steps = float(np.prod((high - low) / accuracy)), count * radius / accuracy
         grid, ray = nodes * each, steps * each
-        page.append(f"| {accuracy:.0e} | {nodes:.1e} | {grid:.1e} | {grid / follow:.1e} | {steps:.1e} | {ray:.1e} | {ray / follow:.1e} |")
+        page.append(
+            f"| {accuracy:.0e} | {count} | {off_chord:.0e} | {spent:.2f} | {nodes:.1e} | {grid:.1e} | {grid / spent:.1e} "
+            f"| {steps:.1e} | {ray:.1e} | {ray / spent:.1e} |"
+        )
     page += ["", "Times of grids and rays are the number of their poses times that of one pose, judged at 20,000 of them."]
-    page.append("Followed places are on the limit to the last line's accuracy whatever the others ask.")
+    page.append(
+        "Followed places are on the limit to rounding whatever is asked; how far chords between them are off is what the step decides."
+    )
     text = "\n".join([*page, ""])
     print(text)
     if out:
