@@ -5,12 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure import zone
-from lmeasure.accuracy.correction import corrected
 from lmeasure.accuracy.edge import edges
 from lmeasure.accuracy.limits import Limits
 from lmeasure.accuracy.zone import Scan, tilts
@@ -18,6 +16,7 @@ from lmeasure.cli import app
 from lmeasure.linkage.links import read_linkage
 from lmeasure.linkage.slices import bounds_of
 from lmeasure.program import CommandedPath, Program, read_program, write_program
+from lmeasure.report.zone_html import write_zone_page
 from lmeasure.rig import read_rig
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
@@ -34,7 +33,7 @@ def angle_at(place: np.ndarray, turns: Rotation, rig: Path = RIG) -> float:
     return float(data["worst_pressure_angle_deg"].values[0, 0, 0])
 
 
-def test_the_edge_of_a_zone_lies_on_its_limit() -> None:
+def test_the_edge_of_a_zone_lies_on_its_limit(tmp_path: Path) -> None:
     """Closed, of the size that nodes count, and at each place the worst angle of all orientations is the limit."""
     rig, turns = read_rig(RIG), tilts(0.1, 2)
     data = zone(RIG, x=(-1500, 1500, 50), y=(-1500, 1500, 50), z=(0, 0, 1), rotations=turns, scan=Scan(limits=Limits(45.0)))
@@ -42,35 +41,31 @@ def test_the_edge_of_a_zone_lies_on_its_limit() -> None:
     assert (found.closed, said) == (True, [])
     counted = float(data["in_zone"].values.sum()) * 50.0**2
     assert found.area_mm2 == pytest.approx(counted, rel=0.02)
+    write_zone_page(tmp_path / "zone.html", data, rig, followed=[found])
+    assert all(words in (tmp_path / "zone.html").read_text() for words in ("The edge, followed", f"closed, {found.area_mm2 / 1e6:.4g}"))
+    assert {limit.split(" in ")[0] for limit in found.limits} <= {f"pressure angle of {c.name}" for c in rig.cable}
     for place in found.places[:: len(found.places) // 4]:
         assert angle_at(place, turns) == pytest.approx(45.0, abs=1e-6)
 
 
-def test_the_edge_of_a_zone_of_eight_cables_lies_on_its_limit(tmp_path: Path) -> None:
-    """Where more cables than six have no determinant; a path is led around the same limit, and the page shows the edge."""
-    words = ["zone", EIGHT, "--x=-1100:300:350", "--y=-1500:1500:300", "--z=0:0:1", "--limit-deg", 70, "--boundary", "--report", tmp_path]
-    done = CliRunner().invoke(app, [str(w) for w in [*words, "--out", tmp_path / "zone.nc"]])
-    assert done.exit_code == 0
-    table = pd.read_csv(tmp_path / "zone.boundary.csv")
-    places = table[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=np.float64)
-    for place in places[:: len(places) // 4]:
-        assert angle_at(place, Rotation.identity(1), EIGHT) == pytest.approx(70.0, abs=1e-6)
-    assert set(table["limit"].str.split(" in ").str[0]) <= {f"pressure angle of {c.name}" for c in read_rig(EIGHT).cable}
-    page = (tmp_path / "zone.html").read_text()
-    assert "The edge, followed" in page
-    assert ("closed, " in page) == bool(table["closed"].any())
-    # from the place that keeps the limit best over the edge beside it, and back
-    zone_of = xr.open_dataset(tmp_path / "zone.nc")
-    i, j, _ = np.unravel_index(int(zone_of["worst_pressure_angle_deg"].argmin()), zone_of["worst_pressure_angle_deg"].shape)
-    inner = np.array([zone_of["x"].values[i], zone_of["y"].values[j], 0.0])
-    over = places[np.argmin(np.linalg.norm(places - inner, axis=1))]
-    out = over + 20.0 * (over - inner) / np.linalg.norm(over - inner)
-    path = CommandedPath(name="over", kind="points", points_mm=tuple(tuple(p.tolist()) for p in (inner, out, inner)))
-    (led,) = corrected(
-        read_rig(EIGHT), Program(schema_="lmeasure.program/1", path=(path,)), Rotation.identity(), limit_deg=70.0, step_mm=50.0
-    )[1]
-    assert (led.left, led.changed) == ("", True)
-    assert max(angle_at(p, Rotation.identity(1), EIGHT) for p in led.points[::4]) < 70.0 + 1e-3
+def test_the_boundary_of_eight_cables_is_the_zones_limit() -> None:
+    """More cables than six have no determinant: their angles are those of a run's least squares, and so are the zone's."""
+    linkage, up = read_linkage(EIGHT), np.array([0.0, 0.0, 0.0, 1.0])
+    places = np.stack(np.meshgrid(np.arange(-900.0, 901.0, 300.0), np.arange(-900.0, 901.0, 300.0), [0.0]), axis=-1).reshape(-1, 3)
+    poses = np.column_stack([places, np.tile(up, (len(places), 1))])
+    bounds = bounds_of(linkage, poses[len(poses) // 2], 70.0, None)
+    best = poses[int(np.argmax(np.nan_to_num(bounds.values(poses).min(axis=1), nan=-np.inf)))]
+    plane = Slice(best, np.eye(3)[:2], 3000.0)
+    (met,) = first_met(bounds, plane, np.array([[1.0, 0.0]]))
+    on = best[:3] + [met, 0.0, 0.0]
+    assert angle_at(on, Rotation.identity(1), EIGHT) == pytest.approx(70.0, abs=1e-6)
+    # a path over it and back is led along it
+    beyond = best + np.append([met + 20.0, 0.0, 0.0], np.zeros(4))
+    found = detour(bounds, np.stack([best, beyond, best]), turns=False)
+    assert bounds.inside(found.poses).all() or (bounds.values(found.poses) > -1e-7).all()
+    assert 0.0 < found.norm_mm.max() <= 20.0 + 1e-6
+    with pytest.raises(StructureError, match="state a limit angle or lengths"):
+        bounds_of(linkage, best, None, None)
 
 
 def test_an_edge_beyond_the_box_is_open() -> None:
