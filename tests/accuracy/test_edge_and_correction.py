@@ -13,6 +13,9 @@ from lmeasure.accuracy.edge import edges
 from lmeasure.accuracy.limits import Limits
 from lmeasure.accuracy.zone import Scan, tilts
 from lmeasure.cli import app
+from lmeasure.errors import StructureError
+from lmeasure.lcoordinate.detour import detour
+from lmeasure.lcoordinate.workspace import Slice, first_met
 from lmeasure.linkage.links import read_linkage
 from lmeasure.linkage.slices import bounds_of
 from lmeasure.program import CommandedPath, Program, read_program, write_program
