@@ -44,6 +44,7 @@ def test_the_edge_of_a_zone_lies_on_its_limit(tmp_path: Path) -> None:
     assert (found.closed, said) == (True, [])
     counted = float(data["in_zone"].values.sum()) * 50.0**2
     assert found.area_mm2 == pytest.approx(counted, rel=0.02)
+    assert found.area_mm2 is not None
     write_zone_page(tmp_path / "zone.html", data, rig, followed=[found])
     assert all(words in (tmp_path / "zone.html").read_text() for words in ("The edge, followed", f"closed, {found.area_mm2 / 1e6:.4g}"))
     assert {limit.split(" in ")[0] for limit in found.limits} <= {f"pressure angle of {c.name}" for c in rig.cable}
