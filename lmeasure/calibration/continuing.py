@@ -79,7 +79,7 @@ def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     probability = float(scipy.stats.chi2.sf(chi2, freedom))
     moved = _moved(model, part, theta, y, A, z, probability) if probability < MOVED else None
     u = np.sqrt(np.maximum(np.diag(C), 0.0))
-    rig = rig_with(campaign, model.parameters, theta[: model.own], "calibration.json", u)
+    rig = rig_with(campaign, model.parameters, theta[: model.own], "calibration.json", u=u)
     return Continued(rig, _record(record, model, theta, C, (chi2, freedom, probability)), chi2, freedom, probability, moved)
 
 

@@ -57,7 +57,7 @@ def fitted_pose(model: Model, theta: FloatArray, pose: int, seed: int) -> FloatA
     # what the free spans must measure there
     readings = span_lengths(rows, now[None])[0] - model.residuals(theta)[mine] / per_unit
     out = theta.copy()
-    out[own] = fit_pose(rows, per_unit, readings, model.campaign.poses.rows[pose], model.free, begun=theta[own], seed=seed)
+    out[own] = fit_pose(rows, per_unit, readings, model.campaign.poses.rows[pose], free=model.free, begun=theta[own], seed=seed)
     return out
 
 

@@ -31,7 +31,7 @@ def is_run(folder: Path) -> bool:
 
 
 def read_motion(
-    folder: Path, rig: Path | None = None, start: StatedStart | None = None, samples: int = SAMPLES, named: tuple[str, ...] = ()
+    folder: Path, rig: Path | None = None, start: StatedStart | None = None, *, samples: int = SAMPLES, named: tuple[str, ...] = ()
 ) -> tuple[Campaign, Run]:
     """The campaign that a run folder makes, with its rig or another one; see `campaign_of`. Raises what `read_run` raises."""
     run = read_run(folder, rig, start)

@@ -131,7 +131,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
     dimensions = dimensions_of(model, found)
     u = np.sqrt(np.maximum(np.diag(found.covariance)[: model.own], 0.0))
-    rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u), dimensions)
+    rig = with_dimensions(rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u=u), dimensions)
     sight = observability.lines_of_sight(rig, campaign.cables, campaign.poses)
     silent = observability.unobservable_directions(model.parameters, found.silent, sight)
     record = make_record(campaign, model, found, where, findings=findings, silent=silent, rig=rig, dimensions=dimensions)

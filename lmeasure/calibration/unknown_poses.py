@@ -137,7 +137,7 @@ def oriented(campaign: Campaign, seed: int) -> list[Campaign]:
 
 
 def fit_pose(
-    rows: FloatArray, per_unit: FloatArray, readings: FloatArray, stated: FloatArray, free: IntArray, *, begun: FloatArray, seed: int
+    rows: FloatArray, per_unit: FloatArray, readings: FloatArray, stated: FloatArray, *, free: IntArray, begun: FloatArray, seed: int
 ) -> FloatArray:
     """The free components (d,) [deg, mm] of a pose's shift from the stated one (7,) at which the free spans of the cables, rows (m,
     CABLE_COLUMNS), are of the given lengths (m,), and encoders read the given angles, in the least squares sense, per_unit (m,) [mm]: the

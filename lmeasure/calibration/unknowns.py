@@ -433,7 +433,7 @@ class Model(Problem):
         return out
 
 
-def rig_with(campaign: Campaign, unknowns: Parameters, theta: FloatArray, calibration: str | None, u: FloatArray | None = None) -> Rig:
+def rig_with(campaign: Campaign, unknowns: Parameters, theta: FloatArray, calibration: str | None, *, u: FloatArray | None = None) -> Rig:
     """The rig with the unknowns set to theta (p,), guide angles brought back to their ranges; zeros of encoders state their standard
     uncertainties u (p,) too."""
     rig = with_values(campaign.rig, dict(zip(unknowns.names, theta.tolist(), strict=True)))

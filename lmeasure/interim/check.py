@@ -87,7 +87,7 @@ def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limit
     repeatability = ASSUMED_MM if limits.repeatability_mm is None else limits.repeatability_mm
     counts = np.nan_to_num(stops.counts)
     known = budget.of(stops.begin_s, stops.poses, counts=counts, speed_mm_s=np.zeros((n, m)), compiled=False, travel=stops.travel)
-    found = closures(budget, stops, known, distances, repeatability)
+    found = closures(budget, stops, known, distances, repeatability_mm=repeatability)
     notes = []
     if limits.repeatability_mm is None:
         notes.append("repeatability")

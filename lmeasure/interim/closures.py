@@ -37,7 +37,7 @@ class Closure:
 
 
 def closures(
-    budget: Budget, stops: Stops, known: PoseCovariances, distances: Sequence[Distance], repeatability_mm: float
+    budget: Budget, stops: Stops, known: PoseCovariances, distances: Sequence[Distance], *, repeatability_mm: float
 ) -> tuple[Closure, ...]:
     """All closures of a check; repeatability_mm: standard deviation per axis with which the robot comes back to a place, and of a turn at
     `SIZE_MM`."""

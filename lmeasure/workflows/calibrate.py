@@ -144,7 +144,7 @@ def _campaign(settings: Settings) -> "Campaign":
         raise CalibrationError(f"{settings.folder}: a run has no reference poses: calibrate by it with --self, or go on with --continue")
     start = None if settings.start is None else stated_start(settings.start)
     times = tuple(name for a, b, _, _ in distances(settings.distance) for name in (a, b))
-    return read_motion(settings.folder, settings.rig, start, settings.samples, times)[0]
+    return read_motion(settings.folder, settings.rig, start, samples=settings.samples, named=times)[0]
 
 
 def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
@@ -162,7 +162,7 @@ def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
     if not is_run(settings.folder):
         raise CalibrationError(f"{settings.folder}: --continue takes a run folder")
     start = None if settings.start is None else stated_start(settings.start)
-    campaign, run = read_motion(settings.folder, settings.rig, start, settings.samples)
+    campaign, run = read_motion(settings.folder, settings.rig, start, samples=settings.samples)
     if run.calibration is None:
         raise CalibrationError(f"{settings.folder}: its rig links no calibration to go on from; --rig names one that does")
     progress(0.3, "continuing")
