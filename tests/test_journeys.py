@@ -101,7 +101,7 @@ def test_a_mechanic_from_nothing_to_a_calibrated_rig_in_its_zone(
             assert walked(capsys, person, "check", "--rig", rig, *told, "--no-turns")[-1].startswith("2")
         given = "--by", "rest", "--dwell-s", 0.2, "--settle-s", 0.1, "--u-position-mm", 0, "--u-rotation-deg", 0
         lines = walked(capsys, person, "capture", rig, "--poses", "planned.csv", *told, "--out", "campaign", *given)
-    assert any("closed: no more than 1.2 counts" in line for line in lines)
+    assert any("closed: no more than 1.2 counts" in line for line in lines), "\n".join(lines)
     assert lines[-1] == "next: lmeasure calibrate campaign --out calibrated"
     said(monkeypatch, capsys, "calibrate", "campaign", "--out", "calibrated")
     # lengths over the box, as the built rig has them

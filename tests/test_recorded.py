@@ -106,7 +106,7 @@ def test_a_calibration_of_this_rig_is_taken(tmp_path: Path) -> None:
         "B2.x_mm": round(values["B2.x_mm"] + 4e-7, 6),
         "B2.z_mm": values["B2.z_mm"] + 9e-6,
         "B2.drum_eccentricity_mm": 0.1,
-        "sw1.zero_deg": 3.0,
+        "sw1.eccentricity_deg": 3.0,
     }
     assert read_linked_rig(linked(tmp_path, values | same))[1] is not None
 

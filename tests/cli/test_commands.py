@@ -132,7 +132,7 @@ def test_a_demo_is_written_over_nothing_but_a_demo() -> None:
     [
         (("reconstruct", "nowhere", "--out", "OUT/t.parquet"), "nowhere: is not a run folder"),
         (("reconstruct", TRUTH / "cell-run", "--out", "OUT/t.xlsx"), "t.xlsx: the name must end in .parquet, .csv, .tum or .mcap"),
-        (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "reference_poses.csv: cannot be read: No such file or directory"),
+        (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "a run has no reference poses: calibrate by it with --self"),
         (("zone", "no.toml", *BOX, "--out", "OUT/zone.nc"), "no.toml: cannot be read: No such file or directory"),
         (("simulate", "no.toml", "--out", "OUT/run"), "no.toml: cannot be read: No such file or directory"),
         (("view", "no.rrd"), "no.rrd: cannot be read: No such file or directory"),

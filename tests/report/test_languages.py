@@ -23,7 +23,7 @@ NAMES = {
 }  # fmt: skip
 """Of programs, files and values, which are the same in every language."""
 WORD = re.compile(r"[A-Za-z]{3,}")
-IDENTIFIER = re.compile(r"--[\w-]+|'[\w-]+'|\b\w+(?:[_./]\w|\d)[\w./-]*|\b[a-f]+(?:-[a-f]+)+\b|\b[AR][DPT](?:[plxyzabc]|rot)\b")
+IDENTIFIER = re.compile(r"--solve \w+|--[\w-]+|'[\w-]+'|\b\w+(?:[_./]\w|\d)[\w./-]*|\b[a-f]+(?:-[a-f]+)+\b|\b[AR][DPT](?:[plxyzabc]|rot)\b")
 SHOWN = {"name", "text", "title", "label", "prefix", "suffix", "hovertemplate", "ticktext", "dictionary"}
 
 

@@ -107,8 +107,9 @@ def test_a_page_from_elsewhere_cannot_read_the_recording(served: tuple[subproces
 def test_ctrl_c_ends_it_and_leaves_nothing_behind(served: tuple[subprocess.Popen[str], str]) -> None:
     process, _ = served
     (_, behind) = children(process.pid)
+    assert process.stdout is not None
+    assert "ssh -L" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=30)
     assert (process.returncode, err) == (0, "")
-    assert "ssh -L" in out
     assert not Path(f"/proc/{behind}").exists()

@@ -108,12 +108,13 @@ def test_a_box_and_words_with_blanks() -> None:
 
 def test_defaults_are_those_of_the_stages() -> None:
     fit, chosen = calibration.Settings(), asked("calibrate")
-    assert all(getattr(chosen, name) == value for name, value in vars(fit).items())
+    assert all(getattr(chosen, name) == value for name, value in vars(fit).items() if name != "distances")
+    assert fit.distances == chosen.distance == ()
     certified, chosen = vars(certification.Settings()) | {"trials": 4000}, asked("certify")
     assert chosen.limit_deg == certified.pop("limit_angle_deg")
     del certified["planes"]
     assert all(getattr(chosen, name) == value for name, value in certified.items())
-    assert Choices(chosen.language, chosen.key, chosen.dcc, chosen.xsd, chosen.zipped) == Choices()
+    assert Choices(chosen.language or "en", chosen.key, chosen.dcc, chosen.xsd, chosen.zipped) == Choices()
     assert LANGUAGES == ("en", "ru")
     limits, chosen = vars(Limits()), asked("zone")
     assert chosen.limit_deg == limits.pop("angle_deg")
