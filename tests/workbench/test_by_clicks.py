@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,16 @@ def press(page: Page, selector: str, then: str) -> None:
     page.wait(f"document.readyState === 'complete' && !!document.querySelector({selector!r})")
     page.evaluate(f"document.querySelector({selector!r}).click()")
     page.wait(then)
+
+
+def now(page: Page, script: str) -> Any:
+    """Value of a script in a page that may load itself again at any moment: nothing while it does."""
+    try:
+        return page.evaluate(script)
+    except AssertionError as error:
+        if "navigated" not in str(error):
+            raise
+        return None
 
 
 def fill(page: Page, form: str, **values: str) -> None:
@@ -114,14 +125,13 @@ def test_exchanged_cables_are_red_and_one_click_mends_the_rig(tmp_path: Path) ->
             def walk(number: int) -> list[list[str]]:
                 page.wait(f"location.pathname === '/jobs/{number}'")
                 seen = ""
-                while not page.evaluate(ENDED):
-                    asked = str(
-                        page.evaluate("document.getElementById('asked')?.hidden ? '' : document.getElementById('asked')?.textContent") or ""
-                    )
+                while not now(page, ENDED):
+                    asked = str(now(page, "(e => e && !e.hidden ? e.textContent : '')(document.getElementById('asked'))") or "")
                     if asked and asked != seen:
                         seen = asked
                         person.do(asked.partition("  ")[2])
-                        page.evaluate("document.querySelector('[data-type=\"\"]').click()")
+                        now(page, "document.querySelector('[data-type=\"\"]').click()")
+                    time.sleep(0.05)
                 rows = "[...document.querySelectorAll('.cables tbody tr')]"
                 return list(page.evaluate(f"{rows}.map(r => [r.cells[0].textContent, r.className, r.cells[1].textContent])"))
 
