@@ -3,8 +3,8 @@
 import json
 import re
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -77,23 +77,42 @@ SUGGESTED = {
 }
 """What a page fills in; after + a name that must be free."""
 _SPLIT = re.compile(r"[,;=:\s]")
+_FLAG = re.compile(r"--[a-z][a-z0-9-]*")
 
 
 @dataclass(frozen=True)
 class FieldOf:
-    """A field of a form: its option, what stands in it, what it offers, and what is wrong with it."""
+    """A field of a form: its option, what stands in it, what it offers, what is wrong with it; what the options beside it are called."""
 
     option: Option
     value: str
     offers: tuple[str, ...]
     error: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    def told(self, say: Callable[..., str]) -> str:
+        """The help, with the range; other options stand in it by their labels, as on the page."""
+
+        def named(found: re.Match[str]) -> str:
+            label = self.labels.get(found[0])
+            return found[0] if label is None else say("“{label}”", label=say(label))
+
+        text = _FLAG.sub(named, say(self.option.help))
+        low, high = self.option.minimum, self.option.maximum
+        if low is None and high is None:
+            return text
+        if high is None:
+            return f"{text} {say('At least {low}.', low=f'{low:g}')}"
+        return f"{text} {say('{low} to {high}.', low='' if low is None else f'{low:g}', high=f'{high:g}')}"
 
 
 def fields(command: str, project: Project, given: Mapping[str, Any] | None = None, error: SettingsError | None = None) -> list[FieldOf]:
     """The fields of a command: what was given stands in them, else what the project suggests."""
     values = given or {}
     out = []
-    for option in options_of(load(command).settings):
+    every = options_of(load(command).settings)
+    labels = {flag: option.label for option in every for flag in option.flag.split("/") if flag.startswith("--")}
+    for option in every:
         # several values after one another have a text of their own beside them: `start`
         if option.name in HIDDEN | set(ALWAYS.get(command, {})) or option.kind == "several":
             continue
@@ -104,7 +123,7 @@ def fields(command: str, project: Project, given: Mapping[str, Any] | None = Non
             value = only or suggested(command, option.name, project) or option.default
         text = "\n".join(map(str, value)) if isinstance(value, list | tuple) else "" if value is None else str(value)
         own = error.text if error is not None and error.option == option.name else ""
-        out.append(FieldOf(option, text, offers, own))
+        out.append(FieldOf(option, text, offers, own, labels))
     return out
 
 

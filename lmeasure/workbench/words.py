@@ -1,8 +1,9 @@
-"""Words of the workbench's pages, by their English text: `locale/*/workbench.po`, and the command line's for options and commands."""
+"""Words of the workbench's pages, by their English text: `locale/*/workbench.po`, the labels of options, and the command line's for their
+help and for commands."""
 
 from lmeasure.catalogue import LANGUAGES, texts
 
-DOMAINS = ("workbench", "cli")
+DOMAINS = ("workbench", "labels", "cli")
 
 
 def said(language: str, text: str, /, **values: object) -> str:

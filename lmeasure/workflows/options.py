@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, ge
 
 from annotated_types import Ge, Le
 
+from lmeasure.workflows.labels import label_of
 from lmeasure.workflows.settings import Separated, said_of, unit_of
 
 if TYPE_CHECKING:
@@ -62,10 +63,11 @@ def limits_of(field: "FieldInfo") -> tuple[float | None, float | None]:
 
 
 class Option(NamedTuple):
-    """An option for a form: what a label, a field and a help text need. kind: flag, choice, list, path, whole, number, text, or
-    several for values that a command line takes one after the other."""
+    """An option for a form: its name, what people call it, and what a field and a help text need. kind: flag, choice, list, path, whole,
+    number, text, or several for values that a command line takes one after the other."""
 
     name: str
+    label: str
     flag: str
     help: str
     unit: str
@@ -81,10 +83,10 @@ class Option(NamedTuple):
 
 def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
     """All options of a command, in their order."""
-    return tuple(_option(name, field) for name, field in settings.model_fields.items())
+    return tuple(_option(settings.__module__, name, field) for name, field in settings.model_fields.items())
 
 
-def _option(name: str, field: "FieldInfo") -> Option:
+def _option(module: str, name: str, field: "FieldInfo") -> Option:
     form, said = written(field), said_of(field)
     kinds = {bool: "flag", Path: "path", int: "whole", float: "number"}
     other = "several" if get_origin(form.kind) is tuple else "text"
@@ -95,6 +97,7 @@ def _option(name: str, field: "FieldInfo") -> Option:
         default = "on"
     return Option(
         name=name,
+        label=label_of(module, name),
         flag=flag_of(name, field),
         help=field.description or "",
         unit=unit_of(name, field),

@@ -12,6 +12,7 @@ from bench import served
 from lmeasure.rig import read_rig, write_rig
 
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "acquisition")]
+from access import faults  # noqa: E402
 from browser import LOOK, Page, opened  # noqa: E402
 from test_buses import a_group  # noqa: E402
 from test_check import Bench, two_cables  # noqa: E402
@@ -67,16 +68,18 @@ def fill(page: Page, form: str, **values: str) -> None:
 ENDED = "!!document.querySelector('.after')"
 
 
-def looked_at(page: Page, base: str, widths: dict[str, tuple[int, ...]]) -> list[Any]:
-    """What is wrong with how pages look, in languages at widths."""
+def looked_at(page: Page, base: str, widths: dict[str, tuple[int, ...]], *, quick: bool = False) -> list[Any]:
+    """What is wrong with how pages look, in languages at widths, and what axe-core finds. quick: every other page, others in each
+    language."""
     wrong: list[Any] = []
-    for language, wide in widths.items():
+    for i, (language, wide) in enumerate(widths.items()):
         press(page, f".language [value={language}]", f"document.documentElement?.lang === '{language}'")
-        for path in PAGES:
+        for path in PAGES[i % 2 :: 2] if quick else PAGES:
             visit(page, base, path)
             for width in wide:
                 page.resize(width)
                 wrong += [(language, path, width, text) for text in page.evaluate(LOOK)]
+            wrong += [(language, path, fault) for fault in faults(page)]
     return wrong
 
 
@@ -108,7 +111,10 @@ def test_a_rig_is_begun_changed_and_every_page_stands(tmp_path: Path) -> None:
         press(page, "#rig-form button.go", "location.search.includes('saved')")
         assert read_rig(tmp_path / "rig.toml").observation_point[0].position_mm[2] == pytest.approx(2032.0, abs=1e-9)
         assert read_rig(tmp_path / "rig.toml").observation_point[0].position_mm[0] == 860.0
-        assert looked_at(page, base, {"ru": (1024,), "en": (390,)}) == []
+        assert looked_at(page, base, {"ru": (1024,), "en": (390,)}, quick=True) == []
+        # who looks is heard: a field that nothing names
+        page.evaluate("document.querySelector('main').append(document.createElement('input'))")
+        assert [rule for rule, _ in faults(page)] == ["label"]
         assert [error for error in page.errors if "404" not in error] == []
         assert {request.split("/")[2] for request in page.requests if request.startswith("http")} == {base.removeprefix("http://")}
 

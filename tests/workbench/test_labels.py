@@ -1,0 +1,51 @@
+"""What options are called: a label for each, none for nothing, in both languages; and all words of the pages in Russian."""
+
+import re
+from pathlib import Path
+
+from lmeasure import workbench, workflows
+from lmeasure.catalogue import texts
+from lmeasure.workbench import cards, forms, pages
+from lmeasure.workbench.project import Project
+from lmeasure.workbench.words import said
+from lmeasure.workflows.labels import LABELS
+from lmeasure.workflows.options import options_of
+
+HERE = Path(workbench.__file__).parent
+SPOKEN = re.compile(r"""_\(\s*(?:"([^"]+)"|'([^']+)')""")
+
+
+def test_every_option_has_a_label_and_every_label_an_option() -> None:
+    used = set()
+    for name in workflows.COMMANDS:
+        settings = workflows.load(name).settings
+        for option in options_of(settings):
+            own = f"{settings.__module__.rpartition('.')[2]}.{option.name}"
+            used.add(own if own in LABELS else option.name)
+            assert option.label == LABELS.get(own, LABELS.get(option.name))
+            assert "_" not in option.label
+    assert used == set(LABELS)
+
+
+def test_labels_and_words_of_pages_are_said_in_russian() -> None:
+    known = {**texts("labels", "ru"), **texts("workbench", "ru"), **texts("cli", "ru")}
+    assert set(texts("labels", "ru")) == set(LABELS.values())
+    spoken = set(LABELS.values()) | set(pages.STEP_NAMES.values()) | set(cards.TITLES.values()) | set(cards.VERBS.values())
+    spoken |= {text for page in cards.PAGES.values() for text in (page.title, page.lead)}
+    spoken |= {text for _, text in cards.NEEDS.values()} | {text for ways in cards.ONWARD.values() for _, text in ways}
+    for template in (HERE / "templates").glob("*.html"):
+        spoken |= {a or b for a, b in SPOKEN.findall(template.read_text(encoding="utf-8"))}
+    assert sorted(spoken - set(known)) == [], "add them to lmeasure/locale/ru/workbench.po"
+
+
+def test_help_names_other_options_as_the_page_does() -> None:
+    fields = {f.option.name: f for f in forms.fields("zone", Project(Path()))}
+    assert fields["o"].told(lambda text, **v: said("en", text, **v)).startswith("Angle O of the thesis [deg], with “Angle A” and “Angle T”")
+    assert "«Угол A»" in fields["o"].told(lambda text, **v: said("ru", text, **v))
+    assert fields["limit_deg"].told(lambda text, **v: said("ru", text, **v)).endswith("От 0 до 90.")
+    for name in workflows.COMMANDS:
+        if name in forms.NOT_HERE:
+            continue
+        for field in forms.fields(name, Project(Path())):
+            for language in ("en", "ru"):
+                assert not field.told(lambda text, language=language, **v: said(language, text, **v)).startswith("--")
