@@ -20,7 +20,8 @@ from scipy.stats import qmc
 from lmeasure.calibration import Settings, calibrate, read_campaign
 from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import fit
 
 FloatArray = NDArray[np.float64]

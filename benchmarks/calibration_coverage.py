@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration import Calibration, Settings, calibrate
 from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import fit
 from lmeasure.estimation.least_squares import Whitened
 from lmeasure.kernels import cable as cable_kernels

@@ -22,7 +22,7 @@ from lmeasure import se3
 from lmeasure.calibration import Campaign, Settings, calibrate
 from lmeasure.calibration.continuing import continued
 from lmeasure.calibration.motion import campaign_of
-from lmeasure.calibration.unknowns import unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.observation.parameters import value_of, with_values

@@ -114,12 +114,15 @@ CORE = {
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
     "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
-    "calibration/unknowns.py": [
-        "tests/calibration/test_recover.py",
-        "tests/calibration/test_visits.py",
-        "-k",
-        "exact_poses or stated_pose or default or two_passes or visit",
-    ],
+    **dict.fromkeys(
+        ("calibration/residuals.py", "calibration/unknowns.py"),
+        [
+            "tests/calibration/test_recover.py",
+            "tests/calibration/test_visits.py",
+            "-k",
+            "exact_poses or stated_pose or default or two_passes or visit",
+        ],
+    ),
     "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
     "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
     "trajectory/exact.py": ["tests/test_taken_as_exact.py"],

@@ -20,8 +20,9 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, Settings, calibrate
 from lmeasure.calibration.frame import condition, model_of
+from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknown_poses import free_components
-from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.estimation import Fit, fit
 from lmeasure.lengths import span_lengths
 

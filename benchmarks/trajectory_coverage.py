@@ -27,7 +27,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "calibration"))
 
 from random_campaigns import Drawn, draw, true_values
 
-from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.calibration_record import CalibrationRecord, Parameter
 from lmeasure.counts import Counts
 from lmeasure.errors import LMeasureError

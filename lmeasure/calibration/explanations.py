@@ -8,7 +8,8 @@ import numpy as np
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation.explanations import Explanation, Key
 from lmeasure.observation.parameters import GROUPS, group_names
 from lmeasure.rig import Cable

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign
-from lmeasure.calibration.unknowns import Frame, Model
+from lmeasure.calibration.residuals import Frame
+from lmeasure.calibration.unknowns import Model
 from lmeasure.encoder_table import Inclination
 from lmeasure.estimation import Parameters
 from lmeasure.kernels.cable import guide_direction

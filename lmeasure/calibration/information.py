@@ -14,7 +14,8 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign, extended
-from lmeasure.calibration.unknowns import Model, parameters_of
+from lmeasure.calibration.residuals import parameters_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Parameters
 from lmeasure.estimation.information import blocks
 from lmeasure.kernels import cable as cable_kernels

@@ -14,8 +14,9 @@ import scipy.stats
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.frame import model_of
+from lmeasure.calibration.residuals import ROTATIONS, Frame, unknowns_of
 from lmeasure.calibration.unknown_poses import check_equations, fit_pose, oriented
-from lmeasure.calibration.unknowns import ROTATIONS, Frame, Model, unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Fit, Parameters, fit
 from lmeasure.kernels.cable import span_lengths

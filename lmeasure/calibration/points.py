@@ -12,7 +12,8 @@ from lmeasure.calibration.campaign import Campaign, of_cables
 from lmeasure.calibration.coarse import CoarseSolution, coarse_solutions
 from lmeasure.calibration.known_lengths import Distance
 from lmeasure.calibration.lp_search import Box, point_data, search_point
-from lmeasure.calibration.unknowns import Frame, Model, unknowns_of
+from lmeasure.calibration.residuals import Frame, unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Fit, fit
 from lmeasure.observation.parameters import GUIDE, PLACE
 

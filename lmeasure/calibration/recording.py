@@ -9,7 +9,8 @@ from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.dimensions import Dimensions
 from lmeasure.calibration.guard import AgainstNominal
 from lmeasure.calibration.prediction import Prediction
-from lmeasure.calibration.unknowns import COMPONENTS, Model
+from lmeasure.calibration.residuals import COMPONENTS
+from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import HeldOut, deletion_residuals
 from lmeasure.calibration_record import CalibrationRecord, Finding, Parameter, Residual, Unobservable
 from lmeasure.conventions import QUATERNION_COLUMNS

@@ -20,9 +20,10 @@ from lmeasure.calibration.points import Point, Settings, box_of, coarse_entry, s
 from lmeasure.calibration.prediction import Prediction, predict, taken_as_exact
 from lmeasure.calibration.ranges import position_range
 from lmeasure.calibration.recording import held_out_entry, make_record, nominal_entry, predicted_entry
+from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.robust import down_weighted, robust_poses, weights_entry
 from lmeasure.calibration.unknown_poses import counted_poses, free_components
-from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.calibration.validation import HeldOut, held_out
 from lmeasure.calibration_record import CalibrationRecord, Finding
 from lmeasure.errors import CalibrationError

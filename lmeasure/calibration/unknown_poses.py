@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign, of_cables
-from lmeasure.calibration.unknowns import ROTATIONS, Model
+from lmeasure.calibration.residuals import ROTATIONS
+from lmeasure.calibration.unknowns import Model
 from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Parameters
 from lmeasure.kernels import layout

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.calibration.campaign import Campaign, of_cables, read_campaign
+from lmeasure.calibration.campaign import Campaign, of_cables
+from lmeasure.calibration.campaign_files import read_campaign
 from lmeasure.capture.folder import CaptureFolder
 from lmeasure.capture.forecast import Expected, Forecast, Worth
 from lmeasure.errors import LMeasureError

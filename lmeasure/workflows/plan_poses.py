@@ -26,7 +26,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     import numpy as np
 
     from lmeasure.calibration import planning
-    from lmeasure.calibration.campaign import further_columns
+    from lmeasure.calibration.campaign_files import further_columns
     from lmeasure.calibration.plan_summary import summary
     from lmeasure.calibration.reach import Limits
     from lmeasure.conventions import convention, rounded_angles

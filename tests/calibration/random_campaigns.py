@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Campaign, Settings
 from lmeasure.calibration.frame import in_frame, model_of
+from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknown_poses import free_components
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.lengths import counts_from_poses
 from lmeasure.poses import Poses

@@ -12,7 +12,8 @@ from zeroed import exact_poses, zeroed_exactly
 
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
 from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.calibration_record import read_calibration_record, write_calibration_record
 from lmeasure.errors import CalibrationError, FileFormatError, LMeasureError
 from lmeasure.estimation import fit

@@ -8,7 +8,8 @@ from test_with_encoders import campaign_of, swivelled
 
 from lmeasure.calibration.effects_named import effects, named_effects
 from lmeasure.calibration.frame import model_of
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import fit
 
 SIZE = {"run-out of the drum": 0.15, "an eccentric pulley": 0.4, "an eccentric encoder": 0.0015, "a swivel axis beside the groove": 1.5}

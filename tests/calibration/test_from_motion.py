@@ -21,7 +21,7 @@ from lmeasure.calibration.continuing import continued
 from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.known_lengths import Distance, distance_of
 from lmeasure.calibration.motion import campaign_of
-from lmeasure.calibration.unknowns import unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.cli import app
 from lmeasure.errors import CalibrationError

@@ -11,7 +11,8 @@ from scipy.optimize import least_squares
 from zeroed import zeroed_exactly
 
 from lmeasure.calibration import Settings, calibrate, read_campaign
-from lmeasure.calibration.unknowns import Model, rig_with, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.errors import CalibrationError
 
 

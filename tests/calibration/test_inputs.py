@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure.calibration import Settings, calibrate, read_campaign
 from lmeasure.calibration.dwells import mean_variance, noise_of, pooled_scatter, rounding_left
 from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.errors import CalibrationError, FileFormatError
 from lmeasure.files import read_table, write_table
 from lmeasure.lengths import counts_from_poses
@@ -185,5 +186,5 @@ def test_a_channel_that_never_counts_is_refused_unless_its_cable_may_have_kept_i
     note = "channel ch1: all its counts are zero; its cable is taken to have kept its length"
     assert note in read_campaign(folder).notes
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
-    monkeypatch.setattr("lmeasure.calibration.campaign.STILL_PART", 2.0)
+    monkeypatch.setattr("lmeasure.calibration.campaign_files.STILL_PART", 2.0)
     assert note in read_campaign(folder).notes

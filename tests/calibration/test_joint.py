@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from lmeasure.calibration import Calibration, Campaign, Settings, calibrate, read_campaign
 from lmeasure.calibration.frame import model_of, motions, moved
 from lmeasure.calibration.joint import solve_jointly
+from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknown_poses import free_components
-from lmeasure.calibration.unknowns import unknowns_of
 from lmeasure.cli import app
 from lmeasure.errors import CalibrationError
 from lmeasure.files import read_table, write_table

@@ -15,8 +15,9 @@ from lmeasure.calibration import Campaign, Settings, calibrate
 from lmeasure.calibration.compare import Earlier, compare
 from lmeasure.calibration.frame import condition, in_frame, model_of, motions, moved
 from lmeasure.calibration.joint import solve_jointly
+from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknown_poses import counted_poses, free_components
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import deletion_residuals, shifted_lengths
 from lmeasure.calibration_record import CalibrationRecord, Input
 from lmeasure.errors import CalibrationError

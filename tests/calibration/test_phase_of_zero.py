@@ -15,7 +15,8 @@ from lmeasure.calibration import Campaign, read_campaign
 from lmeasure.calibration.campaign import of_cables
 from lmeasure.calibration.dwells import rounding_left
 from lmeasure.calibration.information import Instrument
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import fit
 from lmeasure.estimation.regions import regions
 from lmeasure.files import write_table

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lmeasure.calibration.campaign import read_campaign
+from lmeasure.calibration.campaign_files import read_campaign
 from lmeasure.calibration.slips import without_slips
 from lmeasure.errors import CalibrationError, LMeasureError
 from lmeasure.foreign import columns_of

@@ -7,7 +7,8 @@ from random_campaigns import Drawn, draw
 
 from lmeasure.calibration import calibrate
 from lmeasure.calibration.noise import Noise
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Fit, fit
 from lmeasure.estimation.regions import Regions, regions
 

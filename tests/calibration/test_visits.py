@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Campaign, Settings, calibrate, read_campaign
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration.validation import deletion_residuals
 from lmeasure.errors import FileFormatError
 from lmeasure.estimation import fit

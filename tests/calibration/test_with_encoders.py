@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from lmeasure.calibration import Campaign, Settings, calibrate, read_campaign
 from lmeasure.calibration.frame import condition, free_motions, model_of, motions, moved
 from lmeasure.calibration.information import Instrument
-from lmeasure.calibration.unknowns import Model, unknowns_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.errors import CalibrationError, FileFormatError
 from lmeasure.estimation.information import parameter_information
 from lmeasure.lengths import counts_from_poses, recorded_from_counts, span_lengths
