@@ -72,6 +72,12 @@ _STRAIGHT = ["tests/lcoordinate/test_straight.py", "-k", "not forty and not mono
 _KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
 _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
+_CAMPAIGNS = [
+    "tests/calibration/test_recover.py",
+    "tests/calibration/test_visits.py",
+    "-k",
+    "exact_poses or stated_pose or default or two_passes or visit",
+]
 CORE = {
     "kernels/cable.py": ["tests/kernels/test_cable.py"],
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
@@ -114,15 +120,8 @@ CORE = {
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
     "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
-    **dict.fromkeys(
-        ("calibration/residuals.py", "calibration/unknowns.py"),
-        [
-            "tests/calibration/test_recover.py",
-            "tests/calibration/test_visits.py",
-            "-k",
-            "exact_poses or stated_pose or default or two_passes or visit",
-        ],
-    ),
+    "calibration/residuals.py": _CAMPAIGNS,
+    "calibration/unknowns.py": _CAMPAIGNS,
     "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
     "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
     "trajectory/exact.py": ["tests/test_taken_as_exact.py"],
