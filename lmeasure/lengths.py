@@ -321,33 +321,41 @@ def zero_temperature(lengths: Lengths, stated: float | None) -> float | None:
 
 def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
     """(n, m) residuals [mm] of each cable at (n, 7) poses on the time base of pass 1, as `lengths_from_counts` has it: change by the counts
-    less change by the model.
+    less change by the model. Of a run whose start is unknown they are about their mean.
 
     NaN where the pose or the count is not known.
     """
-    return LengthResiduals(run.rig, run.known_start, run.temperature_c).of(lengths_from_counts(run), poses)
+    return LengthResiduals(run.rig, run.start, run.temperature_c).of(lengths_from_counts(run), poses)
 
 
 class LengthResiduals:
     """`length_residuals` of a run from its start pose (7,), given the lengths of one piece of it after the other.
 
-    temperature_c is that at the start; None: that of the first sample that has one.
+    start: None where it is unknown: what was out when a counter was zeroed is then what leaves no mean residual in the first piece that
+    tells. temperature_c is that at the start; None: that of the first sample that has one.
     """
 
-    def __init__(self, rig: Rig, start: FloatArray, temperature_c: float | None = None) -> None:
+    def __init__(self, rig: Rig, start: FloatArray | None, temperature_c: float | None = None) -> None:
         self._rows, self._effects = rig.cable_rows(), effects_of(rig)
         self._start, self._temperature_c = start, temperature_c
-        self._begun = cable_kernels.span_lengths(self._rows, start[None, :])
+        m = len(self._rows)
+        self._begun = np.full((1, m), np.nan) if start is None else cable_kernels.span_lengths(self._rows, start[None, :])
 
     def of(self, lengths: Lengths, poses: FloatArray) -> FloatArray:
         """(n, m) residuals [mm] at the piece's (n, 7) poses."""
         lengths = lengths.of_cables()
-        modelled = cable_kernels.span_lengths(self._rows, np.ascontiguousarray(poses)) - self._begun
+        modelled = cable_kernels.span_lengths(self._rows, np.ascontiguousarray(poses))
+        known = np.flatnonzero(np.isfinite(poses[:, 0]))
+        if self._start is None and len(known):
+            self._start = poses[known[0]]
         effects = self._effects
-        if effects is not None:
+        if effects is not None and self._start is not None:
             self._temperature_c = zero_temperature(lengths, self._temperature_c)
             start = zero_at(self._start, len(self._rows), effects.reference_c if self._temperature_c is None else self._temperature_c)
             warm = np.tile(start.temperature_c, (len(poses), 1)) if lengths.temperature_c is None else lengths.temperature_c
             warm = np.where(np.isfinite(warm), warm, start.temperature_c)
             modelled = modelled + effects.excess(self._rows, start, poses, lengths.counts, temperature_c=warm)
-        return np.asarray(lengths.change_mm - modelled)
+        out = modelled - lengths.change_mm
+        told = np.isnan(self._begun[0]) & np.isfinite(out).any(axis=0)
+        self._begun[0, told] = np.nanmean(out[:, told], axis=0)
+        return np.asarray(self._begun - out)

@@ -90,7 +90,7 @@ class Run(Shown):
     @property
     def known_start(self) -> FloatArray:
         """(7,) the start pose; TrajectoryError, which says what to do, where it is unknown."""
-        return known(self.start, self.passes[0].source if self.passes else "")
+        return known(self.start, self.passes[0].source if self.passes else "", self.rig)
 
 
 @dataclass(frozen=True)
@@ -109,16 +109,18 @@ class RunHead:
     @property
     def known_start(self) -> FloatArray:
         """As that of `Run`."""
-        return known(self.start, str(self.counts[0]))
+        return known(self.start, str(self.counts[0]), self.rig)
 
 
-def known(start: FloatArray | None, source: str) -> FloatArray:
+def known(start: FloatArray | None, source: str, rig: Rig) -> FloatArray:
     """(7,) the start pose; TrajectoryError, which names the source, where it is unknown."""
     if start is None:
         run = f"{source}: " if source else ""
+        absolute = any(rig.counter(o).codes is not None for o in rig.observed)
+        why = "what is asked needs it stated" if absolute else "its channels are not absolute"
         raise TrajectoryError(
-            f"{run}the start pose of this run is not known, and its channels are not absolute: state [start] in run.toml, a pose or "
-            "lengths_mm, or give it to `reconstruct` by --start"
+            f"{run}the start pose of this run is not known, and {why}: state [start] in run.toml, a pose or lengths_mm, or give it to "
+            "`reconstruct` by --start"
         )
     return start
 

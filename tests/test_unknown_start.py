@@ -53,12 +53,15 @@ def test_nothing_is_reconstructed_from_an_unknown_start(tmp_path: Path, note: st
     known = record(cell(), *motion(40))
     for use in (
         lambda: reconstruct(run),
-        lambda: length_residuals(run, motion(40)[1]),
         lambda: covariances(reconstruct(known), run),
         lambda: read_run_head(tmp_path / "run").known_start,
     ):
         with pytest.raises(TrajectoryError, match=r"pass1\.csv: " + UNKNOWN):
             use()
+    # at poses that are known otherwise what is left needs no start
+    left = length_residuals(run, motion(40)[1])
+    np.testing.assert_allclose(left.mean(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(left, (whole := length_residuals(known, motion(40)[1])) - whole.mean(axis=0), atol=1e-9)
     for extra in ((), ("--uncertainty", "monte-carlo")):
         code, text = command("reconstruct", tmp_path / "run", "--out", tmp_path / "t.csv", *extra)
         assert code == 1

@@ -64,7 +64,7 @@ class LivePose:
         if any(isinstance(e, Swivel) and e.backlash_deg for e in rig.encoders):
             raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out the play of swivels, which this rig states")
         if start is None and not enough_absolute(rig):
-            known(None, f"rig {rig.name!r}")
+            known(None, f"rig {rig.name!r}", rig)
         self.channels = tuple(o.channel for o in rig.observed)
         self.why = "" if start is not None else "no attempt to find the start yet"
         self._rig, self._start, self._calibration, self._aside = rig, start, calibration, aside

@@ -9,12 +9,13 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.cable import changes_from_counts
-from lmeasure.kernels.layout import BY_RADIUS, BY_SCALE, WIDTH
+from lmeasure.kernels.layout import BY_RADIUS, BY_SCALE, CABLE, KIND, WIDTH
 from lmeasure.lengths import Lengths
 from lmeasure.observation.parameters import kernel_values, with_kernel_values
+from lmeasure.trajectory.budget import Budget
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import Situation, drawn
+from lmeasure.trajectory.sources import Situation, Told, drawn, standard
 
 Progress = Callable[[int, int], None]
 
@@ -48,10 +49,11 @@ def by_monte_carlo(
     u_mm = lengths.u_mm
     of = trials * (2 if budget.sources else 1)
     lengths = reconstruction.corrected(lengths)
-    # what temperature, stretch and sag have taken off the changes stays with the trials
-    offset = 0.0 if reconstruction.correction is None else lengths.change_mm - changes_from_counts(rows, counts)
+    # what temperature, stretch and sag, and origins that the run told, have taken off the changes stays with the trials
+    corrected = reconstruction.correction is not None or budget.told is not None
+    offset = lengths.change_mm - changes_from_counts(rows, counts) if corrected else 0.0
     situation = Situation(lengths.time_s, trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
-    shifts = np.nan_to_num(budget.lengths_of(situation, budget.by_length))
+    shifts = np.empty(0) if budget.told is not None else np.nan_to_num(budget.lengths_of(situation, budget.by_length))
 
     def random_trial() -> FloatArray:
         within = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales
@@ -60,11 +62,20 @@ def by_monte_carlo(
             changes += u_mm * generator.standard_normal(changes.shape)
         return reconstruction.solve(rows, start, changes, lengths.flags)
 
+    def by_other_parameters(shift: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rows and changes of the lengths when the parameters are off by shift (13 m,)."""
+        each = shift.reshape(len(rows), WIDTH)
+        moved, scales = moved_rows(rows, each), budget.scales
+        k = counts * scales / (scales + each[:, BY_SCALE])
+        return moved, changes_from_counts(moved, k) + offset
+
     def systematic_trial() -> FloatArray:
-        shift = (factor @ generator.standard_normal(factor.shape[1])).reshape(len(rows), WIDTH)
-        moved, scales = moved_rows(rows, shift), budget.scales
-        k = counts * scales / (scales + shift[:, BY_SCALE])
-        changes = changes_from_counts(moved, k) + offset + shifts @ drawn(budget.by_length, generator)
+        if budget.told is not None:
+            shift, errors = as_told(budget, budget.told, situation, generator)
+            moved, changes = by_other_parameters(shift)
+            return reconstruction.solve(moved, start, changes + np.nan_to_num(errors), lengths.flags)
+        moved, changes = by_other_parameters(factor @ generator.standard_normal(factor.shape[1]))
+        changes += shifts @ drawn(budget.by_length, generator)
         return reconstruction.solve(moved, budget.drawn_start(generator, moved), changes, lengths.flags)
 
     done = [0]
@@ -84,10 +95,22 @@ def by_monte_carlo(
     )
 
 
+def as_told(budget: Budget, told: Told, situation: Situation, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """A draw of all that a run shares which told of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m) by
+    whatever else there is. What an origin took up of a parameter errs with it."""
+    own = [standard(generator, (len(s.names),), s.uniform and s not in budget.origins) for s in budget.every]
+    drawn, r = told.mix @ np.concatenate(own), budget.parameters.shape[1]
+    # those of the parameters stand first
+    others = [budget.lengths_of(situation, (source,)) for source in (budget.every[1:] if r else budget.every)]
+    return np.asarray(budget.parameters @ drawn[:r]), np.asarray(np.concatenate(others, axis=2) @ drawn[r:])
+
+
 def moved_rows(rows: FloatArray, shift: FloatArray) -> FloatArray:
     """(m, columns) rows of cables whose parameters are moved by shift (m, 13), in the order of `PARAMETERS`; scale has no place there."""
     values = kernel_values(rows) + shift
-    values[:, BY_RADIUS] = np.maximum(values[:, BY_RADIUS], 0.0)
+    cables = rows[:, KIND] == CABLE
+    # an encoder has its zero there
+    values[cables, BY_RADIUS] = np.maximum(values[cables, BY_RADIUS], 0.0)
     return with_kernel_values(rows, values)
 
 

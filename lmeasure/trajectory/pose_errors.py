@@ -9,11 +9,15 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.findings import Finding, finding, recognised
 from lmeasure.run import Run
+from lmeasure.trajectory.budget import ORIGINS, RESTORED
 from lmeasure.trajectory.evidence import CLOSURE
 from lmeasure.trajectory.passes import Alignment
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.run_covariances import covariances
 from lmeasure.trajectory.sources import PHASE
+
+OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)
+"""Sources that err anew in every run."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ class ErrorsOfRun:
             np.nan_to_num(found.factors),
             rounded=True,
             uniform=found.uniform,
-            counted=tuple(s in (PHASE, CLOSURE) for s in found.sources),
+            counted=tuple(s in OF_COUNTERS for s in found.sources),
         )
         sources = finding("source.counts"), *(recognised(s) or s for s in dict.fromkeys(found.sources))
         return errors, finding("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)

@@ -51,7 +51,7 @@ def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
     """The first sample at which enough absolute channels are read; TrajectoryError where there is none."""
     usable = np.isfinite(absolute_channels(rig))
     if not usable.any():
-        return int(known(None, source)[0])
+        return int(known(None, source, rig)[0])
     seen = np.isfinite(lengths.change_mm[:, usable]).sum(axis=1)
     enough = np.flatnonzero(seen >= len(FREEDOMS))
     if not len(enough):

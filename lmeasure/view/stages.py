@@ -88,7 +88,7 @@ def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
     """
     rig = head.rig
     with _recording_of(rig, path) as rec:
-        motion, residuals = TrajectoryLog(rec, rig), LengthResiduals(rig, head.known_start, head.temperature_c)
+        motion, residuals = TrajectoryLog(rec, rig), LengthResiduals(rig, head.start, head.temperature_c)
         of_cables, of_channels, told = _residual_series(rec, rig), None, False
 
         def add(counts: Counts, lengths: Lengths, trajectory: Trajectory) -> None:

@@ -1,11 +1,13 @@
 """A small certified campaign on the simulated cell, for tests of everything behind the figures."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 from scipy.spatial.transform import Rotation
 
+from lmeasure.rig import Rig
 from lmeasure.run import read_run, write_run
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import reconstruct, write_trajectory
@@ -15,10 +17,13 @@ POSES = {"P1": (0.0, 0.0, 0.0), "P2": (120.0, 90.0, -80.0), "P3": (-110.0, 80.0,
 CYCLES, RATE_HZ, DWELL_S, SPEED_MM_S = 5, 100.0, 0.5, 400.0
 
 
-def write_campaign(folder: Path, names: dict[str, str] | None = None, *, seed: int = 0, offset_mm: float = 0.3) -> None:
+def write_campaign(
+    folder: Path, names: dict[str, str] | None = None, *, seed: int = 0, offset_mm: float = 0.3, rig: Rig | None = None
+) -> None:
     """run/, trajectory.parquet and program.toml: three poses in five cycles, and a line from P2 to P3 in each.
 
-    names: to be written instead of P1, P2, P3 and line. The robot misses every pose by offset_mm along X and scatters by 0.1 mm.
+    names: to be written instead of P1, P2, P3 and line. The robot misses every pose by offset_mm along X and scatters by 0.1 mm. rig: whose
+    absolute encoders tell where the run began, which nobody states then.
     """
     rng = np.random.default_rng(seed)
     shown = {name: name for name in (*POSES, "line")} | (names or {})
@@ -51,6 +56,6 @@ def write_campaign(folder: Path, names: dict[str, str] | None = None, *, seed: i
     }  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "program.toml").write_text(tomli_w.dumps(program), encoding="utf-8")
-    simulated = simulate_run(cell_rig(seed), time_s, poses, noise_mm=0.0, rng=rng)
-    write_run(folder / "run", simulated.run)
+    run = simulate_run(rig or cell_rig(seed), time_s, poses, noise_mm=0.0, rng=rng).run
+    write_run(folder / "run", run if rig is None else replace(run, start=None))
     write_trajectory(folder / "trajectory.parquet", reconstruct(read_run(folder / "run")))

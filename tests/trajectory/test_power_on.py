@@ -2,19 +2,25 @@
 
 import json
 import shutil
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "certification"))
+
+from campaigns import write_campaign
 from test_truth import AUTHORITY, truth_of
 from typer.testing import CliRunner
 
 from lmeasure import se3
 from lmeasure.cli import app
-from lmeasure.lengths import span_lengths
+from lmeasure.lengths import length_residuals, span_lengths
 from lmeasure.run import read_run
-from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory import read_trajectory, reconstruct
 from lmeasure.trajectory.origins import repeats
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.prepared import prepared
@@ -54,6 +60,49 @@ def test_origins_are_found_as_well_as_is_stated() -> None:
     assert float(off @ np.linalg.solve(covariance, off)) < 25.0
     assert np.sqrt(np.diag(covariance)).max() < 0.01
     assert 0.8 < told.chi_squared / told.freedom < 1.2
+
+
+def test_by_monte_carlo_the_origins_err_as_by_the_linear_law() -> None:
+    run = read_run(AUTHORITY / "swivel-run")
+    (counts,) = run.passes
+    run = replace(run, passes=(replace(counts, time_s=counts.time_s[::100], recorded=counts.recorded[::100]),))
+    linear, drawn = reconstruct(run), reconstruct(run, trials=200, seed=1)
+    for part in ("random", "systematic"):
+        ratio = np.einsum("nii->ni", getattr(drawn, part)).mean(axis=0) / np.einsum("nii->ni", getattr(linear, part)).mean(axis=0)
+        # a variance of 200 draws is known to 10 %
+        assert 0.65 < ratio.min() < ratio.max() < 1.4
+
+
+def test_every_command_that_takes_a_run_takes_one_without_a_start(tmp_path: Path) -> None:
+    folder = copied("swivel-run", tmp_path)
+    given = folder / "pass1.csv"
+    given.write_text("\n".join(given.read_text().splitlines()[:301]) + "\n")
+    found = tmp_path / "t.parquet"
+    for words in (
+        ["reconstruct", folder, "--out", found, "--rerun", tmp_path / "t.rrd"],
+        ["report", folder, "--out", tmp_path / "page"],
+        ["motion", found, "--out", tmp_path / "motion.csv"],
+    ):
+        done = CliRunner().invoke(app, [str(w) for w in words])
+        assert done.exit_code == 0, (words, done.output, done.exception)
+    # residuals without what was out nobody knows where: none is larger than some counts
+    left = length_residuals(read_run(folder), read_trajectory(found).poses)
+    assert 0.001 < np.abs(left).max() < 0.04
+    for words in (["check-instrument", folder, "--out", tmp_path / "c"], ["calibrate", folder, "--self", "--out", tmp_path / "k"]):
+        done = CliRunner().invoke(app, [str(w) for w in words])
+        assert done.exit_code == 1
+        assert "start" in str(done.exception)
+
+
+def test_a_certificate_holds_the_start_that_nobody_stated(tmp_path: Path) -> None:
+    """Its uncertainty is common to all poses; figures of differences know it."""
+    write_campaign(tmp_path, rig=read_run(AUTHORITY / "swivel-run").rig)
+    given = ("trajectory.parquet", "--run", "run", "--program", "program.toml", "--out", "certificate", "--trials", "400")
+    done = CliRunner().invoke(app, ["certify", *(w if w.startswith("-") or w == "400" else str(tmp_path / w) for w in given)])
+    assert done.exit_code == 0, (done.output, done.exception)
+    content = json.loads((tmp_path / "certificate" / "certificate.json").read_text())
+    assert "origins of the channels" in json.dumps(content)
+    assert content["instrument"]["systematic_sha256"] is None
 
 
 def test_without_an_absolute_channel_or_with_too_few_it_is_said(tmp_path: Path) -> None:
