@@ -17,7 +17,7 @@ offset is C - g - K t_m/N: the radii and the centre distance do not enter it.
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -252,11 +252,18 @@ def drums_into(content: Mapping[str, Any], measured: tuple[DrumMeasurement, ...]
     return data
 
 
-def drum_summary(measured: DrumMeasurement) -> str:
-    """One line for a person: what goes into the rig file, and the angles to check it by."""
+def drum_summary(measured: Sequence[DrumMeasurement]) -> list[str]:
+    """Lines for a person, one for all drums that are alike: what goes into the rig file, and the angles to check it by."""
+    points: dict[str, list[str]] = {}
+    for m in measured:
+        points.setdefault(_figures(m), []).append(m.point)
+    return [f"{', '.join(names)}: {figures}" for figures, names in points.items()]
+
+
+def _figures(measured: DrumMeasurement) -> str:
     g, (u_tangent, u_offset) = drum_geometry(measured), drum_uncertainty(measured)
     return (
-        f"{measured.point}: tangent {g.tangent_length_mm:.3f} mm (u {u_tangent:.3f}), "
+        f"tangent {g.tangent_length_mm:.3f} mm (u {u_tangent:.3f}), "
         f"axial offset {g.axial_offset_mm:.3f} mm (u {u_offset:.3f}), {g.count_length_mm:.6g} mm per count; "
         f"groove angle {math.degrees(g.groove_angle):.3f} deg, drum to fixed pulley {g.stretch_mm:.3f} mm at k = 0"
     )

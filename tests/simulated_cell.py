@@ -3,8 +3,8 @@ poses.
 
     python simulated_cell.py RIG.toml PLANNED.csv '{"interface": "udp_multicast", ...}'
 
-RIG.toml is the rig as it was built. What is done stands on standard input, a line each: `pull c1`, `let c1`, `turn B1`, `go 3` (the pose of
-that name). Counters were zeroed at the first pose, where the robot stands.
+RIG.toml is the rig as it was built. What is done stands on standard input, a line each: `pull c1`, `let c1`, `turn B1`, `rest all` (what
+was pulled or turned goes back), `go 3` (the pose of that name). Counters were zeroed at the first pose, where the robot stands.
 """
 
 import json
@@ -53,7 +53,8 @@ def main(rig_file: str, planned: str, bus: dict[str, Any]) -> None:
                     time.sleep(SAMPLES_S)  # a host that is busy makes the robot slow, not the drums fast
 
     def counted(here: int, there: int) -> np.ndarray:
-        way = motion(rig, poses.rows[[here, there]], 0.0, zero=poses.rows[0], speed_mm_s=SPEED_MM_S).recorded
+        # it stands at the end: the last sample of a motion lies up to a sample before its end
+        way = motion(rig, poses.rows[[here, there]], 0.02, zero=poses.rows[0], speed_mm_s=SPEED_MM_S).recorded
         return np.vstack([way[::2], way[-1:]])  # twice as quick, and to the end
 
     thread = threading.Thread(target=play)
@@ -67,11 +68,12 @@ def main(rig_file: str, planned: str, bus: dict[str, Any]) -> None:
             ways.put(way)
             here, now = there, way[-1]
             continue
-        point = name if what == "turn" else next(c.from_point for c in rig.cable if c.name == name)
-        j, drum = column[next(c.channel for c in rig.cable if c.from_point == point)], rig.point(point).drum
-        paid_out = {"pull": PULL_MM / drum.count_length_mm, "let": 0.0, "turn": drum.counts_per_revolution}[what]
         goal = counted(here, here)[-1]
-        goal[j] += drum.count_sign * paid_out
+        if what != "rest":
+            point = name if what == "turn" else next(c.from_point for c in rig.cable if c.name == name)
+            j, drum = column[next(c.channel for c in rig.cable if c.from_point == point)], rig.point(point).drum
+            paid_out = {"pull": PULL_MM / drum.count_length_mm, "let": 0.0, "turn": drum.counts_per_revolution}[what]
+            goal[j] += drum.count_sign * paid_out
         ways.put(np.linspace(now, goal, 12)[1:])
         now = goal
     ended.set()
@@ -115,6 +117,8 @@ class Person:
             self._tell("let", words[2])
         elif words[0] == "Turn":
             self._tell("turn", words[4])
+        elif words[0] == "Leave" or "ready" in words:
+            self._tell("rest", "all")
         elif "pose" in words and "of" in words:
             self._tell("go", words[words.index("pose") + 1])
 

@@ -56,6 +56,7 @@ def printed_by(command: list[str]) -> str:
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         patch.setattr("sys.argv", command)
+        patch.setattr("sys.stdin", io.StringIO())  # nobody types
         with pytest.raises(SystemExit) as end:
             main()
     # progress goes to standard error too: only a failure's line is part of the page

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from typer.testing import CliRunner
 
 from lmeasure.cli import app
-from lmeasure.drum import DrumMeasurement, choose, drum_geometry, drum_uncertainty, read_drums, with_drums
+from lmeasure.drum import DrumMeasurement, choose, drum_geometry, drum_summary, drum_uncertainty, read_drums, with_drums
 from lmeasure.errors import FileFormatError, RigError
 from lmeasure.rig import read_rig, rig_from_dict
 
@@ -180,6 +180,11 @@ def test_the_command(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, arguments).exit_code == 0
     assert read_rig(tmp_path / "out.toml").point("B2").drum.axial_offset_mm == pytest.approx(20)
     assert CliRunner().invoke(app, ["drum"]).exit_code == 2
+
+
+def test_drums_that_are_alike_are_told_in_one_line() -> None:
+    told = drum_summary([measurement(), measurement(point="B2", centre_distance_mm=160.0), measurement(point="B3")])
+    assert [line.partition(" tangent")[0] for line in told] == ["B1, B3:", "B2:"]
 
 
 COMMENTED = """# my rig

@@ -192,9 +192,10 @@ class Model(Residuals):
         return None if variance is None else variance[self.pose_index]
 
     def found_poses(self, theta: FloatArray, covariance: FloatArray) -> Poses:
-        """The poses at theta, with the uncertainty that the covariance (P, P) of the unknowns states where they were unknown, and the file
-        where they were not."""
-        stated, own = self.campaign.poses, self._stated()
+        """The poses at theta, with the uncertainty that the covariance (P, P) of the unknowns states where they were unknown; where they
+        were not, that of the file, or what was taken in its place where it says nothing."""
+        stated = self.campaign.poses
+        own = self.noise if self.places_known and "position" in stated.absent else self._stated()
         if not len(self.free):
             return stated
         both = np.zeros((len(stated), 6, 6)) if own.covariance is None else own.covariance.copy()

@@ -28,6 +28,7 @@ from lmeasure.program import Program
 from lmeasure.report import correction, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
+from lmeasure.report.shown_figure import ShownFigure
 from lmeasure.report.zone_figures import slices_figure, space_figure
 from lmeasure.rig import Rig
 from lmeasure.robots.corrected_program import Corrected
@@ -46,7 +47,7 @@ def figure_of(what: Any, rig: Rig | None = None) -> go.Figure:
     """The figure of a noun; rig is drawn with what lies in space. LMeasureError for what is none."""
     for kind, draw in DRAWN.items():
         if isinstance(what, kind):
-            return html.settled(draw(what, rig))
+            return ShownFigure(html.settled(draw(what, rig)))
     known = ", ".join(kind.__name__ for kind in DRAWN)
     raise LMeasureError(f"{type(what).__name__} is nothing that can be drawn; what can: {known}")
 

@@ -46,4 +46,4 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Rig]":
     dropped = f"note: the link to {linked} is dropped: it was made with the drums as they were; calibrate again"
     notes = () if linked is None else (dropped,)
     found = {f"{m.point}.{name}": float(getattr(drum_geometry(m), name)) for m in measured for name in WRITTEN}
-    return Result(rig, (*map(drum_summary, measured), *notes), found, notes)
+    return Result(rig, (*drum_summary(measured), *notes), found, notes)

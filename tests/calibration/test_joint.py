@@ -190,6 +190,8 @@ def test_positions_alone_that_state_nothing_say_what_is_taken(tmp_path: Path) ->
     said = {w.code: w.value for w in result.record.warnings}
     assert said["assumed_position"] == pytest.approx(0.02, rel=0.6)
     assert "assumed_rotation" not in said
+    # poses.csv has what was taken, not the size that was assumed before anything was known
+    assert result.campaign.poses.u_position_mm == pytest.approx(np.full(18, said["assumed_position"]))
 
 
 @pytest.mark.parametrize("u_mm", [0.0, 0.02])

@@ -1,5 +1,6 @@
 """A session of a capture, fed sample by sample: what it reads, refuses, takes back, and what it leaves."""
 
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,13 +9,17 @@ import numpy as np
 import pytest
 from capture_bench import RATE_HZ, joined, motion, nominal_of, some_poses, true_rig, write_inputs
 
+from lmeasure.acquisition.decoders import counter_fields
 from lmeasure.acquisition.events import Event
+from lmeasure.acquisition.feed import frames_from_counts
+from lmeasure.acquisition.growing_files import candump_lines
 from lmeasure.acquisition.samples import Samples
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration import calibrate, read_campaign
 from lmeasure.calibration.dwells import mean_variance, pooled_scatter
 from lmeasure.capture.folder import MOST_ROWS, open_folder
 from lmeasure.capture.session import Session, Settings
+from lmeasure.cli import main
 from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError
 from lmeasure.files import read_table
 from lmeasure.lengths import span_lengths
@@ -390,3 +395,36 @@ def test_poses_planned_later_are_joined_to_the_folder(tmp_path: Path) -> None:
     longer = Bench(tmp_path)
     assert longer.out.poses.names == tuple(str(i + 1) for i in range(11))
     assert longer.read == ["1", "2"]
+
+
+@pytest.mark.parametrize(
+    ("way", "lost", "told"),
+    [
+        ([0, 1, 2, 0], 0, ""),
+        ([0, 1, 2, 0], 40, "cal: ch2 did not come back to the counts of the first pose"),
+        ([0, 1], 0, "cal: ended before pose 3 was read; the same command goes on"),
+    ],
+)
+def test_the_command_ends_with_1_where_poses_or_counts_are_missing(
+    way: list[int], lost: int, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From a log that is played to it; what was read is there in any case."""
+    write_inputs(tmp_path, nominal_of(RIG), POSES[:3])
+    driven = going(POSES[way], 0.4)
+    # lost one after the other on the last way, as by a cable that slips: no leap tells of it
+    last = len(driven.recorded) - int(0.5 * RATE_HZ)
+    driven.recorded[:, 1] += np.rint(np.interp(np.arange(len(driven.recorded)), [last - 20, last], [0, lost]))
+    fields = counter_fields(RIG)
+    frames = frames_from_counts(np.arange(len(driven.recorded)) / RATE_HZ, driven.recorded, fields, RIG.can_table.sync_id)
+    (tmp_path / "drive.log").write_bytes(candump_lines(frames))
+    monkeypatch.chdir(tmp_path)
+    words = ["capture", "rig.toml", "--poses", "planned.csv", "--bus", "replay:drive.log", "--fast", "--out", "cal", "--by", "rest"]
+    monkeypatch.setattr("sys.argv", ["lmeasure", *words, "--dwell-s", "0.2", "--settle-s", "0.1"])
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with pytest.raises(SystemExit) as end:
+        main()
+    out, err = capsys.readouterr()
+    assert end.value.code == (1 if told else 0), out
+    assert [line for line in err.splitlines() if line.startswith("lmeasure: ")] == ([f"lmeasure: {told}"] if told else [])
+    assert f"{len(set(way))} of 3 poses read, {len(way)} readings: cal" in out
+    assert len(dict.fromkeys(read_table(tmp_path / "cal" / "counts.csv").text("pose"))) == len(set(way))

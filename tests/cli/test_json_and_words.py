@@ -197,3 +197,33 @@ def test_help_and_errors_in_russian() -> None:
     assert "Ошибка: Нет команды 'calibrat'." in wrong.stderr
     # what is wrong with data stays English
     assert "nowhere: is not a run folder" in run("reconstruct", "nowhere", "--out", "t.csv").stderr
+
+
+def test_what_structure_identify_and_frames_say_is_russian_throughout(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    """Lines of the first by the command, of the others as they come; numbers keep their point."""
+    monkeypatch.setenv("LANGUAGE", "ru")
+    rig = str(TRUTH / "cell-run" / "rig.toml")
+    lines = []
+    for words in (["structure", rig, "--position-mm", "0,0,0", "--to-mm", "100,50,0"], ["structure", "--list"]):
+        monkeypatch.setattr("sys.argv", ["lmeasure", *words])
+        with pytest.raises(SystemExit):
+            main()
+        lines += capsys.readouterr().out.splitlines()
+    lines += map(
+        retold,
+        [
+            "8 real assemblies, 8 with complex ones of 8: all accounted for",
+            "  (5.2982, 10.0000, 7.5184) mm, quaternion (-0.452008, -0.023039, -0.553252, 0.699335), not certified",
+            "1 real assembly closes all links within 0.5 mm; the next one of 1, 2 misses by 3.2 mm: not proved",
+            "boundary at z = 0 mm: open: it leaves the window; met: singular",
+            "84 rows; errors 0.5819 mm before, 0.0805 after, in the mean",
+            "23 of 38 parameters determined by the measurements, the others held by their nominal values",
+            "robot and instrument: 0.0545 mm (one standard deviation of each coordinate)",
+            "rows held out: 0.0981 mm in the mean, 0.2483 at worst, 94.0 % within their u95",
+            "rows held out: none, there are too few",
+            "12 poses; residuals 0.0123 mm in the mean",
+        ],
+    )
+    assert [line for line in lines if set(re.findall(r"[A-Za-z]{4,}", line)) - {"rank"}] == []
+    assert "ранг 6" in " ".join(lines)
+    assert any("0.5819 мм" in line for line in lines)
