@@ -139,14 +139,15 @@ class Bounds:
         """(...,) whether every limit is kept at poses (..., 7)."""
         return np.asarray((self.values(poses) > 0.0).all(axis=-1))
 
-    def with_rates(self, pose: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) the limits at a pose (7,), and (k, q) their rates by displacements (q, 6) of the body (`se3.displaced`), by central
-        differences."""
+    def with_rates(self, poses: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(..., k) the limits at poses (..., 7), and (..., k, q) their rates by displacements (q, 6) of the body (`se3.displaced`), by
+        central differences."""
         step = STEP * rim_mm(self.body) / np.maximum(np.abs(directions * np.repeat([rim_mm(self.body), 1.0], 3)).max(axis=1), 1e-300)
-        off = step[:, None] * directions
-        values = self.values(np.concatenate([pose[None], se3.displaced(pose, np.concatenate([off, -off]))]))
-        q = len(directions)
-        return values[0], np.asarray(((values[1 : 1 + q] - values[1 + q :]) / (2.0 * step[:, None])).T)
+        off, q = step[:, None] * directions, len(directions)
+        beside = se3.displaced(poses[..., None, :], np.concatenate([np.zeros((1, 6)), off, -off]))
+        values = np.moveaxis(self.values(beside), -2, 0)
+        rates = (values[1 : 1 + q] - values[1 + q :]) / (2.0 * step.reshape(-1, *[1] * (values.ndim - 1)))
+        return values[0], np.moveaxis(rates, 0, -1)
 
 
 def _turned(poses: FloatArray, turns: FloatArray) -> FloatArray:

@@ -57,7 +57,7 @@ def cofactors(M: FloatArray) -> FloatArray:
     if (np.abs(det) > SOUND * np.linalg.norm(M, axis=-1).prod(axis=-1)).all():
         return np.asarray(det[..., None, None] * np.swapaxes(np.linalg.inv(M), -1, -2))
     U, s, Vt = np.linalg.svd(M)
-    others = np.stack([np.delete(s, i, axis=-1).prod(axis=-1) for i in range(s.shape[-1])], axis=-1)
+    others = np.where(np.eye(s.shape[-1], dtype=np.bool_), 1.0, s[..., None, :]).prod(axis=-1)
     sign = np.linalg.det(U) * np.linalg.det(Vt)
     return np.asarray((sign[..., None] * others)[..., None, :] * U @ Vt)
 

@@ -14,6 +14,7 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, ComplexArray, FloatArray
 from lmeasure.kernels.homotopy import REACHED, follow
 from lmeasure.lcoordinate import certified, starts, study
+from lmeasure.lcoordinate.exact import ExactLinks
 from lmeasure.lcoordinate.structures import Incidence, incidence
 from lmeasure.lcoordinate.tetrahedra import complex_points
 
@@ -48,13 +49,14 @@ def assemblies(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> A
     found = incidence(base, platform)
     expected = starts.complex_assemblies(found.structure)
     at, of, unit = base.mean(axis=0), platform.mean(axis=0), _unit(base, platform, lengths)
+    exact = ExactLinks.of(base, platform, lengths, origins=(at, of), size=unit)
     a, b, lengths = (base - at) / unit, (platform - of) / unit, lengths / unit
     rows = study.links(a, b, lengths**2)
     points, sure = np.empty((0, 8), dtype=np.complex128), np.empty(0, dtype=np.bool_)
     real, count, rest = sure, 0, points
     for attempt in range(TRIES if expected else 0):
         more = _near(found, rows, a, b, lengths, attempt)
-        told = certified.proved(rows, np.concatenate([points, more]))
+        told = certified.proved(rows, np.concatenate([points, more]), exact)
         new = certified.apart(told)
         points, sure, real = told.points[new], told.certain[new], told.real[new]
         count, rest = len(points), told.points[~told.certain]

@@ -4,6 +4,9 @@ A slice is a plane through a place inside, the orientation kept: where the thesi
 once by a ray and then followed along its tangent, each point put onto it by Newton's method. Where another limit takes over the corner is
 solved for, and the walk goes on along the other. It ends where it began (closed), or where it leaves the window (open): then it is followed
 the other way round too. Pieces that no ray meets, islands behind others, are not looked for.
+
+The walk's steps find how the boundary runs. How far the straight lines between its points are beside it is measured then, all at once, and
+points are put between them until they are within what was asked.
 """
 
 from dataclasses import dataclass
@@ -14,13 +17,17 @@ from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import StructureError
 from lmeasure.lcoordinate.bounds import Bounds
 
-ON_MM = 1e-10  # of the reach: the last step onto the boundary but one
+ON_MM = 1e-6  # of the reach: the last step onto the boundary but one, after which the error is its square
+STILL_MM = 1e-10  # of the reach: the last step to a corner, and one that need be no smaller than that before
 MARCH = 400  # steps along a ray to the window's edge, before a change of sign is halved
 MOST = 5_000  # points of one boundary
 TURN = 0.2  # rad: largest turn of the tangent between two points
 STUCK = 1e-7  # of the reach: a step that small means a corner
 BESIDE, CHECKED = 0.2, 16  # of a step: how far beside it, and at how many places, the inside is looked at
 LOOK = 720  # directions in which one looks around at a corner
+WITHIN = 1e-5  # of the reach: how far lines between points are beside the boundary, where nothing is asked
+QUARTERS = np.array([0.25, 0.5, 0.75])  # of a line: where it is measured
+HALVINGS = 24  # of a line, at most
 
 
 @dataclass(frozen=True)
@@ -46,11 +53,13 @@ class Slice:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A boundary in a slice: places (n, 2) [mm] in order; limit (n,): number of the limit of `Bounds.names` met there; closed or open."""
+    """A boundary in a slice: places (n, 2) [mm] in order; limit (n,): number of the limit of `Bounds.names` met there; closed or open;
+    off_mm: how far straight lines between the places are beside it at most, as measured."""
 
     places: FloatArray
     limit: IntArray
     closed: bool
+    off_mm: float
 
     @property
     def area_mm2(self) -> float | None:
@@ -78,8 +87,9 @@ def first_met(bounds: Bounds, plane: Slice, directions: FloatArray) -> FloatArra
     return np.where(met, (low + high) / 2.0, np.inf)
 
 
-def boundary(bounds: Bounds, plane: Slice, direction: FloatArray, step_mm: float) -> Boundary:
-    """The boundary that a ray along direction (2,) meets, points step_mm apart or nearer where it bends.
+def boundary(bounds: Bounds, plane: Slice, direction: FloatArray, step_mm: float, within_mm: float | None = None) -> Boundary:
+    """The boundary that a ray along direction (2,) meets, points step_mm apart or nearer where it bends, and so near that straight lines
+    between them keep within_mm of it, by default a hundred-thousandth of the reach.
 
     StructureError where the origin is outside, or the ray meets nothing within the reach.
     """
@@ -91,32 +101,64 @@ def boundary(bounds: Bounds, plane: Slice, direction: FloatArray, step_mm: float
     first = radius * np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
     which = int(np.argmin(bounds.values(plane.poses(first))))
     begun = _onto(bounds, plane, first, which)
-    if begun is None:
+    if np.isnan(begun).any():
         raise StructureError("boundary: the limit has no tangent where the ray meets it: look in another direction")
     places, limits, closed = _walk(bounds, plane, begun, which, 1.0, step_mm)
     if not closed:
         back, behind, _ = _walk(bounds, plane, begun, which, -1.0, step_mm)
         places, limits = back[:0:-1] + places, behind[:0:-1] + limits
-    return Boundary(np.array(places), np.array(limits), closed)
+    within = WITHIN * plane.reach_mm if within_mm is None else within_mm
+    return _filled(bounds, plane, np.array(places), np.array(limits), closed=closed, within_mm=within)
 
 
-def _onto(bounds: Bounds, plane: Slice, place: FloatArray, which: int) -> FloatArray | None:
-    """The place (2,) on the limit, by Newton's method along its gradient; None where that fails."""
-    last = False
+def _filled(bounds: Bounds, plane: Slice, places: FloatArray, limits: IntArray, *, closed: bool, within_mm: float) -> Boundary:
+    """The boundary of these places with as many more between them as it takes for lines to keep within_mm of it."""
+    off = np.zeros(0)
+    for again in range(HALVINGS + 1):
+        begin, way = places[: len(places) - (not closed)], np.diff(places, axis=0, append=places[:1] if closed else np.empty((0, 2)))
+        off, nearest = _beside_lines(bounds, plane, begin, way)
+        long = np.flatnonzero((off > within_mm) & (np.linalg.norm(way, axis=1) > within_mm))
+        if again == HALVINGS or not len(long):
+            break
+        between = _onto(bounds, plane, begin[long] + 0.5 * way[long], nearest[long])
+        gone = np.linalg.norm(between - begin[long] - 0.5 * way[long], axis=1)
+        found = gone < 0.5 * np.linalg.norm(way[long], axis=1)
+        if not found.any():
+            break
+        at = long[found] + 1
+        places, limits = np.insert(places, at, between[found], axis=0), np.insert(limits, at, nearest[long[found]])
+    return Boundary(places, limits, closed, float(np.minimum(off, np.linalg.norm(way, axis=1)).max(initial=0.0)))
+
+
+def _beside_lines(bounds: Bounds, plane: Slice, begin: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
+    """(n,) how far lines from begin (n, 2) along way (n, 2) are beside the boundary [mm], at three places of each; and the limit that is
+    nearest to being broken, or broken most, at its middle. Infinite where a limit has no slope."""
+    values, rates = bounds.with_rates(plane.poses(begin[:, None] + QUARTERS[:, None] * way[:, None]), plane.displacements)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = np.nan_to_num(values / np.linalg.norm(rates, axis=-1), nan=np.inf)
+    return np.abs(far.min(axis=-1)).max(axis=-1), np.asarray(far[:, 1].argmin(axis=-1))
+
+
+def _onto(bounds: Bounds, plane: Slice, places: FloatArray, which: int | IntArray) -> FloatArray:
+    """(..., 2) the places on the limits which (...,), by Newton's method along their gradients; NaN where that fails."""
+    out, numbers = np.atleast_2d(places).copy(), np.atleast_1d(which)
+    going, before = np.arange(len(out)), np.full(len(out), np.inf)
     for _ in range(20):
-        values, rates = bounds.with_rates(plane.poses(place), plane.displacements)
-        value, rate = float(values[which]), rates[which]
-        steep = float(rate @ rate)
-        if not (np.isfinite(value) and steep > 0.0):
-            return None
-        step = -value / steep * rate
-        if float(np.linalg.norm(step)) > plane.reach_mm:
-            return None
-        place = place + step
-        if last:
-            return place
-        last = float(np.linalg.norm(step)) <= ON_MM * plane.reach_mm
-    return None
+        values, rates = bounds.with_rates(plane.poses(out[going]), plane.displacements)
+        k = numbers[going]
+        value, rate = values[np.arange(len(k)), k], rates[np.arange(len(k)), k]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = -(value / (rate**2).sum(axis=1))[:, None] * rate
+        size, last = np.linalg.norm(step, axis=1), before[going] <= ON_MM * plane.reach_mm
+        # too far, or no nearer than before, as on a cliff
+        step[~(size <= plane.reach_mm) | (last & (size > np.maximum(0.1 * before[going], STILL_MM * plane.reach_mm)))] = np.nan
+        out[going] += step
+        before[going] = size
+        going = going[~(last | np.isnan(step[:, 0]))]
+        if not len(going):
+            break
+    out[going] = np.nan
+    return out.reshape(np.shape(places))
 
 
 def _corner(bounds: Bounds, plane: Slice, place: FloatArray, one: int, other: int) -> FloatArray | None:
@@ -127,14 +169,18 @@ def _corner(bounds: Bounds, plane: Slice, place: FloatArray, one: int, other: in
             return None
         step = -np.linalg.solve(rates, values)
         place = place + step
-        if float(np.linalg.norm(step)) <= ON_MM * plane.reach_mm:
+        if float(np.linalg.norm(step)) <= STILL_MM * plane.reach_mm:
             return place
     return None
 
 
 def _tangent(bounds: Bounds, plane: Slice, place: FloatArray, which: int, way: float) -> FloatArray:
-    """(2,) unit tangent with the inside on the left of way 1."""
-    rate = bounds.with_rates(plane.poses(place), plane.displacements)[1][which]
+    """(2,) unit tangent at a place with the inside on the left of way 1."""
+    return _along(bounds.with_rates(plane.poses(place), plane.displacements)[1][which], way)
+
+
+def _along(rate: FloatArray, way: float) -> FloatArray:
+    """(2,) unit vector across a limit's gradient, the greater values on the left of way 1."""
     along = way * np.array([rate[1], -rate[0]])
     return np.asarray(along / np.linalg.norm(along))
 
@@ -152,11 +198,11 @@ def _walk(
             limits.append(which)
             h = 100.0 * STUCK * plane.reach_mm
         ahead = _onto(bounds, plane, place + h * tangent, which)
-        if ahead is None or not 0.3 * h < float(np.linalg.norm(ahead - place)) < 2.0 * h:
+        if not 0.3 * h < float(np.linalg.norm(ahead - place)) < 2.0 * h:
             h /= 2.0
             continue
-        turned = _tangent(bounds, plane, ahead, which, way)
-        others = bounds.values(plane.poses(ahead))
+        others, rates = bounds.with_rates(plane.poses(ahead), plane.displacements)
+        turned = _along(rates[which], way)
         others[which] = np.inf
         other, corner = int(np.argmin(others)), None
         if others[other] < 0.0:
@@ -220,7 +266,7 @@ def _around(
     there = place + radius * along
     which = int(np.argmin(bounds.values(plane.poses(there))))
     on = _onto(bounds, plane, there, which)
-    if on is None or float(np.linalg.norm(on - there)) > radius:
+    if not float(np.linalg.norm(on - there)) <= radius:
         raise StructureError(f"boundary: cannot be followed beyond {place[0]:.6g}, {place[1]:.6g} mm")
     return on, along, which
 

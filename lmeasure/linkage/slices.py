@@ -23,13 +23,15 @@ SEEDS = 15  # places in each direction at which a level is looked at for one tha
 
 @dataclass(frozen=True)
 class Piece:
-    """A boundary at a level [mm]: places (n, 3) in the base frame, the limit met at each, whether it is closed, and its area."""
+    """A boundary at a level [mm]: places (n, 3) in the base frame, the limit met at each, whether it is closed, its area, and how far
+    straight lines between the places are beside it at most."""
 
     level_mm: float
     places: FloatArray
     limits: tuple[str, ...]
     closed: bool
     area_mm2: float | None
+    off_mm: float
 
     def line(self, axis: str) -> str:
         """One line for a person."""
@@ -43,6 +45,7 @@ class Piece:
             "level_mm": self.level_mm,
             "closed": self.closed,
             "area_mm2": self.area_mm2,
+            "lines_off_mm": self.off_mm,
             "places_mm": self.places.tolist(),
             "limits": list(self.limits),
         }
@@ -95,7 +98,8 @@ def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float]
 
 def piece(bounds: Bounds, plane: Slice, found: Boundary, level: float) -> Piece:
     """A boundary with its places in the base frame and the names of its limits."""
-    return Piece(level, plane.poses(found.places)[:, :3], tuple(bounds.names[int(i)] for i in found.limit), found.closed, found.area_mm2)
+    met = tuple(bounds.names[int(i)] for i in found.limit)
+    return Piece(level, plane.poses(found.places)[:, :3], met, found.closed, found.area_mm2, found.off_mm)
 
 
 def _seed(bounds: Bounds, plane: Slice) -> FloatArray | None:

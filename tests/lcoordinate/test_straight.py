@@ -6,6 +6,7 @@ from linkages import DIETMAIER, lengths_at, nearest, rig
 
 from lmeasure import se3
 from lmeasure.lcoordinate import certified, starts, straight, study
+from lmeasure.lcoordinate.exact import ExactLinks, whole
 from lmeasure.lcoordinate.structures import Structure, incidence, parse, structures
 from lmeasure.lcoordinate.tetrahedra import closed_form
 
@@ -164,6 +165,58 @@ def test_special_points_have_fewer_assemblies_and_are_done_with_these() -> None:
     found = straight.assemblies(base, platform, lengths_at(base, platform, pose))
     assert (found.complex_found, found.complex_expected, found.status) == (28, 28, straight.ALL)
     assert nearest(found.poses, pose) < 1e-6
+
+
+# of 200 rigs of each structure those that double precision leaves open: near a fold, with large coordinates, and both
+HARD = {"L-222-321:ab-ab-ac": 82, "L-222-3111:ab-ac-ad": 14, "L-2211-2211:ab-ab-c-d": 4, "L-21111-321:bc-a-a-a-b": 191}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_what_double_precision_leaves_open_is_proved_in_whole_numbers(name: str) -> None:
+    base, platform, (pose,) = rig(next(s for s in SOLVABLE if s.notation == name), 1000 + HARD[name])
+    lengths = lengths_at(base, platform, pose)
+    found = straight.assemblies(base, platform, lengths)
+    assert found.status == straight.ALL
+    assert found.certified.all()
+    assert nearest(found.poses, pose) < 1e-8
+    # not without
+    rows, known = study.links(base, platform, lengths**2), study.points(found.poses).astype(np.complex128)
+    exact = ExactLinks.of(base, platform, lengths, origins=(np.zeros(3), np.zeros(3)), size=1.0)
+    with_digits, without = (certified.proved(rows, known, whole).certain for whole in (exact, None))
+    assert with_digits.all()
+    assert without.sum() < len(known) or found.complex_found > len(known)
+
+
+def test_equations_in_whole_numbers_are_those_of_the_links() -> None:
+    """At a turn by (4; 0, 0, 3), whose matrix is one of whole numbers over 25, without a rounding; elsewhere those of the quadrics."""
+    base, platform, _ = rig(parse("L-111111-111111")[0], 3)
+    base, platform = np.round(base), 25.0 * np.round(platform)
+    turn = np.array([(7.0, -24.0, 0.0), (24.0, 7.0, 0.0), (0.0, 0.0, 25.0)]) / 25.0
+    p, e = np.array([0.0, 3.0, -2.0, 8.0]), np.array([4.0, 0.0, 0.0, 3.0])
+    squares = ((platform @ turn.T + p[1:] - base).round() ** 2).sum(axis=1)
+    exact = ExactLinks.of(base, platform, np.arange(6.0), origins=(np.zeros(3), np.zeros(3)), size=1.0)
+    x = whole(np.r_[e, study.product(p, e)][None])
+    # |h|^2 = e.e |p + R b - a|^2
+    np.testing.assert_array_equal(exact.equations(x, 0 * x)[0], [*25.0 * (squares - np.arange(6.0) ** 2), 0.0])
+    rng = np.random.default_rng(1)
+    y, lengths = rng.uniform(-1.0, 1.0, (4, 8)) + 1j * rng.uniform(-1.0, 1.0, (4, 8)), rng.uniform(100.0, 900.0, 6)
+    exact = ExactLinks.of(base, platform, lengths, origins=(np.full(3, 0.3), np.full(3, -0.7)), size=512.0)
+    rows = study.links((base - 0.3) / 512.0, (platform + 0.7) / 512.0, (lengths / 512.0) ** 2)
+    expected = np.einsum("kij,ni,nj->nk", study.quadrics(rows), y, y)
+    np.testing.assert_allclose(exact.equations(whole(y.real), whole(y.imag)), expected, rtol=1e-12, atol=1e-13)
+
+
+def test_a_fold_in_whole_numbers_is_not_proved() -> None:
+    """The three columns of 4.5 five times as large: singular without a rounding, and no digits prove one assembly where two are."""
+    base = np.array([(0, -5, -8), (5, 0, -8), (0, 5, -8), (0, -13, 0), (13, 0, 0), (0, 13, 0)], dtype=float)
+    platform = np.array([(0, -5, 0), (5, 0, 0), (0, 5, 0)] * 2, dtype=float)
+    found = straight.assemblies(base, platform, np.full(6, 8.0))
+    assert found.status == straight.NOT_PROVED
+    here = np.array([[0.0, 0, 0, 0, 0, 0, 1]])
+    exact = ExactLinks.of(base, platform, np.full(6, 8.0), origins=(np.zeros(3), np.zeros(3)), size=1.0)
+    rows, beside = study.links(base, platform, np.full(6, 64.0)), se3.displaced(here, np.full((1, 6), 1e-9))
+    for start in (here, beside):
+        assert not certified.proved(rows, study.points(start).astype(np.complex128), exact).certain.any()
 
 
 def test_boxes_hold_the_assemblies_that_fifty_digits_find() -> None:

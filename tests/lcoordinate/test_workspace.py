@@ -111,6 +111,45 @@ def test_limits_in_several_orientations_are_those_of_the_body_so_turned() -> Non
     assert every.names[len(one.names)] == f"{one.names[0]} in orientation 2"
 
 
+class Lens(Bounds):
+    """Kept within two circles of radius 10 mm, 12 mm apart: what is between is known in closed form."""
+
+    def values(self, poses: FloatArray) -> FloatArray:
+        away = [np.linalg.norm(poses[..., [0, 2]] - middle, axis=-1) for middle in ((6.0, 0.0), (-6.0, 0.0))]
+        return 1.0 - np.stack(away, axis=-1) ** 2 / 100.0
+
+
+@pytest.mark.parametrize("within", [0.1, 1e-3, 1e-6])
+def test_lines_between_places_keep_what_was_asked(within: float) -> None:
+    """Of two circles, by their sagittas, and corners where they meet."""
+    found = boundary(Lens(BASE, BODY, HERE, None), Slice(HERE, XZ, 40.0), np.array([1.0, 0.1]), 2.0, within)
+    assert found.closed
+    assert np.linalg.norm(found.places - (0.0, 8.0), axis=1).min() < 1e-6
+    begin, end = found.places, np.roll(found.places, -1, axis=0)
+    t = np.linspace(0.0, 1.0, 17)[:, None, None]
+    lines = (1.0 - t) * begin + t * end
+    inside = 10.0 - np.maximum(*(np.linalg.norm(lines - middle, axis=-1) for middle in ((6.0, 0.0), (-6.0, 0.0))))
+    assert inside.min() > -1e-9
+    assert 0.2 * within < inside.max() <= within + 1e-9
+    assert found.off_mm == pytest.approx(inside.max(), rel=0.1)
+    assert found.area_mm2 == pytest.approx(200.0 * np.arccos(0.6) - 96.0, rel=within)
+
+
+def test_thesis_5_3_lines_keep_what_was_asked() -> None:
+    within = 1e-3
+    bounds, plane = at_level(1.0, LIMIT)
+    found = boundary(bounds, plane, np.array([0.2, -1.0]), 0.5, within)
+    assert found.closed
+    assert found.off_mm <= within
+    begin, end = found.places, np.roll(found.places, -1, axis=0)
+    normal = np.column_stack([begin[:, 1] - end[:, 1], end[:, 0] - begin[:, 0]]) / np.linalg.norm(end - begin, axis=1)[:, None]
+    for t in (0.13, 0.37, 0.5, 0.81):
+        # a tolerance to the left of the line is inside and to the right of it outside
+        on = (1.0 - t) * begin + t * end
+        assert bounds.inside(plane.poses(on + 1.1 * within * normal)).all()
+        assert not bounds.inside(plane.poses(on - 1.1 * within * normal)).any()
+
+
 class Cliff(Bounds):
     """Kept within a radius of 10 mm, and nowhere telling in which direction that is."""
 
