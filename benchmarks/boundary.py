@@ -62,7 +62,7 @@ def main() -> None:
     ]
     for accuracy in (1e-1, 1e-2, 1e-3):
         began = time.process_time()
-        line = boundary(bounds, plane, np.array([0.2, -1.0]), STEP_MM, accuracy)
+        line = boundary(bounds, plane, np.array([0.2, -1.0]), STEP_MM, within_mm=accuracy)
         spent, count = time.process_time() - began, len(line.places)
         off_line = lines_off(bounds, plane, line.places)
         nodes, steps = float(np.prod((high - low) / accuracy)), count * radius / accuracy

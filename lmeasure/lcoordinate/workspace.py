@@ -87,7 +87,7 @@ def first_met(bounds: Bounds, plane: Slice, directions: FloatArray) -> FloatArra
     return np.where(met, (low + high) / 2.0, np.inf)
 
 
-def boundary(bounds: Bounds, plane: Slice, direction: FloatArray, step_mm: float, within_mm: float | None = None) -> Boundary:
+def boundary(bounds: Bounds, plane: Slice, direction: FloatArray, step_mm: float, *, within_mm: float | None = None) -> Boundary:
     """The boundary that a ray along direction (2,) meets, points step_mm apart or nearer where it bends, and so near that straight lines
     between them keep within_mm of it, by default a hundred-thousandth of the reach.
 

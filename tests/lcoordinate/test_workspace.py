@@ -122,7 +122,7 @@ class Lens(Bounds):
 @pytest.mark.parametrize("within", [0.1, 1e-3, 1e-6])
 def test_lines_between_places_keep_what_was_asked(within: float) -> None:
     """Of two circles, by their sagittas, and corners where they meet."""
-    found = boundary(Lens(BASE, BODY, HERE, None), Slice(HERE, XZ, 40.0), np.array([1.0, 0.1]), 2.0, within)
+    found = boundary(Lens(BASE, BODY, HERE, None), Slice(HERE, XZ, 40.0), np.array([1.0, 0.1]), 2.0, within_mm=within)
     assert found.closed
     assert np.linalg.norm(found.places - (0.0, 8.0), axis=1).min() < 1e-6
     begin, end = found.places, np.roll(found.places, -1, axis=0)
@@ -138,7 +138,7 @@ def test_lines_between_places_keep_what_was_asked(within: float) -> None:
 def test_thesis_5_3_lines_keep_what_was_asked() -> None:
     within = 1e-3
     bounds, plane = at_level(1.0, LIMIT)
-    found = boundary(bounds, plane, np.array([0.2, -1.0]), 0.5, within)
+    found = boundary(bounds, plane, np.array([0.2, -1.0]), 0.5, within_mm=within)
     assert found.closed
     assert found.off_mm <= within
     begin, end = found.places, np.roll(found.places, -1, axis=0)
