@@ -20,6 +20,7 @@ from lmeasure.robots.frame_start import find_frames
 from lmeasure.robots.inverse import reach_mm
 from lmeasure.robots.measurements import Measurements, sides
 from lmeasure.robots.noted import Noted, noted
+from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.robot import AnyRobot, Revolute, Robot
 
@@ -114,15 +115,23 @@ def _size(robot: AnyRobot) -> float:
     """How far its places can spread [mm]."""
     if isinstance(robot, Robot):
         return reach_mm(robot.arm)
+    if isinstance(robot, ParallelFile):
+        return robot.model.size_mm + float(np.linalg.norm(robot.tool_pose[:3]))
     return float(np.ptp(np.array([[leg.min_mm, leg.max_mm] for leg in robot.leg])) + np.linalg.norm(robot.tool_pose[:3]))
 
 
-def _of_platform(robot: PlatformFile) -> Iterator[tuple[Noted, _Slip]]:
-    names = [leg.name for leg in robot.leg]
+def _of_platform(robot: PlatformFile | ParallelFile) -> Iterator[tuple[Noted, _Slip]]:
+    model = robot.model
+    names, sliding = model.joint_names, model.sliding
     for i, k in combinations(range(len(names)), 2):
-        yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
+        if sliding[i] == sliding[k]:
+            yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
+    if not sliding.all():
+        yield noted("units", "units.joints.rad", "joints"), _turns_times(180.0 / math.pi)
+        yield noted("units", "units.joints.deg", "joints"), _turns_times(math.pi / 180.0)
     for factor, unit in ((1e3, "m"), (25.4, "in")):
-        yield _units("lengths", unit, "joints"), _lengths_times(factor)
+        if sliding.any():
+            yield _units("lengths", unit, "joints"), _lengths_times(factor)
         yield _units("places", unit, "measurements"), _places_times(factor)
 
 
@@ -136,7 +145,7 @@ def _units(what: str, unit: str, of: str) -> Noted:
 
 
 def _lengths_times(factor: float) -> _Slip:
-    return lambda robot, rows: (robot, _with_joints(rows, rows.joints * factor))
+    return lambda robot, rows: (robot, _with_joints(rows, rows.joints * np.where(robot.model.sliding, factor, 1.0)))
 
 
 def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]:
@@ -153,8 +162,8 @@ def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]
             yield _swapped("values", names[i], names[k]), _values_swapped(i, k)
             yield _swapped("links", names[i], names[k]), _links_swapped(i, k)
     if turning.any():
-        yield noted("units", "units.joints.rad", "joints"), _joints_times(180.0 / math.pi)
-        yield noted("units", "units.joints.deg", "joints"), _joints_times(math.pi / 180.0)
+        yield noted("units", "units.joints.rad", "joints"), _turns_times(180.0 / math.pi)
+        yield noted("units", "units.joints.deg", "joints"), _turns_times(math.pi / 180.0)
         yield noted("units", "units.robot.rad", "robot"), _robot_times(1.0, 180.0 / math.pi)
     likely = SMALLEST_MM < _size(robot) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
     for factor, unit in ((1e3, "m"), (1e-3, "um"), (25.4, "in")):
@@ -201,11 +210,8 @@ def _links_swapped(i: int, k: int) -> _Slip:
     return slip
 
 
-def _joints_times(factor: float) -> _Slip:
-    def slip(robot: Robot, rows: Measurements) -> tuple[Robot, Measurements]:
-        return robot, _with_joints(rows, rows.joints * np.where(robot.sliding, 1.0, factor))
-
-    return slip
+def _turns_times(factor: float) -> _Slip:
+    return lambda robot, rows: (robot, _with_joints(rows, rows.joints * np.where(robot.model.sliding, 1.0, factor)))
 
 
 def _robot_times(lengths: float, angles: float) -> _Slip:

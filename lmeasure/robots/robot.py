@@ -13,6 +13,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.checked import Name, Strict, checked
 from lmeasure.errors import RobotError
 from lmeasure.robots.fields import Angle, Length, Place, Small
+from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.serial import SerialArm
 from lmeasure.robots.serial_robot import GRAVITY_M_S2, SerialRobot
@@ -198,7 +199,7 @@ class Robot(Strict):
         return self.model_copy(update={"joint": tuple(j.model_copy(update=of.get(j.name, {})) for j in self.joint)})
 
 
-AnyRobot: TypeAlias = Robot | PlatformFile
+AnyRobot: TypeAlias = Robot | PlatformFile | ParallelFile
 """A robot.toml of any kind."""
 
 
@@ -208,6 +209,8 @@ def robot_from_dict(data: dict[str, Any], source: str = "robot") -> AnyRobot:
         raise RobotError(f"{source}: schema: is missing; this program reads {SCHEMA!r}")
     if data.get("kind") in ("hexapod", "cables"):
         return checked(data, PlatformFile, source, RobotError)
+    if data.get("kind") == "parallel":
+        return checked(data, ParallelFile, source, RobotError)
     return checked(data, Robot, source, RobotError)
 
 

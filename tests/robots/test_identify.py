@@ -164,7 +164,7 @@ def test_the_real_arm_is_predicted_as_well_as_by_outside_fits() -> None:
     ("slip", "code", "said"),
     [
         (mistaken._other_way(2), "sign", "joint_3 counts the other way"),
-        (mistaken._joints_times(np.pi / 180), "units", "radians where their columns say degrees"),
+        (mistaken._turns_times(np.pi / 180), "units", "radians where their columns say degrees"),
         (mistaken._robot_times(1.0, np.pi / 180), "units", "angles are radians"),
         (mistaken._values_swapped(1, 2), "swapped", "joint_2 and joint_3 are swapped"),
         (mistaken._robot_times(1e-3, 1.0), "units", "lengths are metres"),

@@ -71,7 +71,8 @@ def forward(mechanism: LegPlatform, drives: FloatArray, start: FloatArray) -> Pl
     """Poses at drives (n, d), each by Newton's method from start (7,) or (n, 7), in the assembly that it leads to."""
     legs = mechanism.legs(drives)
     starts = np.array(np.broadcast_to(start, (len(drives), 7)))
-    status, poses = placed(mechanism.points, np.ascontiguousarray(legs.ends), np.ascontiguousarray(legs.lengths), starts)
+    ends = np.ascontiguousarray(legs.ends)
+    status, poses = placed(mechanism.points, ends, np.ascontiguousarray(legs.lengths), np.zeros_like(ends), starts)
     found = status == Status.OK
     poses[~found] = np.nan
     return Placed(poses, found)

@@ -5,7 +5,9 @@ single coordinate is a bad driver where it stops, as the turn phi about the body
 there are R = Rz(psi) Rx(theta) Rz(phi), unique among all orders and signs for its tables.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -80,19 +82,25 @@ class SevenLink:
         other, _ = self._followed(first, back, step, most)
         return Path(np.array([*other[::-1], first, *forth]), False)
 
-    def _followed(self, first: FloatArray, way: FloatArray, step: float, most: int) -> tuple[list[FloatArray], bool]:
+    def walk(self, first: FloatArray, way: FloatArray, step: float) -> Iterator[FloatArray]:
+        """The poses (7,) after one that closes, by steps of arc length the way of a displacement (6,), until they come back to it."""
         weigh = np.array([self.size] * 3 + [1.0] * 3)
-        out: list[FloatArray] = []
         pose, sign = first, way * weigh
-        for k in range(most):
+        for k in count():
             own = self.tangent(pose)
             own = own if (own * weigh) @ sign >= 0.0 else -own
             following = self.closed(se3.displaced(pose, step * own))
-            if k > 1 and np.linalg.norm(se3.displacement(following, first) * weigh) < 0.75 * step:
-                return [*out, following] if np.linalg.norm(se3.displacement(following, first) * weigh) > 0.25 * step else out, True
-            out.append(following)
+            left = float(np.linalg.norm(se3.displacement(following, first) * weigh))
+            if k > 1 and left < 0.75 * step:
+                if left > 0.25 * step:
+                    yield following
+                return
+            yield following
             pose, sign = following, own * weigh
-        return out, False
+
+    def _followed(self, first: FloatArray, way: FloatArray, step: float, most: int) -> tuple[list[FloatArray], bool]:
+        out = list(islice(self.walk(first, way, step), most + 1))
+        return out[:most], len(out) <= most
 
     def _spans(self, poses: FloatArray) -> FloatArray:
         return np.asarray(poses[..., None, :3] + np.einsum("...ij,nj->...ni", se3.matrices(poses), self.points) - self.anchors)

@@ -7,7 +7,7 @@ The six upper hinges lie on the sides of an equilateral triangle W1 W2 W3, whose
     b6 = W3 + K (W1 - W3)                                                                       (b6 is missing in print)
 
 with v the angle of a pair and r the circle's radius. Three sides |Wi - Wj| = W and six rods |b_i - c_i| = l_i close the loops. All are
-quadratic; Newton's method is one product with a constant matrix per step.
+quadratic.
 """
 
 import math
@@ -17,10 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
+from lmeasure.kernels.legs import triangles
 from lmeasure.robots.mechanisms.crank import CrankPlatform
 from lmeasure.robots.mechanisms.legs import Placed
+from lmeasure.status import Status
 
-_SIDES = ((0, 1), (1, 2), (2, 0))
 _HINGES = ((0, 2), (0, 1), (1, 0), (1, 2), (2, 1), (2, 0))
 """Each hinge: the corner it is near and the corner its side leads to."""
 
@@ -53,36 +54,16 @@ def corners_at(mechanism: CrankPlatform, poses: FloatArray) -> FloatArray:
     return np.asarray(poses[..., None, :3] + np.einsum("...ij,nj->...ni", se3.matrices(poses), own))
 
 
-def forward(mechanism: CrankPlatform, drives: FloatArray, start: FloatArray, iterations: int = 30) -> Placed:
+def forward(mechanism: CrankPlatform, drives: FloatArray, start: FloatArray) -> Placed:
     """Poses at crank angles (n, 3) [rad] from the pose start (7,), for a platform whose hinges lie on a circle in equal pairs."""
     side, part = _side(mechanism)
-    ends = mechanism.legs(drives).ends
-    w = np.array(np.broadcast_to(corners_at(mechanism, start), (len(drives), 3, 3)))
-    # differences of corners, and hinges, as products of constant matrices with the corners
-    edge, rod = np.zeros((3, 3)), np.zeros((6, 3))
-    for k, (i, j) in enumerate(_SIDES):
-        edge[k, i], edge[k, j] = 1.0, -1.0
-    for k, (i, j) in enumerate(_HINGES):
-        rod[k, i], rod[k, j] = 1.0 - part, part
-    still = np.ones(len(drives), dtype=np.bool_)
-    for _ in range(iterations):
-        vectors = np.concatenate([edge @ w[still], rod @ w[still] - ends[still]], axis=1)
-        lacks = np.einsum("nkc,nkc->nk", vectors, vectors) - np.concatenate([np.full(3, side**2), mechanism.rods**2])
-        by = 2.0 * np.einsum("nkc,kw->nkwc", vectors, np.concatenate([edge, rod])).reshape(-1, 9, 9)
-        try:
-            step = np.linalg.solve(by, -lacks[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            step = (np.linalg.pinv(by) @ -lacks[..., None])[..., 0]
-        w[still] += step.reshape(-1, 3, 3)
-        still[np.flatnonzero(still)[np.abs(step).max(axis=1) <= 1e-13 * side]] = False
-        if not still.any():
-            break
-    # rounding keeps the last steps of a solution a few units in the last place apart
-    vectors = np.concatenate([edge @ w, rod @ w - ends], axis=1)
-    off = np.abs(np.linalg.norm(vectors, axis=2) - np.concatenate([np.full(3, side), mechanism.rods])).max(axis=1)
-    found = off <= 1e-11 * side
+    # in parts of the side: the equations are of one size then
+    begin = corners_at(mechanism, start).reshape(9) / side
+    ends = np.ascontiguousarray(mechanism.legs(drives).ends / side)
+    status, corners = triangles(begin, np.array(_HINGES), part, ends, mechanism.rods / side)
+    found = np.asarray(status == Status.OK)
     poses = np.full((len(drives), 7), np.nan)
-    poses[found] = pose(w[found])
+    poses[found] = pose(side * corners[found].reshape(-1, 3, 3))
     return Placed(poses, found)
 
 

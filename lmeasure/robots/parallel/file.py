@@ -1,0 +1,330 @@
+"""A parallel robot as robot.toml states it: its legs, a pose near which it works, and what its joints and carriages allow."""
+
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from lmeasure import se3
+from lmeasure.arrays import FloatArray
+from lmeasure.checked import Name, Strict
+from lmeasure.errors import GeometryError
+from lmeasure.robots.fields import Angle, Length, Place
+from lmeasure.robots.mechanisms.jacobians import nearness
+from lmeasure.robots.parallel.kinds import KINDS
+from lmeasure.robots.parallel.limits import Limits
+from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Leg, Parallel
+from lmeasure.robots.parallel.ways import Driver, way_of
+
+NEAR_HOME = 0.2
+"""Of the platform's size: how far the pose may lie from the stated home in which the legs meet."""
+SINGULAR = 1e-6
+Point = tuple[Length, Length, Length]
+Positive = Annotated[Length, Field(gt=0.0)]
+
+
+class _Leg(Strict):
+    """What every leg has."""
+
+    type: str
+    """Its kind."""
+    name: Name
+    """Of the leg and its joint; `measurements.csv` has its values in `NAME_deg` or `NAME_mm`."""
+    platform_mm: Point
+    """Its upper end, in the flange's frame."""
+
+    @property
+    def values(self) -> FloatArray:
+        """(k,) of its kind's keys, mm and rad."""
+        out = []
+        for key in KINDS[self.type].keys:
+            value = self.base_mm["xyz".index(key[5])] if key.startswith("base_") else getattr(self, key)  # type: ignore[attr-defined]
+            out.append(np.radians(value) if key.endswith("_deg") else value)
+        return np.array(out, dtype=np.float64)
+
+    def limits(self, end: str) -> FloatArray:
+        """(d,) least or most (end "min", "max") of its drives, mm and rad."""
+        out = []
+        for name, slides in KINDS[self.type].drives:
+            value = getattr(self, f"{name[1:]}_{end}_{'mm' if slides else 'deg'}".lstrip("_"))
+            out.append(value if slides else np.radians(value))
+        return np.array(out, dtype=np.float64)
+
+
+class _Turning(_Leg):
+    min_deg: Angle = -360.0
+    """Least value of its joint."""
+    max_deg: Angle = 360.0
+    """Largest value."""
+
+
+class _Sliding(_Leg):
+    min_mm: Length
+    """Least value of its joint."""
+    max_mm: Length
+    """Largest value."""
+
+
+class _Ring(_Turning):
+    ring_mm: Positive
+    """Radius of the circle on which its carriage runs, about the base's z."""
+    height_mm: Length = 0.0
+    """Of its carriage over the base's z = 0."""
+    offset_deg: Angle = 0.0
+    """Azimuth of its carriage at joint value 0."""
+
+
+class Strut(_Sliding):
+    """Of changing length: scale times the joint's value plus offset."""
+
+    type: Literal["strut"]
+    """Of changing length: a hexapod's leg."""
+    base_mm: Point
+    """Its lower end, in the base's frame."""
+    offset_mm: Length = 0.0
+    """Its length at joint value 0."""
+    scale: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
+    """Of the joint's value."""
+    base_axis: Point | None = None
+    """Direction of the lower Hooke joint's first axis, in the base's frame."""
+    platform_axis: Point | None = None
+    """Direction of the upper Hooke joint's first axis, in the flange's frame."""
+
+    @model_validator(mode="after")
+    def _axes_are_two(self) -> Self:
+        if (self.base_axis is None) != (self.platform_axis is None):
+            raise ValueError("base_axis and platform_axis: state both or none")
+        for name, axis in (("base_axis", self.base_axis), ("platform_axis", self.platform_axis)):
+            if axis is not None and not any(axis):
+                raise ValueError(f"{name}: is no direction")
+        return self
+
+
+class Rod(_Leg):
+    """Of constant length between ball joints."""
+
+    type: Literal["rod"]
+    """Of constant length between ball joints."""
+    base_mm: Point
+    """Its lower end, in the base's frame."""
+    rod_mm: Positive
+    """Its length."""
+
+
+class Carriage(_Ring):
+    """A rod from a carriage on a circular guide."""
+
+    type: Literal["carriage"]
+    """A rod from a carriage on a circular guide."""
+    rod_mm: Positive
+    """Its length."""
+    elbow: Literal[1, 2] = 1
+    """At which of the two places for its carriage it stands at home: 1 is turned less."""
+
+
+class Crank(_Turning):
+    """A rod from a crank that turns in an upright plane."""
+
+    type: Literal["crank"]
+    """A rod from a crank that turns in an upright plane."""
+    base_mm: Point
+    """The crank's axis, in the base's frame."""
+    azimuth_deg: Angle
+    """Of the crank's axis; the crank turns across it, positive towards azimuth + 90 degrees."""
+    tilt_deg: Angle = 0.0
+    """By which the crank's upright leans towards the azimuth."""
+    crank_mm: Positive
+    """Length of the crank."""
+    offset_deg: Angle = 0.0
+    """From upright at joint value 0."""
+    rod_mm: Positive
+    """Length of the rod."""
+    elbow: Literal[1, 2] = 2
+    """At which of its two roots it stands at home: 2 is turned further."""
+
+
+class Slider(_Sliding):
+    """A rod from a carriage on a straight guide."""
+
+    type: Literal["slider"]
+    """A rod from a carriage on a straight guide."""
+    base_mm: Point
+    """Where its carriage is at joint value 0, in the base's frame."""
+    azimuth_deg: Angle
+    """Of the guide's direction."""
+    elevation_deg: Angle = 0.0
+    """Of the guide's direction over the horizontal."""
+    rod_mm: Positive
+    """Length of the rod."""
+    elbow: Literal[1, 2] = 1
+    """At which of the two places for its carriage it stands at home: 2 is farther along."""
+
+
+class _Hinged(_Ring):
+    turn_deg: Angle = 0.0
+    """By which the carriage's hinge is turned from along the guide, about the vertical."""
+    tilt_deg: Angle = 0.0
+    """By which it is tilted, about the direction outwards."""
+
+
+class Radial(_Hinged):
+    """From a carriage on a circular guide, hinged along it, with a slide."""
+
+    type: Literal["radial"]
+    """From a carriage on a circular guide, hinged along it, with a slide."""
+    slide_offset_mm: Length = 0.0
+    """Its length at slide value 0."""
+    slide_min_mm: Length
+    """Least value of its slide."""
+    slide_max_mm: Length
+    """Largest value."""
+
+
+class RadialArm(_Hinged):
+    """From a carriage on a circular guide, hinged along it, with two arms."""
+
+    type: Literal["radial-arm"]
+    """From a carriage on a circular guide, hinged along it, with two arms."""
+    lift_deg: Angle = 0.0
+    """Of the lower arm above the way inwards, at lift value 0."""
+    lower_mm: Positive
+    """Length of the arm at the carriage."""
+    upper_mm: Positive
+    """Length of the arm at the platform."""
+    lift_min_deg: Angle = -360.0
+    """Least value of its lift."""
+    lift_max_deg: Angle = 360.0
+    """Largest value."""
+    elbow: Literal[1, 2] = 2
+    """At which of its two lifts it stands at home: 2 is lifted more."""
+
+
+class Plane(_Leg):
+    """Keeps its point of the platform at a height."""
+
+    type: Literal["plane"]
+    """Keeps its point of the platform at a height: three of them make a platform planar."""
+    height_mm: Length = 0.0
+    """Over the base's z = 0."""
+
+
+class Way(_Sliding):
+    """Drives its point of the platform along the way that five rods leave it."""
+
+    type: Literal["way"]
+    """Drives its point of the platform along the way that five rods leave it; 0 at home."""
+    way_offset_mm: Length = 0.0
+    """Of the way at joint value 0."""
+    step_mm: Positive = 10.0
+    """Of nodes on the way."""
+
+
+AnyLeg = Annotated[
+    Strut | Rod | Carriage | Crank | Slider | Radial | RadialArm | Plane | Way,
+    Field(discriminator="type"),
+]
+Component = Literal["rx", "ry", "rz", "x", "y", "z"]
+
+
+class ParallelFile(Strict):
+    """A parallel robot as robot.toml states it."""
+
+    schema_: Annotated[Literal["lmeasure.robot/1"], Field(alias="schema")] = "lmeasure.robot/1"
+    """What the file is, and in which version."""
+    name: Name
+    """Name of the robot."""
+    kind: Literal["parallel"]
+    """A platform on legs of several kinds, six equations together."""
+    home: Place
+    """Base from flange, near which it works: it tells which of several assemblies is meant."""
+    tool: Place | None = None
+    """Flange from tool."""
+    commanded: tuple[Component, ...] = ()
+    """What a robot with fewer than six joints is told: as many of rx, ry, rz (about the platform's axes), x, y, z as it has joints."""
+    limits: Limits = Limits()
+    """What else bounds its workspace."""
+    leg: Annotated[tuple[AnyLeg, ...], Field(min_length=3, max_length=EQUATIONS + 3)]
+    """Its legs, a table `[[leg]]` each."""
+
+    @model_validator(mode="after")
+    def _holds_together(self) -> Self:
+        names = [leg.name for leg in self.leg]
+        twice = next((n for n in names if names.count(n) > 1), None)
+        if twice is not None:
+            raise ValueError(f"leg: the name {twice!r} is given twice")
+        equations = sum(2 if leg.type.startswith("radial") else 1 for leg in self.leg)
+        if equations != EQUATIONS:
+            raise ValueError(f"leg: {equations} equations hold the platform (two for each radial leg, one for any other); {EQUATIONS} do")
+        for leg in self.leg:
+            if not (leg.limits("min") < leg.limits("max")).all():
+                raise ValueError(f"leg {leg.name}: its least joint value is not below its largest")
+        found = self.model
+        count = len(found.joint_names)
+        if count == 0:
+            raise ValueError("leg: none has a drive")
+        if count < EQUATIONS and len(set(self.commanded)) != count:
+            raise ValueError(f"commanded: must name {count} of {', '.join(COMPONENTS)}, as many as it has joints")
+        low, high = found.limits
+        beyond = (found.home_joints < low) | (found.home_joints > high)
+        if beyond.any():
+            raise ValueError(f"home: {found.joint_names[int(np.argmax(beyond))]} is beyond its limits there")
+        return self
+
+    @property
+    def model(self) -> Parallel:
+        """The robot that computes."""
+        home, legs = self.home.row, []
+        for leg in self.leg:
+            carried = None
+            if isinstance(leg, Way):
+                rods = tuple((rod.base_mm, rod.platform_mm, rod.rod_mm) for rod in self.leg if isinstance(rod, Rod))
+                driver = Driver(leg.platform_mm, leg.step_mm, (leg.min_mm, leg.max_mm))
+                try:
+                    home, carried = way_of(rods, tuple(home.tolist()), driver)
+                except GeometryError as error:
+                    raise ValueError(f"leg {leg.name}: {error}") from None
+            legs.append(Leg(leg.name, leg.type, np.array(leg.platform_mm), leg.values, leg.limits("min"), leg.limits("max"), carried))
+        robot = Parallel(self.name, tuple(legs), home, np.zeros(0), self.commanded or COMPONENTS)
+        joints = []
+        for leg, every in zip(self.leg, robot.roots(home[None]), strict=True):
+            own = every[0, min(getattr(leg, "elbow", 1), every.shape[1]) - 1]
+            if not np.isfinite(own).all():
+                raise ValueError(f"home: {leg.name} does not reach there")
+            # by whole turns to the middle of what is allowed
+            slides = [slide for _, slide in KINDS[leg.type].drives]
+            middle = 0.5 * (leg.limits("min") + leg.limits("max"))
+            joints.append(own - np.where(slides, 0.0, 2.0 * np.pi * np.round((own - middle) / (2.0 * np.pi))))
+        robot = Parallel(self.name, robot.legs, home, np.concatenate(joints), robot.commanded)
+        closed, met = robot.near(robot.home_joints[None], home[None])
+        away = np.abs(se3.displacement(closed, home[None]) / robot.units).max()
+        if not met[0] or away > NEAR_HOME * robot.size_mm:
+            raise ValueError("home: the legs do not meet near it, or it is a singular pose")
+        robot = Parallel(self.name, robot.legs, closed[0], robot.home_joints, robot.commanded)
+        if nearness(robot.jacobians(closed, robot.home_joints[None]).output, robot.units)[0] <= SINGULAR:
+            raise ValueError("home: is a singular pose of these legs: they do not hold the platform there")
+        return robot
+
+    @property
+    def tool_pose(self) -> FloatArray:
+        """(7,) flange from tool, the flange itself where none is stated."""
+        return (self.tool or Place()).row
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of robot.toml."""
+        data = self.model_dump(by_alias=True, exclude_none=True, mode="json")
+        if not self.commanded:
+            del data["commanded"]
+        return data
+
+    def with_values(self, values: dict[str, float]) -> Self:
+        """With values of its parameters by name, such as `leg_1.rod_mm`."""
+        legs = []
+        for leg in self.leg:
+            own = {name.split(".", 1)[1]: float(value) for name, value in values.items() if name.startswith(f"{leg.name}.")}
+            update: dict[str, Any] = {key: value for key, value in own.items() if key in type(leg).model_fields}
+            for end in ("base", "platform"):
+                if f"{end}_mm" in type(leg).model_fields:
+                    old = getattr(leg, f"{end}_mm")
+                    update[f"{end}_mm"] = tuple(own.get(f"{end}_{axis}_mm", v) for axis, v in zip("xyz", old, strict=True))
+            legs.append(leg.model_copy(update=update))
+        return self.model_copy(update={"leg": tuple(legs)})

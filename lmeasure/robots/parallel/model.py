@@ -1,0 +1,372 @@
+"""Platforms on legs of any kinds (`kinds.KINDS`), six equations together, as robots: poses of joint values, derivatives, inverse.
+
+With the unit direction d of an equation, a leg's or a plane's normal, and a twist (omega; v) at the base's origin,
+
+    (a x d ; d) . twist = -d . (R db) + d . dc - dn . (a - c) + dl
+
+for changes db of the point on the platform and dc, dn, dl of the leg: all derivatives follow from the six rows on the left. The pose of
+joint values is the one that is reached from home by driving the joints there steadily, through no singular pose: no other assembly.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import Any, Self
+
+import numpy as np
+
+from lmeasure import se3
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.errors import RobotError
+from lmeasure.kernels.legs import placed
+from lmeasure.robots.mechanisms.jacobians import Jacobians
+from lmeasure.robots.model import Parameter
+from lmeasure.robots.parallel.kinds import KINDS, STEP, Equation, Kind
+from lmeasure.status import Status
+
+EQUATIONS = 6
+STRIDE_RAD, STRIDE = 0.2, 0.1
+"""Longest part of a way from home: of a turning joint, and of a sliding one in parts of the platform's size."""
+MOST_PARTS = 400
+REACHED_MM = 1e-6
+"""By how much a pose may be off that joint values of the inverse take the platform to."""
+MOST_RAD = np.pi / 2.0
+"""Between samples of a followed path: a joint that turns farther has jumped."""
+COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
+"""Of a displacement: turns about the platform's axes, shifts along the base's."""
+WIDTHS = {"mm": 3.0, "deg": 0.5, "": 0.003}
+"""What values of legs may be off by, as standard uncertainties: wider than those of any that is built."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """name, kind: of `KINDS`; point (3,) on the platform [mm]; values (k,) of the kind's keys, mm and rad; low, high (d,) limits of its
+    drives; carried: what its kind needs besides."""
+
+    name: str
+    kind: str
+    point: FloatArray
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+    carried: Any = None
+
+    @property
+    def of(self) -> Kind:
+        """What its kind does."""
+        return KINDS[self.kind]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The point's three coordinates, then the kind's values, in the units of the names."""
+        names = [f"platform_{axis}_mm" for axis in "xyz"] + list(self.of.keys)
+        out = []
+        for key, value in zip(names, (*self.point, *self.values), strict=True):
+            unit = key.rpartition("_")[2] if key.endswith(("_mm", "_deg")) else ""
+            size = float(np.radians(1.0)) if unit == "deg" else 1.0
+            out.append(Parameter(f"{self.name}.{key}", unit, float(value) / size, size, WIDTHS[unit]))
+        return tuple(out)
+
+    def moved(self, change: FloatArray) -> Self:
+        """With (3 + k,) added to its point and values."""
+        return replace(self, point=self.point + change[:3], values=self.values + change[3:])
+
+    def equations(self, drives: FloatArray) -> list[Equation]:
+        """At drives (N, d)."""
+        return self.of.equations(self.values, drives, self.carried)
+
+    def derivatives(self, drives: FloatArray) -> list[tuple[Equation, bool]]:
+        """Equations' derivatives by the drives and then by the values, and whether they are by a drive; as many as equations for each."""
+        out = []
+        for i in range(drives.shape[1]):
+            step = STEP * 1j * np.eye(drives.shape[1])[i]
+            out += [(_imaginary(e), True) for e in self.of.equations(self.values, drives + step, self.carried)]
+        for i in range(len(self.values)):
+            step = STEP * 1j * np.eye(len(self.values))[i]
+            out += [(_imaginary(e), False) for e in self.of.equations(self.values + step, drives + 0j, self.carried)]
+        return out
+
+
+def _imaginary(equation: Equation) -> Equation:
+    return Equation(*(None if part is None else np.imag(part) / STEP for part in equation))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Of n poses: directions (n, 6, 3), places on the platform (n, 6, 3) and what reaches to them (n, 6, 3) from the lower ends, base
+    axes; pluecker (n, 6, 6) rows (moment; direction) at the base's origin."""
+
+    directions: FloatArray
+    places: FloatArray
+    spans: FloatArray
+
+    @property
+    def pluecker(self) -> FloatArray:
+        """The left side of what derivatives follow from."""
+        return np.concatenate([np.cross(self.places, self.directions), self.directions], axis=-1)
+
+
+@dataclass(frozen=True)
+class Parallel:
+    """`RobotModel` of legs with six equations; home (7,): base_from_flange at the joint values home_joints (n,); commanded: the
+    components of `COMPONENTS` that a robot of fewer than six joints is told, the others follow."""
+
+    name: str
+    legs: tuple[Leg, ...]
+    home: FloatArray
+    home_joints: FloatArray
+    commanded: tuple[str, ...] = COMPONENTS
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Leg by leg."""
+        return tuple(leg.name + end for leg in self.legs for end, _ in leg.of.drives)
+
+    @cached_property
+    def sliding(self) -> BoolArray:
+        """(n,) whether a joint's value is a length."""
+        return np.array([slides for leg in self.legs for _, slides in leg.of.drives], dtype=np.bool_)
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """(n,) least and largest joint values."""
+        return np.concatenate([leg.low for leg in self.legs]), np.concatenate([leg.high for leg in self.legs])
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Leg by leg."""
+        return tuple(p for leg in self.legs for p in leg.parameters)
+
+    @property
+    def reach_mm(self) -> float:
+        """Not bounded: joint values that no pose has are told by `forward`."""
+        return float("inf")
+
+    @cached_property
+    def size_mm(self) -> float:
+        """Of the platform [mm]: what a turn by a radian moves."""
+        points = np.array([leg.point for leg in self.legs])
+        return max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
+
+    @cached_property
+    def stride_mm(self) -> float:
+        """Longest part of a way from home [mm]: where the platform follows a way of its own, some of its nodes."""
+        ways = [2.0 * float(np.diff(leg.carried.x).mean()) for leg in self.legs if leg.kind == "way"]
+        return min([STRIDE * self.size_mm, *ways])
+
+    @cached_property
+    def units(self) -> FloatArray:
+        """(6,) turns and shifts that move the platform alike: for `jacobians.nearness`."""
+        return np.array([1.0 / self.size_mm] * 3 + [1.0] * 3)
+
+    @cached_property
+    def owners(self) -> IntArray:
+        """(6,) the leg of each equation."""
+        at = np.split(self.home_joints, self._cuts)
+        counts = [len(leg.equations(q[None])) for leg, q in zip(self.legs, at, strict=True)]
+        return np.repeat(np.arange(len(self.legs)), counts)
+
+    def moved(self, change: FloatArray) -> Self:
+        """The robot with (p,) added to its parameters, rad and mm."""
+        cuts = np.cumsum([len(leg.parameters) for leg in self.legs])[:-1]
+        return replace(self, legs=tuple(leg.moved(own) for leg, own in zip(self.legs, np.split(change, cuts), strict=True)))
+
+    def forward(self, joints: FloatArray, side: FloatArray | None = None) -> FloatArray:
+        """(N, 7) base_from_flange at joint values (N, n); NaN where none is reached from home."""
+        joints = np.asarray(joints, dtype=np.float64)
+        way = joints - self.home_joints
+        finite = np.isfinite(way).all(axis=1)
+        strides = np.where(self.sliding, self.stride_mm, STRIDE_RAD)
+        parts = 1 + int(np.ceil(np.abs(way[finite] / strides).max(initial=0.0)))
+        poses = np.full((len(joints), 7), np.nan)
+        if parts > MOST_PARTS or not finite.any():
+            return poses
+        at = np.tile(self.home, (int(finite.sum()), 1))
+        good, sign = np.ones(len(at), np.bool_), 0.0
+        for part in np.linspace(0.0, 1.0, parts):
+            drives = self.home_joints + part * way[finite]
+            at, found = self.near(drives, at)
+            good &= found
+            at[~good] = self.home  # a lost platform must not run away from the others' numbers
+            turned = np.sign(np.linalg.det(self.rows(at, drives).pluecker * self.units))
+            # at home every platform of the rows has one sign, that of this assembly
+            sign = sign if part > 0.0 else turned
+            good &= turned == sign
+        at[~good] = np.nan
+        poses[finite] = at
+        return poses
+
+    def near(self, drives: FloatArray, starts: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """(N, 7) poses at drives (N, n) by Newton's method from starts (N, 7), in whichever assembly that leads to, and whether it did."""
+        equations = self._equations(drives)
+        ends, lengths, normals = (np.ascontiguousarray(np.stack(part, axis=1)) for part in zip(*equations, strict=True))
+        points = np.ascontiguousarray([self.legs[i].point for i in self.owners])
+        status, poses = placed(points, ends, lengths, normals, np.ascontiguousarray(starts))
+        return poses, np.asarray(status == Status.OK)
+
+    def residuals(self, poses: FloatArray, drives: FloatArray) -> FloatArray:
+        """(N, 6) [mm] by how much equations are off at poses (N, 7) and drives (N, n)."""
+        rows = self.rows(poses, drives)
+        lengths = np.stack([length for _, length, _ in self._equations(drives)], axis=1)
+        return np.asarray(np.einsum("nic,nic->ni", rows.directions, rows.spans) - lengths)
+
+    def rows(self, poses: FloatArray, drives: FloatArray) -> Rows:
+        """At poses (N, 7) and drives (N, n)."""
+        equations = self._equations(drives)
+        ends, normals = (np.stack(part, axis=1) for part in list(zip(*equations, strict=True))[::2])
+        points = np.array([self.legs[i].point for i in self.owners])
+        places = poses[:, None, :3] + np.einsum("nij,mj->nmi", se3.matrices(poses), points)
+        spans = places - ends
+        with np.errstate(invalid="ignore", divide="ignore"):
+            along = spans / np.linalg.norm(spans, axis=-1, keepdims=True)
+        held = np.any(normals != 0.0, axis=-1, keepdims=True)
+        return Rows(np.where(held, normals, along), places, spans)
+
+    def jacobians(self, poses: FloatArray, drives: FloatArray) -> Jacobians:
+        """Of the residuals by displacements (omega; shift of the platform's origin) in base axes, and by the drives."""
+        rows, by_drives, _ = self._changes(poses, drives)
+        d, arm = rows.directions, rows.places - poses[:, None, :3]
+        return Jacobians(np.concatenate([np.cross(arm, d), d], axis=-1), -by_drives)
+
+    def derivatives(
+        self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, n, 6) by joint values and (N, p, 6) by the parameters of
+        these indices, by default all."""
+        joints = np.asarray(joints, dtype=np.float64)
+        poses = self.forward(joints)
+        known = ~np.isnan(poses[:, 0])
+        by_joints = np.full((len(poses), len(self.joint_names), EQUATIONS), np.nan)
+        every = np.full((len(poses), len(self.parameters), EQUATIONS), np.nan)
+        if known.any():
+            rows, by_drives, by_values = self._changes(poses[known], joints[known])
+            back = np.linalg.pinv(rows.pluecker)
+            by_joints[known] = np.swapaxes(back @ by_drives, 1, 2)
+            every[known] = np.swapaxes(back @ by_values, 1, 2)
+        return poses, by_joints, every if of is None else every[:, of]
+
+    def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
+        """(k, n) joint values within the limits that take the flange to the pose (7,): all that there are, none where k is 0."""
+        roots = [r[0] for r in self.roots(np.asarray(pose)[None])]
+        every = np.array([np.concatenate(one) for one in product(*roots)]).reshape(-1, len(self.joint_names))
+        every = every[np.isfinite(every).all(axis=1)]
+        low, high = self.limits
+        # by whole turns to the middle of what is allowed
+        turns = np.where(self.sliding, 0.0, np.round((every - 0.5 * (low + high)) / (2.0 * np.pi)))
+        every = every - 2.0 * np.pi * turns
+        every = every[((every >= low) & (every <= high)).all(axis=1)]
+        if not len(every):
+            return every
+        reached = self.forward(every)
+        there = ~np.isnan(reached[:, 0])
+        every, reached = every[there], reached[there]
+        off = np.abs(se3.displacement(reached, np.broadcast_to(pose, reached.shape)) / self.units).max(axis=1)
+        return np.asarray(every[off < REACHED_MM])
+
+    def roots(self, poses: FloatArray) -> list[FloatArray]:
+        """Of each leg (N, roots, d) drives that take its upper end to where poses (N, 7) have it; what legs without drives allow is not
+        looked at."""
+        turn = se3.matrices(poses)
+        return [leg.of.roots(leg.values, poses[:, :3] + turn @ leg.point, leg.carried) for leg in self.legs]
+
+    def nearest(self, poses: FloatArray) -> FloatArray:
+        """(N, 7) poses that the platform can take, with the components of poses (N, 7) that are `commanded`; NaN where there is none near
+        home. A robot of six joints can take all."""
+        if len(self.joint_names) == EQUATIONS:
+            return np.asarray(poses)
+        idle = np.flatnonzero([not self.legs[i].of.drives for i in self.owners])
+        told = [COMPONENTS.index(c) for c in self.commanded]
+        still, at = np.tile(self.home_joints, (len(poses), 1)), np.tile(self.home, (len(poses), 1))
+        chosen = np.tile(np.eye(EQUATIONS), (len(at), 1, 1))
+        way = self._components(poses, at)[:, told] / self.units[told]
+        parts = min(1 + int(np.ceil(np.abs(way).max(initial=0.0) / self.stride_mm)), MOST_PARTS)
+        for k in range(parts + 8):
+            # steadily there from home, so that no other assembly is taken for it
+            left = 1.0 / max(parts - k, 1)
+            lacks = np.concatenate([-self.residuals(at, still)[:, idle], left * self._components(poses, at)[:, told]], axis=1)
+            chosen[:, :3, :3] = np.swapaxes(se3.matrices(at), 1, 2)
+            rows = np.concatenate([self.jacobians(at, still).output[:, idle], chosen[:, told]], axis=1)
+            step = (np.linalg.pinv(rows * self.units) @ lacks[..., None])[..., 0]
+            step /= np.maximum(1.0, np.abs(step).max(axis=1) / (2.0 * STRIDE * self.size_mm))[:, None]
+            at = se3.displaced(at, step * self.units)
+        off = np.concatenate([self.residuals(at, still)[:, idle], (self._components(poses, at) / self.units)[:, told]], axis=1)
+        return np.where((np.abs(off).max(axis=1) < REACHED_MM)[:, None], at, np.nan)
+
+    def _components(self, poses: FloatArray, reference: FloatArray) -> FloatArray:
+        """(N, 6) displacement from reference to poses, its turn about the platform's axes."""
+        delta = se3.displacement(poses, reference)
+        delta[:, :3] = np.einsum("nji,nj->ni", se3.matrices(reference), delta[:, :3])
+        return delta
+
+    def follow(self, poses: FloatArray, start: FloatArray) -> FloatArray:
+        """(N, n) joint values along poses (N, 7) of a path that begins near the joint values start (n,), each leg at the root that it
+        begins with; RobotError names the first sample that cannot be reached, or where a joint's limit is passed or a joint jumps."""
+        attained = self.nearest(poses)
+        lost = np.asarray(np.isnan(attained).any(axis=1))
+        roots = self.roots(np.where(lost[:, None], self.home, attained))
+        columns: list[FloatArray] = []
+        for every, near in zip(roots, np.split(start, self._cuts), strict=True):
+            slides = self.sliding[sum(c.shape[1] for c in columns) :][: len(near)]
+            away = every[0] - near
+            away -= np.where(slides, 0.0, 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
+            own = every[:, int(np.argmin(np.nan_to_num(np.abs(away), nan=np.inf).max(axis=1, initial=0.0)))].copy()
+            turning = np.flatnonzero(~slides)
+            steps = np.diff(own[:, turning], axis=0, prepend=near[turning][None])
+            own[:, turning] = near[turning] + np.cumsum(steps - 2.0 * np.pi * np.round(np.nan_to_num(steps) / (2.0 * np.pi)), axis=0)
+            columns.append(own)
+        joints = np.concatenate(columns, axis=1)
+        self._say(lost | np.isnan(joints).any(axis=1), "the platform cannot be at", poses)
+        low, high = self.limits
+        beyond = (joints < low - 1e-9) | (joints > high + 1e-9)
+        if beyond.any():
+            sample = int(np.argmax(beyond.any(axis=1)))
+            j = int(np.argmax(beyond[sample]))
+            value, unit = (joints[sample, j], "mm") if self.sliding[j] else (np.degrees(joints[sample, j]), "deg")
+            raise RobotError(f"sample {sample}: {self.joint_names[j]} would be at {value:.6g} {unit}, beyond its limits", sample)
+        jumps = np.abs(np.diff(joints, axis=0)) > np.where(self.sliding, self.size_mm, MOST_RAD)
+        self._say(np.concatenate([[False], jumps.any(axis=1)]), "a joint jumps at", poses)
+        return joints
+
+    def _say(self, bad: BoolArray, what: str, poses: FloatArray) -> None:
+        if bad.any():
+            sample = int(np.argmax(bad))
+            where = ", ".join(f"{v:.6g}" for v in poses[sample])
+            raise RobotError(f"sample {sample}: {what} ({where})", sample)
+
+    @cached_property
+    def _cuts(self) -> IntArray:
+        return np.cumsum([len(leg.of.drives) for leg in self.legs])[:-1]
+
+    def _equations(self, drives: FloatArray) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """End (N, 3), length (N,) and normal (N, 3) of each, zeros where it is a distance."""
+        out = []
+        for leg, own in zip(self.legs, np.split(drives, self._cuts, axis=1), strict=True):
+            for e in leg.equations(own):
+                normal = np.zeros_like(e.end) if e.normal is None else e.normal
+                out.append((np.real(e.end), np.real(e.length), np.real(normal)))
+        return out
+
+    def _changes(self, poses: FloatArray, drives: FloatArray) -> tuple[Rows, FloatArray, FloatArray]:
+        """Rows, and right sides (N, 6, n) by the drives and (N, 6, p) by the parameters."""
+        rows = self.rows(poses, drives)
+        count = len(poses)
+        of_platform = -np.einsum("nic,ncj->nij", rows.directions, se3.matrices(poses))
+        by_drives = np.zeros((count, EQUATIONS, len(self.joint_names)))
+        by_values = np.zeros((count, EQUATIONS, len(self.parameters)))
+        equation = joint = parameter = 0
+        for number, (leg, own) in enumerate(zip(self.legs, np.split(drives, self._cuts, axis=1), strict=True)):
+            many = int((self.owners == number).sum())
+            at = range(equation, equation + many)
+            by_values[:, at, parameter : parameter + 3] = of_platform[:, at]
+            changes = leg.derivatives(own)
+            for k in range(0, len(changes), many):
+                for i, (change, driven) in zip(at, changes[k : k + many], strict=True):
+                    right = np.einsum("nc,nc->n", rows.directions[:, i], change.end) + change.length
+                    if change.normal is not None:
+                        right = right - np.einsum("nc,nc->n", change.normal, rows.spans[:, i])
+                    if driven:
+                        by_drives[:, i, joint + k // many] = right
+                    else:
+                        by_values[:, i, parameter + 3 + k // many - len(leg.of.drives)] = right
+            equation, joint, parameter = equation + many, joint + len(leg.of.drives), parameter + len(leg.parameters)
+        return rows, by_drives, by_values

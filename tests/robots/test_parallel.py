@@ -1,0 +1,192 @@
+"""Mechanisms as robots: there and back, derivatives by differences, the documents' own classes beside them, files, identification."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lmeasure import se3
+from lmeasure.errors import RobotError
+from lmeasure.robots.identify import Settings, identify, predict
+from lmeasure.robots.measurements import Measurements, measured
+from lmeasure.robots.mechanisms.crank import CrankPlatform
+from lmeasure.robots.mechanisms.four_chains import FourChains
+from lmeasure.robots.mechanisms.ring_limits import RingLimits
+from lmeasure.robots.mechanisms.rotopod import Rotopod
+from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.limits import checked, own_roots
+from lmeasure.robots.parallel.model import Parallel
+from lmeasure.robots.robot import any_shipped, robot_from_dict
+from lmeasure.robots.told import determined
+
+FloatArray = NDArray[np.float64]
+NAMES = (
+    "rotopod",
+    "rotopod-cell",
+    "four-chains-cabin",
+    "four-chains",
+    "four-chains-arms",
+    "crank-platform",
+    "logos",
+    "seven-link",
+    "three-prr",
+)
+
+
+def shipped(name: str) -> ParallelFile:
+    found = any_shipped(name)
+    assert isinstance(found, ParallelFile)
+    return found
+
+
+def some_joints(robot: Parallel, count: int, rng: np.random.Generator) -> FloatArray:
+    """Joint values at poses about home that the platform takes."""
+    moves = rng.uniform(-1.0, 1.0, (20 * count, 6)) * robot.units * robot.size_mm * [0.04, 0.04, 0.1, 0.05, 0.05, 0.02]
+    poses = robot.nearest(se3.displaced(np.tile(robot.home, (20 * count, 1)), moves))
+    joints = own_roots(robot, poses[~np.isnan(poses[:, 0])])
+    low, high = robot.limits
+    return joints[np.isfinite(joints).all(axis=1) & ((joints >= low) & (joints <= high)).all(axis=1)][:count]
+
+
+def built(robot: Parallel, rng: np.random.Generator) -> Parallel:
+    size = [{"mm": 0.3, "deg": 5e-4, "": 0.0}[p.unit] for p in robot.parameters]
+    return robot.moved(rng.normal(size=len(size)) * size)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_forward_is_the_inverse_of_the_inverse(name: str) -> None:
+    robot = shipped(name).model
+    joints = some_joints(robot, 40, np.random.default_rng(1))
+    assert len(joints) >= 8
+    poses = robot.forward(joints)
+    assert np.abs(robot.residuals(poses, joints)).max() < 1e-9
+    assert own_roots(robot, poses) == pytest.approx(joints, abs=1e-9)
+    for pose, q in zip(poses[:3], joints, strict=False):
+        assert np.abs(robot.inverse(pose) - q).max(axis=1).min() < 1e-9
+    assert np.isnan(robot.forward(joints[:1] + 1e4)).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_derivatives_of_parallel_robots_are_differences(name: str) -> None:
+    rng = np.random.default_rng(2)
+    robot = built(shipped(name).model, rng)
+    joints = some_joints(robot, 3, rng)
+    poses, by_joints, by_parameters = robot.derivatives(joints)
+
+    def twist(at: Callable[[float], FloatArray], h: float) -> FloatArray:
+        """Of the fourth order: guides go near singular poses."""
+        near, far = (se3.displacement(at(k * h), at(-k * h)) / (2.0 * k * h) for k in (1.0, 2.0))
+        at_flange = (4.0 * near - far) / 3.0
+        return np.concatenate([at_flange[:, :3], at_flange[:, 3:] - np.cross(at_flange[:, :3], poses[:, :3])], axis=1)
+
+    def driven(step: FloatArray, h: float) -> FloatArray:
+        return robot.forward(joints + h * step)
+
+    def changed(step: FloatArray, h: float) -> FloatArray:
+        return robot.moved(h * step).forward(joints)
+
+    for i, slides in enumerate(robot.sliding):
+        step = np.eye(len(robot.sliding))[i]
+        got = twist(partial(driven, step), 1e-3 if slides else 1e-5)
+        assert by_joints[:, i] == pytest.approx(got, rel=1e-7, abs=1e-7 * np.abs(got).max())
+    for i, p in enumerate(robot.parameters):
+        step = np.eye(len(robot.parameters))[i]
+        got = twist(partial(changed, step), 1e-3 if p.unit == "mm" else 1e-5)
+        assert by_parameters[:, i] == pytest.approx(got, rel=1e-7, abs=1e-7 * np.abs(got).max() + 1e-8), p.name
+
+
+def test_robots_are_the_mechanisms_of_the_documents() -> None:
+    """Drives and kept limits as the classes written for each mechanism have them; those share no formula of the legs."""
+    rng = np.random.default_rng(3)
+    file, rotopod = shipped("rotopod"), Rotopod.of_triangle(1024.0, 87.0, 1019.8, 980.0)
+    poses = se3.displaced(np.tile(file.model.home, (300, 1)), rng.uniform(-1, 1, (300, 6)) * [0.004, 0.004, 0.5, 90.0, 90.0, 9.0])
+    own, other = own_roots(file.model, poses), rotopod.inverse(poses)
+    both = np.isfinite(own)
+    np.testing.assert_array_equal(both, np.isfinite(other))
+    assert np.abs(np.sin(0.5 * (own - other)[both])).max() < 1e-5  # hinges of the file are rounded
+    kept = checked(file.model, file.limits, poses).all
+    assert (kept != rotopod.checks(poses, RingLimits()).all).mean() < 0.01
+    assert 20 < kept.sum() < 280
+    points = 150.0 * np.array([[1.0, 2.0, 0.0], [-1.0, 2.0, 0.0], [-1.0, -2.0, 0.0], [1.0, -2.0, 0.0]])
+    for name, arms in (("four-chains", None), ("four-chains-arms", np.array([100.0, 80.0]))):
+        robot, chains = shipped(name).model, FourChains(points, 450.0, 194.79, arms, raised=(-1.0, -1.0))
+        poses = se3.displaced(np.tile(robot.home, (50, 1)), rng.uniform(-1, 1, (50, 6)) * [0.05, 0.05, 1.0, 20.0, 20.0, 10.0])
+        own, other = own_roots(robot, poses)[:, [0, 2, 4, 5, 1, 3]], chains.inverse(poses)
+        off = np.where([*[False] * 4, *[arms is None] * 2], own - other, np.sin(0.5 * (own - other)))
+        assert np.abs(off).max() < 1e-9
+    crank = CrankPlatform.regular(300.0, 200.0, np.radians(20.0), np.radians(100.0), crank_mm=50.0, height_mm=200.0)
+    platform = shipped("crank-platform").model
+    moves = rng.uniform(-1, 1, (50, 6)) * [0.02, 0.02, 0.2, 9.0, 9.0, 1.0] - [0, 0, 0, 0, 0, 2]
+    asked = se3.displaced(np.tile(platform.home, (50, 1)), moves)
+    poses, exist = crank.nearest(asked)
+    assert exist.all()
+    assert np.abs(se3.displacement(platform.nearest(asked), poses)).max() < 3e-3
+
+
+def test_another_assembly_is_not_taken_for_the_one_of_home() -> None:
+    """Below its guide a rotopod has the same carriages; driven there through a singular pose it is not found."""
+    robot = shipped("rotopod-cell").model
+    mirrored = robot.home * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
+    assert len(robot.inverse(robot.home)) == 1
+    assert len(robot.inverse(mirrored)) == 0
+    with pytest.raises(RobotError, match=r"sample 1: the platform cannot be at \(0, 0, 900"):
+        robot.follow(np.array([robot.home, robot.home + [0.0, 0.0, 500.0, 0, 0, 0, 0]]), robot.home_joints)
+
+
+def seen(true: Parallel, joints: FloatArray, rng: np.random.Generator, u_mm: float = 0.02) -> Measurements:
+    base, tool = np.array([800.0, -300.0, 200.0, 0.1, 0.2, -0.3, 0.927362]), np.array([40.0, -25.0, 110.0, 0.0, 0.0, 0.0, 1.0])
+    pose = se3.compose(se3.compose(np.tile(base, (len(joints), 1)), true.forward(joints)), np.tile(tool, (len(joints), 1)))
+    pose = se3.displaced(pose, np.column_stack([1e-4 * rng.normal(size=(len(joints), 3)), u_mm * rng.normal(size=(len(joints), 3))]))
+    return measured(joints, pose[:, :3], pose[:, 3:], u_position_mm=u_mm, u_rotation_rad=1e-4)
+
+
+@pytest.mark.parametrize("name", ["rotopod-cell", "four-chains", "logos", "crank-platform"])
+def test_a_built_mechanism_is_identified_through_the_same_door(name: str) -> None:
+    rng = np.random.default_rng(8)
+    nominal = shipped(name).model
+    true = built(nominal, rng)
+    found = identify(nominal, seen(true, some_joints(nominal, 60, rng), rng), Settings(("links",)))
+    later = seen(true, some_joints(nominal, 80, rng), rng)
+    predicted = predict(found, later.joints)
+    off = np.linalg.norm(predicted.pose[:, :3] - later.position, axis=1)
+    assert 0.85 < np.mean(off <= predicted.u95_mm) <= 1.0
+    before = np.linalg.norm(found.nominal_errors_mm(), axis=1).mean()
+    assert off.mean() < 0.06 < 2.0 * before
+    value = {p.name: p.value for p in true.parameters}
+    told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
+    names, values = found.fit.problem.names, found.fit.problem.unknowns.values(found.fit.x)
+    z = [(v - value[n]) / s for n, v, s, known in zip(names, values, u, told, strict=True) if known and n in value]
+    assert not z or np.abs(z).max() < 4.5
+
+
+def test_files_of_parallel_robots_are_written_and_refused() -> None:
+    nominal = shipped("four-chains-arms")
+    assert robot_from_dict(nominal.to_dict()) == nominal
+    for name in NAMES:
+        file = shipped(name)
+        changed = file.with_values({p.name: p.value + 0.01 for p in file.model.parameters})
+        moved = file.model.moved(np.array([0.01 * p.size for p in file.model.parameters]))
+        for one, other in zip(changed.leg, moved.legs, strict=True):
+            np.testing.assert_allclose(one.values, other.values, atol=1e-12)
+            np.testing.assert_allclose(one.platform_mm, other.point, atol=1e-12)
+
+    def refused(match: str, name: str = "rotopod-cell", leg: dict[str, object] | None = None, **top: object) -> None:
+        data = shipped(name).to_dict() | top
+        data["leg"] = [*data["leg"]][: 5 if leg == {} else None]
+        if leg is not None:
+            data["leg"][0] = {**data["leg"][0], **leg}
+        with pytest.raises(RobotError, match=match):
+            robot_from_dict(data, "robot.toml")
+
+    refused("robot.toml: leg: 5 equations hold the platform", leg={})
+    refused("home: leg_1 does not reach there", leg={"rod_mm": 100.0})
+    refused("leg leg_1: its least joint value is not below", leg={"min_deg": 800.0})
+    refused("leg: the name 'leg_2' is given twice", leg={"name": "leg_2"})
+    refused("home: leg_1 is beyond its limits", leg={"min_deg": 10.0, "max_deg": 20.0})
+    refused("commanded: must name 3 of rx, ry, rz, x, y, z", "crank-platform", commanded=["z"])
+    refused("base_axis and platform_axis: state both or none", "logos", leg={"base_axis": None})
+    refused("rod_mm: ", leg={"rod_mm": -1.0})
+    flat = {"position_mm": [0.0, 0.0, 0.001], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
+    refused("home: ", "logos", home=flat)
