@@ -127,8 +127,8 @@ def _cable(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float
 def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float) -> CableCheck:
     drum, channels, mm, drums = rig.point(cable.from_point).drum, watch.channels, watch.unit, np.flatnonzero(watch.lengths)
     start = watch.step(f"Cable {cable.name} at {cable.from_point}: get ready, do not pull yet", settle_s)[0]
-    end, extremes = watch.step(f"Pull cable {cable.name} out by about 100 mm and hold it", settle_s, cable.channel)
-    back, _ = watch.step(f"Let cable {cable.name} back to where it was", settle_s)
+    end, extremes = watch.step(f"Pull cable {cable.name} out by about 100 mm and hold it", settle_s, cable.channel, f"pull {cable.name}")
+    back, _ = watch.step(f"Let cable {cable.name} back to where it was", settle_s, act=f"let {cable.name}")
     way = np.abs(end - start) * mm
     j = int(drums[np.argmax(way[drums])])
     faults = []
@@ -149,7 +149,8 @@ def _once(rig: Rig, watch: Watch, cable: Cable, *, turns: bool, settle_s: float)
     per_turn, expected = None, drum.counts_per_revolution * drum.scale
     if turns:
         before = watch.step(f"Drum of {cable.from_point}: get ready to turn it from mark to mark", settle_s)[0]
-        after, _ = watch.step(f"Turn the drum of {cable.from_point} once, in the direction of paying out", settle_s)
+        turn = f"Turn the drum of {cable.from_point} once, in the direction of paying out"
+        after, _ = watch.step(turn, settle_s, act=f"turn {cable.name}")
         per_turn = float(abs(after[j] - before[j]))
         if abs(per_turn - expected) > TURN_TOLERANCE * expected:
             near = next((f for f in (0.25, 0.5, 2.0, 4.0) if abs(per_turn - f * expected) <= TURN_TOLERANCE * f * expected), None)

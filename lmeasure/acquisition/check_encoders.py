@@ -15,6 +15,7 @@ from lmeasure.rig import Turned
 
 STEPS = 3
 ASKED_DEG = 45.0
+TILTED_DEG = 5.0
 """By which a swivel pulley is to be turned, by eye."""
 AS_ASKED = 0.5
 """By how many doublings that may be off: an encoder of half or twice the resolution is farther."""
@@ -51,7 +52,8 @@ def _asked(one: Turned) -> tuple[str, str, str]:
     """What a person is asked for: before, the motion, and back."""
     if isinstance(one.encoder, Inclination):
         axis = ", ".join(f"{x:g}" for x in one.encoder.axis)
-        motion = f"Tilt the tool by about 5 degrees so that it rises on the side to which its axis ({axis}) points, and hold it"
+        side = f"the side to which its axis ({axis}) points"
+        motion = f"Tilt the tool by about {TILTED_DEG:g} degrees so that it rises on {side}, and hold it"
         return "Tool: get ready to tilt it, do not move it yet", motion, "Tilt the tool back to where it was"
     point = one.from_point
     return (
@@ -65,8 +67,8 @@ def _once(watch: Watch, one: Turned, what: str, alike: list[int], *, turns: bool
     swivel, channels = isinstance(one.encoder, Swivel), watch.channels
     before, motion, after = _asked(one)
     start = watch.step(before, settle_s)[0]
-    end, _ = watch.step(motion, settle_s, one.channel if swivel else "")
-    back, _ = watch.step(after, settle_s)
+    end, _ = watch.step(motion, settle_s, one.channel if swivel else "", f"swing {one.name} {ASKED_DEG if swivel else TILTED_DEG:g}")
+    back, _ = watch.step(after, settle_s, act=f"let {one.name}")
     turned = (end - start) * watch.unit
     way = np.abs(turned)
     j = alike[int(np.argmax(way[alike]))]

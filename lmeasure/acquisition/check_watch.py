@@ -26,6 +26,17 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
+class Moved:
+    """How far a channel has moved since a step began, in mm or degrees; moves: as far as counts for a motion; wanted: whether it is to."""
+
+    channel: str
+    by: float
+    unit: str
+    moves: bool
+    wanted: bool
+
+
+@dataclass(frozen=True)
 class Step:
     """What a person is asked to do: which step of how many at most, and how the counters stand meanwhile."""
 
@@ -34,6 +45,10 @@ class Step:
     of: int
     look: Callable[[], str]
     """Takes what has come for a tenth of a second, and says in a line what moved since the step began."""
+    moved: Callable[[], tuple["Moved", ...]] = tuple
+    """The same of each channel, by the last look."""
+    act: str = ""
+    """By which a simulated cell does it, as `play` takes it; empty where nothing is to be moved."""
 
     def __str__(self) -> str:
         return f"{self.number} of {self.of}: {self.text}"
@@ -91,16 +106,18 @@ class Watch:
     def begin(self, text: str) -> None:
         """The first step, before there need be counts."""
         self.number += 1
-        self._ask(Step(text, self.number, self._of, lambda: self._said(self.last, "")))
+        self._ask(Step(text, self.number, self._of, lambda: self._said(self.last, ""), lambda: self._moved(self.last, "")))
         self.look(0.0)
 
-    def step(self, text: str, settle_s: float, wanted: str = "") -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-        """The counts when the person has done it, and the least and largest on the way; wanted: the channel that should move."""
+    def step(self, text: str, settle_s: float, wanted: str = "", act: str = "") -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+        """The counts when the person has done it, and the least and largest on the way; wanted: the channel that should move; act: see
+        `Step`."""
         self.look(0.02)
         self.number += 1
         self._least = self._most = np.full(len(self.channels), np.nan)
         begun = self.last
-        if self._ask(Step(text, self.number, self._of, lambda: self._said(begun, wanted))).strip().lower() == AGAIN:
+        step = Step(text, self.number, self._of, lambda: self._said(begun, wanted), lambda: self._moved(begun, wanted), act)
+        if self._ask(step).strip().lower() == AGAIN:
             raise Again
         _, rows = self.look(settle_s)
         if self.last is None or not np.isfinite(rows).any(axis=0).all():
@@ -144,6 +161,14 @@ class Watch:
             if abs(moved[j]) > self.least[j] and self.channels[j] != wanted:
                 told.insert(0, f"{self.channels[j]} moves, not {wanted}")  # first: a narrow terminal cuts what is behind
         return "  ".join(told)
+
+    def _moved(self, begun: FloatArray | None, wanted: str) -> tuple[Moved, ...]:
+        if self.last is None or begun is None:
+            return ()
+        by, units = (self.last - begun) * self.unit, np.where(self.lengths, "mm", "deg")
+        return tuple(
+            Moved(c, float(by[j]), str(units[j]), bool(abs(by[j]) > self.least[j]), c == wanted) for j, c in enumerate(self.channels)
+        )
 
     def faults(self) -> dict[str, int]:
         """Faults of the frames so far."""

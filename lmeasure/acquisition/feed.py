@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
 """Data lengths a frame can have."""
 
+LATE = 0.5
+"""Of the time between two rows, by which a row may come early after one that came late."""
+
 _places = itertools.count()
 
 
@@ -77,6 +80,24 @@ def send(frames: Frames, bus: "can.BusABC", *, paced: bool, stop: threading.Even
         bus.send(message)
         sent += 1
     return sent
+
+
+def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: "can.BusABC", *, rate_hz: float, due: float) -> float:
+    """Send rows of counts (n, m) one by one at the rate, a SYNC and its answers each, the first at `due` by time.perf_counter; when the one
+    behind them is due.
+
+    Where the machine has kept this program waiting the next row is late, and not two of them come at once: no drum turns as fast.
+    """
+    messages = list(messages_from_frames(frames_from_counts(np.arange(len(rows)) / rate_hz, rows, fields, sync_id)))
+    per = len(messages) // len(rows)
+    for k in range(len(rows)):
+        wait = due - time.perf_counter()
+        if wait > 0:
+            time.sleep(wait)
+        for message in messages[k * per : (k + 1) * per]:
+            bus.send(message)
+        due = max(due, time.perf_counter() - LATE / rate_hz) + 1.0 / rate_hz
+    return due
 
 
 def virtual_place() -> str:

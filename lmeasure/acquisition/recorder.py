@@ -5,6 +5,7 @@ second. run.toml is there from the first moment and says `ended = "early"` until
 """
 
 import contextlib
+import shutil
 import signal
 import threading
 import time
@@ -54,6 +55,12 @@ class Progress:
     """When the first sample was, by the frames' clock."""
     events: tuple[Event, ...] = ()
     """All faults so far, as far as they are kept."""
+    newest_s: float | None = None
+    """When the last sample was, by the frames' clock."""
+    lost: int = 0
+    """Frames that came and could not be taken."""
+    disk_free: int | None = None
+    """Bytes that the disk still has, looked at once a second."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +176,7 @@ class _Writer:
         self._lost = 0
         self._latency: float | None = None
         self._synced = time.monotonic()
+        self._free: int | None = None
         self._before = {self.folder / name: _content(self.folder / name) for name in ("rig.toml", "run.toml", *beside)}
         self._table = self._manifest(start, devices, beside)
         self.assembler.feed(no_frames())  # compiles before the first frame comes
@@ -292,6 +300,8 @@ class _Writer:
         self._log.to_disk()
         self._csv.to_disk()
         self._synced = time.monotonic()
+        with contextlib.suppress(OSError):
+            self._free = shutil.disk_usage(self.folder).free
 
     def progress(self, seconds: float) -> Progress:
         """The state of things, for a display."""
@@ -306,9 +316,23 @@ class _Writer:
         known = self.rig.counters_of(self.passage)
         channels = tuple(f.channel for f in self.fields)
         speeds = rates * np.array([known[c].count_sign * known[c].per_count / known[c].scale for c in channels])
-        events = self.assembler.events
-        faults, kept = dict(events.tally), tuple(events.kept)
-        return Progress(seconds, self.frames, self.samples, faults, channels, counts, rates, speeds, latency, self._origin, kept)
+        events, newest = self.assembler.events, None if self._latest is None else float(self._latest.time_s[-1])
+        return Progress(
+            seconds,
+            self.frames,
+            self.samples,
+            dict(events.tally),
+            channels,
+            counts,
+            rates,
+            speeds,
+            latency,
+            self._origin,
+            tuple(events.kept),
+            newest,
+            self._lost,
+            self._free,
+        )
 
     def close(self, ended: str) -> Recording:
         """Write what is left, mark stalls, and say how it ended."""

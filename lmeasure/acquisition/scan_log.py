@@ -130,21 +130,35 @@ class Scan:
 
 def scan_log(path: Path, progress: Callable[[int, int], None] | None = None) -> Scan:
     """Look at all frames of a log; FileFormatError where it has none, or is no log."""
-    report = LogReport()
-    found: dict[tuple[str, int, bool], _Seen] = {}
+    report, heard = LogReport(), Heard()
     for batch in log_batches(path, report, progress):
-        _take(batch, found)
-    if not found:
+        heard.add(batch)
+    if not heard.found:
         why = "; ".join(report.notes())
         raise FileFormatError(f"{path}: holds no CAN frame{': ' + why if why else ''}")
-    carried = tuple(_carried(key, found[key]) for key in sorted(found))
-    begins = min(seen.first_s for seen in found.values())
-    lasts = max(seen.last_s for seen in found.values()) - begins
-    return Scan(Path(path), report.dialect, begins, lasts, carried, tuple(report.notes()))
+    return heard.scan(path, report.dialect, tuple(report.notes()))
+
+
+class Heard:
+    """Frames, by their identifiers, as they come."""
+
+    def __init__(self) -> None:
+        self.found: dict[tuple[str, int, bool], Seen] = {}
+
+    def add(self, batch: Frames) -> None:
+        """The next frames."""
+        _take(batch, self.found)
+
+    def scan(self, path: Path, dialect: str, notes: tuple[str, ...] = ()) -> Scan:
+        """What they were, by now; there must be some."""
+        carried = tuple(_carried(key, self.found[key]) for key in sorted(self.found))
+        begins = min(seen.first_s for seen in self.found.values())
+        lasts = max(seen.last_s for seen in self.found.values()) - begins
+        return Scan(Path(path), dialect, begins, lasts, carried, notes)
 
 
 @dataclass
-class _Seen:
+class Seen:
     """Frames of one identifier so far."""
 
     first_s: float
@@ -153,30 +167,36 @@ class _Seen:
     kept: int = 0
     lengths: frozenset[int] = frozenset()
     data: tuple[Bytes, ...] = ()
+    newest: bytes = b""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second."""
+        return (self.count - 1) / (self.last_s - self.first_s) if self.last_s > self.first_s else 0.0
 
 
-def _take(batch: Frames, found: dict[tuple[str, int, bool], _Seen]) -> None:
+def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen]) -> None:
     good = (batch.flags & (ERROR | REMOTE)) == 0
     key = batch.identifier.astype(np.int64) * 2 + ((batch.flags & EXTENDED) != 0) + (batch.channel.astype(np.int64) << 32)
     for one in np.unique(key[good]):
         rows = np.flatnonzero(good & (key == one))
         place = batch.buses[int(one >> 32)], int(one & 0xFFFFFFFF) >> 1, bool(one & 1)
-        seen = found.setdefault(place, _Seen(float(batch.time_s[rows[0]])))
+        seen = found.setdefault(place, Seen(float(batch.time_s[rows[0]])))
         seen.last_s, seen.count = float(batch.time_s[rows[-1]]), seen.count + len(rows)
+        seen.newest = batch.data[rows[-1], : batch.length[rows[-1]]].tobytes()
         seen.lengths |= frozenset(np.unique(batch.length[rows]).tolist())
         if seen.kept < KEPT:
             seen.data, seen.kept = (*seen.data, batch.data[rows]), seen.kept + len(rows)
 
 
-def _carried(key: tuple[str, int, bool], seen: _Seen) -> Carried:
+def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:
     bus, identifier, extended = key
     size = min(seen.lengths)
     data = np.vstack([part[:, :size] for part in seen.data])
-    rate = (seen.count - 1) / (seen.last_s - seen.first_s) if seen.last_s > seen.first_s else 0.0
     counters = _counters(data) if len(data) >= LEAST else ()
     covered = {b for c in counters for b in range(c.first, c.first + c.size)}
     others = tuple(text for b in range(size) if b not in covered and (text := _movement(b, data[:, b])))
-    return Carried(identifier, extended, bus, seen.count, rate, tuple(sorted(seen.lengths)), counters, others)
+    return Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others)
 
 
 def _counters(data: Bytes) -> tuple[Field, ...]:

@@ -334,6 +334,31 @@ class SimulatedSource(BusSource):
         super().close()
 
 
+def bus_opener(bus: str, bit_rate: int | None = None, options: Mapping[str, str | int] | None = None) -> Callable[[], "can.BusABC"]:
+    """What opens the bus INTERFACE:CHANNEL of python-can; AcquisitionError for an interface that it has not, what its driver raises when
+    it is opened. See `open_source`."""
+    interface, _, channel = bus.partition(":")
+    import can
+
+    # what is wrong comes as an exception and is said in one line; a driver's chatter is not for the terminal
+    logging.getLogger("can").setLevel(logging.ERROR)
+    if interface not in can.interfaces.BACKENDS:
+        raise AcquisitionError(f"--bus {bus!r}: {interface!r} is no interface; known: {', '.join(sorted(can.interfaces.BACKENDS))}")
+    given: dict[str, Any] = {k: int(v) if isinstance(v, str) and v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}
+    if bit_rate is not None:
+        given["bitrate"] = bit_rate
+    if interface == "udp_multicast":
+        given.setdefault("hop_limit", 0)
+
+    def opened() -> "can.BusABC":
+        made = can.Bus(interface=interface, channel=channel, **given)
+        if interface == "udp_multicast":
+            bind_to_group(made)
+        return made
+
+    return opened
+
+
 def open_source(
     bus: str,
     bit_rate: int | None = None,
@@ -353,22 +378,10 @@ def open_source(
         return ReplaySource(Path(channel), paced=paced)
     if interface == "simulated":
         return SimulatedSource(Path(channel))
-    import can
-
-    # what is wrong comes as an exception and is said in one line; a driver's chatter is not for the terminal
-    logging.getLogger("can").setLevel(logging.ERROR)
-    if interface not in can.interfaces.BACKENDS:
-        raise AcquisitionError(f"--bus {bus!r}: {interface!r} is no interface; known: {', '.join(sorted(can.interfaces.BACKENDS))}")
-    given: dict[str, Any] = {k: int(v) if isinstance(v, str) and v.lstrip("-").isdigit() else v for k, v in (options or {}).items()}
-    if bit_rate is not None:
-        given["bitrate"] = bit_rate
-    if interface == "udp_multicast":
-        given.setdefault("hop_limit", 0)
+    open_it = bus_opener(bus, bit_rate, options)
 
     def open_bus() -> "can.BusABC":
-        opened = can.Bus(interface=interface, channel=channel, **given)
-        if interface == "udp_multicast":
-            bind_to_group(opened)
+        opened = open_it()
         if prepare is not None:
             try:
                 prepare(opened)

@@ -1,6 +1,7 @@
 """What the readings in a capture's folder tell so far: the campaign a calibration will find there, its worth, the counts expected next."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,8 @@ class Progress:
         self._campaign: Campaign | None = None
         self._forecast: Forecast | None = None
         self.worth: Worth | None = None
+        self.history: list[tuple[int, Worth]] = []
+        """After how many readings what they were worth."""
 
     @property
     def of_all(self) -> Worth | None:
@@ -36,8 +39,23 @@ class Progress:
                 self._forecast = Forecast(folder.rig, folder.passage, folder.poses)
             if self._forecast is not None and self._campaign is not None and self._campaign.used.any():
                 self.worth = self._forecast.worth(self._campaign)
+                self._remember(self._forecast, self._campaign)
         except LMeasureError as error:
             self._say(f"  no forecast: {error}")
+
+    def _remember(self, forecast: Forecast, campaign: Campaign) -> None:
+        """The worth by now behind that of fewer readings, all of which a session that goes on does not know yet."""
+        readings = len(self._folder.of_pass)
+        self.history = [(count, worth) for count, worth in self.history if count < readings]
+        if not self.history and campaign.counted is not None:
+            read = np.flatnonzero(np.isfinite(campaign.counts).any(axis=1))
+            order = read[np.argsort(campaign.counted[read].max(axis=1))]
+            for count in range(2, len(order)):
+                counts = np.full_like(campaign.counts, np.nan)
+                counts[order[:count]] = campaign.counts[order[:count]]
+                self.history.append((count, forecast.worth(replace(campaign, counts=counts))))
+        if self.worth is not None:
+            self.history.append((readings, self.worth))
 
     def expected(self, pose: str, mean: FloatArray) -> Expected | None:
         """Recorded counts (m,) held against what is expected at a pose; None where nothing tells it yet."""

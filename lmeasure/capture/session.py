@@ -56,15 +56,15 @@ class Session:
         self.folder, self.settings, self._say = folder, settings, say
         self.recording = folder.next_recording
         self._band = still_counts(folder.rig, folder.channels, folder.passage)
-        self._rest = Rest(folder.channels, self._band, folder.modulus)
-        self._poses = folder.poses
-        self._skipped: set[str] = set()
+        self.rest = Rest(folder.channels, self._band, folder.modulus)
+        self.poses = folder.poses
+        self.skipped: set[str] = set()
         self._wanted, self._idle = False, False
         self._asked_s = self._held_s = -np.inf
-        self._trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
+        self.trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
         self._seen_events = 0
         self._pending: list[Samples] = []
-        self._progress = Progress(folder, say)
+        self.progress = Progress(folder, say)
         self.keys = settings.by != "rest"
         self.closure: Return | None = None
         self.finished = self.stopped = False
@@ -74,12 +74,12 @@ class Session:
     @property
     def to_read(self) -> int:
         """How many readings there will be, the return among them."""
-        return len(self._poses) - len(self._skipped) + self.settings.closure
+        return len(self.poses) - len(self.skipped) + self.settings.closure
 
     @property
     def worth(self) -> Worth | None:
         """Of the readings so far; None where nothing can be said of it."""
-        return self._progress.worth
+        return self.progress.worth
 
     # --- what comes in ---
 
@@ -118,7 +118,7 @@ class Session:
             count = len(samples.time_s)
             begun = np.arange(samples.time_s[0], samples.time_s[-1], PIECE_S) if count else np.empty(0)
             for first, end in pairwise(sorted({0, count, *np.searchsorted(samples.time_s, begun).tolist()})):
-                self._rest.add(Samples(samples.time_s[first:end], samples.recorded[first:end]))
+                self.rest.add(Samples(samples.time_s[first:end], samples.recorded[first:end]))
                 self._note_leaps()
                 self._decide()
         self._decide()
@@ -127,10 +127,10 @@ class Session:
         """At the newest sample that is looked at."""
         if self.finished or self.goal is None:
             return
-        still = self._rest.lasts_s >= self.settings.settle_s + self.settings.dwell_s and not self._idle
-        if self._wanted and self._rest.since_s > self._asked_s:
+        still = self.rest.lasts_s >= self.settings.settle_s + self.settings.dwell_s and not self._idle
+        if self._wanted and self.rest.since_s > self._asked_s:
             self._refuse("the robot moved during the dwell")
-        elif still and not self._trust.whole and self.folder.of_pass:
+        elif still and not self.trust.whole and self.folder.of_pass:
             self._hold_against_readings()
         elif still and (self._wanted or self._may_read_by_itself()):
             self._read()
@@ -149,20 +149,20 @@ class Session:
         why = self._unfit()
         if why:
             self._refuse(why)
-        elif self._rest.lasts_s < MOVES_S:
-            channel, speed = self._rest.fastest
+        elif self.rest.lasts_s < MOVES_S:
+            channel, speed = self.rest.fastest
             self._refuse(f"the robot moves ({channel}: {speed:.0f} counts/s); press when it stands")
         else:
-            self._wanted, self._asked_s = True, self._rest.since_s
+            self._wanted, self._asked_s = True, self.rest.since_s
 
     def _undo(self) -> None:
         if not self.folder.of_pass:
             self._say("nothing to take back")
             return
         reading = self.folder.take_back()
-        self._progress.renew()
+        self.progress.renew()
         if not self.folder.of_pass:
-            self._trust.restore()
+            self.trust.restore()
         self.closure, self.finished = None, False
         self._say(f"taken back: the reading of pose {reading.pose}; {len(self.folder.of_pass)} left")
         self._head_for(reading.pose)
@@ -170,17 +170,17 @@ class Session:
     def _skip(self) -> None:
         if self.goal is None:
             return
-        if self._is_return():
+        if self.returns:
             self.settings = replace(self.settings, closure=False)
-        self._skipped.add(self.goal)
+        self.skipped.add(self.goal)
         self._say(f"pose {self.goal} left out")
         self._head_for(self._next())
 
     def _go(self, name: str) -> None:
-        if name not in self._poses.names:
-            self._say(f"there is no pose {name!r}; they are {', '.join(self._poses.names)}")
+        if name not in self.poses.names:
+            self._say(f"there is no pose {name!r}; they are {', '.join(self.poses.names)}")
             return
-        self._skipped.discard(name)
+        self.skipped.discard(name)
         self._head_for(name)
 
     def _return(self) -> None:
@@ -190,9 +190,9 @@ class Session:
         self._head_for(self.folder.of_pass[0].pose)
 
     def _believe(self) -> None:
-        if not self._trust.whole:
-            self.folder.note(f"trusted before reading {len(self.folder.of_pass) + 1}: {self._trust.why}")
-            self._trust.restore()
+        if not self.trust.whole:
+            self.folder.note(f"trusted before reading {len(self.folder.of_pass) + 1}: {self.trust.why}")
+            self.trust.restore()
             self._say("the counters are trusted as they stand, which the folder notes")
 
     def _quit(self) -> None:
@@ -211,12 +211,12 @@ class Session:
         """Why no reading can be taken whatever the robot does; empty where it can."""
         if self._idle:
             return "no counts come from the bus at all"
-        if self._rest.silent:
-            return f"{', '.join(self._rest.silent)}: no counts come; look at the encoder, its plug and its cable"
+        if self.rest.silent:
+            return f"{', '.join(self.rest.silent)}: no counts come; look at the encoder, its plug and its cable"
         if not self.folder.of_pass:
             return ""
-        if not self._trust.whole:
-            return f"{self._trust.why}: {BACK}"
+        if not self.trust.whole:
+            return f"{self.trust.why}: {BACK}"
         if self.goal == self.folder.of_pass[-1].pose:
             return f"pose {self.goal} was read last; `undo` reads it anew, a second visit comes after another pose"
         return ""
@@ -227,23 +227,23 @@ class Session:
             return False
         why = self._unfit()
         if why:
-            if self._rest.silent and self._held_s < self._rest.since_s:
-                self._held_s = self._rest.now_s
+            if self.rest.silent and self._held_s < self.rest.since_s:
+                self._held_s = self.rest.now_s
                 self._refuse(why)
             return False
         if not self.folder.of_pass:
             # nothing tells yet where the robot stands
             return self.settings.by == "rest" or not self.keys
-        mean = np.nanmean(self._rest.counts, axis=0)
+        mean = np.nanmean(self.rest.counts, axis=0)
         if (
             np.abs(folded(mean - self.folder.of_pass[-1].mean, self.folder.modulus)) <= AWAY * self._band
-        ).all() or self._held_s >= self._rest.since_s:
+        ).all() or self._held_s >= self.rest.since_s:
             return False
         assert self.goal is not None
-        expected = self._progress.expected(self.goal, mean)
+        expected = self.progress.expected(self.goal, mean)
         if expected is None or not surprising(expected).any():
             return True
-        self._held_s = self._rest.now_s
+        self._held_s = self.rest.now_s
         self._say(f"a rest, but not at pose {self.goal}: {surprise(expected)}" + ("; Enter reads it all the same" if self.keys else ""))
         return False
 
@@ -251,7 +251,7 @@ class Session:
         """Take the reading that the rest gives, or say why not."""
         assert self.goal is not None
         self._wanted = False
-        dwell = self._rest.last(self.settings.dwell_s)
+        dwell = self.rest.last(self.settings.dwell_s)
         whole = np.isfinite(dwell.recorded).all(axis=1)
         why = self._unfit()
         if not why and whole.mean() < WHOLE_PART:
@@ -259,14 +259,14 @@ class Session:
             worst = [f"{self.folder.channels[j]} ({gaps[j]:.0%})" for j in np.argsort(-gaps) if gaps[j] > 0]
             why = f"counts are missing: {', '.join(worst)} of the dwell"
         if why:
-            self._held_s = self._rest.now_s  # said once of a rest
+            self._held_s = self.rest.now_s  # said once of a rest
             self._refuse(why)
             return
-        was_return, first = self._is_return(), not self.folder.of_pass
-        expected = None if first else self._progress.expected(self.goal, dwell.recorded[whole].mean(axis=0))
+        was_return, first = self.returns, not self.folder.of_pass
+        expected = None if first else self.progress.expected(self.goal, dwell.recorded[whole].mean(axis=0))
         reading = thinned(self.goal, self.folder.passage, self.recording, dwell.time_s[whole], counts=dwell.recorded[whole])
         self.folder.add(reading)
-        self._progress.renew()
+        self.progress.renew()
         u = np.sqrt(mean_variances(self.folder.of_pass)[-1])
         for line in reading_lines(reading, self.folder.channels, u):
             self._say(line)
@@ -288,18 +288,18 @@ class Session:
 
     def _hold_against_readings(self) -> None:
         """Whether the counters stand, at this rest, as they did at a pose that has been read."""
-        if self._held_s >= self._rest.since_s:
+        if self._held_s >= self.rest.since_s:
             return
-        self._held_s = self._rest.now_s
-        if self._rest.silent:
+        self._held_s = self.rest.now_s
+        if self.rest.silent:
             self._refuse(self._unfit())
             return
-        mean = np.nanmean(self._rest.last(self.settings.dwell_s).recorded, axis=0)
-        pose, why = self._trust.held_against(mean, self.folder.of_pass)
+        mean = np.nanmean(self.rest.last(self.settings.dwell_s).recorded, axis=0)
+        pose, why = self.trust.held_against(mean, self.folder.of_pass)
         if not pose:
             self._refuse(why)
             return
-        self._trust.restore()
+        self.trust.restore()
         self._say(f"the counters stand as they did at pose {pose}: they have kept their counts")
         self._head_for(self.goal)
 
@@ -312,14 +312,14 @@ class Session:
         self._seen_events = len(events)
 
     def _note_leaps(self) -> None:
-        for leap in self._rest.leaps():
+        for leap in self.rest.leaps():
             if self.folder.of_pass:
                 self._doubt(leap.channel, f"leapt by {leap.counts:+.0f} counts, alone and at once", "")
 
     def _doubt(self, channel: str, why: str, more: str) -> None:
-        if channel not in self._trust.doubts:
+        if channel not in self.trust.doubts:
             self._say(f"channel {channel} {why}{more}: no reading until it has been held against a pose that was read")
-            self._trust.doubts[channel] = why
+            self.trust.doubts[channel] = why
             self._wanted = False
 
     def _refuse(self, why: str) -> None:
@@ -332,10 +332,10 @@ class Session:
         done = len(self.folder.of_pass)
         if done:
             self._say(f"going on: {done} readings are there, of poses {', '.join(dict.fromkeys(r.pose for r in self.folder.of_pass))}")
-        self._progress.renew()
-        if self._progress.of_all is not None:
-            self._say(f"all {len(self._poses)} poses promise:")
-            self._say(worth_line(self._progress.of_all, len(self._poses)).replace("U95 by now", "U95"))
+        self.progress.renew()
+        if self.progress.of_all is not None:
+            self._say(f"all {len(self.poses)} poses promise:")
+            self._say(worth_line(self.progress.of_all, len(self.poses)).replace("U95 by now", "U95"))
         if self.settings.by != "rest":
             self._say(HELP)
         if self.goal is None:
@@ -349,18 +349,18 @@ class Session:
         if name is None:
             self.finished = True
             return
-        back = "back to the first: " if self._is_return() else ""
-        self._say(f"{back}{pose_line(self._poses, name, self.folder.rig.angles)}")
+        back = "back to the first: " if self.returns else ""
+        self._say(f"{back}{pose_line(self.poses, name, self.folder.rig.angles)}")
 
     def line(self) -> str:
         """The state of things in one line."""
-        if self._rest.silent:
-            state = f"silent: {', '.join(self._rest.silent)}"
-        elif self._rest.lasts_s > 0.1:
-            state = f"still {self._rest.lasts_s:.1f} s"
+        if self.rest.silent:
+            state = f"silent: {', '.join(self.rest.silent)}"
+        elif self.rest.lasts_s > 0.1:
+            state = f"still {self.rest.lasts_s:.1f} s"
         else:
             state = "moving"
-        newest = self._rest.counts[-1] if len(self._rest.counts) else np.full(len(self.folder.channels), np.nan)
+        newest = self.rest.counts[-1] if len(self.rest.counts) else np.full(len(self.folder.channels), np.nan)
         counts = " ".join("-" if np.isnan(v) else f"{v:+.0f}" for v in newest)
         return f"pose {self.goal}  {state:12s}  {counts}"
 
@@ -370,7 +370,9 @@ class Session:
 
     # --- state ---
 
-    def _is_return(self) -> bool:
+    @property
+    def returns(self) -> bool:
+        """Whether the pose that is wanted is the first one once more."""
         readings = self.folder.of_pass
         return len(readings) > 1 and self.goal == readings[0].pose
 
@@ -378,7 +380,7 @@ class Session:
         """The next pose to be read: those not read yet, then the first once more."""
         readings = self.folder.of_pass
         read = {r.pose for r in readings}
-        left = [name for name in self._poses.names if name not in read and name not in self._skipped]
+        left = [name for name in self.poses.names if name not in read and name not in self.skipped]
         if left:
             return left[0]
         if self.settings.closure and len(read) > 1 and readings[-1].pose != readings[0].pose:

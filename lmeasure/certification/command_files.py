@@ -1,17 +1,22 @@
 """A list of commands for the people and programs that make a robot run it."""
 
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 
 from lmeasure import conventions, files, se3
-from lmeasure.arrays import IntArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.certification.campaign import CIRCLE_STEPS, Campaign
 from lmeasure.conventions import QUATERNION_COLUMNS
+from lmeasure.errors import FileFormatError
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import write_program
-from lmeasure.robots.commands import Command
+from lmeasure.robots.commands import Command, Role
 
 ROBODK_CIRCLE_POINTS = 36
 
@@ -57,6 +62,60 @@ def write_commands(path: Path, plan: Campaign) -> None:
     columns |= {"speed_mm_s": np.array(of("speed_mm_s")), "dwell_s": np.where(last, of("dwell_s"), 0.0), "load_kg": np.array(of("load_kg"))}
     columns |= dict(zip(("force_x_n", "force_y_n", "force_z_n"), np.array(of("force_n")).T, strict=True))
     files.write_table(path, columns)
+
+
+def read_commands(path: Path) -> tuple[Command, ...]:
+    """The commands of such a list, for who carries them out; arcs are straight pieces of a circle's `CIRCLE_STEPS`-th.
+
+    FileFormatError names the file and what is missing.
+    """
+    table = files.read_table(path)
+    rows = table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS))
+    number, move = table.numbers("command"), table.text("move")
+    target, role = table.text("target"), table.text("role")
+    speed, dwell, load, cycle = (table.numbers(name) for name in ("speed_mm_s", "dwell_s", "load_kg", "cycle"))
+    force = table.matrix(("force_x_n", "force_y_n", "force_z_n"))
+    edges = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(number)]
+    out, here = [], rows[0]
+    for first, end in itertools.pairwise(edges):
+        poses = _with_arcs(path, here, rows[first:end], move[first:end])
+        role_of = role[first] or "pose"
+        if role_of not in get_args(Role):
+            raise FileFormatError(f"{path}: line {first + 2}: role {role_of!r} is none of {', '.join(get_args(Role))}")
+        named = Command(poses, float(speed[first]), float(dwell[end - 1]), target[first], cast(Role, role_of), int(cycle[first]))
+        out.append(replace(named, load_kg=float(load[first]), force_n=force[first]))
+        here = rows[end - 1]
+    return tuple(out)
+
+
+def _with_arcs(path: Path, here: FloatArray, rows: FloatArray, move: Sequence[str]) -> FloatArray:
+    """(k, 7) poses of the way through rows (n, 7), the first from here (7,): `via` and `arc` are a circle's piece through three points."""
+    out: list[FloatArray] = []
+    for i, kind in enumerate(move):
+        if kind == "linear":
+            out.append(rows[i][None])
+        elif kind == "arc" and i > 0 and move[i - 1] == "via":
+            out.append(_arc(path, here if i == 1 else rows[i - 2], rows[i - 1], rows[i]))
+        elif kind != "via":
+            raise FileFormatError(f"{path}: move {kind!r} is none of linear, via with arc")
+    return np.concatenate(out)
+
+
+def _arc(path: Path, first: FloatArray, via: FloatArray, last: FloatArray) -> FloatArray:
+    """(k, 7) poses behind the first on the arc from it through via to the last; the orientation of the last."""
+    a, b = via[:3] - first[:3], last[:3] - first[:3]
+    normal = np.cross(a, b)
+    if normal @ normal < 1e-12 * (a @ a) * (b @ b):
+        raise FileFormatError(f"{path}: three points of an arc lie on a line")
+    # from the first point to the centre of the circle through three points
+    centre = first[:3] + np.cross((a @ a) * b - (b @ b) * a, normal) / (2.0 * (normal @ normal))
+    out = first[:3] - centre
+    axis = normal / np.linalg.norm(normal)
+    across = np.cross(axis, out)
+    turn = math.atan2(float((last[:3] - centre) @ across), float((last[:3] - centre) @ out)) % (2.0 * math.pi)
+    angles = np.linspace(0.0, turn, max(2, round(turn / (2.0 * math.pi) * CIRCLE_STEPS) + 1))[1:, None]
+    places = centre + np.cos(angles) * out + np.sin(angles) * across
+    return np.column_stack([places, np.tile(last[3:], (len(places), 1))])
 
 
 def write_robodk(path: Path, plan: Campaign) -> None:

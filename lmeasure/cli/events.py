@@ -16,15 +16,20 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lmeasure.acquisition.check_watch import Moved
+    from lmeasure.acquisition.listening import Spoken
     from lmeasure.acquisition.recorder import Progress as State
+    from lmeasure.capture.session import Session
+    from lmeasure.chains.played_cell import PlayedCell
     from lmeasure.trajectory.live import PoseWatch
 
 VARIABLE = "LMEASURE_EVENTS"
 REFRESH_S = 0.05
-ANSWERED = ("check", "capture")
+ANSWERED = ("check", "capture", "play")
 """Commands that read standard input themselves."""
 
 
@@ -44,6 +49,10 @@ class Paced:
 
     def __init__(self, event: str) -> None:
         self._event, self._text, self._last = event, "", -math.inf
+
+    def due(self) -> bool:
+        """Whether an event without a new text would be told now."""
+        return time.monotonic() - self._last >= REFRESH_S
 
     def __call__(self, text: str, **values: Any) -> None:
         now = time.monotonic()
@@ -90,7 +99,9 @@ def live(state: "State", pose: "PoseWatch | str") -> None:
         frames=state.frames,
         faults=dict(state.faults),
         latency_s=_number(state.latency_s),
-        sent_s=_number(None if state.origin_s is None else state.origin_s + state.seconds),
+        newest_s=_number(state.newest_s),
+        lost=state.lost,
+        disk_free=state.disk_free,
         channels=[{"name": n, "count": _number(c), "counts_s": _number(r), "mm_s": _number(v)} for n, c, r, v in rows],
         pose=_pose(pose),
     )
@@ -102,18 +113,57 @@ _told = -math.inf
 def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
     if isinstance(watch, str):
         return {"status": "", "text": watch}
+    from lmeasure.cli.live import u95_mm
+
     latest = watch.latest
     if latest is None:
         return {"status": "", "text": ""}
     if latest.status != "ok":
-        return {"status": latest.status, "text": ""}
+        return {"status": latest.status, "text": watch.why}
     return {
         "status": "ok",
+        "u95_mm": u95_mm(watch),
         "position_mm": [float(v) for v in latest.pose[:3]],
         "quaternion_xyzw": [float(v) for v in latest.pose[3:]],
         "worst_pressure_angle_deg": _number(latest.worst_pressure_angle_deg),
         "text": "",
     }
+
+
+def captured(session: "Session") -> None:
+    """Where a capture stands: the pose that is wanted, what was read, and what it is worth."""
+    from lmeasure.capture.state import state_of
+
+    if _captured.due():
+        _captured("", **state_of(session))
+
+
+_captured = Paced("capture")
+
+
+def spoken(seconds: float, lines: "tuple[Spoken, ...]") -> None:
+    """Who speaks on a bus."""
+    told = [{"name": o.name, "frames": o.frames, "rate_hz": o.rate_hz, "data": o.data.hex(" "), "lit": o.lit} for o in lines]
+    _spoken("", seconds=seconds, lines=told)
+
+
+_spoken = Paced("scan")
+
+
+def moved(channels: "tuple[Moved, ...]") -> None:
+    """How far each channel has moved since a step of the self-test began."""
+    _moved("", channels=[asdict(one) for one in channels])
+
+
+_moved = Paced("moved")
+
+
+def played(cell: "PlayedCell") -> None:
+    """What a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is told."""
+    _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at())
+
+
+_played = Paced("cell")
 
 
 def _number(value: Any) -> float | None:

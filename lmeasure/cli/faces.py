@@ -15,6 +15,7 @@ from lmeasure.errors import SettingsError
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.check import Check, Step
+    from lmeasure.capture.session import Session
     from lmeasure.workflows import Workflow
     from lmeasure.workflows.flow import Progress, Result
     from lmeasure.workflows.settings import Asked
@@ -30,6 +31,8 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
     """Under the table of a recording, where it is asked for."""
     if not settings.live:
         return workflow.run(settings)
+    import lmeasure.accuracy.radius  # noqa: F401 - takes long, and not while frames come
+
     if events.asked():
         return workflow.run(settings, show=events.live)
     from lmeasure.cli.live import live_table
@@ -47,13 +50,15 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
             words = said("{text}, then press Enter", text=retold(step.text))
             say(f"{step.number}/{step.of} {words}")
             if events.asked():
-                events.tell("asked", text=words, number=step.number, of=step.of)
+                events.tell("asked", text=words, number=step.number, of=step.of, act=step.act)
             while not (lines := keys.typed()):
                 if keys.gone:
                     raise typer.Abort
                 state = step.look()
                 if show is not None:
                     show(state)
+                if events.asked():
+                    events.moved(step.moved())
             return lines[0]
 
         result: Result[Check] = workflow.run(settings, lambda fraction, text: say(text), ask=ask)
@@ -69,10 +74,30 @@ def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
         return str(typer.prompt("\n".join(fitted(retold(text), columns())), default="", show_default=False, prompt_suffix=": "))
 
     keys = TypedLines()
-    with state_line(keys) as (say, show):
+    with state_line(keys) as (say, line):
+
+        def show(session: "Session") -> None:
+            if line is not None:
+                line(session.line())
+            if events.asked():
+                events.captured(session)
+
         if on_terminal or events.asked():
             return workflow.run(settings, say=say, keys=keys, ask=ask if on_terminal else keys.answer, show=show)
         return workflow.run(settings, say=say, keys=keys)
+
+
+def listening(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """Under a progress bar, and for other programs with who speaks."""
+    with bar(workflow.name) as progress:
+        return workflow.run(settings, progress, show=events.spoken if events.asked() else None)
+
+
+def playing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """With a person, a page, or a script, that types what is to be done, until the end of what is typed."""
+    keys = TypedLines()
+    with state_line(keys) as (say, _):
+        return workflow.run(settings, say=say, keys=keys, show=events.played if events.asked() else None)
 
 
 def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
@@ -118,6 +143,8 @@ FACES: dict[str, Face] = {
     "capture": capturing,
     "check": questions,
     "init": beginning,
+    "play": playing,
+    "scan": listening,
     "demo": with_stages,
     "record": recording,
     "workbench": in_browser,

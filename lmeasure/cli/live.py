@@ -1,5 +1,6 @@
 """The terminal view of a recording: counts, rates, faults, latency."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -55,6 +56,15 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
     return Group(Text(head), table, *lines, Text(faults, style="red" if progress.faults else "green"))
 
 
+def u95_mm(watch: "PoseWatch") -> float | None:
+    """Radius of the sphere that holds the tool's origin with 95 %; None where there is no pose or no orientation to state one by."""
+    from lmeasure.accuracy.radius import stated_radii_95
+
+    covariance = watch.covariance()
+    radius = float("nan") if covariance is None else float(stated_radii_95(covariance[None, 3:, 3:])[0])
+    return radius if math.isfinite(radius) else None
+
+
 def _pose(watch: "PoseWatch", origin_s: float | None) -> str:
     """The pose of the last sample, or its status, and its latency."""
     latest = watch.latest
@@ -65,6 +75,8 @@ def _pose(watch: "PoseWatch", origin_s: float | None) -> str:
     place, turn = (
         ", ".join(f"{round(x, digits) + 0.0:+.{digits}f}" for x in part) for part, digits in ((latest.pose[:3], 3), (latest.pose[3:], 5))
     )
-    text = f"pose: ({place}) mm  quaternion ({turn})  worst pressure angle {latest.worst_pressure_angle_deg:.0f} deg"
+    u95 = u95_mm(watch)
+    stated = "" if u95 is None else f" within {u95:.3f} (95 %)"
+    text = f"pose: ({place}) mm{stated}  quaternion ({turn})  worst pressure angle {latest.worst_pressure_angle_deg:.0f} deg"
     latency = watch.latency_s(origin_s)
     return text if latency is None else f"{text}  frame to pose {1e3 * latency:.1f} ms"

@@ -8,6 +8,8 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 
+Role = Literal["pose", "settling", "path", "posing", "compliance"]
+
 
 def _no_force() -> FloatArray:
     return np.zeros(3)
@@ -26,7 +28,7 @@ class Command:
     speed_mm_s: float
     dwell_s: float = 0.0
     target: str = ""
-    role: Literal["pose", "settling", "path", "posing", "compliance"] = "pose"
+    role: Role = "pose"
     cycle: int = 1
     rotation_rad_s: float = 1.0
     load_kg: float = 0.0

@@ -17,7 +17,9 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.counts import Counts
 from lmeasure.encoder_table import Swivel
 from lmeasure.errors import LMeasureError, TrajectoryError
+from lmeasure.kernels.cable import counts_from_changes
 from lmeasure.lengths import counts_from_poses, recorded_from_counts
+from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
 from lmeasure.run import Run, known
 from lmeasure.status import WORDS, Status
@@ -33,6 +35,7 @@ START_UNKNOWN = "start_unknown"
 """Status of a sample while nothing has told yet where the run began."""
 FIRST = 50
 """Samples by which a run is learned first; then by twice as many each time, and once more where a sample contradicts itself."""
+COVARIANCE_EVERY_S = 0.2
 MOST = 2**17
 """Samples of a run that are kept to learn from."""
 
@@ -79,6 +82,8 @@ class LivePose:
         self._thread: threading.Thread | None = None
         if self.learns:
             self._rehearse()
+        if start is not None:
+            self.covariance(start)
 
     def _rehearse(self) -> None:
         """Learn from a run that is made up, so that everything is compiled; one that cannot be made up leaves that for later."""
@@ -125,6 +130,19 @@ class LivePose:
         if status == Status.INCONSISTENT and self.learns:
             self._next = min(self._next, max(self._learned * 5 // 4, self._n + FIRST))
         return self._sample(status, pose, angle)
+
+    def covariance(self, pose: FloatArray) -> FloatArray | None:
+        """(6, 6) covariance (rotation [rad]; tool origin [mm], base axes) of a pose (7,) of the run, slow as it may be: as `reconstruct`
+        states it, but for what only the run's course tells (its speed, play of drums, temperature). None while no pose is known.
+        """
+        if self._way is None:
+            return None
+        of = self._way.reconstruction
+        rows, budget = of.scheme.rows, of.budget
+        counts = np.asarray(counts_from_changes(rows, span_rows(rows, pose[None])[0] - of.zero))
+        nothing = np.zeros_like(counts)
+        found = budget.of(np.zeros(1), pose[None], counts=counts, speed_mm_s=nothing, compiled=False, travel=nothing)
+        return np.asarray(found.random[0] + found.systematic[0])
 
     def _sample(self, status: int, pose: FloatArray, angle: float) -> LiveSample:
         return LiveSample(WORDS[status], pose, float(np.degrees(angle)))
@@ -192,6 +210,8 @@ class PoseWatch:
 
     def __init__(self, live: LivePose) -> None:
         self._live = live
+        self._covariance: FloatArray | None = None
+        self._looked = -np.inf
         self.latest: LiveSample | None = None
         self.poses, self.longest_s = 0, 0.0
         self._time_s = self._finished = np.nan
@@ -214,6 +234,15 @@ class PoseWatch:
             self.poses += self.latest.status == "ok"
             self._time_s = time_s
         self._finished = time.time()
+
+    def covariance(self) -> FloatArray | None:
+        """(6, 6) covariance of the latest pose, of one `COVARIANCE_EVERY_S` ago at most; None where there is no pose."""
+        if self.latest is None or self.latest.status != "ok":
+            return None
+        now = time.monotonic()
+        if self._covariance is None or now - self._looked >= COVARIANCE_EVERY_S:
+            self._covariance, self._looked = self._live.covariance(self.latest.pose), now
+        return self._covariance
 
     def latency_s(self, origin_s: float | None) -> float | None:
         """From the last sample's own time to its pose, origin_s being when the first one was; None where no one clock tells both."""

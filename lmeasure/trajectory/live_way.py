@@ -20,7 +20,9 @@ SAMPLES = 10**6
 
 
 class Way(Protocol):
-    """Follows a run."""
+    """Follows a run, by a reconstruction."""
+
+    reconstruction: Reconstruction
 
     def step(self, time_s: float, recorded: FloatArray) -> tuple[int, FloatArray, float]:
         """Status, pose (7,) and worst pressure angle [rad] of the next sample, recorded counts (m,)."""
@@ -41,6 +43,7 @@ class SixCables:
     """Six cables to a body, as many as there are unknowns."""
 
     def __init__(self, reconstruction: Reconstruction) -> None:
+        self.reconstruction = reconstruction
         self._rows, self._start = reconstruction.scheme.rows, reconstruction.start
         self._u = np.sqrt(reconstruction.budget.length_variance)
         self._channels = channel_rows(reconstruction.rig)
@@ -60,7 +63,7 @@ class AnyChannels:
     def __init__(
         self, reconstruction: Reconstruction, doubts: Doubts, time_s: FloatArray | None = None, recorded: FloatArray | None = None
     ) -> None:
-        self._reconstruction = reconstruction
+        self.reconstruction = reconstruction
         rows = self._rows = reconstruction.scheme.rows
         m = len(rows)
         self._zero, self._start = reconstruction.zero, reconstruction.start
@@ -83,7 +86,7 @@ class AnyChannels:
     def _beginning(self, doubts: Doubts, time_s: FloatArray, recorded: FloatArray) -> None:
         """Go through what is known of the run."""
         changes, flags = live.changes_of(self._rows, self._channels, self._counters, time_s, np.ascontiguousarray(recorded))
-        changes = changes - self._reconstruction.budget.offsets(time_s)
+        changes = changes - self.reconstruction.budget.offsets(time_s)
         for d in doubts.every:
             mask = d.mask(time_s)
             changes[mask] = np.where((np.arange(len(self._rows)) == d.cable) | (d.cable == EVERY), np.nan, changes[mask])
@@ -123,9 +126,9 @@ class AnyChannels:
 
     def _contradicts(self, time_s: float, pose: FloatArray, change: FloatArray) -> bool:
         """Whether a sample does so with everything that its readings share in their covariance."""
-        redundancy = self._reconstruction.redundancy
+        redundancy = self.reconstruction.redundancy
         assert redundancy is not None
-        rig, nothing = self._reconstruction.rig, np.full(1, "", dtype=np.object_)
+        rig, nothing = self.reconstruction.rig, np.full(1, "", dtype=np.object_)
         counts = np.asarray(counts_from_changes(self._rows, np.where(np.isfinite(change), change, 0.0)[None]))
         names, changes = tuple(o.name for o in rig.observed), change[None]
         lengths = Lengths(np.full(1, time_s), names, changes, counts, np.zeros(1, np.int64), nothing, nothing, gone_on=counts)

@@ -19,7 +19,7 @@ from typing import Any
 from lmeasure.workbench.project import OWN
 
 RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
-PASSING = ("progress", "state", "live")
+PASSING = ("progress", "state", "live", "cell", "moved", "capture", "scan")
 """Events of which only the last counts; they are not kept on disk."""
 PATIENCE_S = 8.0
 CANCELLED_CODE = 130

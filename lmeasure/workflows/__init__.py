@@ -16,6 +16,10 @@ JOBS: dict[str, dict[str, str]] = {
     "Try it": {
         "workbench": "Open the workbench: the whole job in a browser of this machine, over a project folder.",
         "demo": "Calibrate, record, reconstruct and map a simulated cell over a virtual CAN bus, and compare with the truth.",
+        "play": (
+            "Play a simulated cell on a bus of this machine: a robot and a hand that do what is typed, for check, capture and record.\n\n"
+            "Lines typed while it runs: pull NAME [MM], let NAME, turn NAME, go POSE, home, run."
+        ),
         "simulate": "Simulate the instrument along a motion: what its counters would record, with the true poses beside it.",
     },
     "Build and calibrate a rig": {
@@ -23,6 +27,7 @@ JOBS: dict[str, dict[str, str]] = {
         "schema": "Print the JSON Schema of a file that is written by hand, for editors that complete and check it.",
         "place": "Search places for observation and attachment points that make the instrument best where the robot works.",
         "drum": "Fill the drums of a rig file from radii, distances and the full-wind count.",
+        "scan": "List the CAN adapters of this machine, or listen to a bus: who speaks, how often, and which bytes move.",
         "check": "Walk through the self-test: which channel is which cable, direction, counts per turn, stroke and slack.",
         "plan-poses": "Choose reference poses that leave the least uncertainty in the lengths over a zone, and say what each brings.",
         "capture": (

@@ -74,7 +74,7 @@ def run(
     say: Callable[[str], None] = print,
     keys: Keys | None = None,
     ask: Callable[[str], str] | None = None,
-    show: Callable[[str], None] | None = None,
+    show: "Callable[[Session], None] | None" = None,
 ) -> "Result[CaptureFolder]":
     """Capture until all poses are read, or somebody ends it; what is read is kept, and the next call goes on.
 
@@ -140,7 +140,7 @@ def _number(ask: Callable[[str], str], question: str) -> float | None:
             return value
 
 
-def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | None, show: Callable[[str], None] | None) -> str:
+def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | None, show: "Callable[[Session], None] | None") -> str:
     """Record frames while the session goes on; how the recording ended."""
     from lmeasure.acquisition.recorder import record
 
@@ -161,7 +161,7 @@ def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | N
             session.keys_are_gone()
         session.look(state.events, time.monotonic() - since)
         if show is not None:
-            show(session.line())
+            show(session)
         try:
             progress(len(folder.of_pass) / max(session.to_read, 1), "reading poses")
         except CancelledError:  # as Ctrl-C: what was read is kept

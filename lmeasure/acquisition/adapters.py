@@ -1,0 +1,109 @@
+"""CAN adapters of this machine, as far as they can be found without opening them, and who speaks on a bus.
+
+Run as a program it prints what python-can's drivers find, a line of JSON for each interface: one that hangs or breaks takes nothing along.
+"""
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+LEFT_OUT = ("virtual", "udp_multicast", "serial", "socketcand")
+"""Which lead to nothing but other programs and are always there, or speak no CAN; daemons are named by who started them."""
+PATIENCE_S = 4.0
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """A bus as `--bus` takes it, options as `--bus-option` does, and what is known of it."""
+
+    bus: str
+    options: tuple[str, ...] = ()
+    about: str = ""
+
+    def line(self) -> str:
+        """For a person."""
+        more = "".join(f" --bus-option {one}" for one in self.options)
+        return f"{self.bus}{more}" + (f"  ({self.about})" if self.about else "")
+
+
+def adapters(patience_s: float = PATIENCE_S) -> tuple[tuple[Adapter, ...], tuple[str, ...]]:
+    """Adapters, and interfaces whose driver did not answer in time."""
+    process = subprocess.Popen([sys.executable, "-m", __name__], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    lines: list[str] = []
+    assert process.stdout is not None
+    reader = threading.Thread(target=lines.extend, args=(process.stdout,), daemon=True)
+    reader.start()
+    reader.join(patience_s)
+    process.kill()
+    reader.join(1.0)
+    process.wait()
+    asked: set[str] = set()
+    found: list[Adapter] = []
+    for line in list(lines):
+        with contextlib.suppress(ValueError):
+            told = json.loads(line)
+            if "asks" in told:
+                asked.add(told["asks"])
+                continue
+            asked.discard(told["interface"])
+            found += [one for config in told["configs"] if (one := _adapter(config)) is not None]
+    found += [Adapter(f"slcan:{port}", (), about) for port, about in _serial_ports()]
+    unique = {(one.bus, one.options): one for one in found}
+    return tuple(unique.values()), tuple(sorted(asked))
+
+
+def _adapter(config: dict[str, Any]) -> Adapter | None:
+    """Of python-can's keywords; what is no plain value is how a program holds it, and not how it is named."""
+    interface, channel = config.get("interface"), config.get("channel")
+    if not interface or channel is None or interface in LEFT_OUT:
+        return None
+    plain = {k: v for k, v in config.items() if k not in ("interface", "channel") and isinstance(v, str | int) and not isinstance(v, bool)}
+    options = tuple(f"{k}={v}" for k, v in plain.items() if k not in ("device_name", "vector_channel_config"))
+    return Adapter(f"{interface}:{channel}", options, str(plain.get("device_name", "")))
+
+
+def _serial_ports() -> list[tuple[str, str]]:
+    """Serial ports of USB, on which an adapter may speak SLCAN."""
+    try:
+        from serial.tools.list_ports import comports  # type: ignore[import-untyped]
+    except ImportError:
+        return []
+    return [(p.device, " ".join(str(p.description or "").split())) for p in comports() if p.vid is not None]
+
+
+def _ask_all() -> None:
+    """Each driver in a thread of its own."""
+    import can
+
+    lock = threading.Lock()
+
+    def tell(**values: Any) -> None:
+        with lock:
+            print(json.dumps(values, default=str), flush=True)
+
+    def ask(interface: str) -> None:
+        configs: list[Any] = []
+        with contextlib.suppress(Exception):  # a driver that is not installed raises whatever it likes
+            configs = [dict(one) for one in can.detect_available_configs([interface], timeout=2 * PATIENCE_S)]
+        tell(interface=interface, configs=configs)
+
+    threads = []
+    for interface in sorted(set(can.interfaces.BACKENDS) - set(LEFT_OUT)):
+        tell(asks=interface)
+        threads.append(threading.Thread(target=ask, args=(interface,), daemon=True))
+        threads[-1].start()
+    end = time.monotonic() + 2 * PATIENCE_S
+    for thread in threads:
+        thread.join(max(end - time.monotonic(), 0.0))
+
+
+if __name__ == "__main__":
+    import logging
+
+    logging.disable(logging.CRITICAL)
+    _ask_all()

@@ -1,0 +1,128 @@
+"""A simulated cell that speaks on a bus and does what it is told."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import CancelledError, GeometryError, LMeasureError, SettingsError
+from lmeasure.workflows.capture import Keys
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.settings import Asked, Names, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.chains.played_cell import PlayedCell
+    from lmeasure.rig import Rig
+
+BUILT = "How the cell differs from its rig"
+GROUP = "udp_multicast:239.74.163.2"
+AT_ONCE_S = 0.02
+"""Rows that are made at once, and how long a line waits at most."""
+
+
+class Settings(Asked):
+    """What `lmeasure play` is asked."""
+
+    rig: Annotated[Path, option("rig.toml: what a person has measured of the cell.", metavar="RIG", positional=True)]
+    bus: Annotated[str, option("Where it speaks: a bus that other programs of this machine reach.", metavar="INTERFACE:CHANNEL")] = GROUP
+    poses: Annotated[Path | None, option("Poses that the robot can be sent to.", metavar="planned.csv")] = None
+    commands: Annotated[
+        Path | None, option("Commands for `run`, as `program` writes them; else a motion of six stops.", metavar="commands.csv")
+    ] = None
+    at: Annotated[
+        str | None, option("Where the robot is at home, as --start of `record`; else the base frame's origin.", metavar="X,Y,Z,O,A,T")
+    ] = None
+    rate_hz: Annotated[float, option("Samples a second.", ge=1, le=2000, unit="Hz")] = 200.0
+    passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    off_mm: Annotated[float, option("Observation points lie up to so far from where the rig says.", ge=0, le=500, panel=BUILT)] = 5.0
+    off_deg: Annotated[float, option("Guides are turned by up to as much.", ge=0, le=20, panel=BUILT)] = 1.0
+    u_position_mm: Annotated[
+        float, option("How well the robot takes a pose: standard deviation of each coordinate.", ge=0, le=50, panel=BUILT)
+    ] = 0.02
+    u_rotation_deg: Annotated[float, option("The same of its orientation, about each axis.", ge=0, le=10, panel=BUILT)] = 0.003
+    exchange: Annotated[Names, option("Two channels whose encoders are exchanged.", metavar="CHANNEL,CHANNEL", panel=BUILT)] = ()
+    seed: Annotated[int, option("Which cell is drawn.", ge=0, panel=BUILT)] = 0
+
+    def paths(self) -> Paths:
+        """It writes nothing."""
+        return Paths((), (self.rig,))
+
+
+@workflow("play")
+def run(
+    settings: Settings,
+    progress: Progress = silent,
+    *,
+    say: Callable[[str], None] = print,
+    keys: Keys | None = None,
+    show: "Callable[[PlayedCell], None] | None" = None,
+) -> Result[None]:
+    """Play until nobody types any more, or without keys until Ctrl-C. say takes lines for a person, keys gives what the person types, show
+    is told of the cell."""
+    from lmeasure.acquisition.decoders import counter_fields
+    from lmeasure.acquisition.feed import play
+    from lmeasure.acquisition.session import options_from_text
+    from lmeasure.acquisition.sources import bus_opener
+    from lmeasure.rig import read_rig
+
+    rig = read_rig(settings.rig)
+    cell = _cell(settings, rig, progress)
+    fields = counter_fields(rig, settings.passage, settings.rig.parent)
+    open_bus = bus_opener(settings.bus, rig.can_table.bit_rate, options_from_text(settings.bus_option))
+    try:
+        bus = open_bus()
+    except Exception as error:  # each driver has its own way to say that there is no such device
+        raise LMeasureError(f"{settings.bus}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
+    rows, due = 0, time.perf_counter()
+    at_once = max(1, round(AT_ONCE_S * settings.rate_hz))
+    say(f"{rig.name} speaks on {settings.bus}, {settings.rate_hz:g} samples/s of {', '.join(f.channel for f in fields)}")
+    try:
+        while not (keys is not None and keys.gone):
+            for line in keys.typed() if keys is not None else ():
+                _do(cell, line, say)
+            if show is not None:
+                show(cell)
+            try:
+                progress(0.0, "playing")
+            except CancelledError:
+                break
+            due = play(cell.take(at_once), fields, rig.can_table.sync_id, bus, rate_hz=settings.rate_hz, due=due)
+            rows += at_once
+    finally:
+        bus.shutdown()
+    return Result(None, (f"{rows} samples were sent",), {"samples": float(rows)})
+
+
+def _do(cell: "PlayedCell", line: str, say: Callable[[str], None]) -> None:
+    if line.strip():
+        try:
+            say(cell.do(line))
+        except LMeasureError as error:
+            say(f"not done: {error}")
+
+
+def _cell(settings: Settings, rig: "Rig", progress: Progress) -> "PlayedCell":
+    import numpy as np
+
+    from lmeasure.chains.played_cell import Built, PlayedCell
+    from lmeasure.poses import read_poses
+    from lmeasure.start import start_from_text
+
+    if settings.passage > rig.passes:
+        raise SettingsError("passage", f"{settings.passage}: the rig has {rig.passes}")
+    home = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) if settings.at is None else start_from_text(settings.at, rig)
+    try:
+        return PlayedCell(
+            rig,
+            home,
+            settings.rate_hz,
+            how=Built(settings.off_mm, settings.off_deg, settings.u_position_mm, settings.u_rotation_deg, settings.exchange),
+            passage=settings.passage,
+            poses=None if settings.poses is None else read_poses(settings.poses, rig.angles, positions_alone=True),
+            commands=settings.commands,
+            seed=settings.seed,
+            progress=lambda done, of: progress(done / of, "let the robot run its test program"),
+        )
+    except GeometryError as error:
+        raise LMeasureError(f"{settings.rig}: the cell cannot be played: {error}; --at says where the robot is at home") from error

@@ -1,0 +1,67 @@
+"""Adapters of this machine, and who speaks on a bus."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
+
+from lmeasure.errors import CancelledError, SettingsError
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.settings import Asked, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition.listening import Spoken
+
+
+class Settings(Asked):
+    """What `lmeasure scan` is asked."""
+
+    bus: Annotated[str | None, option("Listen to this bus; without it adapters are listed.", metavar="INTERFACE:CHANNEL")] = None
+    seconds: Annotated[float, option("How long to listen.", ge=0.1, le=3600, unit="s")] = 5.0
+    bit_rate: Annotated[int | None, option("Of the bus, where the adapter has to be told.", ge=1, unit="bit/s")] = None
+    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+
+    def paths(self) -> Paths:
+        """It writes nothing."""
+        return Paths((), ())
+
+
+@workflow("scan")
+def run(
+    settings: Settings, progress: Progress = silent, *, show: "Callable[[float, tuple[Spoken, ...]], None] | None" = None
+) -> Result[Any]:
+    """List adapters, or listen; show is told who speaks all the while."""
+    from lmeasure.acquisition.adapters import adapters
+    from lmeasure.acquisition.listening import listen
+    from lmeasure.acquisition.session import options_from_text
+    from lmeasure.acquisition.sources import open_source
+
+    if settings.bus is None:
+        if settings.bus_option or settings.bit_rate is not None:
+            raise SettingsError("bus", "is missing: which bus is listened to")
+        progress(0.0, "looking for adapters")
+        found, unanswered = adapters()
+        notes = tuple(f"the driver of {name} did not answer" for name in unanswered)
+        lines = tuple(one.line() for one in found) or ("no adapter is found; interfaces and their names: docs/acquisition.md",)
+        made = [{"bus": one.bus, "options": list(one.options), "about": one.about} for one in found]
+        return Result(made, (*lines, *notes), {"adapters": float(len(found))}, notes)
+    ended = False
+
+    def told(seconds: float, spoken: "tuple[Spoken, ...]") -> None:
+        nonlocal ended
+        if show is not None:
+            show(seconds, spoken)
+        try:
+            progress(min(seconds / settings.seconds, 1.0), "listening")
+        except CancelledError:
+            ended = True
+
+    source = open_source(settings.bus, settings.bit_rate, options_from_text(settings.bus_option))
+    try:
+        found_there = listen(source, settings.seconds, show=told, stop=lambda: ended)
+    finally:
+        source.close()
+    heard: list[dict[str, Any]] = [
+        {"identifier": c.name, "frames": c.frames, "rate_hz": c.rate_hz, "moves": [*(f.text for f in c.counters), *c.others]}
+        for c in found_there.carried
+    ]
+    figures = {"identifiers": float(len(found_there.carried)), "counters": float(sum(len(c.counters) for c in found_there.carried))}
+    return Result(heard, tuple(found_there.lines()), figures)
