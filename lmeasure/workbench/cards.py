@@ -124,16 +124,27 @@ NEEDS = {
 ONWARD = {
     "init": (("/rig", "Put in its dimensions"),),
     "demo": (("/zone", "Zone and place"), ("/robot", "Robot and certificate")),
+    "simulate": (
+        ("/run/calibrate?folder={out}/calibration", "Find the observation points"),
+        ("/run/reconstruct?run={out}", "Reconstruct the trajectory"),
+    ),
     "check": (("/calibrate", "Calibrate"),),
     "plan-poses": (("/calibrate#capture", "Capture the poses"),),
     "capture": (("/calibrate#calibrate", "Find the observation points"),),
-    "calibrate": (("/zone", "Zone and place"),),
-    "zone": (("/live", "Live"), ("/runs", "Runs")),
-    "record": (("/runs#reconstruct", "Reconstruct the trajectory"),),
-    "import": (("/runs#reconstruct", "Reconstruct the trajectory"),),
-    "reconstruct": (("/runs#report", "Page of a trajectory"), ("/robot#certify", "Certify")),
-    "certify": (("/robot#verify", "Verify a certificate"),),
+    "calibrate": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"),),
+    "zone": (("/run/program?zone={out}", "Its largest cube as a test program"), ("/live", "Live"), ("/runs", "Runs")),
+    "place": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"),),
+    "record": (("/run/reconstruct?run={out}", "Reconstruct the trajectory"),),
+    "import": (("/start/{out}", "Start pose"), ("/run/reconstruct?run={out}", "Reconstruct the trajectory")),
+    "reconstruct": (
+        ("/trajectory/{out}", "Look at it over time"),
+        ("/run/report?measured={out}", "Page of a trajectory"),
+        ("/run/certify?trajectory={out}&run={run}", "Certify"),
+    ),
+    "key": (("/run/certify?key={out}", "Certify"),),
+    "certify": (("/run/verify?bundle={out}", "Verify a certificate"), ("/trend", "Certificates over time")),
 }
+"""What comes after a command; in braces stands what it was asked."""
 
 
 @dataclass(frozen=True)
@@ -152,11 +163,17 @@ class Card:
 
 
 def card(
-    command: str, project: Project, *, page: str = "", given: Mapping[str, Any] | None = None, error: SettingsError | str | None = None
+    command: str,
+    project: Project,
+    *,
+    page: str = "",
+    given: Mapping[str, Any] | None = None,
+    told: Mapping[str, Any] | None = None,
+    error: SettingsError | str | None = None,
 ) -> Card:
-    """The card of a command, with what was given in its fields and what is wrong with it beside them."""
-    told = error if isinstance(error, SettingsError) else None
-    fields = forms.fields(command, project, given, told)
+    """The card of a command, with what was given in its fields, or what is told of some of them, and what is wrong with it beside them."""
+    wrong = error if isinstance(error, SettingsError) else None
+    fields = forms.fields(command, project, given, wrong, told=told)
     ahead = [*FIRST.get(command, ()), *(f.option.name for f in fields if f.option.required)]
     first = sorted((f for f in fields if f.option.name in ahead), key=lambda f: ahead.index(f.option.name))
     panels: dict[str, list[forms.FieldOf]] = {}
@@ -164,7 +181,7 @@ def card(
         if one not in first:
             panels.setdefault(one.option.panel or MORE, []).append(one)
     kind, needs = NEEDS.get(command, ("", ""))
-    whole = "" if told is not None and any(f.error for f in fields) else str(error or "")
+    whole = "" if wrong is not None and any(f.error for f in fields) else str(error or "")
     missing = _start(command, project) or (needs if kind and not project.of(kind) else "")
     verb = VERBS.get(command, "Run")
     return Card(command, page, TITLES.get(command, command), COMMANDS[command], verb, first, list(panels.items()), missing, whole)

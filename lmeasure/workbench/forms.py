@@ -106,9 +106,16 @@ class FieldOf:
         return f"{text} {say('{low} to {high}.', low='' if low is None else f'{low:g}', high=f'{high:g}')}"
 
 
-def fields(command: str, project: Project, given: Mapping[str, Any] | None = None, error: SettingsError | None = None) -> list[FieldOf]:
-    """The fields of a command: what was given stands in them, else what the project suggests."""
-    values = given or {}
+def fields(
+    command: str,
+    project: Project,
+    given: Mapping[str, Any] | None = None,
+    error: SettingsError | None = None,
+    *,
+    told: Mapping[str, Any] | None = None,
+) -> list[FieldOf]:
+    """The fields of a command: what was given stands in them; else what is told of some, and what the project suggests for the others."""
+    values = given if given is not None else told or {}
     out = []
     every = options_of(load(command).settings)
     labels = {flag: option.label for option in every for flag in option.flag.split("/") if flag.startswith("--")}

@@ -1,10 +1,11 @@
 """The pages: each answers with a template; what is done is done by a job."""
 
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlencode
+from urllib.parse import quote, urlencode
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
@@ -58,8 +59,9 @@ async def one_command(request: Request) -> Response:
         return lost(request, f"{name}: no command that runs from a page")
     if request.method != "POST":
         query = {key: request.query_params.getlist(key) for key in request.query_params}
-        given = forms.filled_in(name, query) if query else None
-        return _form(request, name, given=given)
+        given = forms.filled_in(name, query)
+        # a link names a field or two; a job that is done again names them all
+        return _form(request, name, given=given) if "_form" in query else _form(request, name, told=given)
     given = forms.filled_in(name, await form_of(request))
     try:
         words = forms.asked(name, given, bench.folder)
@@ -91,8 +93,10 @@ def _outputs(command: str, given: Mapping[str, Any]) -> list[str]:
     return [str(given[key]) for key in ("out", "report", "rerun", "write", "checkpoint") if isinstance(given.get(key), str)]
 
 
-def _form(request: Request, name: str, *, given: Any = None, error: SettingsError | str | None = None, status: int = 200) -> Response:
-    shown = card(name, bench_of(request).project, page=f"run/{name}", given=given, error=error)
+def _form(
+    request: Request, name: str, *, given: Any = None, told: Any = None, error: SettingsError | str | None = None, status: int = 200
+) -> Response:
+    shown = card(name, bench_of(request).project, page=f"run/{name}", given=given, told=told, error=error)
     return page(request, "cards.html", status, title=TITLES.get(name, name), lead="", cards=[shown], made=[])
 
 
@@ -113,7 +117,8 @@ def _onward(job: Job) -> tuple[tuple[str, str], ...]:
     if job.command == "check" and job.state == FAILED and asked.get("write"):
         corrected = asked | {"rig": asked["write"], "write": ""}
         return ((f"/run/check?{urlencode(corrected, doseq=True)}", "Take the corrected rig and check again"),)
-    return ONWARD.get(job.command, ())
+    given = defaultdict(str, {key: quote(value) for key, value in asked.items() if isinstance(value, str)})
+    return tuple((address.format_map(given), text) for address, text in ONWARD.get(job.command, ()))
 
 
 def _files(job: Job, folder: Path) -> list[str]:

@@ -1,6 +1,5 @@
 """What a person does with the mouse: a rig begun and changed, cables that are exchanged found and mended; how all pages look."""
 
-import json
 import sys
 import time
 from pathlib import Path
@@ -14,6 +13,7 @@ from lmeasure.rig import read_rig, write_rig
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "acquisition")]
 from access import faults  # noqa: E402
 from browser import LOOK, Page, opened  # noqa: E402
+from clicks import ENDED, fill, now, press, visit  # noqa: E402
 from test_buses import a_group  # noqa: E402
 from test_check import Bench, two_cables  # noqa: E402
 
@@ -32,40 +32,6 @@ PAGES = (
     "/run/structure",
     "/nowhere",
 )
-
-
-def visit(page: Page, base: str, path: str) -> None:
-    """Open a page of the workbench."""
-    page.go(base + path)
-    page.wait(f"location.pathname + location.search === {path!r} && document.readyState === 'complete'")
-
-
-def press(page: Page, selector: str, then: str) -> None:
-    """Press what a selector finds, once it is there, and wait."""
-    page.wait(f"document.readyState === 'complete' && !!document.querySelector({selector!r})")
-    page.evaluate(f"document.querySelector({selector!r}).click()")
-    page.wait(then)
-
-
-def now(page: Page, script: str) -> Any:
-    """Value of a script in a page that may load itself again at any moment: nothing while it does."""
-    try:
-        return page.evaluate(script)
-    except AssertionError as error:
-        if "navigated" not in str(error):
-            raise
-        return None
-
-
-def fill(page: Page, form: str, **values: str) -> None:
-    """Type into the fields of a form."""
-    for name, value in values.items():
-        found = json.dumps(f"{form} [name='{name}']")
-        typed = "for (const kind of ['input', 'change']) e.dispatchEvent(new Event(kind, {bubbles: true}))"
-        page.evaluate(f"(() => {{const e = document.querySelector({found}); e.value = {json.dumps(value)}; {typed}}})()")
-
-
-ENDED = "!!document.querySelector('.after')"
 
 
 def looked_at(page: Page, base: str, widths: dict[str, tuple[int, ...]], *, quick: bool = False) -> list[Any]:

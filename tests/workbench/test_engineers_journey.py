@@ -1,0 +1,115 @@
+"""The engineer's whole job by clicks alone, from an empty folder to a signed certificate that is verified; the same files by hand."""
+
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+from bench import client, served
+
+from lmeasure.cli import main
+
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "certification")]
+from browser import Page, opened  # noqa: E402
+from campaigns import write_campaign  # noqa: E402
+from clicks import begin, choose, ended, press, visit  # noqa: E402
+
+def onward(page: Page, part: str) -> None:
+    """Press the button, on the page of a job that is done, that leads on to an address."""
+    press(page, f".after a[href*='{part}']", f"location.pathname.startsWith('{part}')")
+
+
+def certified(page: Page, base: str, **given: str) -> None:
+    """Make a key, certify with it as a zip, verify the folder, then drop the zip."""
+    visit(page, base, "/robot")
+    begin(page, "key", out="lab.key")
+    visit(page, base, "/robot")
+    begin(page, "certify", key="lab.key", out="certificates/first", **given)
+    onward(page, "/run/verify")
+    begin(page, "verify")
+
+
+def dropped(page: Page, base: str, packed: Path) -> str:
+    """What is said of a zip that is dropped."""
+    visit(page, base, "/robot")
+    choose(page, "#packed", packed)
+    press(page, "form[action='/verify'] button.go", "location.pathname.startsWith('/jobs/') && document.readyState === 'complete'")
+    page.wait("!!document.querySelector('.after')", seconds=400.0)
+    return str(page.evaluate("document.querySelector('main').innerText"))
+
+
+def by_hand(lines: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command lines that the pages showed, typed."""
+    for line in lines:
+        monkeypatch.setattr("sys.argv", shlex.split(line))
+        with pytest.raises(SystemExit) as ended_with:
+            main()
+        assert not ended_with.value.code, line
+
+
+def test_an_engineer_from_nothing_to_a_verified_certificate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rig begun, simulated, calibrated and mapped; a robot's run that is brought in, reconstructed and certified."""
+    brought, project, hand = tmp_path / "brought", tmp_path / "project", tmp_path / "hand"
+    write_campaign(brought)
+    with served(project) as address, opened(address, tmp_path / ".profile") as page:
+        base = address.split("/?")[0]
+        press(page, "a.button[href='/rig']", "location.pathname === '/rig'")
+        begin(page, "init")
+        visit(page, base, "/run/simulate")
+        begin(page, "simulate", scenario="scenario.toml")
+        onward(page, "/run/calibrate")
+        begin(page, "calibrate")
+        onward(page, "/run/zone")
+        begin(page, "zone", x="-100:100:100", y="-100:100:100", z="-100:100:100")
+        visit(page, base, "/files")
+        choose(page, "#upload", *sorted((brought / "run").iterdir()), brought / "program.toml")
+        page.evaluate("document.getElementById('into').value = 'measured'")
+        press(page, "form[action='/upload'] button.go", "document.getElementById('upload')?.files.length === 0")
+        visit(page, base, "/look/measured")
+        press(page, "main a.button[href*='reconstruct']", "location.pathname === '/run/reconstruct'")
+        begin(page, "reconstruct", out="trajectory.parquet")
+        onward(page, "/run/report")
+        begin(page, "report")
+        certified(page, base, trajectory="trajectory.parquet", run="measured", program="measured/program.toml", trials="100")
+        shutil.make_archive(str(tmp_path / "mine"), "zip", project / "certificates" / "first")
+        told = dropped(page, base, tmp_path / "mine.zip")
+        assert "done" in told
+        assert "the same to the digit" in told
+        assert [error for error in page.errors if "404" not in error] == []
+    with client(project) as asked:
+        lines = [job["line"] for job in reversed(asked.get("/api/jobs").json()["jobs"])]
+    assert len(lines) == 10
+    hand.mkdir()
+    monkeypatch.chdir(hand)
+    shutil.copytree(project / "measured", "measured")
+    for folder in ("runs", "zones", "calibration"):
+        Path(folder).mkdir()
+    by_hand([line for line in lines if line.split()[1] not in ("key", "certify", "verify")], monkeypatch)
+    files = [path.relative_to(hand) for path in sorted(hand.rglob("*")) if path.is_file()]
+    assert len(files) > 30
+    for file in files:
+        assert (project / file).read_bytes() == file.read_bytes(), file
+
+
+@pytest.mark.slow
+def test_an_engineer_with_a_simulated_robot(tmp_path: Path) -> None:
+    """The long form: the cell, its robot and its test cube are the button of an empty project."""
+    with served(tmp_path / "project") as address, opened(address, tmp_path / ".profile") as page:
+        base = address.split("/?")[0]
+        press(page, ".tour button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
+        ended(page)
+        visit(page, base, "/calibrate")
+        begin(page, "calibrate", folder="cell/campaign", out="calibrated")
+        onward(page, "/run/zone")
+        begin(page, "zone")
+        onward(page, "/run/program")
+        begin(page, "program", tests="pose,path")
+        visit(page, base, "/runs")
+        begin(page, "reconstruct", run="cell/run", out="trajectory.parquet")
+        onward(page, "/run/report")
+        begin(page, "report")
+        certified(page, base, trajectory="trajectory.parquet", run="cell/run", program="cell/program.toml")
+        shutil.make_archive(str(tmp_path / "mine"), "zip", tmp_path / "project" / "certificates" / "first")
+        assert "the same to the digit" in dropped(page, base, tmp_path / "mine.zip")
+        assert [error for error in page.errors if "404" not in error] == []
