@@ -179,7 +179,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
         at = [i for s in own if (i := _near(s.first, known)) is not None]
         if at:
             px, py, pz = poses[at, :3].T
-            told = [html.label(_about(s, language)) for s in own]
+            told = [html.label(about_stretch(s, language)) for s in own]
             figure.add_scatter3d(
                 x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": colour, "symbol": "diamond"}, text=told, name=words[key],
                 hoverinfo="text",
@@ -227,7 +227,8 @@ def _shown(stretches: Sequence[Stretch], found: Along) -> list[Stretch]:
     return merged(stretches, float(np.ptp(found.trajectory.time_s)) / MOST_STRETCHES)
 
 
-def _about(s: Stretch, language: str) -> str:
+def about_stretch(s: Stretch, language: str) -> str:
+    """Status, samples, cause and cable of a stretch in words."""
     samples = f"{s.first}–{s.last}" if s.last > s.first else str(s.first)
     return ", ".join(part for part in (_status(s.status, language), samples, Say(language).told(s.cause), s.cable) if part)
 
@@ -312,7 +313,7 @@ def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[int, 
         figure.add_scatter(
             x=[t for s in own for t in (s.begin_s, s.end_s, None)], y=[name, name, None] * len(own), mode="lines+markers",
             line={"width": 9, "color": LESS if ok else FAULT}, marker={"size": 7, "symbol": "line-ns-open", "color": LESS if ok else FAULT},
-            text=[html.label(_about(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False, row=row, col=1,
+            text=[html.label(about_stretch(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False, row=row, col=1,
         )  # fmt: skip
 
 

@@ -28,15 +28,44 @@ LOOPBACK = "127.0.0.1"
 HERE = ("127.0.0.1", "localhost")
 RECORDING = "/recording.rrd"
 START_S = 30.0
-POLICY = (
-    "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; font-src 'self' data:; "
-    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; form-action 'none'"
-)
+_NAME = re.compile(r"[\w.\-]*")
 _ELSEWHERE = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
 _ALONE = b"""<script>{const own = window.fetch.bind(window); window.fetch = (what, how) =>
 new URL(what instanceof Request ? what.url : what, location).origin === location.origin ? own(what, how)
 : Promise.resolve(new Response("{}", {status: 404}))}</script>"""
 """Answers in the page what would go elsewhere."""
+
+
+def policy(read: str = "'self'") -> str:
+    """What the viewer's page may do: run its own code, and ask the places in `read` alone."""
+    return (
+        "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; font-src 'self' data:; "
+        f"img-src 'self' data: blob:; connect-src {read} data: blob:; worker-src 'self' blob:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def viewer_file(name: str) -> tuple[str, bytes] | None:
+    """Kind and content of a file of the viewer, its page for an empty name; None where it has none of that name. rerun runs as long as
+    that takes, so that nothing of it stays when this process is killed. LMeasureError where it does not start."""
+    if not _NAME.fullmatch(name):
+        return None
+    with _viewer_files(f"http://{LOOPBACK}:1{RECORDING}") as behind:
+        status, kind, content = _fetched(behind, f"/{name}")
+    return (kind, content) if status == 200 else None
+
+
+def _fetched(behind: int, path: str) -> tuple[int, str, bytes]:
+    """Status, kind and content of what rerun gives, its page without what it would fetch from elsewhere."""
+    connection = http.client.HTTPConnection(LOOPBACK, behind, timeout=60)
+    try:
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        content, kind = answer.read(), answer.getheader("Content-Type", "application/octet-stream")
+    finally:
+        connection.close()
+    if kind.startswith("text/html"):
+        content = _ELSEWHERE.sub(b"", content).replace(b"<head>", b"<head>" + _ALONE, 1)
+    return answer.status, kind, content
 
 
 @contextmanager
@@ -149,29 +178,21 @@ class _Handler(BaseHTTPRequestHandler):
             self._relay(body=body)
 
     def _relay(self, *, body: bool) -> None:
-        connection = http.client.HTTPConnection(LOOPBACK, self.behind, timeout=60)
         try:
-            connection.request("GET", self.path)
-            answer = connection.getresponse()
-            content = answer.read()
-            kind = answer.getheader("Content-Type", "application/octet-stream")
-            if kind.startswith("text/html"):
-                content = _ELSEWHERE.sub(b"", content).replace(b"<head>", b"<head>" + _ALONE, 1)
-            self._head(kind, len(content), answer.status)
+            status, kind, content = _fetched(self.behind, self.path)
+            self._head(kind, len(content), status)
             if body:
                 self.wfile.write(content)
         except ConnectionError:
             return
         except OSError:
             self.send_error(502)
-        finally:
-            connection.close()
 
     def _head(self, kind: str, length: int, status: int = 200) -> None:
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(length))
-        self.send_header("Content-Security-Policy", POLICY)
+        self.send_header("Content-Security-Policy", policy())
         self.end_headers()
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name of the class above

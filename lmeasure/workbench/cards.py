@@ -183,18 +183,32 @@ def card(
     kind, needs = NEEDS.get(command, ("", ""))
     whole = "" if wrong is not None and any(f.error for f in fields) else str(error or "")
     missing = _start(command, project) or (needs if kind and not project.of(kind) else "")
-    verb = VERBS.get(command, "Run")
+    verb = VERBS.get(command, "Run it")
     return Card(command, page, TITLES.get(command, command), COMMANDS[command], verb, first, list(panels.items()), missing, whole)
+
+
+STARTLESS = "The start pose of this run is not stated: state it on the run's page, no step can do without it."
+
+
+def hindered(command: str, given: Mapping[str, Any], folder: Path) -> str:
+    """Why a command cannot be run with what its form says: the run that it names lacks its start, and no channel can tell it."""
+    run = given.get("measured" if command == "report" else "run")
+    if command not in ("reconstruct", "certify", "report") or not isinstance(run, str) or given.get("start"):
+        return ""
+    table = folder / run / "run.toml"
+    return STARTLESS if table.is_file() and not _started(folder / run) else ""
+
+
+def _started(run: Path) -> bool:
+    return "[[swivel]]" in _text(run / "rig.toml") or "[start]" in _text(run / "run.toml")
 
 
 def _start(command: str, project: Project) -> str:
     """What keeps a trajectory from being certified: every run lacks its start, and no channel can tell it."""
     runs = project.of("run")
-    if command not in ("reconstruct", "certify") or not runs:
+    if command not in ("reconstruct", "certify") or not runs or (command == "certify" and project.of("trajectory")):
         return ""
-    own = [project.folder / run for run in runs]
-    absolute = any("[[swivel]]" in _text(folder / "rig.toml") for folder in own)
-    if absolute or any("[start]" in _text(folder / "run.toml") for folder in own) or (command == "certify" and project.of("trajectory")):
+    if any(_started(project.folder / run) for run in runs):
         return ""
     return "No run has its start pose: state it on the run's page, no step can do without it."
 

@@ -13,11 +13,12 @@ from starlette.routing import Route
 
 from lmeasure import workflows
 from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.workbench import forms
-from lmeasure.workbench.answers import COOKIE, bench_of, form_of, job_of, lost, page
-from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card
+from lmeasure.workbench import forms, runs
+from lmeasure.workbench.answers import COOKIE, bench_of, form_of, job_of, language_of, lost, page
+from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered
 from lmeasure.workbench.jobs import FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
+from lmeasure.workbench.words import said
 
 STEP_NAMES = {
     "rig": "Rig",
@@ -29,6 +30,10 @@ STEP_NAMES = {
     "certify": "Certify",
     "verify": "Verify",
 }
+
+
+OWN = ("runs",)
+"""Pages of commands that have something of their own above them."""
 
 
 async def home(request: Request) -> Response:
@@ -49,7 +54,10 @@ async def cards(request: Request) -> Response:
     here, project = PAGES[name], bench.project
     made = [one for one in project.found if one.kind in here.kinds]
     shown = [card(command, project, page=name) for command in here.commands]
-    return page(request, "cards.html", title=here.title, lead=here.lead, cards=shown, made=made)
+    values = {"title": here.title, "lead": here.lead, "cards": shown, "made": made}
+    if name == "runs":
+        values |= {"made": [], "runs": runs.runs(project, language_of(request)), "trajectories": project.of("trajectory")}
+    return page(request, f"{name}.html" if name in OWN else "cards.html", **values)
 
 
 async def one_command(request: Request) -> Response:
@@ -65,6 +73,8 @@ async def one_command(request: Request) -> Response:
     given = forms.filled_in(name, await form_of(request))
     try:
         words = forms.asked(name, given, bench.folder)
+        if why := hindered(name, given, bench.folder):
+            raise SettingsError("run", said(language_of(request), why))
     except LMeasureError as error:
         told = error if isinstance(error, SettingsError) else str(error)
         return _form(request, name, given=given, error=told, status=422)
@@ -85,7 +95,9 @@ async def line(request: Request) -> Response:
         forms.asked(name, given, bench.folder)
     except LMeasureError as error:
         return JSONResponse({"line": words, "option": getattr(error, "option", ""), "error": getattr(error, "text", str(error))})
-    return JSONResponse({"line": words, "error": None})
+    why = hindered(name, given, bench.folder)
+    start = f"/start/{quote(str(given.get('run') or given.get('measured')))}"
+    return JSONResponse({"line": words, "error": None} | ({"hindered": said(language_of(request), why), "mend": start} if why else {}))
 
 
 def _outputs(command: str, given: Mapping[str, Any]) -> list[str]:

@@ -12,7 +12,10 @@ from lmeasure.errors import LMeasureError
 
 OWN = ".workbench"
 DEEP, MANY = 5, 5000
-_BY_SCHEMA = {kind: kind for kind in ("rig", "program", "robot", "structure", "scenario", "placement", "details")} | {"drum": "drums"}
+_BY_SCHEMA = {kind: kind for kind in ("rig", "program", "robot", "structure", "scenario", "placement", "details")} | {
+    "drum": "drums",
+    "report": "details",
+}
 _HEAD = 65536
 
 
@@ -74,7 +77,8 @@ def _walk(folder: Path, deep: int = DEEP) -> Iterator[Path]:
             for path in sorted(here.iterdir()):
                 if path.name.startswith(".") or path.is_symlink():
                     continue
-                if path.is_dir() and depth > 0:
+                # what a certificate holds copies of is there once already
+                if path.is_dir() and depth > 0 and not (path.name == "inputs" and (here / "certificate.json").is_file()):
                     waiting.append((path, depth - 1))
                 elif path.is_file():
                     left -= 1

@@ -51,6 +51,7 @@ async def look(request: Request) -> Response:
         "frame": "",
         "text": "",
         "rows": [],
+        "recording": path.suffix == ".rrd",
         "inside": [],
         "uses": _uses(here, path),
     }
@@ -75,6 +76,10 @@ def _uses(here: str, path: Path) -> list[tuple[str, str]]:
         return [(f"/run/verify?{urlencode({'bundle': here})}", "Verify a certificate")]
     if path.name == "rig.toml" or path.suffix == ".toml":
         return [(f"/rig?{urlencode({'file': here})}", "Rig")] if rig_form.is_rig(path) else []
+    if path.suffix in (".parquet", ".tum", ".mcap") or (
+        path.suffix == ".csv" and "time_s,x_mm" in path.open(errors="replace").readline(500)
+    ):
+        return [(f"/trajectory/{here}", "Look at it over time")]
     if path.suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
         return [(f"/run/import?{urlencode({'logs': here})}", "Import logs")]
     return []
@@ -89,9 +94,12 @@ async def everything(request: Request) -> Response:
             try:
                 target = inside(bench.folder, into)
                 target.mkdir(parents=True, exist_ok=True)
-                for upload in form.getlist("files"):
-                    if not isinstance(upload, str):
-                        _take_in(target, upload.filename or "", upload.file)
+                uploads = [upload for upload in form.getlist("files") if not isinstance(upload, str)]
+                for upload in uploads:
+                    _take_in(target, upload.filename or "", upload.file)
+                if form.get("then") == "import":
+                    logs = [(Path(into) / Path(upload.filename or "").name).as_posix() for upload in uploads]
+                    return RedirectResponse(f"/run/import?{urlencode({'logs': logs}, doseq=True)}", 303)
                 return RedirectResponse("/files", 303)
             except (LMeasureError, OSError, zipfile.BadZipFile) as failed:
                 error = str(failed)

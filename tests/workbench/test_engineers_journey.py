@@ -15,6 +15,7 @@ from browser import Page, opened  # noqa: E402
 from campaigns import write_campaign  # noqa: E402
 from clicks import begin, choose, ended, press, visit  # noqa: E402
 
+
 def onward(page: Page, part: str) -> None:
     """Press the button, on the page of a job that is done, that leads on to an address."""
     press(page, f".after a[href*='{part}']", f"location.pathname.startsWith('{part}')")

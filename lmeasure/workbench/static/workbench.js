@@ -8,6 +8,9 @@ for (const form of document.querySelectorAll('form[data-command]')) {
     const answer = await post(`/line/${form.dataset.command}`, new FormData(form));
     const told = await answer.json();
     form.querySelector('[data-line]').textContent = told.line;
+    const why = form.querySelector('[data-hindered]'), button = form.querySelector('button.go');
+    button.disabled = why.parentElement.parentElement.querySelector('p.needs:not([data-hindered])') !== null || Boolean(told.hindered);
+    why.hidden = !told.hindered; why.firstElementChild.textContent = told.hindered ?? ''; why.lastElementChild.href = told.mend ?? '#';
   };
   form.addEventListener('input', () => { clearTimeout(waiting); waiting = setTimeout(renew, 150); });
   renew();
