@@ -112,8 +112,8 @@ BEYOND = 0.08
 
 
 def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") -> str:
-    """A figure as wide as the page, under a name of its own in it, its buttons in the page's language; the first one brings what draws all of
-    them."""
+    """A figure as wide as the page, under a name of its own in it, its buttons in the page's language; the first one brings what draws
+    all of them."""
     settled(drawing)
     drawing.update_layout(separators=SEPARATORS[language])
     scene = any(_in_space(trace) for trace in drawing.data)

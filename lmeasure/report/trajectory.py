@@ -313,7 +313,8 @@ def _lane(figure: go.Figure, row: int, found: Along, kinds: Sequence[tuple[int, 
         figure.add_scatter(
             x=[t for s in own for t in (s.begin_s, s.end_s, None)], y=[name, name, None] * len(own), mode="lines+markers",
             line={"width": 9, "color": LESS if ok else FAULT}, marker={"size": 7, "symbol": "line-ns-open", "color": LESS if ok else FAULT},
-            text=[html.label(about_stretch(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False, row=row, col=1,
+            text=[html.label(about_stretch(s, language)) for s in own for _ in range(3)], hoverinfo="x+text", showlegend=False,
+            row=row, col=1,
         )  # fmt: skip
 
 

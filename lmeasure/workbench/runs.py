@@ -89,7 +89,7 @@ def left_out(found: "Along", language: str) -> list[dict[str, Any]]:
 
 
 async def along_json(request: Request) -> Response:
-    """Series of a span of time, ?begin=...&end=... in s: at most some SHOWN samples, the extremes among them; null where nothing is known."""
+    """Series of a span of time, ?begin=...&end=... in s: some SHOWN samples, the extremes among them; null where nothing is known."""
     path = file_of(request)
     if path is None:
         return JSONResponse({"error": "no such file in the project"}, 404)
@@ -141,7 +141,7 @@ async def export(request: Request) -> Response:
 
 
 async def viewer(request: Request) -> Response:
-    """rerun's viewer, as `lmeasure view --web` serves it; its page may run what it is made of, and reads recordings of the project alone."""
+    """rerun's viewer, as `lmeasure view --web` serves it; its page runs its own code and reads recordings of the project alone."""
     from lmeasure.view import web
 
     name = request.path_params["path"]

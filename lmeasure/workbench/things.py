@@ -76,13 +76,16 @@ def _uses(here: str, path: Path) -> list[tuple[str, str]]:
         return [(f"/run/verify?{urlencode({'bundle': here})}", "Verify a certificate")]
     if path.name == "rig.toml" or path.suffix == ".toml":
         return [(f"/rig?{urlencode({'file': here})}", "Rig")] if rig_form.is_rig(path) else []
-    if path.suffix in (".parquet", ".tum", ".mcap") or (
-        path.suffix == ".csv" and "time_s,x_mm" in path.open(errors="replace").readline(500)
-    ):
+    if path.suffix in (".parquet", ".tum", ".mcap") or (path.suffix == ".csv" and _head(path).startswith("time_s,x_mm")):
         return [(f"/trajectory/{here}", "Look at it over time")]
     if path.suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
         return [(f"/run/import?{urlencode({'logs': here})}", "Import logs")]
     return []
+
+
+def _head(path: Path) -> str:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return file.readline(500)
 
 
 async def everything(request: Request) -> Response:
