@@ -31,18 +31,6 @@ def solved_covariance(rig: Rig, record: CalibrationRecord | None, cables: tuple[
     return np.asarray(covariance - followed @ followed.T)
 
 
-def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
-    """(p, r) F with F F^T the covariance (p, p), r its rank; width (p,): a standard uncertainty of each parameter, 0 where it is exact.
-
-    Parameters are millimetres and radians, known well and badly: what is nothing can only be told in units of their own widths. One that
-    several cables share stands in the covariance several times, and once in F.
-    """
-    unit = np.where(width > 0.0, width, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    kept = values > 1e-14 * max(float(values.max(initial=0.0)), 0.0)
-    return np.ascontiguousarray(unit[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
-
-
 def unsolved_columns(rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of the dimensions that
     the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them.

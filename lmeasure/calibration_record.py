@@ -191,7 +191,8 @@ class CalibrationRecord(Shown, _Record):
         kept = values > 1e-12
         root = np.where(kept, np.sqrt(np.maximum(values, 0.0)), 0.0)
         back = np.where(kept, 1.0 / np.where(kept, root, 1.0), 0.0)
-        return width[:, None] * vectors * root, self._selection(names) @ (cross / width) @ (vectors * back)
+        # symmetric, so that no choice of LAPACK's is in them (`lmeasure.roots`)
+        return width[:, None] * (vectors * root) @ vectors.T, self._selection(names) @ (cross / width) @ (vectors * back) @ vectors.T
 
     def _selection(self, names: list[list[str]]) -> FloatArray:
         """(13 m, p) the kernels' parameters by the record's."""

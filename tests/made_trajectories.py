@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.certification import Characteristic, Evaluation, PoseErrors
+from lmeasure.roots import symmetric_root
 from lmeasure.trajectory import Trajectory
-from lmeasure.trajectory.pose_errors import roots
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -29,7 +29,9 @@ class StatedErrors:
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, str]:
         """See `lmeasure.certification.ErrorModel`."""
         n = len(samples)
-        return PoseErrors.of(roots(np.tile(self.random, (n, 1, 1))), np.tile(self.shared, (n, 1, 1)), rounded=self.rounded), "as stated"
+        return PoseErrors.of(
+            symmetric_root(np.tile(self.random, (n, 1, 1))), np.tile(self.shared, (n, 1, 1)), rounded=self.rounded
+        ), "as stated"
 
 
 def trajectory_of(time_s: FloatArray, position: FloatArray, turn: FloatArray | None = None, angle_deg: float = 30.0) -> Trajectory:

@@ -19,7 +19,7 @@ from lmeasure.accuracy.refinement import refined_volume
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
-from lmeasure.cable_parameters import cable_covariance, covariance_root
+from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.effects import zero_at
@@ -29,6 +29,7 @@ from lmeasure.kernels import zone as kernels
 from lmeasure.lengths import span_lengths
 from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+from lmeasure.roots import covariance_root
 from lmeasure.zeroing import length_variance, zeroed_exactly
 
 MAX_NODES = 100_000_000

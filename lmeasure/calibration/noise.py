@@ -7,6 +7,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.poses import Poses
+from lmeasure.roots import symmetric_root
 
 ASSUMED = {"position": 0.1, "rotation": np.radians(0.02)}
 """Standard uncertainty [mm, rad] of reference poses that state none and cannot be judged by their residuals: an industrial robot's."""
@@ -68,5 +69,4 @@ class Noise:
         """(e, n, 6) derivatives by the errors of each pose in units of independent standard ones."""
         if self.covariance is None:
             return np.concatenate([J[:, :, :3] * self.u_rotation_rad[:, None], J[:, :, 3:] * self.u_position_mm[:, None]], axis=2)
-        values, vectors = np.linalg.eigh(self.covariance)
-        return np.asarray(np.einsum("eni,nij->enj", J, vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]))
+        return np.asarray(np.einsum("eni,nij->enj", J, symmetric_root(self.covariance)))

@@ -98,6 +98,11 @@ class Inputs:
         """How many times the motion was measured: once without a run."""
         return 1 if self.run is None else read_run_head(self.run, self.rig).rig.passes
 
+    @property
+    def linked(self) -> bool:
+        """Whether the rig of the run is linked to a calibration."""
+        return self.run is not None and read_run_head(self.run, self.rig).rig.calibration is not None
+
     def stated(self) -> dict[str, Any]:
         """What `inputs_in` needs besides the files, for certificate.json."""
         return {

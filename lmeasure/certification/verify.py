@@ -82,14 +82,14 @@ def verify(
         return _not_computed(folder, seal, error)
     own = {key: value for key, value in environment().items() if stated["environment"].get(key) != value}
     method = method_of(stated)
-    other = not same_figures(method, 1)
+    other = not same_figures(method, 1, linked=False)
     told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
     out = [*seal.differences, *of_environment(stated["environment"], environment())]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
     try:
         inputs = inputs_in(folder, stated["measurement"])
-        other = not same_figures(method, inputs.passes)
+        other = not same_figures(method, inputs.passes, inputs.linked)
         copies = entries(folder, sorted(inputs.copies()))
         measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress)
     except LMeasureError as error:

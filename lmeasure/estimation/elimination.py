@@ -177,7 +177,9 @@ def _described(problem: Problem, theta: FloatArray, V: FloatArray, prior: bool, 
     U = np.zeros((len(part.W), own))
     U[:, : min(U.shape)] = part.U[:, : min(U.shape)]
     data = gains(part.s, part.known, prior)[0]
-    held = (part.Vt.T / (1.0 + part.s**2) if prior else free[: len(free) - count].T) * width[:, None]
+    # of the parameters as they are named, and not along the directions, so that draws do not depend on LAPACK's choice of these
+    along = free[: len(free) - count]
+    held = ((part.Vt.T / (1.0 + part.s**2)) @ part.Vt if prior else along.T @ along) * width[:, None]
     of_own = width[:, None] * ((part.Vt.T * data) @ U.T @ part.W)
     A = part.A / width
     follows = np.vstack([of_own, part.follow(np.eye(len(V)) - A @ of_own)])
@@ -186,7 +188,7 @@ def _described(problem: Problem, theta: FloatArray, V: FloatArray, prior: bool, 
         S = gauge.projection(theta)
         follows, held = S @ follows, S @ held
     covariance = follows @ V @ follows.T + held @ held.T
-    r, penalty = problem.residuals(theta), z if prior else free[: len(free) - count] @ z
+    r, penalty = problem.residuals(theta), z if prior else along @ z
     return Fit(
         problem=problem, theta=theta, residuals=r, V=V, s=s, directions=directions, known=np.arange(own) < part.known.sum(),
         prior_everywhere=prior, covariance=np.asarray((covariance + covariance.T) / 2), chi2=float(np.sum((part.W @ r) ** 2)),

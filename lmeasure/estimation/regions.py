@@ -22,6 +22,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.estimation.fit import Fit
 from lmeasure.estimation.least_squares import Whitened
+from lmeasure.roots import symmetric_root
 
 DRAWS = 4096
 JOINT_DRAWS = 2048
@@ -76,7 +77,7 @@ def _drawn(fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, 
     data, prior, sigma = fit.gains
     axes = fit.directions.T * sigma
     U = J @ fit.directions.T / np.where(data > 0, fit.s, 1.0) * (data > 0)
-    xi = (w.whiten(_noise(fit, rng)).T @ U) * (data / sigma) + rng.normal(size=(DRAWS, len(z))) * (prior / sigma)
+    xi = (w.whiten(_noise(fit, rng)).T @ U) * (data / sigma) + rng.normal(size=(DRAWS, len(z))) @ fit.directions.T * (prior / sigma)
     second = np.zeros_like(xi)
     by_direction = _second_derivatives(w, z, axes)
     for k in np.flatnonzero(data > 0):
@@ -111,8 +112,7 @@ def _noise(fit: Fit, rng: np.random.Generator) -> FloatArray:
     out = rng.uniform(-1.0, 1.0, (len(rest), DRAWS)) * np.sqrt(3.0 * rounding)[:, None]
     out += np.sqrt(3.0) * zeros @ rng.uniform(-1.0, 1.0, (zeros.shape[1], DRAWS))
     if np.abs(rest).max(initial=0.0) > 1e-12 * np.diag(fit.V).max(initial=0.0):
-        values, vectors = np.linalg.eigh(rest)
-        out += (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.normal(size=(len(rest), DRAWS))
+        out += symmetric_root(rest) @ rng.normal(size=(len(rest), DRAWS))
     return np.asarray(out)
 
 

@@ -15,8 +15,9 @@ from lmeasure.robots.commanded import Commanded
 from lmeasure.robots.measurements import POSITION, Measurements, measured
 from lmeasure.robots.model import RobotModel
 from lmeasure.robots.noted import Noted, noted
+from lmeasure.roots import symmetric_root
 from lmeasure.trajectory.attained import mean_pose
-from lmeasure.trajectory.pose_errors import ErrorModel, PoseErrors, roots
+from lmeasure.trajectory.pose_errors import ErrorModel, PoseErrors
 from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.resting import LAG_S, rests, settled
 
@@ -188,8 +189,8 @@ def _even(trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseE
     off = poses[:, :3] - poses[:, :3].mean(axis=0)
     basis = np.column_stack([np.ones(len(off)), off / max(float(np.sqrt((off**2).sum(axis=1).mean() / 3.0)), 1e-9)])
     basis /= np.linalg.norm(basis, axis=1)[:, None]
-    own = roots(trajectory.systematic[samples])
-    return PoseErrors.of(roots(trajectory.random[samples]), np.einsum("nij,nb->nijb", own, basis).reshape(len(own), 6, -1))
+    own = symmetric_root(trajectory.systematic[samples])
+    return PoseErrors.of(symmetric_root(trajectory.random[samples]), np.einsum("nij,nb->nijb", own, basis).reshape(len(own), 6, -1))
 
 
 def _independent(factors: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.cable_parameters import cable_covariance, covariance_root, solved_covariance, unsolved_columns
+from lmeasure.cable_parameters import cable_covariance, solved_covariance, unsolved_columns
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import zero_at
 from lmeasure.kernels import least_squares, pose_covariance, screw
@@ -24,6 +24,7 @@ from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.observation.parameters import TABLE, Owner
 from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
+from lmeasure.roots import covariance_root
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.corrections import Correction
 from lmeasure.trajectory.exact import Exact

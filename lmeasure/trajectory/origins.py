@@ -20,6 +20,7 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import TrajectoryError
+from lmeasure.roots import symmetric_root
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.sources import Told
@@ -108,8 +109,7 @@ def _mixed(C: FloatArray, o: int) -> FloatArray:
     mix = np.eye(len(C))
     mix[k:, :k] = C[k:, :k]
     own = C[k:, k:] - C[k:, :k] @ C[:k, k:]
-    values, vectors = np.linalg.eigh((own + own.T) / 2.0)
-    mix[k:, k:] = vectors * np.sqrt(np.maximum(values, 0.0))
+    mix[k:, k:] = symmetric_root((own + own.T) / 2.0)
     return mix
 
 

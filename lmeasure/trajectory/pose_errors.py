@@ -8,6 +8,7 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.findings import Finding, finding, recognised
+from lmeasure.roots import symmetric_root
 from lmeasure.run import Run
 from lmeasure.trajectory.budget import ORIGINS, RESTORED
 from lmeasure.trajectory.evidence import CLOSURE
@@ -106,12 +107,6 @@ class PoseErrors:
         return np.hstack([self.drawn(rng, (trials, of_places)), self.drawn_common(rng, trials)])
 
 
-def roots(covariance: FloatArray) -> FloatArray:
-    """(n, k, k) symmetric square roots of covariances (n, k, k); NaN (what is not measured) counts as zero."""
-    values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2))
-
-
 class ErrorModel(Protocol):
     """Where errors of poses come from.
 
@@ -163,7 +158,9 @@ class ErrorsOfFile:
         n = len(samples)
         random, systematic = (np.nan_to_num(c[samples]) for c in (trajectory.random, trajectory.systematic))
         shared = np.zeros((n, 6, 0))
-        own, local = (shared, roots(random + systematic)) if self.together else (roots(random), roots(systematic))
+        own, local = (
+            (shared, symmetric_root(random + systematic)) if self.together else (symmetric_root(random), symmetric_root(systematic))
+        )
         return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), finding("covers.file")
 
 

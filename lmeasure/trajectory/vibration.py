@@ -27,7 +27,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from lmeasure.arrays import ComplexArray, FloatArray, IntArray
-from lmeasure.trajectory.pose_errors import PoseErrors, roots
+from lmeasure.roots import symmetric_root
+from lmeasure.trajectory.pose_errors import PoseErrors
 from lmeasure.trajectory.rounding import kept, per_count, scatter_counts
 
 LEVER = np.repeat([100.0, 1.0], 3)
@@ -226,7 +227,7 @@ def with_rest(errors: PoseErrors, found: Vibration, groups: IntArray) -> PoseErr
     common of it is so besides: how much of it is new nobody knows."""
     if not found.of_mean.any():
         return errors
-    root = np.tile(roots(found.of_mean[None]), (len(errors), 1, 1))
+    root = np.tile(symmetric_root(found.of_mean[None]), (len(errors), 1, 1))
     several = (np.bincount(groups)[groups] > 1)[:, None, None]
     common = np.where(several, np.sqrt(found.alike(groups)) * root, 0.0)
     local, own = np.concatenate([errors.local, common], axis=2), np.concatenate([errors.own, root], axis=2)

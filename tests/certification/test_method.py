@@ -101,7 +101,7 @@ def test_every_figure_of_folders_sealed_by_method_3_is_computed_again(name: str)
     assert largest < RELATIVE
     found = verify(folder)
     assert found.differences == ()
-    # method 4 is another for later passes only
+    # later methods are others for later passes and linked calibrations only
     assert (found.exit_code, found.figures) == (0, 208)
 
 
@@ -139,19 +139,25 @@ def test_a_certificate_states_its_method(copy: Path) -> None:
         assert looked_at(copy).exit_code == 1
 
 
-def test_figures_of_one_pass_are_compared_with_those_of_the_method_before(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What changed since concerns later passes only."""
-    resealed(copy, {"method": METHOD - 1})
+@pytest.mark.parametrize(
+    ("method", "passes", "linked", "same"),
+    [
+        (4, 1, False, True), (4, 2, False, True), (4, 1, True, False),
+        (3, 1, False, True), (3, 2, False, False), (3, 1, True, False), (2, 1, False, False),
+    ],
+)  # fmt: skip
+def test_figures_are_compared_with_those_of_methods_that_differ_elsewhere(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, *, method: int, passes: int, linked: bool, same: bool
+) -> None:
+    """Method 4 changed what is drawn of later passes, 5 what is drawn of a linked calibration."""
+    resealed(copy, {"method": method})
     elsewhere(copy)
+    monkeypatch.setattr(Inputs, "passes", passes)
+    monkeypatch.setattr(Inputs, "linked", linked)
     found = looked_at(copy)
-    assert (found.differences, found.exit_code, found.figures) == ((), 0, len(content_of(copy)["characteristics"]))
-    monkeypatch.setattr(Inputs, "passes", 2)
-    found = looked_at(copy)
-    assert (found.differences, found.exit_code, found.figures) == ((), 3, 0)
-    assert f"figures: made by method {METHOD - 1}, today's is {METHOD}" in found.skipped
-    resealed(copy, {"method": METHOD - 2})
-    monkeypatch.setattr(Inputs, "passes", 1)
-    assert looked_at(copy).exit_code == 3
+    assert found.differences == ()
+    assert (found.exit_code, found.figures) == ((0, len(content_of(copy)["characteristics"])) if same else (3, 0))
+    assert same or f"figures: made by method {method}, today's is {METHOD}" in found.skipped
 
 
 def test_codes_of_findings_say_what_the_texts_say(copy: Path) -> None:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from problems import Stations, Tied
-from test_least_squares import plane
+from problems import Stations, Tied, plane
 
 from lmeasure.estimation import Fit, fit
 

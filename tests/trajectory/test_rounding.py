@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lmeasure.certification import PoseErrors
-from lmeasure.trajectory.pose_errors import roots
+from lmeasure.roots import symmetric_root
 from lmeasure.trajectory.rounding import kept, of_crossings, of_dwells, scatter_counts, whitened_variance
 
 FloatArray = NDArray[np.float64]
@@ -46,7 +46,7 @@ def test_errors_of_counts_are_drawn_uniform_and_others_normal() -> None:
 
 def test_dwells_of_a_still_robot_are_one_draw_and_share_it() -> None:
     one = np.diag(np.repeat([1e-10, 1e-5], 3))
-    errors = PoseErrors.of(roots(np.tile(one, (4, 1, 1))), np.zeros((4, 6, 0)))
+    errors = PoseErrors.of(symmetric_root(np.tile(one, (4, 1, 1))), np.zeros((4, 6, 0)))
     still = of_dwells(errors, np.ones((4, 6)), np.zeros((6, 6)), np.zeros(4, dtype=np.int64))
     np.testing.assert_allclose(still.random, errors.random)
     np.testing.assert_allclose(still.local @ still.local.transpose(0, 2, 1), errors.random, atol=1e-18)
@@ -85,7 +85,7 @@ def crossed(steps_counts: FloatArray, apart_counts: float, cycles: int, seed: in
     errors = COUNT * sum(w * (np.rint(x) - x) for w, x in zip(QUARTER, lengths, strict=True))
     one = np.zeros((6, 6))
     one[3:, 3:] = np.eye(3) * COUNT**2 / 12.0
-    single = PoseErrors.of(roots(np.tile(one, (k * cycles, 1, 1))), np.zeros((k * cycles, 6, 0)))
+    single = PoseErrors.of(symmetric_root(np.tile(one, (k * cycles, 1, 1))), np.zeros((k * cycles, 6, 0)))
     step = np.zeros((k, cycles, 6))
     step[:, :, 3:] = COUNT * steps[:, None, :]
     between = np.zeros((k, 6, 6))

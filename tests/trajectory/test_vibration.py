@@ -9,7 +9,7 @@ from scipy.special import j0
 
 from lmeasure.certification import PoseErrors, Settings, evaluate
 from lmeasure.program import Program
-from lmeasure.trajectory.pose_errors import roots
+from lmeasure.roots import symmetric_root
 from lmeasure.trajectory.vibration import Swing, Vibration, averaged, vibration, with_rest
 
 FloatArray = NDArray[np.float64]
@@ -103,7 +103,7 @@ def test_roundings_along_a_swing_are_kept_as_a_sawtooth_keeps_them(counts: float
     """Against the errors of means of rounded lengths, and against Bessel's function of a sinusoid of many periods."""
     times, positions, _ = swinging(counts * COUNT, 9.0, 1.0, 400, seed=7, rate_hz=100.0)
     seen = COUNT * np.rint(positions / COUNT)
-    single = PoseErrors.of(roots(np.tile(LAW, (400, 1, 1))), np.zeros((400, 6, 0)), rounded=True)
+    single = PoseErrors.of(symmetric_root(np.tile(LAW, (400, 1, 1))), np.zeros((400, 6, 0)), rounded=True)
     found = looked_at(times, seen)
     factor = averaged(single, found, np.full(400, 100))[:, 3:]
     actual = 12.0 * ((seen - positions).mean(axis=1) / COUNT) ** 2
@@ -117,7 +117,7 @@ def test_roundings_along_a_swing_are_kept_as_a_sawtooth_keeps_them(counts: float
 
 def test_a_robot_that_stands_still_has_one_reading() -> None:
     still = vibration([(np.arange(50) / 100.0, np.zeros((50, 6)))] * 3)
-    single = PoseErrors.of(roots(np.tile(LAW, (3, 1, 1))), np.zeros((3, 6, 0)), rounded=True)
+    single = PoseErrors.of(symmetric_root(np.tile(LAW, (3, 1, 1))), np.zeros((3, 6, 0)), rounded=True)
     np.testing.assert_allclose(averaged(single, still, np.ones(3, dtype=np.int64)), 1.0)
 
 
@@ -126,7 +126,7 @@ def test_dwells_of_which_only_later_ones_swing() -> None:
     wave = np.zeros((50, 6))
     wave[:, 3] = 0.05 * np.sin(2.0 * np.pi * 8.0 * np.arange(50) / 100.0)
     swings = tuple(Swing(motion, np.zeros((6, 6)), np.zeros(6)) for motion in [np.zeros((50, 6))] * 60 + [wave] * 3)
-    single = PoseErrors.of(roots(np.tile(LAW, (63, 1, 1))), np.zeros((63, 6, 0)), rounded=True)
+    single = PoseErrors.of(symmetric_root(np.tile(LAW, (63, 1, 1))), np.zeros((63, 6, 0)), rounded=True)
     found = averaged(single, Vibration(swings, np.zeros((6, 6)), (8.0,)), np.full(63, 50))
     assert np.isfinite(found).all()
     assert (found[:, 3] < 1.0).all()
