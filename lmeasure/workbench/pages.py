@@ -54,7 +54,7 @@ async def cards(request: Request) -> Response:
     here, project = PAGES[name], bench.project
     made = [one for one in project.found if one.kind in here.kinds]
     shown = [card(command, project, page=name) for command in here.commands]
-    values = {"title": here.title, "lead": here.lead, "cards": shown, "made": made}
+    values: dict[str, Any] = {"title": here.title, "lead": here.lead, "cards": shown, "made": made}
     if name == "runs":
         values |= {"made": [], "runs": runs.runs(project, language_of(request)), "trajectories": project.of("trajectory")}
     return page(request, f"{name}.html" if name in OWN else "cards.html", **values)
