@@ -69,7 +69,7 @@ def corrected() -> Corrected:
     joints = np.radians([20.0, -10.0, 15.0, 30.0, 60.0, 0.0])
     done = correct(nominal, nominal.moved(change), joints, Limits())
     target = Target("P1", 0, 1, True, tuple(np.degrees(joints)), ())
-    return Corrected((Outcome(target, "p.csv", done, tuple(np.degrees(done.joints)), "", 0.1),), ("",))
+    return Corrected((Outcome(target, "p.csv", done, tuple(np.degrees(done.joints)), "", 0.1, 0.05),), ("",))
 
 
 @pytest.fixture(scope="module")

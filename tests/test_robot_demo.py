@@ -76,6 +76,30 @@ def test_every_stage_leaves_its_files(done: RobotDemo, out: Path, told: list[str
     assert np.abs(found - truth).max() < 0.2
 
 
+def test_the_corrected_robot_is_shown_to_be_nearer(done: RobotDemo, out: Path) -> None:
+    better = done.loop.improvement
+    before, after = done.loop.true_mm
+    # the arm of this seed errs little; what is left is what identification and instrument leave
+    assert after < 0.25 * before
+    assert 1.0 < better.factor_95[0] <= before / after <= better.factor_95[1]
+    assert after < 1.5 * better.floor_mm
+    assert all(shift.moved for shift in done.loop.comparison.pairs[0].shifts)
+    assert done.loop.corrected.changed == len(done.loop.corrected.outcomes)
+    page = (out / "comparison.html").read_text()
+    for folder in ("certificate", "again/certificate"):
+        assert json.loads((out / folder / "certificate.json").read_text())["id"] in page
+
+
+def test_the_robot_ran_the_file_that_was_corrected(out: Path) -> None:
+    """Nothing but poses differs between the program and the corrected one, and by no more than the robot errs."""
+    old, new = (files.read_table(out / folder / "commands.csv") for folder in ("again", "corrected"))
+    assert old.text("target") == new.text("target")
+    change = new.matrix(("x_mm", "y_mm", "z_mm")) - old.matrix(("x_mm", "y_mm", "z_mm"))
+    size = np.linalg.norm(change, axis=1)
+    assert (size > 0.05).all()
+    assert (size < 3.0).all()
+
+
 def test_the_certificate_is_recomputed_from_its_own_copies(done: RobotDemo, out: Path) -> None:
     ran = CliRunner().invoke(app, ["verify", str(out / "certificate")])
     assert ran.exit_code == 0, ran.output
@@ -97,4 +121,6 @@ def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeyp
     assert first[:2] == ["AP_p", "P1"]
     assert float(first[2]) == pytest.approx(done.held[0].value, rel=1e-3)
     assert first[-1] in {"inside", "OUTSIDE"}
+    assert "improvement: " in ran.output
+    assert "truly " in ran.output
     assert f"of {len(done.held)} characteristics lie within U95 of the truth" in ran.output

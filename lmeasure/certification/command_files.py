@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 import numpy as np
+from scipy.spatial.transform import Slerp
 
 from lmeasure import conventions, files, se3
 from lmeasure.arrays import FloatArray, IntArray
@@ -102,7 +103,7 @@ def _with_arcs(path: Path, here: FloatArray, rows: FloatArray, move: Sequence[st
 
 
 def _arc(path: Path, first: FloatArray, via: FloatArray, last: FloatArray) -> FloatArray:
-    """(k, 7) poses behind the first on the arc from it through via to the last; the orientation of the last."""
+    """(k, 7) poses behind the first on the arc from it through via to the last; it turns evenly from one orientation to the next."""
     a, b = via[:3] - first[:3], last[:3] - first[:3]
     normal = np.cross(a, b)
     if normal @ normal < 1e-12 * (a @ a) * (b @ b):
@@ -112,10 +113,11 @@ def _arc(path: Path, first: FloatArray, via: FloatArray, last: FloatArray) -> Fl
     out = first[:3] - centre
     axis = normal / np.linalg.norm(normal)
     across = np.cross(axis, out)
-    turn = math.atan2(float((last[:3] - centre) @ across), float((last[:3] - centre) @ out)) % (2.0 * math.pi)
-    angles = np.linspace(0.0, turn, max(2, round(turn / (2.0 * math.pi) * CIRCLE_STEPS) + 1))[1:, None]
-    places = centre + np.cos(angles) * out + np.sin(angles) * across
-    return np.column_stack([places, np.tile(last[3:], (len(places), 1))])
+    at = [0.0, *(math.atan2(float((p[:3] - centre) @ across), float((p[:3] - centre) @ out)) % (2.0 * math.pi) for p in (via, last))]
+    turn = at[2]
+    angles = np.linspace(0.0, turn, max(2, round(turn / (2.0 * math.pi) * CIRCLE_STEPS) + 1))[1:]
+    places = centre + np.cos(angles)[:, None] * out + np.sin(angles)[:, None] * across
+    return se3.pose(places, Slerp(at, se3.rotation(np.array([first, via, last])))(angles))
 
 
 def write_robodk(path: Path, plan: Campaign) -> None:

@@ -237,7 +237,7 @@ def _u95_of_difference(a: dict[str, Any], b: dict[str, Any], shared: bool) -> fl
 
 
 def _shifts(first: dict[str, Any], later: dict[str, Any], shared: bool, other: Otherwise) -> tuple[Shift, ...]:
-    old, new = (_attained(content) for content in (first, later))
+    old, new = (attained(content) for content in (first, later))
     found = []
     for pose, a in old.items():
         b = new.get(pose)
@@ -254,7 +254,7 @@ def _shifts(first: dict[str, Any], later: dict[str, Any], shared: bool, other: O
 
 
 @dataclass(frozen=True)
-class _Attained:
+class Attained:
     commanded: FloatArray
     mean: FloatArray
     cycles: int
@@ -263,7 +263,7 @@ class _Attained:
     systematic: FloatArray
 
 
-def _attained(content: dict[str, Any]) -> dict[str, _Attained]:
+def attained(content: dict[str, Any]) -> dict[str, Attained]:
     """Means of the poses' cycles with their scatter (3, 3) and what the instrument errs by along each axis (3,)."""
     figures = {label(c): c for c in content["characteristics"]}
     out = {}
@@ -273,11 +273,11 @@ def _attained(content: dict[str, Any]) -> dict[str, _Attained]:
             continue
         parts = np.array([_parts(f)[:2] for f in own if f is not None])
         values = [np.array(entry[key], dtype=np.float64) for key in ("commanded_mm", "mean_mm", "covariance_mm2")]
-        out[entry["pose"]] = _Attained(values[0], values[1], int(entry["cycles"]), values[2], parts[:, 0], parts[:, 1])
+        out[entry["pose"]] = Attained(values[0], values[1], int(entry["cycles"]), values[2], parts[:, 0], parts[:, 1])
     return out
 
 
-def _test(a: _Attained, b: _Attained, shared: bool) -> tuple[FloatArray, float, float | None]:
+def _test(a: Attained, b: Attained, shared: bool) -> tuple[FloatArray, float, float | None]:
     """(shift (3,), u95 of its length, probability of chance) of two means."""
     shift = b.mean - a.mean
     systematic = np.abs(a.systematic - b.systematic) if shared else np.hypot(a.systematic, b.systematic)
@@ -294,7 +294,7 @@ def _test(a: _Attained, b: _Attained, shared: bool) -> tuple[FloatArray, float, 
 
 
 def _exchangeability(certificates: Sequence[tuple[str, dict[str, Any]]]) -> tuple[Exchangeability, ...]:
-    known = [(name, content, _attained(content)) for name, content in certificates]
+    known = [(name, content, attained(content)) for name, content in certificates]
     out = []
     for pose in known[0][2]:
         distances = []

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure import files, se3
+from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.catalogue import of_terminal
 from lmeasure.certification import Settings, evaluate
@@ -17,29 +17,33 @@ from lmeasure.certification.campaign import campaign, timed
 from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.cube import largest_cube
 from lmeasure.certification.measure import Inputs
-from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, U_REFERENCE_MM, U_REFERENCE_RAD, Progress, calibrated_cell, stages
+from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
 from lmeasure.chains.folder import claim, mark
-from lmeasure.chains.over_the_bus import record_motion
+from lmeasure.chains.robot_cell import RobotCell
+from lmeasure.chains.robot_loop import LOOP_STAGES, Loop, Retest, close_loop
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import Program, write_program
 from lmeasure.robots.cell_robot import RATED_LOAD_KG, RATED_SPEED_MM_S, cell_robot
 from lmeasure.run import read_run, write_run
-from lmeasure.simulation import cell_rig, simulate_run
+from lmeasure.simulation import cell_rig
 from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
 
-ROBOT_STAGES = COUNT, CALIBRATE, PERFORM, RECORD, RECONSTRUCT, CERTIFY, DRAW = (
+ROBOT_STAGES = COUNT, CALIBRATE, PERFORM, RECORD, RECONSTRUCT, CERTIFY, *_, DRAW = (
     COUNT,
     CALIBRATE,
     "let the robot run its test program",
     "record it over the bus",
     "reconstruct",
     "certify",
+    *LOOP_STAGES,
     "draw",
 )
 
-HALF_CUBE_MM = 250.0
+CUBE = largest_cube((-250.0,) * 3, (250.0,) * 3)
+AGAIN = ("pose", "path")
+"""Tests that are run again by the corrected program."""
 RATE_HZ = 200.0
 TESTS = Tests(
     tests=("pose", "approach", "stabilisation", "path", "reorientation", "posing", "compliance", "weaving"),
@@ -72,9 +76,11 @@ class Held:
 
 @dataclass(frozen=True)
 class RobotDemo:
-    """What the demo gave: every characteristic beside its truth, and the files to look at, the most telling first."""
+    """What the demo gave: every characteristic beside its truth, what correction made of the robot, and the files to look at, the most
+    telling first."""
 
     held: tuple[Held, ...]
+    loop: Loop
     remarks: tuple[str, ...]
     look: tuple[Path, ...]
 
@@ -107,21 +113,16 @@ def robot_demo(
     cell = calibrated_cell(out, true, rng, step)
 
     report = step(PERFORM)
-    plan = campaign(largest_cube((-HALF_CUBE_MM,) * 3, (HALF_CUBE_MM,) * 3), tests)
+    plan = campaign(CUBE, tests)
     write_commands(out / "commands.csv", plan)
-    done = cell_robot(seed).perform(plan.commands, plan.start, RATE_HZ, rng, progress=report)
+    robot = cell_robot(seed)
+    done = robot.perform(plan.commands, plan.start, RATE_HZ, rng, progress=report)
     program = timed(plan.program, done, tests.settle_s)
     write_program(out / "program.toml", program)
 
     report = step(RECORD)
-    moved = simulate_run(true, done.time_s, done.poses, noise_mm=0.0, rng=rng)
-    recorded = record_motion(moved, report)
-    # the counters are zeroed where the robot stands, which a reference instrument measures
-    shift, turn = U_REFERENCE_MM * rng.normal(size=3), U_REFERENCE_RAD * rng.normal(size=3)
-    start = se3.displaced(done.poses[0], np.concatenate([turn, shift]))
-    u_start = (U_REFERENCE_MM, U_REFERENCE_RAD)
-    found = replace(recorded, rig=cell.calibration.rig, calibration=cell.calibration.record, start=start, u_start=u_start)
-    write_run(out / "run", found)
+    seen = RobotCell(true, cell.calibration)
+    write_run(out / "run", seen.record(done, rng, report))
     columns = {"time_s": done.time_s} | dict(zip((*POSITION_COLUMNS, *QUATERNION_COLUMNS), done.poses.T, strict=True))
     files.write_table(out / "truth.parquet", columns)
 
@@ -137,10 +138,15 @@ def robot_demo(
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
     files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
 
+    again = campaign(CUBE, replace(tests, tests=tuple(t for t in AGAIN if t in tests.tests)))
+    retest = Retest(again, settings, tests.settle_s, RATE_HZ)
+    loop = close_loop(out, seen, robot, retest, first=(program, done), rng=rng, step=step)
+
     step(DRAW)
     write_recording(out / "demo.rrd", run.rig, run=run, trajectory=trajectory, truth=done.poses, record=cell.calibration.record)
     mark(out, held)
     look = (
+        "comparison.html",
         "demo.rrd",
         "certificate/report.html",
         "certificate/certificate.pdf",
@@ -149,7 +155,7 @@ def robot_demo(
         "commands.csv",
         "run",
     )
-    return RobotDemo(held, _remarks(held, settings), tuple(out / name for name in look))
+    return RobotDemo(held, loop, _remarks(held, settings), tuple(out / name for name in look))
 
 
 def hold(characteristics: Sequence[Mapping[str, Any]], truth: Trajectory, program: Program, settings: Settings) -> tuple[Held, ...]:

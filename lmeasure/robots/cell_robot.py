@@ -1,13 +1,13 @@
 """The arm that stands in the simulated cell: as its maker drew it, and as it was built."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.robots.robot import shipped
+from lmeasure.robots.fields import Place
+from lmeasure.robots.robot import Payload, Robot, shipped
 from lmeasure.robots.simulated import SimulatedRobot
 
 FOOT_MM = (1100.0, 0.0, -500.0)
@@ -23,21 +23,33 @@ RAMP_S = (0.08, 0.03)
 GROWTH = 1.5e-4
 """A steel arm that gets 13 K warmer."""
 GROWTH_S = 1800.0
+REST = (0.0, 0.0, 0.0, 0.0, 1.4, 0.0)
+"""Joint angles near which it stands before it begins."""
+# the flange looks down, the tool's axes are those of the base frame at rest
+_FRAMES = (
+    se3.pose(FOOT_MM, Rotation.from_rotvec([0.0, 0.0, math.pi])),
+    se3.pose([0.0, 0.0, TOOL_MM], Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0]))),
+)
+"""Where the arm stands in the cell, and the tool on its flange."""
+
+
+def nominal_robot() -> Robot:
+    """The arm as its maker drew it, as a robot.toml has it: where it stands in the cell, its tool, and the rated load at that."""
+    place = [Place(position_mm=tuple(row[:3]), quaternion_xyzw=tuple(row[3:])) for row in _FRAMES]
+    payload = Payload(mass_kg=RATED_LOAD_KG, centre_mm=place[1].position_mm)
+    return shipped("generic6").model_copy(update={"name": "cell_robot", "base": place[0], "tool": place[1], "payload": payload})
 
 
 def cell_robot(seed: int = 0) -> SimulatedRobot:
     """A robot of 20 kg with normal errors of its links: a few tenths of a millimetre at the tool, as no two are built."""
     rng = np.random.default_rng(seed)
-    foot = se3.pose(FOOT_MM, Rotation.from_rotvec([0.0, 0.0, math.pi]))
-    # the flange looks down, the tool's axes are those of the base frame at rest
-    tool = se3.pose([0.0, 0.0, TOOL_MM], Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0])))
-    nominal = replace(shipped("generic6").arm, foot=foot, tool=tool)
+    nominal = nominal_robot().arm
     axes = nominal.axes_count
     errors = rng.normal(size=nominal.links.shape) * [U_ANGLE_RAD, U_LENGTH_MM, U_LENGTH_MM, U_ANGLE_RAD, U_ANGLE_RAD]
     return SimulatedRobot(
         nominal,
         nominal.with_errors(errors),
-        rest=np.array([0.0, 0.0, 0.0, 0.0, 1.4, 0.0]),
+        rest=np.array(REST),
         ramp_s=RAMP_S,
         natural_rad_s=rng.uniform(80.0, 110.0, axes),
         damping=rng.uniform(0.4, 0.55, axes),

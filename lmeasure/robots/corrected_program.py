@@ -1,12 +1,15 @@
 """A program corrected for an identified robot: of every target a way to it chosen, corrected and written back; what was left, said."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from lmeasure import se3
+from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
+from lmeasure.errors import FileFormatError
 from lmeasure.robots.correction import Correction, Limits, correct, fits, in_keep_out, ways
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewritten
 from lmeasure.robots.identified_robot import IdentifiedRobot
@@ -16,7 +19,8 @@ from lmeasure.shown import DataFrame, Shown, framed
 @dataclass(frozen=True)
 class Outcome:
     """What became of a target. correction: None where no way to it was found or chosen; left: why it stays as it was, empty where it does
-    not; u95_mm: radius about the wanted place that holds 95 % of where the corrected robot goes, what clipping leaves added."""
+    not; u95_mm: radius about the wanted place that holds 95 % of where the corrected robot goes, what clipping leaves added; u_mm: standard
+    uncertainty of that by identification alone, all coordinates together."""
 
     target: Target
     file: str
@@ -24,6 +28,7 @@ class Outcome:
     values: tuple[float, ...]
     left: str
     u95_mm: float
+    u_mm: float
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,6 +52,15 @@ class Corrected(Shown):
     def done(self) -> tuple[Outcome, ...]:
         """The targets that are corrected."""
         return tuple(o for o in self.outcomes if not o.left and o.correction is not None)
+
+    @property
+    def u_mm(self) -> dict[str, float]:
+        """By name of a target, the standard uncertainty that identification leaves of it [mm], all coordinates together; of targets of one
+        name the largest."""
+        out: dict[str, float] = {}
+        for o in self.done:
+            out[o.target.name] = max(o.u_mm, out.get(o.target.name, 0.0))
+        return out
 
     @property
     def changed(self) -> int:
@@ -73,19 +87,19 @@ def corrected_program(
         file = listing.sources[target.source].name
         joints, why = _joints(target, listing, dialect, robot, last)
         if joints is None:
-            outcomes[i] = Outcome(target, file, None, target.values, why, float("nan"))
+            outcomes[i] = Outcome(target, file, None, target.values, why, float("nan"), float("nan"))
             continue
         last = joints
-        found = correct(robot.nominal, robot.found, joints, limits)
+        found = correct(robot.nominal, robot.seen, joints, limits)
         why = found.refused or _other_flags(target, dialect, found, robot)
         tool = listing.frames.get(target.tool, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
-        at = se3.compose(robot.found.forward(found.joints[None])[0], tool)[:3]
+        at = se3.compose(robot.seen.forward(found.joints[None])[0], tool)[:3]
         if not why and in_keep_out(limits, np.array([at if place is None else place, at])) is not None:
             why = "the way to it leads through a keep-out box"
         place = at
         new = list(target.values) if why else [float(v) for v in _values(target, listing, dialect, found, robot)]
         u95 = float(robot.u95_mm(found.joints[None])[0]) + found.left_mm
-        outcomes[i] = Outcome(target, file, found, tuple(new), why, u95)
+        outcomes[i] = Outcome(target, file, found, tuple(new), why, u95, float(robot.u_mm(found.joints[None])[0]))
         if not why:
             values[i] = new
     return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
@@ -159,5 +173,17 @@ def _record(o: Outcome) -> dict[str, object]:
     if o.correction is not None:
         c = o.correction
         out |= {"size_mm": c.size_mm, "size_deg": float(np.degrees(c.size_rad)), "error_before_mm": c.was_mm, "error_left_mm": c.left_mm}
-        out |= {"clipped": c.clipped, "u95_mm": None if np.isnan(o.u95_mm) else o.u95_mm}
+        out |= {"clipped": c.clipped, "u95_mm": None if np.isnan(o.u95_mm) else o.u95_mm, "u_identified_mm": o.u_mm}
+    return out
+
+
+def identified_mm(path: Path) -> dict[str, float]:
+    """`Corrected.u_mm` of a corrections.json; FileFormatError where it is none."""
+    out: dict[str, float] = {}
+    try:
+        for row in json.loads(files.read_bytes(path))["targets"]:
+            if not row["left"]:
+                out[str(row["name"])] = max(float(row["u_identified_mm"]), out.get(str(row["name"]), 0.0))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise FileFormatError(f"{path}: not what `lmeasure correct` writes: {error!r}") from None
     return out

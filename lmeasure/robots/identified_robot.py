@@ -1,7 +1,7 @@
 """An identified robot read back from its folder: nominal and found values, where it stands, and how well its places are known."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
 from lmeasure.robots.model import RobotModel
+from lmeasure.robots.placed import Placed
 from lmeasure.robots.robot import AnyRobot, read_robot
 
 TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
@@ -21,7 +22,8 @@ TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
 class IdentifiedRobot:
     """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
     (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be told; freedom of that; misfit:
-    factor by which held-out rows lay farther off than stated."""
+    factor by which held-out rows lay farther off than stated; turned: whether the target's orientation was measured; seen: the found robot
+    as the program's frames see it, itself where nothing else is stated of these (`stated`)."""
 
     nominal: RobotModel
     found: RobotModel
@@ -32,6 +34,25 @@ class IdentifiedRobot:
     noise_mm: float
     freedom: float
     misfit: float
+    turned: bool
+    seen: RobotModel
+
+    def stated(self, base: FloatArray | None, tool: FloatArray | None) -> "IdentifiedRobot":
+        """With where the program's base stands in the instrument's frame, and where the measured target is meant to sit on the flange (7,);
+        None leaves both where they were found. The found robot is then right in the instrument's frame, not only in its own."""
+        here = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        stand = here if base is None else se3.compose(se3.inverse(base), self.base)
+        seat = here
+        if tool is not None:
+            sits = self.tool if self.turned else np.concatenate([self.tool[:3], tool[3:]])
+            seat = se3.compose(sits, se3.inverse(tool))
+        return replace(self, seen=Placed(self.found, stand, seat))
+
+    def u_mm(self, joints: FloatArray) -> FloatArray:
+        """(N,) [mm] standard uncertainty of the target's place by identification alone, all coordinates together."""
+        rows = self._rows(joints)
+        spread = self.misfit**2 * (rows @ self.covariance @ np.swapaxes(rows, 1, 2))
+        return np.asarray(np.sqrt(np.einsum("nii->n", spread)))
 
     def u95_mm(self, joints: FloatArray) -> FloatArray:
         """(N,) [mm] radius that holds 95 % of where the target is from where it is predicted at joint values (N, n): by identification and
@@ -83,11 +104,14 @@ def read_identified(folder: Path) -> IdentifiedRobot:
         base, tool = (np.array([*data[key]["position_mm"], *data[key]["quaternion_xyzw"]], dtype=np.float64) for key in ("base", "tool"))
         freedom = float(data["freedom"])
         scale, misfit = float("nan") if noise is None else float(noise), float(held.get("misfit", 1.0))
+        turned = any(bool(t["oriented"]) for t in list(data.get("targets", {}).values())[:1])
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(f"{path}: not what `lmeasure identify` writes: {error!r}") from None
     if covariance.shape != (len(names), len(names)) or not np.isfinite(covariance).all():
         raise FileFormatError(f"{path}: the covariance is not of its {len(names)} parameters")
-    return IdentifiedRobot(_nominal(robot, nominal, path), robot.model, base, tool, names, covariance, scale, max(freedom, 1.0), misfit)
+    found = robot.model
+    known = names, covariance, scale, max(freedom, 1.0), misfit
+    return IdentifiedRobot(_nominal(robot, nominal, path), found, base, tool, *known, turned, found)
 
 
 def _nominal(robot: AnyRobot, values: dict[str, float], path: Path) -> RobotModel:

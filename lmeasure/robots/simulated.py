@@ -50,9 +50,11 @@ class SimulatedRobot:
         rate_hz: float,
         rng: np.random.Generator,
         *,
+        since_s: float = 0.0,
         progress: Callable[[int, int], None] | None = None,
     ) -> "Performance":
-        """Carry out the commands from rest at the pose `start` (7,); RobotError names the command that the arm cannot reach."""
+        """Carry out the commands from rest at the pose `start` (7,), since_s after the robot was cold; RobotError names the command that
+        the arm cannot reach."""
         setpoints, spans = _setpoints(commands, start, self.ramp_s, rate_hz)
         n = len(setpoints)
         time_s = np.arange(n) / rate_hz
@@ -68,7 +70,7 @@ class SimulatedRobot:
             if pull.any():
                 at = setpoints[part, :3]
                 turned += self.built.deflection(turned, self.stiffness_n_mm_rad, np.broadcast_to(pull, at.shape), at)
-            out[part] = self.built.forward(turned, -self.growth * np.expm1(-time_s[part] / self.growth_s))
+            out[part] = self.built.forward(turned, -self.growth * np.expm1(-(since_s + time_s[part]) / self.growth_s))
             if progress is not None:
                 progress(i + 1, len(commands))
         return Performance(time_s, setpoints, out, tuple(commands), tuple(spans))

@@ -45,6 +45,9 @@ def silent_directions(fit: Fit[R]) -> list[Silent]:
     free, names = len(unknowns.freed), unknowns.names
     white = fit.information * np.outer(width, width)
     own, cross, frames = white[:free, :free], white[:free, free:], white[free:, free:]
+    # what the instrument errs by in all rows is no frame: it is known by its own size
+    shared = np.arange(free, len(names)) >= unknowns.asked
+    frames = frames + np.diag(shared.astype(np.float64))
     size = np.sqrt(np.maximum(np.diag(frames), 1e-300))
     follow = -np.linalg.pinv(frames / np.outer(size, size), rcond=1e-12, hermitian=True) @ (cross / size).T / size[:, None]
     values, vectors = np.linalg.eigh(own + cross @ follow)
@@ -56,7 +59,7 @@ def silent_directions(fit: Fit[R]) -> list[Silent]:
         strong = [i for i in np.argsort(-np.abs(row), kind="stable") if abs(row[i]) > MENTIONED * np.abs(row).max()]
         change = row * width[:free]
         moved = (follow @ row) * width[free:]
-        with_it = sorted({names[free + i].split(".")[0] for i in np.flatnonzero(np.abs(moved) > PLACED)})
+        with_it = sorted({names[free + i].split(".")[0] for i in np.flatnonzero((np.abs(moved) > PLACED) & ~shared)})
         parts = tuple(finding("identify.moved", name=names[i], by=float(change[i])) for i in sorted(strong, key=lambda i: (i != pivot, i)))
         if with_it:
             frames_said = tuple(_plain(name) for name in with_it)

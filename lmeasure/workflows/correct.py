@@ -1,6 +1,5 @@
 """From an identified robot to programs that take it where they were meant to."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,7 +8,7 @@ from pydantic import Field
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
-from lmeasure.workflows.settings import BOX, LANGUAGE, Asked, Box, Names, Numbers, Paths, Spans, option
+from lmeasure.workflows.settings import BOX, LANGUAGE, Asked, Box, Names, Numbers, Paths, Spans, option, pose_of
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
@@ -37,6 +36,21 @@ class Settings(Asked):
     near: Annotated[
         Numbers | None, option("Joint values (deg, mm) near the first target, where several ways lead to it.", metavar="Q1,Q2,...")
     ] = None
+    base: Annotated[
+        Numbers | None,
+        option(
+            "Where the robot's base is meant to stand in the instrument's frame, in mm: the program is corrected to be right there. By "
+            "default where it was found to stand.",
+            metavar="X,Y,Z,QX,QY,QZ,QW",
+        ),
+    ] = None
+    tool: Annotated[
+        Numbers | None,
+        option(
+            "Where the measured target is meant to sit on the flange, in mm. By default where it was found to sit.",
+            metavar="X,Y,Z,QX,QY,QZ,QW",
+        ),
+    ] = None
     most_mm: Annotated[float, option("Largest correction of a place.", ge=0)] = 5.0
     most_deg: Annotated[float, option("Largest correction of an orientation.", ge=0)] = 1.0
     clip: Annotated[bool, option("Shorten corrections that are larger, instead of leaving their targets.")] = False
@@ -58,9 +72,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
 
     import numpy as np
 
-    from lmeasure import files
-    from lmeasure.report.correction import write_correction_page
-    from lmeasure.robots.corrected_program import as_record, corrected_program
+    from lmeasure.chains.correction import write_correction
+    from lmeasure.robots.corrected_program import corrected_program
     from lmeasure.robots.correction import Limits
     from lmeasure.robots.dialects.known import dialect_of, opened
     from lmeasure.robots.dialects.program_text import Unread
@@ -72,6 +85,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     robot = read_identified(settings.identified)
     if settings.near and len(settings.near) != len(robot.nominal.joint_names):
         raise SettingsError("near", f"{len(settings.near)} joint values; the robot has {len(robot.nominal.joint_names)}")
+    base, tool = (None if values is None else pose_of(values, name) for values, name in ((settings.base, "base"), (settings.tool, "tool")))
+    if base is not None or tool is not None:
+        robot = robot.stated(base, tool)
     sources = opened(settings.programs)
     dialect = dialect_of(settings.programs, sources, settings.dialect)
     stated = {} if settings.frames is None else read_frames(settings.frames)
@@ -89,14 +105,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     limits = Limits(settings.most_mm, float(np.radians(settings.most_deg)), settings.clip, box)
     found = corrected_program(listing, dialect, robot, limits=limits, near=settings.near or ())
     progress(0.9, "writing")
-    for name, text in zip(names, found.texts, strict=True):
-        files.write_bytes(settings.out / name, text.encode("latin-1"))
-    record = as_record(found, listing, listing.frames)
-    inputs = [(path, files.sha256(path)) for path in settings.paths().inputs]
-    record["inputs"] = [{"file": str(path), "sha256": digest} for path, digest in inputs]
-    files.write_text(settings.out / "corrections.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
-    page, language = settings.out / "corrections.html", settings.language or of_terminal()
-    write_correction_page(page, found, listing, robot, inputs=[(path.name, digest) for path, digest in inputs], language=language)
+    inputs = settings.paths().inputs
+    written = write_correction(settings.out, found, listing, robot, inputs=inputs, language=settings.language or of_terminal())
     done = found.done
     lines = [f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"]
     figures: dict[str, float] = {"corrected": found.changed}
@@ -110,7 +120,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
         figures |= {"largest_correction_mm": size, "largest_error_before_mm": was, "largest_u95_mm": worst}
     remarks = [f"{o.file}:{o.target.line}: {o.target.name}: {o.left}" for o in found.outcomes if o.left] + [str(u) for u in listing.unread]
     lines += [f"left as it was: {text}" for text in remarks]
-    lines.append(f"written: {', '.join(str(settings.out / n) for n in [*names, 'corrections.json', 'corrections.html'])}")
+    lines.append(f"written: {', '.join(str(settings.out / name) for name in written)}")
     return Result(found, tuple(lines), figures, tuple(remarks))
 
 

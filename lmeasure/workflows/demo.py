@@ -17,7 +17,10 @@ class Settings(Asked):
 
     out: Annotated[Path | None, option("Folder for all files; an earlier demo's is written over. [lmeasure-demo]", metavar="DIR")] = None
     seed: Annotated[int, option("Which cell, reference poses and motion, or robot, are drawn.", ge=0)] = 0
-    robot: Annotated[bool, option("Let a simulated robot run the test cube of ISO 9283 and certify it. [lmeasure-robot-demo]")] = False
+    robot: Annotated[
+        bool,
+        option("Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again. [lmeasure-robot-demo]"),
+    ] = False
 
 
 @workflow("demo")
@@ -30,6 +33,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
     progress(0.0, "load")
     if settings.robot:
         from lmeasure.chains.robot_demo import robot_demo
+        from lmeasure.report.comparison import told
 
         tested = robot_demo(settings.out or Path("lmeasure-robot-demo"), step, settings.seed)
         head = ("characteristic", "value", "U95", "truth", "unit", "")
@@ -40,7 +44,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
         held = tested.held
         figures = {"characteristics": float(len(held)), "truth_inside_u95": float(sum(h.inside for h in held))}
         figures |= {f"{h.name}_{'percent' if h.unit == '%' else h.unit}": h.value for h in tested.shown()}
-        return Result(tested, _told([head, *rows], tested.remarks, tested.look), figures, tested.remarks, tested.look)
+        loop, better = tested.loop, tested.loop.improvement
+        before, after = loop.true_mm
+        corrected = ("", "corrected and measured again:", *told(better), f"truly {before:.4f} mm before, {after:.4f} mm after")
+        figures |= {"mean_distance_before_mm": better.before_mm[0], "mean_distance_after_mm": better.after_mm[0]}
+        figures |= {"improvement": better.factor, "improvement_at_least": better.factor_95[0], "noise_floor_mm": better.floor_mm}
+        said = _told([head, *rows], tested.remarks, tested.look, corrected)
+        return Result(tested, said, figures, tested.remarks, tested.look)
     from lmeasure.chains import demo
 
     shown = demo(settings.out or Path("lmeasure-demo"), step, settings.seed)
@@ -48,13 +58,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
     return Result(shown, _told(lines, shown.remarks, shown.look), shown.figures, shown.remarks, shown.look)
 
 
-def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...]) -> tuple[str, ...]:
-    """The table, what to know besides, and where to look."""
+def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...], more: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """The table, more lines, what to know besides, and where to look."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     table = []
     for first, *others in rows:
         cells = [f"{cell:>{width}}" for cell, width in zip(others[:-1], widths[1:-1], strict=True)]
         table.append("   ".join([f"{first:{widths[0]}}", *cells, others[-1]]).rstrip())
     files = [f"All files are in {look[0].parent}. Look at", *(f"  {path}" for path in look)]
-    opened = f"Open the recording with: lmeasure view {look[0]}   (or: python3 run.py view {look[0]})"
-    return ("", *table, "", *(f"note: {remark}" for remark in remarks), *files, opened)
+    recording = next(path for path in look if path.suffix == ".rrd")
+    opened = f"Open the recording with: lmeasure view {recording}   (or: python3 run.py view {recording})"
+    return ("", *table, *more, "", *(f"note: {remark}" for remark in remarks), *files, opened)

@@ -1,7 +1,6 @@
 """From measurements of a robot to what is wrong with it."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -63,18 +62,15 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     import numpy as np
 
     from lmeasure import files
+    from lmeasure.chains.identification import judge, write_identification
     from lmeasure.foreign import columns_of
-    from lmeasure.report.robot import write_robot_page
-    from lmeasure.robots import identified, judged
+    from lmeasure.robots import identified
     from lmeasure.robots.choosing import identify_with_choice
     from lmeasure.robots.given import given
     from lmeasure.robots.identify import FAMILIES, check_foreign, identify, predict
     from lmeasure.robots.identify import Settings as Chosen
     from lmeasure.robots.mistaken import mended
     from lmeasure.robots.read_measurements import read_measurements
-    from lmeasure.robots.robot import Robot, write_robot
-    from lmeasure.robots.urdf import write_urdf
-    from lmeasure.robots.workspace import workspace
     from lmeasure.trajectory import Stated
 
     unknown = [f for f in settings.free if f not in (*FAMILIES, "harmonics")]
@@ -106,33 +102,19 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         raise RobotError(f"{settings.measurements}: robot {robot.name!r}: {error}") from None
     findings = (*measured.notes, *mend.findings, *found.findings)
     progress(0.5, "holding rows out")
-    held = judged.held_out(found, seed=settings.seed)
-    found = found if held is None else replace(found, misfit=held.misfit)
-    curve = judged.learning_curve(found, settings.seed)
-    worth = judged.worth_freeing(found)
-    over = workspace(found, seed=settings.seed)
+    done = judge(found, [path for path in settings.paths().inputs if path.is_file()], findings, settings.seed)
+    found, record = done.found, done.record
     progress(0.9, "writing")
-    inputs = [path for path in settings.paths().inputs if path.is_file()]
-    record = identified.record(found, inputs, held, curve, worth=worth, findings=findings, over=over)
-    result = identified.corrected(mend.robot, found)
+    names = write_identification(out, mend.robot, done, settings.language or of_terminal())
     if asked is not None:
         of = np.array([rows.targets.index(t) for t in asked.targets])[asked.target_of]
         joints = mend.joints(asked.joints)
         files.write_table(out / "predictions.csv", identified.prediction_columns(asked.names, predict(found, joints, of)))
-    write_robot(out / "robot.toml", result)
-    if isinstance(result, Robot):
-        write_urdf(out / "robot.urdf", result)
-    if over is not None:
-        files.write_table(out / "workspace.csv", over.columns())
-    write_robot_page(out / "report.html", found, record, over, language=settings.language or of_terminal())
-    identified.write_record(out / "identified.json", record)
-    urdf = ["robot.urdf"] if isinstance(result, Robot) else []  # which has words for serial arms alone
-    names = ["identified.json", "robot.toml", *urdf, "report.html"]
-    names += [name for name, there in (("predictions.csv", asked), ("workspace.csv", over)) if there is not None]
+        names.insert(names.index("report.html") + 1, "predictions.csv")
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = f"written: {', '.join(str(out / name) for name in names)}"
     told = tuple(f"{f.code}: {f.text}" for f in findings)
-    return Result(found, (*identified.summary(found, held, findings, over), written), figures, told)
+    return Result(found, (*identified.summary(found, done.held, findings, done.over), written), figures, told)
 
 
 def nominal(name: str, tip: str | None = None) -> "AnyRobot":

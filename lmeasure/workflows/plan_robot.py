@@ -7,6 +7,7 @@ from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result
 from lmeasure.workflows.identify import nominal
 from lmeasure.workflows.plan_settings import Settings, poses_file
+from lmeasure.workflows.settings import pose_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,8 +36,8 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     robot = nominal(str(settings.robot), settings.tip)
     model = robot.model
     freed(model, settings.free)  # names what is none before anything is computed
-    base = _pose(settings.base, "base") if settings.base else None
-    tool = _pose(settings.tool, "tool") if settings.tool else None
+    base = pose_of(settings.base, "base") if settings.base else None
+    tool = pose_of(settings.tool, "tool") if settings.tool else None
     sits = tool if tool is not None else robot.tool_pose
     stands = base if base is not None else np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     boxes = np.array([settings.keep_out] if settings.keep_out else []).reshape(-1, 3, 2)
@@ -90,17 +91,6 @@ def _typed(joints: "FloatArray", sliding: "np.typing.NDArray[np.bool_]") -> "Flo
     import numpy as np
 
     return np.asarray(np.where(sliding, np.round(joints, 1), np.radians(np.round(np.degrees(joints), 2))))
-
-
-def _pose(values: tuple[float, ...], name: str) -> "FloatArray":
-    """(7,) of x,y,z in mm, or of these and a quaternion."""
-    import numpy as np
-
-    length = float(np.linalg.norm(values[3:])) if len(values) == 7 else 0.0
-    if len(values) not in (3, 7) or not np.isfinite(values).all() or (len(values) == 7 and abs(length - 1.0) > 1e-3):
-        raise SettingsError(name, "is X,Y,Z in mm, or X,Y,Z,QX,QY,QZ,QW with a quaternion of length 1")
-    turn = np.array(values[3:]) / length if len(values) == 7 else np.array([0.0, 0.0, 0.0, 1.0])
-    return np.concatenate([values[:3], turn])
 
 
 def _zone(settings: Settings) -> "xr.Dataset | Rig | None":

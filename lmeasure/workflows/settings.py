@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -22,6 +22,9 @@ from pydantic_core import core_schema
 
 from lmeasure.checked import complaints
 from lmeasure.errors import SettingsError
+
+if TYPE_CHECKING:
+    from lmeasure.arrays import FloatArray
 
 BOX = "X0:X1,Y0:Y1,Z0:Z1"
 _COUNTS = {2: "two", 3: "three", 4: "four"}
@@ -206,3 +209,14 @@ TRAJECTORY = "Trajectory as `reconstruct` writes it, or of another instrument: .
 COLUMNS = option("Which column is which, and its unit (mm, m, cm, um, in, deg, rad, s, ms, us, ns).", metavar="NAME=COLUMN[UNIT],...")
 U_POSITION = option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)
 U_ROTATION = option("Standard uncertainty of a measured orientation about each axis.", ge=0)
+
+
+def pose_of(values: tuple[float, ...], name: str) -> "FloatArray":
+    """(7,) of x,y,z in mm, or of these and a quaternion."""
+    import numpy as np
+
+    length = float(np.linalg.norm(values[3:])) if len(values) == 7 else 0.0
+    if len(values) not in (3, 7) or not np.isfinite(values).all() or (len(values) == 7 and abs(length - 1.0) > 1e-3):
+        raise SettingsError(name, "is X,Y,Z in mm, or X,Y,Z,QX,QY,QZ,QW with a quaternion of length 1")
+    turn = np.array(values[3:]) / length if len(values) == 7 else np.array([0.0, 0.0, 0.0, 1.0])
+    return np.concatenate([values[:3], turn])

@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from campaigns import write_campaign
 from numpy.typing import NDArray
+from typer.testing import CliRunner
 
 from lmeasure.certification import Settings
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.compare import SIGNIFICANT, Pair, as_dict, compare_certificates, lines
+from lmeasure.certification.improvement import Improvement, improvement
 from lmeasure.certification.measure import Inputs
 from lmeasure.certification.verify import read_certificate
+from lmeasure.cli import app
 from lmeasure.errors import LMeasureError
 from lmeasure.report.certificate import Choices, write_certificate
 
@@ -205,3 +208,90 @@ def test_two_real_certificates(tmp_path: Path) -> None:
     found = compare_certificates(read)
     assert [any(s.moved for s in p.shifts) for p in found.pairs] == [False, True]
     assert found.exchangeability[0].value_mm == pytest.approx(0.4, abs=0.01)
+
+
+def corrected(seed: int, left_mm: float, scatter_mm: float = 0.02) -> tuple[Improvement, float, float]:
+    """A robot that stands 0.5 mm off before and left_mm after, each in a direction of its own at each pose, measured by an instrument with
+    0.01 mm systematic; and the true mean distances."""
+    rng = np.random.default_rng([seed, 21])
+
+    def measured(size: float, number: int) -> dict[str, Any]:
+        way = rng.normal(size=(5, 3))
+        off = size * way / np.linalg.norm(way, axis=1)[:, None]
+        return certificate(off + rng.normal(0.0, 0.01, 3), scatter_mm, rng, number, cycles=30, systematic_mm=0.01)
+
+    return improvement(measured(0.5, 0), measured(left_mm, 1), seed=seed), 0.5, left_mm
+
+
+@pytest.mark.parametrize("left_mm", [0.004, 0.05])
+def test_the_interval_of_an_improvement_holds_the_true_one(left_mm: float) -> None:
+    """Near the noise and above it; a plain quotient of the measured distances is too small where what is left is near the noise."""
+    found = [corrected(seed, left_mm) for seed in range(25)]
+    factors = np.array([before / after for _, before, after in found])
+    low, high = np.array([f.factor_95 for f, _, _ in found]).T
+    assert np.mean((low <= factors) & (factors <= high)) >= 0.9
+    assert np.isfinite(high).all() == (left_mm == 0.05)
+    if left_mm == 0.05:
+        assert (high / low < 2.5).all()
+
+
+def test_a_robot_that_was_corrected_by_the_instruments_own_error_is_not_called_exact() -> None:
+    """It stands off by just what the instrument errs by, which measures nothing then: the true factor is in the interval all the same."""
+    inside = []
+    for seed in range(25):
+        rng = np.random.default_rng([seed, 5])
+        off = rng.normal(0.0, 0.02, 3)
+        before = certificate(np.tile([0.3, 0.0, 0.0], (5, 1)) + off, 0.01, rng, 0, cycles=30, systematic_mm=0.02)
+        after = certificate(np.zeros((5, 3)), 0.01, rng, 1, cycles=30, systematic_mm=0.02)
+        low, high = improvement(before, after).factor_95
+        inside.append(low <= 0.3 / np.linalg.norm(off) <= high)
+    assert np.mean(inside) >= 0.9
+
+
+def test_what_noise_alone_would_show_is_the_floor() -> None:
+    """A robot without any error left shows the floor in the mean, and what identification left is added to it."""
+    found = [corrected(seed, 0.0)[0] for seed in range(25)]
+    assert np.mean([f.after_mm[0] for f in found]) == pytest.approx(np.mean([f.floor_mm for f in found]), rel=0.1)
+    parts = found[0].parts
+    assert parts.scatter_mm == pytest.approx(0.02 * np.sqrt(3 / 30), rel=0.2)
+    assert parts.instrument_mm == pytest.approx(0.01 * np.sqrt(3), rel=1e-3)
+    assert parts.identified_mm is None
+    rng = np.random.default_rng(0)
+    before, after = (certificate(np.full((5, 3), off), 0.02, rng, i, cycles=30) for i, off in enumerate((0.3, 0.0)))
+    less, more = (improvement(before, after, left) for left in (None, dict.fromkeys(POSES, 0.1)))
+    assert more.parts.identified_mm == pytest.approx(0.1)
+    # the mean length of a vector of three normal coordinates is sqrt(8 / 3 pi) of its root mean square
+    assert more.floor_mm == pytest.approx(np.sqrt(8 / (3 * np.pi)) * np.hypot(0.1, less.parts.scatter_mm), rel=0.02)
+
+
+def test_an_exact_instrument_tells_the_exact_factor() -> None:
+    rng = np.random.default_rng(0)
+    before, after = (certificate(np.outer(np.arange(1, 6), [0.0, 0.0, size]), 1e-9, rng, i) for i, size in enumerate((0.5, 0.02)))
+    found = improvement(before, after)
+    assert found.factor == pytest.approx(25.0, rel=1e-6)
+    assert found.factor_95 == pytest.approx((25.0, 25.0), rel=1e-5)
+
+
+def test_the_page_of_a_correction(tmp_path: Path) -> None:
+    """Both certificates, their figures with what the instrument tells apart, and what was made of the robot, in both languages."""
+    rng = np.random.default_rng(1)
+    for i, (name, off) in enumerate((("before", 0.3), ("after", 0.01))):
+        content = certificate(np.full((5, 3), off), 0.02, rng, i, cycles=30, random_mm=1e-3)
+        (tmp_path / f"{name}.json").write_bytes(canonical(content))
+    rows = [{"name": pose, "left": None, "u_identified_mm": 0.03} for pose in POSES]
+    (tmp_path / "corrections.json").write_text(json.dumps({"targets": rows}))
+    given = ["compare", *(str(tmp_path / f"{name}.json") for name in ("before", "after"))]
+    for language, words in (("en", "times nearer"), ("ru", "ближе")):
+        page = tmp_path / f"{language}.html"
+        asked = [*given, "--page", str(page), "--corrections", str(tmp_path / "corrections.json"), "--language", language]
+        done = CliRunner().invoke(app, asked)
+        assert done.exit_code == 0, done.output
+        assert "improvement:" in done.output
+        assert "identification 0.0300 mm" in done.output
+        text = page.read_text()
+        assert words in text
+        assert all(f"LM-{i}" in text for i in (0, 1))
+    (tmp_path / "corrections.json").write_text("{}")
+    done = CliRunner().invoke(app, [*given, "--corrections", str(tmp_path / "corrections.json")])
+    assert done.exit_code == 1
+    assert "not what `lmeasure correct` writes" in str(done.exception)

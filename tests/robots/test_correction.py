@@ -14,6 +14,7 @@ from lmeasure.cli import app
 from lmeasure.robots.correction import Limits, correct, fits, in_keep_out, ways
 from lmeasure.robots.identified_robot import IdentifiedRobot, read_identified
 from lmeasure.robots.model import RobotModel
+from lmeasure.robots.placed import Placed
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 
@@ -195,6 +196,40 @@ def program(folder: Path, robot: IdentifiedRobot, q: FloatArray) -> Path:
     path = folder / "p.src"
     path.write_bytes("\r\n".join([*lines, "PTP HOME", "END", ""]).encode())
     return path
+
+
+def test_a_placed_robot_moves_as_its_derivatives_say() -> None:
+    """Beside differences of its forward kinematics, and its inverse beside its forward one."""
+    rng, robot = np.random.default_rng(8), true_robot(8)
+    placed = Placed(robot, BASE, TOOL)
+    q, h = joints_of(rng, 3), 1e-6
+    poses, by_joints, by_parameters = placed.derivatives(q)
+    np.testing.assert_allclose(poses, se3.compose(se3.compose(BASE, robot.forward(q)), TOOL), atol=1e-9)
+    changes = [(h * step, None) for step in np.eye(6)] + [(np.zeros(6), h * step) for step in np.eye(len(robot.parameters))]
+    found = np.concatenate([by_joints, by_parameters], axis=1)
+    for k, (turn, change) in enumerate(changes):
+        ahead, behind = ((placed if change is None else placed.moved(s * change)).forward(q + s * turn) for s in (1.0, -1.0))
+        moved = (se3.displacement(ahead, poses) - se3.displacement(behind, poses)) / (2.0 * h)
+        twist = np.concatenate([moved[:, :3], moved[:, 3:] + np.cross(poses[:, :3], moved[:, :3])], axis=1)
+        np.testing.assert_allclose(found[:, k], twist, atol=2e-3, rtol=1e-5)
+    assert any(np.allclose(one, q[0], atol=1e-8) for one in Placed(shipped("generic6").model, BASE, TOOL).inverse(
+        se3.compose(se3.compose(BASE, shipped("generic6").model.forward(q[:1])[0]), TOOL)))  # fmt: skip
+
+
+def test_a_stated_base_and_tool_make_the_robot_right_in_the_instruments_frame(identified: tuple[Path, SerialRobot]) -> None:
+    """The base stands 1.5 mm and the target sits 0.8 mm from where they are meant to: that is corrected with the rest."""
+    folder, true = identified
+    meant_base, meant_tool = BASE + np.array([1.0, -1.0, 0.5, 0, 0, 0, 0]), TOOL + np.array([0.5, 0.5, -0.4, 0, 0, 0, 0])
+    robot = read_identified(folder / "id").stated(meant_base, meant_tool)
+    q = joints_of(np.random.default_rng(9), 40)
+    found = [correct(robot.nominal, robot.seen, one, Limits()) for one in q]
+    q, solved = q[[not c.refused for c in found]], np.array([c.joints for c in found if not c.refused])
+    wanted = se3.compose(se3.compose(meant_base, robot.nominal.forward(q)), np.broadcast_to(meant_tool, (len(q), 7)))[:, :3]
+    before, after = (np.linalg.norm(places(true, at) - wanted, axis=1) for at in (q, solved))
+    assert before.mean() > 1.5
+    assert np.mean(after <= robot.u95_mm(solved)) >= 0.9
+    assert after.max() < 0.15
+    assert (robot.u_mm(solved) < robot.u95_mm(solved)).all()
 
 
 def test_the_command(identified: tuple[Path, SerialRobot], tmp_path: Path) -> None:

@@ -81,16 +81,17 @@ class Dialect:
 
 @dataclass(frozen=True)
 class Listing:
-    """A program read: frames [mm] by name, as far as it states them."""
+    """A program read: frames [mm] by name, as far as it states them; assumed: those that hold where the user states no others."""
 
     sources: tuple[Source, ...]
     targets: tuple[Target, ...]
     frames: Mapping[str, FloatArray]
     unread: tuple[Unread, ...]
+    assumed: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def stated(self, frames: Mapping[str, FloatArray]) -> "Listing":
         """With frames that the user states; what the program states itself holds. Targets whose frame nobody states become unread."""
-        known = dict(frames) | dict(self.frames)
+        known = dict(self.assumed) | dict(frames) | dict(self.frames)
         lost, kept = list(self.unread), []
         for target in self.targets:
             missing = [] if target.joints else [name for name in (target.base, target.tool) if name not in known]

@@ -1,6 +1,7 @@
 """Targets in tables: plain CSV of this program's columns, and those of RoboDK; any separator, decimal points or commas, quotes.
 
-Plain: `x_mm, y_mm, z_mm` with the columns of a convention of angles or a quaternion, or `joint_1_deg` ...; `name` where there is one.
+Plain: `x_mm, y_mm, z_mm` with the columns of a convention of angles or a quaternion, or `joint_1_deg` ...; `name`, or `target`, where it
+has one.
 RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are told in `base` with
 `tool`, which columns of these names may say.
 """
@@ -59,7 +60,8 @@ def _read(sources: Sequence[Source], turn: tuple[str, ...], place: tuple[str, ..
             joints = [h for h in header if _JOINT.fullmatch(h)]
             posed = all(c in row for c in (*place, *turn))
             wanted = [*place, *turn] if posed else joints
-            name = text[slice(*row["name"])] if "name" in row else f"row {len(targets) + len(unread) + 1}"
+            called = next((text[slice(*row[key])] for key in ("name", "target") if key in row), "")
+            name = called or f"row {len(targets) + len(unread) + 1}"
             if not wanted:
                 unread.append(Unread(source.name, source.line(start), f"{name}: neither {', '.join((*place, *turn))} nor joint values"))
                 continue
@@ -74,7 +76,7 @@ def _read(sources: Sequence[Source], turn: tuple[str, ...], place: tuple[str, ..
                 continue
             base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
             targets.append(Target(name, k, source.line(start), not posed, values, spans, base, tool, moved=(k, start)))
-    return Listing(tuple(sources), tuple(targets), {"base": np.array(IDENTITY), "tool": np.array(IDENTITY)}, tuple(unread))
+    return Listing(tuple(sources), tuple(targets), {}, tuple(unread), {"base": np.array(IDENTITY), "tool": np.array(IDENTITY)})
 
 
 def _of_quaternion(values: Sequence[float]) -> FloatArray:

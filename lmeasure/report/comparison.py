@@ -1,0 +1,172 @@
+"""The page of two certificates side by side: what changed and whether that can be told, by how much the robot is nearer, and what keeps it
+from being nearer still."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from lmeasure.catalogue import decimal
+from lmeasure.certification.compare import Comparison, Pair
+from lmeasure.certification.improvement import Improvement
+from lmeasure.certification.printed import with_u95
+from lmeasure.report import html
+from lmeasure.report.words import axes
+from lmeasure.saying import ENGLISH, Say
+
+ARROWS = 0.15
+"""Of the poses' extent: length at which the largest error is drawn."""
+BEFORE, AFTER, FLOOR = "#d55e00", "#0072b2", "#009e73"
+AT_THE_FLOOR = 1.2
+"""Times the floor up to which a mean distance is at it."""
+
+
+def write_comparison_page(
+    path: Path,
+    found: Comparison,
+    certificates: Sequence[tuple[str, dict[str, Any]]],
+    better: Improvement | None = None,
+    *,
+    language: str = "en",
+) -> None:
+    """Write a self-contained HTML page of the comparison, whole or not at all; certificates: by name, content; better: of a robot that was
+    corrected between the first and the later of two."""
+    say = Say(language)
+    body: list[str] = []
+    if better is not None:
+        body += _improved(better, say, language)
+    for pair in found.pairs:
+        body += _pair(pair, say, several=len(found.pairs) > 1)
+    body += [html.paragraph(say("note: {note}", note=say.told(note))) for note in found.notes]
+    rows = [(name, content["id"], content["created"][:10], len(content["characteristics"])) for name, content in certificates]
+    header = (say("certificate"), say("number"), say("written"), say("figures"))
+    body += [html.heading(say("Certificates")), html.table(header, rows, "text")]
+    html.write_page(path, say("Certificates side by side"), body, language)
+
+
+def told(better: Improvement) -> list[str]:
+    """What a person is told of an improvement, line by line."""
+    low, high = better.factor_95
+    before, after = better.before_mm[0], better.after_mm[0]
+    within = f"{low:.3g} to {high:.3g}" if math.isfinite(high) else f"{low:.3g} or more"
+    parts = better.parts
+    found = "not stated" if parts.identified_mm is None else f"{parts.identified_mm:.4f}"
+    limits = f"instrument {parts.instrument_mm:.4f}, robot's scatter {parts.scatter_mm:.4f}, identification {found} mm"
+    return [
+        f"mean distance from the commanded poses: {before:.4f} mm before, {after:.4f} mm after",
+        f"improvement: {better.factor:.3g} times ({within}, at 95 %)",
+        f"noise floor {better.floor_mm:.4f} mm: {limits}",
+        "what is left is at the noise floor" if after <= AT_THE_FLOOR * better.floor_mm else "what is left is above the noise floor",
+    ]
+
+
+def _improved(better: Improvement, say: Say, language: str) -> list[str]:
+    low, high = better.factor_95
+    values = {"before": better.before_mm[0], "after": better.after_mm[0], "factor": better.factor, "low": low, "high": high}
+    told = say(
+        "The robot stood {before:.3f} mm from where it was sent, in the mean over the poses; corrected it stands {after:.3f} mm off.",
+        **values,
+    )
+    if math.isfinite(high):
+        nearer = say("That is {factor:.3g} times nearer ({low:.3g} to {high:.3g}, at 95 %).", **values)
+    else:
+        nearer = say("That is {factor:.3g} times nearer ({low:.3g} or more, at 95 %).", **values)
+    floor = {"floor": better.floor_mm}
+    if better.after_mm[0] <= AT_THE_FLOOR * better.floor_mm:
+        at = say("A robot without any error but these would show {floor:.3f} mm: nothing is left to correct by this instrument.", **floor)
+    else:
+        at = say(
+            "A robot without any error but these would show {floor:.3f} mm: it errs in more than was identified, or has changed.", **floor
+        )
+    vectors, times = vectors_figure(better, say)
+    enlarged = say("Errors of the attained means at each pose, {times:.3g} times enlarged, before and after.", times=times)
+    return [
+        html.paragraph(f"{told} {nearer}", "verdict" if low > 1.0 else "verdict doubt"),
+        html.heading(say("What limits it")),
+        html.table((say("of an attained mean"), say("standard uncertainty, mm")), _parts(better, say), "text"),
+        html.paragraph(at),
+        html.heading(say("Before and after")),
+        html.figure(distances_figure(better, say), "distances", first=True, language=language),
+        html.paragraph(enlarged),
+        html.figure(vectors, "vectors", first=False, language=language),
+    ]
+
+
+def _parts(better: Improvement, say: Say) -> list[tuple[str, str]]:
+    parts = better.parts
+    rows = [
+        (say("the instrument"), parts.instrument_mm),
+        (say("the robot's scatter over the root of its cycles"), parts.scatter_mm),
+        (say("what identification left"), parts.identified_mm),
+    ]
+    return [(name, say("not stated") if value is None else say.number(value, ".4f")) for name, value in rows]
+
+
+def distances_figure(better: Improvement, say: Say = ENGLISH) -> go.Figure:
+    """Distance of each attained mean from its commanded pose, before and after, and the noise floor."""
+    names = [html.label(name) for name in better.poses]
+    figure = go.Figure()
+    for name, colour, errors in ((say("before"), BEFORE, better.before), (say("after"), AFTER, better.after)):
+        figure.add_bar(x=names, y=np.linalg.norm(errors, axis=1), name=name, marker={"color": colour})
+    figure.add_scatter(
+        x=names, y=[better.floor_mm] * len(names), mode="lines", name=say("noise floor"), line={"color": FLOOR, "dash": "dash"}
+    )
+    figure.update_layout(height=420, barmode="group")
+    return figure.update_xaxes(type="category").update_yaxes(title=say("AP, mm"), rangemode="tozero")
+
+
+def vectors_figure(better: Improvement, say: Say = ENGLISH) -> tuple[go.Figure, float]:
+    """Errors before and after as arrows from the commanded places, and how many times they are enlarged."""
+    places = better.commanded
+    extent = float(np.ptp(places, axis=0).max()) or 100.0
+    largest = max(float(np.linalg.norm(e, axis=1).max()) for e in (better.before, better.after))
+    times = ARROWS * extent / max(largest, 1e-9)
+    figure = go.Figure()
+    for name, colour, errors in ((say("before"), BEFORE, better.before), (say("after"), AFTER, better.after)):
+        line = np.stack([places, places + times * errors, np.full_like(places, np.nan)], axis=1).reshape(-1, 3)
+        figure.add_scatter3d(x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", name=name, line={"color": colour, "width": 6})
+    x, y, z = places.T
+    names = [html.label(name) for name in better.poses]
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, name=say("commanded"), marker={"size": 3, "color": "#444444"})
+    figure.update_layout(scene=axes(say), height=640)
+    return figure, times
+
+
+def _pair(pair: Pair, say: Say, *, several: bool) -> list[str]:
+    title = say("{later} against {first}", later=pair.later, first=pair.first) if several else say("Figures side by side")
+    shared = (
+        say("Both were measured by one calibration: its errors cancel.")
+        if pair.shared
+        else say("The two have no calibration in common: the systematic errors of both count.")
+    )
+    rows = []
+    for c in pair.changes:
+        first, later, change = (with_u95(v, c.u95)[0] for v in (c.first, c.later, c.later - c.first))
+        u95 = with_u95(0.0, c.u95)[1]
+        cells = (decimal(say.language, v) for v in (first, later, change, u95))
+        rows.append((html.indexed(c.figure), *cells, c.unit, say("yes") if c.beyond else ""))
+    header = (say("figure"), say("before"), say("after"), say("difference"), "U95", say("unit"), say("beyond U95"))
+    beyond, many = sum(c.beyond for c in pair.changes), len(pair.changes)
+    chance = say(
+        "{beyond} of {many} figures differ by more than the instrument's U95; {chance:.1f} would by chance.",
+        beyond=beyond,
+        many=many,
+        chance=0.05 * many,
+    )
+    return [html.heading(title), html.paragraph(shared), *_moved(pair, say), html.paragraph(chance), html.table(header, rows, "figures")]
+
+
+def _moved(pair: Pair, say: Say) -> list[str]:
+    number = say.number
+    rows = []
+    for s in pair.shifts:
+        if s.probability is None:
+            verdict, chance = say("too few cycles to tell"), ""
+        else:
+            verdict, chance = say("moved") if s.moved else say("not shown to have moved"), number(s.probability, ".2g")
+        rows.append((s.pose, number(s.distance_mm, ".4f"), number(s.u95_mm, ".4f"), chance, verdict))
+    header = (say("pose"), say("shift of the mean, mm"), "U95", say("probability by chance"), say("verdict"))
+    return [html.table(header, rows, "text")] if rows else []
