@@ -32,7 +32,7 @@ STEP_NAMES = {
 }
 
 
-OWN = ("runs",)
+OWN = ("runs", "robot")
 """Pages of commands that have something of their own above them."""
 
 

@@ -74,7 +74,12 @@ async def trajectory(request: Request) -> Response:
     recordings = [one for one in project.of("recording") if Path(one).parent == Path(here).parent] or list(project.of("recording"))
     from lmeasure.report.trajectory import summary
 
-    values: dict[str, Any] = {"path": here, "summary": summary(found, language), "left_out": left_out(found, language), "recordings": recordings[:1]}
+    values: dict[str, Any] = {
+        "path": here,
+        "summary": summary(found, language),
+        "left_out": left_out(found, language),
+        "recordings": recordings[:1],
+    }
     return page(request, "trajectory.html", **values, begin=float(found.trajectory.time_s[0]), end=float(found.trajectory.time_s[-1]))
 
 

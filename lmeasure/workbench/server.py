@@ -17,7 +17,7 @@ from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
 from lmeasure.errors import LMeasureError
-from lmeasure.workbench import api, pages, runs, things
+from lmeasure.workbench import api, certificates, pages, runs, things
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, page
 from lmeasure.workbench.guard import Guard, new_token
 from lmeasure.workbench.project import OWN
@@ -36,7 +36,7 @@ def application(folder: Path, token: str, port: int, language: str = "en") -> St
 
     static = Mount("/static", StaticFiles(directory=HERE / "static"))
     app = Starlette(
-        routes=[*pages.routes(), *things.routes(), *runs.routes(), *api.routes(), static],
+        routes=[*pages.routes(), *things.routes(), *runs.routes(), *certificates.routes(), *api.routes(), static],
         middleware=[Middleware(Guard, token=token, port=port)],
         exception_handlers={HTTPException: _refused, Exception: _failed},
         lifespan=lifespan,

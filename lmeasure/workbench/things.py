@@ -1,7 +1,6 @@
 """Pages of the things of a project: its files, a rig, a run's start, a certificate that is brought in."""
 
 import re
-import shutil
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,19 +13,16 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from lmeasure.errors import LMeasureError
-from lmeasure.files import read_toml, rewrite_toml, whole
+from lmeasure.files import read_toml, rewrite_toml
 from lmeasure.run import read_run_head
 from lmeasure.start import start_from_text
 from lmeasure.workbench import rig_form
-from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, language_of, lost, page
+from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, lost, page
 from lmeasure.workbench.cards import card
 from lmeasure.workbench.project import OutsideError, inside
-from lmeasure.workbench.words import said
+from lmeasure.workbench.uploads import take_in
 
-LARGEST_UPLOAD, LARGEST_TEXT = 2**31, 200_000
-MOST_UNPACKED = 2**31
-_NAME = re.compile(r"[^\W.][\w .+()\-]{0,120}", re.UNICODE)
-_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+LARGEST_TEXT = 200_000
 
 
 async def raw(request: Request) -> Response:
@@ -99,7 +95,7 @@ async def everything(request: Request) -> Response:
                 target.mkdir(parents=True, exist_ok=True)
                 uploads = [upload for upload in form.getlist("files") if not isinstance(upload, str)]
                 for upload in uploads:
-                    _take_in(target, upload.filename or "", upload.file)
+                    take_in(target, upload.filename or "", upload.file, unpacked=True)
                 if form.get("then") == "import":
                     logs = [(Path(into) / Path(upload.filename or "").name).as_posix() for upload in uploads]
                     return RedirectResponse(f"/run/import?{urlencode({'logs': logs}, doseq=True)}", 303)
@@ -107,56 +103,6 @@ async def everything(request: Request) -> Response:
             except (LMeasureError, OSError, zipfile.BadZipFile) as failed:
                 error = str(failed)
     return page(request, "files.html", 422 if error else 200, project=bench.project, error=error, into=into)
-
-
-def _take_in(folder: Path, name: str, file: Any) -> None:
-    """Copy an uploaded file into the folder under its own name, and unpack a zip into a folder of its name. What is there stays."""
-    plain = Path(name.replace("\\", "/")).name
-    if not _NAME.fullmatch(plain) or _DEVICES.fullmatch(plain):
-        raise OutsideError(f"{plain!r}: a file of that name is not taken in")
-    target = folder / plain
-    if target.exists() or target.is_symlink():
-        raise OutsideError(f"{plain}: is there already, and stays")
-    with whole(target) as part, part.open("wb") as sink:
-        taken = 0
-        while block := file.read(2**20):
-            taken += len(block)
-            if taken > LARGEST_UPLOAD:
-                raise OutsideError(f"{plain}: is larger than {LARGEST_UPLOAD / 2**30:g} GiB")
-            sink.write(block)
-    if plain.lower().endswith(".zip"):
-        try:
-            _unpack(target, folder / Path(plain).stem)
-        except (OutsideError, zipfile.BadZipFile):
-            target.unlink()
-            raise
-
-
-def _unpack(packed: Path, folder: Path) -> None:
-    if folder.exists():
-        raise OutsideError(f"{folder.name}: is there already, and stays")
-    with zipfile.ZipFile(packed) as held:
-        entries = [entry for entry in held.infolist() if not entry.is_dir()]
-        if sum(entry.file_size for entry in entries) > MOST_UNPACKED or len(entries) > 5000:
-            raise OutsideError(f"{packed.name}: holds too much")
-        names = [entry.filename for entry in entries]
-        # a zip of a folder holds that folder
-        top = names[0].split("/")[0] + "/" if names and all("/" in n and n.split("/")[0] == names[0].split("/")[0] for n in names) else ""
-        for name in names:
-            parts = name.split("/")
-            if "\\" in name or name.startswith("/") or any(not _inner(part) for part in parts):
-                raise OutsideError(f"{packed.name}: {name!r}: a file of that name is not unpacked")
-        for entry in entries:
-            target = folder / entry.filename.removeprefix(top)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            with held.open(entry) as source, target.open("xb") as sink:
-                while block := source.read(2**20):
-                    sink.write(block)
-
-
-def _inner(part: str) -> bool:
-    # certificates keep which command wrote what in a file with a dot before its name
-    return bool(_NAME.fullmatch(part.lstrip(".") or "?")) and part not in (".", "..") and not _DEVICES.fullmatch(part)
 
 
 async def rig(request: Request) -> Response:
@@ -248,31 +194,6 @@ async def start(request: Request) -> Response:
     return page(request, "start.html", 422 if error else 200, run=here, head=head, error=error)
 
 
-async def verify_dropped(request: Request) -> Response:
-    """A certificate's zip that is dropped: unpacked beside, and verified."""
-    bench = bench_of(request)
-    async with request.form(max_files=1, max_fields=5) as form:
-        upload = form.get("files")
-        name = "" if upload is None or isinstance(upload, str) else upload.filename or ""
-        if not name.lower().endswith(".zip") or upload is None or isinstance(upload, str):
-            return RedirectResponse("/robot", 303)
-        number = 1
-        while (bench.folder / "verified" / str(number)).exists():
-            number += 1
-        target = bench.folder / "verified" / str(number)
-        try:
-            target.mkdir(parents=True)
-            _take_in(target, name, upload.file)
-            held = sorted(target.rglob("certificate.json"))
-            if not held:
-                raise OutsideError(f"{name}: holds no certificate.json")
-        except (LMeasureError, OSError, zipfile.BadZipFile) as error:
-            shutil.rmtree(target, ignore_errors=True)
-            return page(request, "error.html", 422, title=said(language_of(request), "Not verified"), text=str(error))
-    job = await bench.jobs.begin(["verify", held[0].parent.relative_to(bench.folder).as_posix()])
-    return RedirectResponse(f"/jobs/{job.number}", 303)
-
-
 def routes() -> Sequence[Route]:
     """Of these pages."""
     return [
@@ -280,7 +201,6 @@ def routes() -> Sequence[Route]:
         Route("/scene", rig_scene),
         Route("/coarse", coarse, methods=["POST"]),
         Route("/start/{path:path}", start, methods=["GET", "POST"]),
-        Route("/verify", verify_dropped, methods=["POST"]),
         Route("/files", everything),
         Route("/upload", everything, methods=["POST"]),
         Route("/raw/{path:path}", raw),

@@ -12,10 +12,10 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from lmeasure.cli import main
-from lmeasure.workbench import api, pages, runs, things
+from lmeasure.workbench import api, certificates, pages, runs, things
 from lmeasure.workbench.project import OutsideError, inside
 
-EVERY = [*pages.routes(), *things.routes(), *runs.routes(), *api.routes()]
+EVERY = [*pages.routes(), *things.routes(), *runs.routes(), *certificates.routes(), *api.routes()]
 AWAY = (
     "../secret.txt",
     "..%2fsecret.txt",

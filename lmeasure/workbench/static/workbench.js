@@ -73,8 +73,28 @@ for (const drop of document.querySelectorAll('form.drop')) {
   for (const kind of ['dragover', 'dragleave', 'drop'])
     drop.addEventListener(kind, (event) => {
       event.preventDefault(); drop.classList.toggle('over', kind === 'dragover');
-      if (kind === 'drop') { input.files = event.dataTransfer.files; drop.submit(); }
+      if (kind === 'drop') taken(drop, input, event.dataTransfer);
     });
+}
+
+// a folder that is dropped is sent with the names that its files have in it
+async function taken(drop, input, held) {
+  const roots = [...held.items].map((item) => item.webkitGetAsEntry?.()).filter((entry) => entry?.isDirectory);
+  if (!roots.length) { input.files = held.files; drop.submit(); return; }
+  const data = new FormData(drop); data.delete('files');
+  const walk = async (entry, before) => {
+    const name = before + entry.name;
+    if (entry.isFile) { data.append('files', await new Promise((done, failed) => entry.file(done, failed)), name); return; }
+    const reader = entry.createReader();
+    for (;;) {
+      const some = await new Promise((done, failed) => reader.readEntries(done, failed));
+      if (!some.length) return;
+      for (const one of some) await walk(one, `${name}/`);
+    }
+  };
+  for (const root of roots) await walk(root, '');
+  const answer = await fetch(drop.action, {method: 'POST', body: data});
+  if (answer.redirected) location.href = answer.url; else document.documentElement.innerHTML = await answer.text();
 }
 
 const rig = document.getElementById('rig-form');

@@ -1,0 +1,171 @@
+"""Pages of certificates: the form of their details, verification of what is dropped, and their figures over time."""
+
+import datetime
+import json
+import math
+import shutil
+import zipfile
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from lmeasure import files
+from lmeasure.errors import LMeasureError
+from lmeasure.workbench import details as form_of_details
+from lmeasure.workbench.answers import bench_of, form_of, language_of, lost, page
+from lmeasure.workbench.project import OutsideError, Project, inside
+from lmeasure.workbench.uploads import take_in, take_in_folder
+from lmeasure.workbench.words import said
+
+FOLLOWED = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p")
+"""Figures that are drawn over time: the largest of each."""
+HIGH, LEFT = 150, 60
+
+
+async def details(request: Request) -> Response:
+    """A details file as a form; posted, it is saved, or all complaints are shown with what was typed."""
+    bench, language = bench_of(request), language_of(request)
+    known = bench.project.of("details")
+    typed = {key: values[-1] for key, values in (await form_of(request)).items()} if request.method == "POST" else {}
+    file = typed.get("_file") or request.query_params.get("file") or (known[0] if known else "details.toml")
+    wrong: list[str] = []
+    try:
+        path = inside(bench.folder, file)
+        if path.suffix != ".toml" or path.name.startswith(".") or (path.exists() and file not in known):
+            raise OutsideError(f"{file}: is no details file of the project")
+        before: Any = files.read_toml(path) if path.is_file() else {}
+        content = form_of_details.filled(before, typed) if typed else dict(before)
+        if typed:
+            wrong = form_of_details.complaints(content, file)
+            if not wrong:
+                files.rewrite_toml(path, before.holding(content)) if path.is_file() else files.write_toml(path, content)
+                return RedirectResponse(f"/details?file={file}&saved=1", 303)
+        values = form_of_details.read(path) | {key: text for key, text in typed.items() if not key.startswith("_")}
+    except (LMeasureError, OSError) as error:
+        return lost(request, str(error))
+    shown: dict[str, Any] = {"file": file, "form": form_of_details.FORM, "values": values, "complaints": wrong}
+    shown |= {"label": lambda entry: form_of_details.label(entry, language), "saved": request.query_params.get("saved") == "1"}
+    return page(request, "details.html", 422 if wrong else 200, missing=form_of_details.missing(content), known=known, **shown)
+
+
+async def preview(request: Request) -> Response:
+    """How what is typed will be printed, in both languages; which rows nothing fills; what is wrong."""
+    typed = {key: values[-1] for key, values in (await form_of(request)).items()}
+    content = form_of_details.filled({}, typed)
+    wrong = form_of_details.complaints(content, "details")
+    told: dict[str, Any] = {"complaints": wrong, "missing": form_of_details.missing(content)}
+    if not wrong:
+        told["printed"] = {language: form_of_details.printed(content, language) for language in ("en", "ru")}
+    return JSONResponse(told)
+
+
+async def verify_dropped(request: Request) -> Response:
+    """A certificate that is dropped, as a zip or as its folder: kept beside, and verified."""
+    bench = bench_of(request)
+    async with request.form(max_files=5000, max_fields=5) as form:
+        uploads = [(one.filename or "", one.file) for one in form.getlist("files") if not isinstance(one, str) and one.filename]
+        if not uploads:
+            return RedirectResponse("/robot", 303)
+        number = 1
+        while (bench.folder / "verified" / str(number)).exists():
+            number += 1
+        target = bench.folder / "verified" / str(number)
+        try:
+            target.mkdir(parents=True)
+            if len(uploads) == 1 and uploads[0][0].lower().endswith(".zip"):
+                # as whatever packed it: `verify` itself takes a zip of `certify` alone
+                take_in(target, *uploads[0], unpacked=True)
+            else:
+                take_in_folder(target, uploads)
+            found = sorted(target.rglob("certificate.json"), key=lambda path: len(path.parts))
+            if not found:
+                raise OutsideError(f"{uploads[0][0]}: holds no certificate.json; drop the whole folder, or its zip")
+        except (LMeasureError, OSError, zipfile.BadZipFile) as error:
+            shutil.rmtree(target, ignore_errors=True)
+            return page(request, "error.html", 422, title=said(language_of(request), "Not verified"), text=str(error))
+    job = await bench.jobs.begin(["verify", found[0].parent.relative_to(bench.folder).as_posix()])
+    return RedirectResponse(f"/jobs/{job.number}", 303)
+
+
+class Point(NamedTuple):
+    """A figure of one certificate: its folder, the day, the value and its U95; x, y, and the ends of the bar in the picture."""
+
+    folder: str
+    day: str
+    value: float
+    u95: float
+    x: float = 0.0
+    y: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+
+
+class Course(NamedTuple):
+    """A figure over time: its name, its unit, its points, and the largest value of the picture."""
+
+    name: str
+    unit: str
+    points: list[Point]
+    top: float
+
+
+def courses(project: Project) -> dict[str, list[Course]]:
+    """Figures over time by robot: maker, model and serial number, as the certificates state them."""
+    robots: dict[str, dict[str, list[tuple[str, Point]]]] = {}
+    for folder in project.of("certificate"):
+        try:
+            content = json.loads((project.folder / folder / "certificate.json").read_text(encoding="utf-8"))
+            item = content["details"].get("item", {})
+            robot = " ".join(str(item[key]) for key in ("maker", "model", "serial") if key in item)
+            day = str(content["details"].get("dates", {}).get("measured_to", content["created"]))[:10]
+            datetime.date.fromisoformat(day)
+            for name in FOLLOWED:
+                own = [c for c in content["characteristics"] if c["name"] == name and c["value"] is not None and c["u95"] is not None]
+                if own:
+                    worst = max(own, key=lambda c: abs(c["value"]))
+                    told = Point(folder, day, float(worst["value"]), float(worst["u95"]))
+                    robots.setdefault(robot, {}).setdefault(name, []).append((str(worst["unit"]), told))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+    return {robot: [_drawn(name, one[0][0], [p for _, p in one]) for name, one in by_name.items()] for robot, by_name in robots.items()}
+
+
+def _drawn(name: str, unit: str, points: list[Point]) -> Course:
+    """Places in a picture of 600 by HIGH, dates from left to right, zero at the bottom."""
+    points = sorted(points, key=lambda p: (p.day, p.folder))
+    days = [datetime.date.fromisoformat(p.day).toordinal() for p in points]
+    top = max(abs(p.value) + p.u95 for p in points)
+    top = 1.0 if not math.isfinite(top) or top <= 0.0 else top * 1.1
+    span = max(days) - min(days)
+
+    def x(i: int) -> float:
+        # certificates of one day stand beside each other
+        along = (days[i] - min(days)) / span if span else (i + 0.5) / len(days)
+        return round(LEFT + 500.0 * along + 10.0, 1)
+
+    def y(value: float) -> float:
+        return round(10.0 + (HIGH - 40.0) * (1.0 - max(value, 0.0) / top), 1)
+
+    placed = [
+        p._replace(x=x(i), y=y(abs(p.value)), low=y(abs(p.value) - p.u95), high=y(abs(p.value) + p.u95)) for i, p in enumerate(points)
+    ]
+    return Course(name, unit, placed, top)
+
+
+async def trend(request: Request) -> Response:
+    """The figures of all certificates of the project over time, by robot."""
+    project = bench_of(request).project
+    return page(request, "trend.html", robots=courses(project), folders=project.of("certificate"))
+
+
+def routes() -> Sequence[Route]:
+    """Of these pages."""
+    return [
+        Route("/details", details, methods=["GET", "POST"]),
+        Route("/details/preview", preview, methods=["POST"]),
+        Route("/verify", verify_dropped, methods=["POST"]),
+        Route("/trend", trend),
+    ]

@@ -1,0 +1,145 @@
+"""What a certificate says besides its figures, as a form: lamps for what ISO/IEC 17025 asks and nobody states; how it is printed in
+both languages."""
+
+import copy
+import datetime
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from lmeasure import files
+from lmeasure.certification.details import SCHEMA, Details
+from lmeasure.checked import checked
+from lmeasure.errors import LMeasureError
+from lmeasure.report import certificate_text
+from lmeasure.report.words import word
+from lmeasure.workbench.words import said
+
+
+class Entry(NamedTuple):
+    """A field: its key in the file; the row of the certificate that it fills, empty for one that nobody asks for; what it is called where
+    that row has several; its kind: text, day, number, long."""
+
+    key: str
+    row: str
+    label: str = ""
+    kind: str = "text"
+
+
+FORM = {
+    "Laboratory": (
+        Entry("number", "", "Number of the report"),
+        Entry("laboratory.name", "laboratory"),
+        Entry("laboratory.address", "laboratory.address", kind="long"),
+        Entry("laboratory.contact", "laboratory.contact"),
+        Entry("location", "location"),
+        Entry("logo", "", "Picture of its mark (.svg, .png, .jpg, beside the file)"),
+    ),
+    "Customer": (
+        Entry("customer.name", "customer"),
+        Entry("customer.address", "customer.address", kind="long"),
+        Entry("customer.contact", "customer.contact"),
+    ),
+    "Robot under test": (
+        Entry("item.maker", "item.maker", "Maker"),
+        Entry("item.model", "item.model"),
+        Entry("item.serial", "item.serial"),
+        Entry("item.controller", "item.controller"),
+        Entry("item.condition", "item.condition", kind="long"),
+        Entry("item.description", "", "Anything else by which it is known"),
+    ),
+    "Days": (
+        Entry("dates.received", "dates.received", "Day of receipt", "day"),
+        Entry("dates.measured_from", "dates.measured", "First day of measuring", "day"),
+        Entry("dates.measured_to", "dates.measured", "Last day of measuring", "day"),
+        Entry("dates.issued", "dates.issued", "Day of issue", "day"),
+    ),
+    "Method and conditions": (
+        Entry("method", "", "Method, where it is not ISO 9283"),
+        Entry("deviations", "deviations", kind="long"),
+        Entry("sampling", "sampling", kind="long"),
+        Entry("traceability", "traceability", kind="long"),
+        Entry("conditions.temperature_c", "conditions", "Temperature [°C]", "number"),
+        Entry("conditions.temperature_range_c", "conditions", "Largest less smallest temperature [°C]", "number"),
+        Entry("conditions.humidity_percent", "conditions", "Relative humidity [%]", "number"),
+        Entry("conditions.text", "conditions", "Other conditions"),
+        Entry("supplied", "", "What the customer supplied", "long"),
+        Entry("external", "", "Results from others", "long"),
+        Entry("remarks", "", "Remarks", "long"),
+    ),
+    "Who answers for it": (Entry("authoriser.name", "authoriser", "Name"), Entry("authoriser.role", "authoriser", "Function")),
+    "Accreditation, only of an accredited laboratory": (
+        Entry("accreditation.statement", "", "Statement"),
+        Entry("accreditation.body", "", "Accreditation body"),
+        Entry("accreditation.number", "", "Registration number"),
+    ),
+}
+ENTRIES = tuple(entry for entries in FORM.values() for entry in entries)
+
+
+def label(entry: Entry, language: str) -> str:
+    """What a field is called: as its row of the certificate, where it alone fills that."""
+    text = said(language, entry.label) if entry.label else word(language, entry.row)
+    return text[:1].upper() + text[1:]
+
+
+def read(path: Path) -> dict[str, str]:
+    """The texts of the fields of a details file, empty where there is none."""
+    content: Any = files.read_toml(path) if path.is_file() else {}
+    return {entry.key: _text(_at(content, entry.key)) for entry in ENTRIES}
+
+
+def _at(content: Any, key: str) -> Any:
+    for name in key.split("."):
+        content = content.get(name) if isinstance(content, Mapping) else None
+    return content
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def filled(before: Mapping[str, Any], form: Mapping[str, str]) -> dict[str, Any]:
+    """The content of a file with what the form says; what the form has no field for stays, what was emptied goes."""
+    content = {"schema": SCHEMA, **copy.deepcopy(dict(before))}
+    for entry in ENTRIES:
+        text, (*tables, name) = form.get(entry.key, "").replace("\r\n", "\n").strip(), entry.key.split(".")
+        here = content
+        for table in tables:
+            here = here.setdefault(table, {})
+        here.pop(name, None) if not text else here.update({name: _value(text, entry, here.get(name))})
+    return {key: value for key, value in content.items() if value != {}}
+
+
+def _value(text: str, entry: Entry, before: Any) -> Any:
+    if before is not None and _text(before) == text:
+        return before
+    if entry.kind != "number":
+        return text
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return text
+
+
+def complaints(content: Mapping[str, Any], name: str) -> list[str]:
+    """What of a content is no details file, all at once."""
+    try:
+        checked(dict(content), Details, name)
+    except LMeasureError as error:
+        return list(error.lines)
+    return []
+
+
+def missing(content: Mapping[str, Any]) -> list[str]:
+    """Rows that ISO/IEC 17025:2017, 7.8.2 asks for and nothing fills."""
+    rows = dict.fromkeys(entry.row for entry in ENTRIES if entry.row)
+    return [row for row in rows if all(_at(content, entry.key) in (None, "") for entry in ENTRIES if entry.row == row)]
+
+
+def printed(content: Mapping[str, Any], language: str) -> tuple[str, list[tuple[str, ...]]]:
+    """Title and rows as a certificate with these details has them; its number and moment are those of now."""
+    details = {**checked(dict(content), Details, "details").stated(), "show_not_stated": True}
+    now = datetime.datetime.now(datetime.UTC).isoformat()
+    certificate = {"language": language, "details": details, "id": "LM-…", "created": now}
+    return certificate_text.title(certificate), certificate_text.about(certificate)

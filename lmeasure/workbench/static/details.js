@@ -1,0 +1,25 @@
+// The details of a certificate as they will be printed, in both languages, while they are typed; lamps for what nobody states.
+const form = document.getElementById('details'), wrong = document.getElementById('wrong'), lacking = document.getElementById('lacking');
+let waiting;
+
+async function renew() {
+  const answer = await fetch('/details/preview', {method: 'POST', body: new URLSearchParams(new FormData(form))});
+  const told = await answer.json();
+  wrong.hidden = !told.complaints.length; wrong.textContent = told.complaints.join('\n');
+  lacking.textContent = lacking.dataset.template.replace('{count}', told.missing.length);
+  for (const lamp of form.querySelectorAll('[data-row]')) {
+    const state = told.missing.includes(lamp.dataset.row) ? 'red' : 'green';
+    lamp.className = `lamp ${state}`; lamp.setAttribute('aria-label', lamp.dataset[state]);
+  }
+  for (const [language, [title, rows]] of Object.entries(told.printed ?? {})) {
+    document.querySelector(`[data-title=${language}]`).textContent = title;
+    document.querySelector(`[data-printed=${language}]`).replaceChildren(...rows.map((cells) => {
+      const row = document.createElement('tr');
+      cells.forEach((text, i) => { const cell = document.createElement(i ? 'td' : 'th'); if (!i) cell.scope = 'row'; cell.textContent = text; row.append(cell); });
+      return row;
+    }));
+  }
+}
+
+form.addEventListener('input', () => { clearTimeout(waiting); waiting = setTimeout(renew, 200); });
+renew();
