@@ -1,9 +1,9 @@
 """Robots measured through a cable cell: whether what `identify` states of them holds, and frames over many draws.
 
-    python benchmarks/identified_through_cables.py [--robots 200] [--frames 2000] [--write]
+    python benchmarks/identified_through_cables.py [--robots 200] [--frames 2000] [--kinds NAME,...] [--write] [--results FILE.md]
 
-Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod)
-and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of tests/authorities; at each pose whole counts are read, off
+Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod;
+of mechanisms in every value of their legs) and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of tests/authorities; at each pose whole counts are read, off
 by where within a count each drum was zeroed, which is drawn once for a robot, and by their rounding. Poses come from these counts by
 the linear law of the cell at the true pose; stated of them is the covariance of the rounding, and as systematic, which all poses of a robot
 share, what a zeroing does at each of them. The probabilities are two-sided, of
@@ -35,6 +35,8 @@ from lmeasure.rig import read_rig
 from lmeasure.robots.frames import frames
 from lmeasure.robots.identify import Settings, identify, predict
 from lmeasure.robots.measurements import Measurements, measured
+from lmeasure.robots.parallel.limits import Limits, checked, own_roots
+from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.robot import any_shipped
 from lmeasure.robots.told import determined
 
@@ -42,8 +44,8 @@ FloatArray = NDArray[np.float64]
 RIG = Path(__file__).parents[1] / "tests" / "authorities" / "truth" / "cell-run" / "rig.toml"
 RESULTS = Path(__file__).parent / "results" / "identified_through_cables.md"
 SEED, POSES, COUNT_MM, REPEATS_MM = 18, 60, 0.012, 0.02
-PLACE_MM, TILT_RAD = 220.0, 0.35
-KINDS = ("generic6", "generic7", "gough")
+PLACE_MM, TILT_RAD, REGULAR = 220.0, 0.35, 0.05
+KINDS = ("generic6", "generic7", "gough", "rotopod-cell", "four-chains", "four-chains-arms", "logos", "crank-platform")
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
@@ -86,6 +88,8 @@ def true_robot(name: str, rng: np.random.Generator) -> tuple[Any, Any]:
 
 def joints_of(nominal: Any, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Joint values (count, n), and where the robot stands so that its tool is in the cell: reached by Newton's steps from drawn ones."""
+    if isinstance(nominal, Parallel):
+        return of_mechanism(nominal, count, rng), se3.compose(HERE, se3.inverse(nominal.home))
     low, high = (np.clip(v, -2.5, 2.5) if not nominal.sliding.all() else v for v in nominal.limits)
     middle = nominal.inverse(nominal.home)[0] if nominal.sliding.all() else np.clip(rng.uniform(-1.0, 1.0, len(low)), low, high)
     centre = nominal.forward(middle[None])[0]
@@ -110,6 +114,19 @@ def joints_of(nominal: Any, count: int, rng: np.random.Generator) -> tuple[Float
         good = (np.abs(off[:, 3:]).max(axis=1) < 1e-6) & ((joints > low) & (joints < high)).all(axis=1)
         out += list(joints[good][: count - len(out)])
     return np.array(out), stand
+
+
+def of_mechanism(nominal: Parallel, count: int, rng: np.random.Generator) -> FloatArray:
+    """Joint values (count, n): of poses about home, well away from singular ones, where it has six joints, else any that its limits
+    allow."""
+    low, high = nominal.limits
+    if len(low) < 6:
+        joints = rng.uniform(low, high, (4 * count, len(low)))
+        return joints[~np.isnan(nominal.forward(joints)[:, 0])][:count]
+    moves = 0.25 * rng.uniform(-1, 1, (8 * count, 6)) * np.repeat([TILT_RAD, PLACE_MM], 3)
+    poses = se3.displaced(np.tile(nominal.home, (8 * count, 1)), moves)
+    joints = own_roots(nominal, poses[checked(nominal, Limits(singular=REGULAR), poses).all])
+    return joints[~np.isnan(nominal.forward(joints)[:, 0])][:count]
 
 
 def measured_in(cell: Cell, true: Any, joints: FloatArray, stand: FloatArray, rng: np.random.Generator) -> Measurements:
@@ -203,15 +220,17 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=2000)
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--results", type=Path, default=RESULTS)
     asked = parser.parse_args()
     kinds = [name for name in asked.kinds.split(",") if name]
     parts = [("Frames", frame_draws(asked.frames))] if asked.frames else []
     parts += [("Robots", robots(asked.robots, kinds))] if kinds else []
-    run = f"python benchmarks/{Path(__file__).name} --robots {asked.robots} --frames {asked.frames} --write"
+    chosen = "" if asked.kinds == ",".join(KINDS) else f" --kinds {asked.kinds}"
+    run = f"python benchmarks/{Path(__file__).name} --robots {asked.robots} --frames {asked.frames}{chosen} --write"
     where = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
     head = f"# Robots and frames identified through cables\n\n`{run}`, seed {SEED}; {where}.\n"
     if asked.write:
-        RESULTS.write_text(head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), encoding="utf-8")
+        asked.results.write_text(head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), encoding="utf-8")
     sys.exit(0)
 
 

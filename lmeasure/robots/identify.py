@@ -14,6 +14,8 @@ from lmeasure.errors import RobotError
 from lmeasure.robots.frame_start import find_frames
 from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, repeated
 from lmeasure.robots.noted import Noted, noted
+from lmeasure.robots.parallel.leg_start import legs_at
+from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.problem import LEAST_MM, Fit, Noise, Problem, with_noise
 from lmeasure.robots.unknowns import R, State, Unknowns
 from lmeasure.shown import DataFrame, Shown, framed
@@ -27,6 +29,8 @@ MISFIT = 1e-3
 """Probability of the residuals under what is stated, below which that is said to be too little."""
 LEAST_SPARE = 2.0
 """Residuals beyond what they determine, with which they tell how exact robot and instrument are."""
+LEAST_POSES = 8
+"""Measured with their orientation, from which on a mechanism's legs are fitted one by one to begin with."""
 ENOUGH = 30
 """Rows from which on it is told in which directions errors lie."""
 LINKS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -151,7 +155,8 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows)
     begin = Noise(0.0, 0.0) if not settings.own_noise else Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
     used = kept & ~far(frames.used, rows)
-    fit = with_noise(Problem(unknowns, rows.of(np.flatnonzero(used)), begin, settings.own_noise), np.zeros(len(unknowns)))
+    problem = Problem(unknowns, rows.of(np.flatnonzero(used)), begin, settings.own_noise)
+    fit = with_noise(problem, _begun(robot, unknowns, problem.rows))
     if settings.outliers:
         fit, used = _without_outliers(fit, rows, kept)
     findings += _outlying(fit, rows, kept, used)
@@ -165,6 +170,18 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     if not found.tells_noise:
         findings.append(noted("underdetermined", "underdetermined", value=float(fit.equations), values=fit.equations))
     return replace(found, findings=tuple(findings))
+
+
+def _begun(robot: R, unknowns: Unknowns[R], rows: Measurements) -> FloatArray:
+    """Where the unknowns begin, in the units of their names: legs of a mechanism at the poses that were measured, else the nominal robot."""
+    theta, whole = np.zeros(len(unknowns)), rows.placed & rows.oriented
+    if isinstance(robot, Parallel) and whole.sum() >= LEAST_POSES:
+        at, targets = np.column_stack([rows.position, rows.quaternion])[whole], unknowns.start.targets[rows.target_of[whole]]
+        flange = se3.compose(se3.compose(np.broadcast_to(se3.inverse(unknowns.start.base), at.shape), at), se3.inverse(targets))
+        found = legs_at(robot, flange, rows.joints[whole], unknowns.freed)
+        if not np.isnan(robot.moved(found).forward(rows.joints)).any():
+            theta[: len(unknowns.freed)] = found[unknowns.freed] / unknowns.size[: len(unknowns.freed)]
+    return theta
 
 
 def check_foreign(found: Identified[R]) -> None:

@@ -20,6 +20,8 @@ from lmeasure.robots.model import Parameter, RobotModel
 R = TypeVar("R", bound=RobotModel)
 WIDE_MM, WIDE_RAD = 1e5, 1e2
 """Prior of frames of which nothing is known: too wide to move anything, and enough to leave no equation singular."""
+NO_POSE = 1e100
+"""Residual of a robot that has no pose at some of the joint values: worse than any that has."""
 _AXES = ("x_mm", "y_mm", "z_mm")
 _TURNS = ("rx_deg", "ry_deg", "rz_deg")
 
@@ -123,6 +125,8 @@ class Unknowns(Generic[R]):
         state = self.state(x)
         flange, _, twists = state.robot.derivatives(rows.joints, rows.side, self.freed)
         n, free = len(rows), len(self.freed)
+        if np.isnan(flange).any():
+            return np.full((n, COMPONENTS), NO_POSE), np.zeros((n, COMPONENTS, len(self)))
         to_flange = se3.matrices(flange)
         local = state.targets[rows.target_of]
         in_base = se3.apply(flange, local[:, :3])

@@ -228,6 +228,10 @@ class Parallel:
         d, arm = rows.directions, rows.places - poses[:, None, :3]
         return Jacobians(np.concatenate([np.cross(arm, d), d], axis=-1), -by_drives)
 
+    def closing(self, poses: FloatArray, drives: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (N, 6) [mm] at poses (N, 7) and drives (N, n), and their derivatives (N, 6, p) by the parameters."""
+        return self.residuals(poses, drives), -self._changes(poses, drives)[2]
+
     def derivatives(
         self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
