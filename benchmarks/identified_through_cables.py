@@ -3,11 +3,12 @@
     python benchmarks/identified_through_cables.py [--robots 200] [--frames 2000] [--kinds NAME,...] [--write] [--results FILE.md]
 
 Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod;
-of mechanisms in every value of their legs) and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of tests/authorities; at each pose whole counts are read, off
-by where within a count each drum was zeroed, which is drawn once for a robot, and by their rounding. Poses come from these counts by
-the linear law of the cell at the true pose; stated of them is the covariance of the rounding, and as systematic, which all poses of a robot
-share, what a zeroing does at each of them. The probabilities are two-sided, of
-one determined parameter and one prediction of each robot, which are independent, within their 95 %.
+of mechanisms in every value of their legs) and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of
+tests/authorities; at each pose whole counts are read, off by where within a count each drum was zeroed, which is drawn once for a robot,
+and by their rounding. Poses come from these counts by the linear law of the cell at the true pose; stated of them is the
+covariance of the rounding, and as systematic, which all poses of a robot share, what a zeroing does at each of them. The probabilities are
+two-sided, of one determined parameter and one prediction of each robot, which are independent, within
+their 95 %.
 """
 
 import argparse

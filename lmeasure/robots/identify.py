@@ -173,7 +173,7 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
 
 
 def _begun(robot: R, unknowns: Unknowns[R], rows: Measurements) -> FloatArray:
-    """Where the unknowns begin, in the units of their names: legs of a mechanism at the poses that were measured, else the nominal robot."""
+    """Where the unknowns begin, in the units of their names: a mechanism's legs at the poses that were measured, else the nominal robot."""
     theta, whole = np.zeros(len(unknowns)), rows.placed & rows.oriented
     if isinstance(robot, Parallel) and whole.sum() >= LEAST_POSES:
         at, targets = np.column_stack([rows.position, rows.quaternion])[whole], unknowns.start.targets[rows.target_of[whole]]

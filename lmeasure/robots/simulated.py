@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
@@ -12,7 +13,6 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.commands import Command
-from lmeasure.robots.serial import SerialArm
 
 GRAVITY_M_S2 = 9.80665
 MAX_SAMPLES = 50_000_000
@@ -20,9 +20,30 @@ APPROACH_S = 0.05
 """Before its arrival, the time over which a joint's direction decides on which side its backlash lies."""
 
 
+class Mechanics(Protocol):
+    """What a simulation needs of a robot of n joints: a `SerialArm`, or any other `mounted.Mounted`."""
+
+    @property
+    def axes_count(self) -> int:
+        """Of joints."""
+        ...
+
+    def follow(self, poses: FloatArray, start: FloatArray) -> FloatArray:
+        """(N, n) joint values along tool poses (N, 7), beginning near start (n,)."""
+        ...
+
+    def forward(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> FloatArray:
+        """(N, 7) tool poses, lengths grown by growth (N,) of themselves."""
+        ...
+
+    def deflection(self, joints: FloatArray, stiffness: FloatArray, force: FloatArray, points: FloatArray) -> FloatArray:
+        """(N, n) by which forces (N, 3) at points (N, 3) move joints."""
+        ...
+
+
 @dataclass(frozen=True)
 class SimulatedRobot:
-    """A robot whose controller knows the nominal arm while the arm was built otherwise.
+    """A robot whose controller knows the nominal arm while the arm was built otherwise; joints are six, or as many as it has.
 
     rest (6,): joint angles it starts near; ramp_s: the setpoints, of constant speed, are averaged over these two spans, which gives them
     finite acceleration and jerk and rounds corners; natural_rad_s, damping (6,): each joint's servo is a linear second-order system
@@ -31,8 +52,8 @@ class SimulatedRobot:
     lengths in the end, with the time constant growth_s.
     """
 
-    nominal: SerialArm
-    built: SerialArm
+    nominal: Mechanics
+    built: Mechanics
     rest: FloatArray
     ramp_s: tuple[float, float]
     natural_rad_s: FloatArray
@@ -73,7 +94,7 @@ class SimulatedRobot:
             out[part] = self.built.forward(turned, -self.growth * np.expm1(-(since_s + time_s[part]) / self.growth_s))
             if progress is not None:
                 progress(i + 1, len(commands))
-        return Performance(time_s, setpoints, out, tuple(commands), tuple(spans))
+        return Performance(time_s, setpoints, out, tuple(commands), tuple(spans), asked)
 
     def _joints(self, commands: Sequence[Command], setpoints: FloatArray, spans: Sequence["Span"], rate_hz: float) -> FloatArray:
         try:
@@ -120,13 +141,15 @@ class Span:
 
 @dataclass(frozen=True)
 class Performance:
-    """Commands carried out: (n,) times [s], (n, 7) commanded and true poses, and when each command was carried out."""
+    """Commands carried out: (n,) times [s], (n, 7) commanded and true poses, when each command was carried out, and the joint values
+    (n, joints) that the controller asked for."""
 
     time_s: FloatArray
     commanded: FloatArray
     poses: FloatArray
     commands: tuple[Command, ...]
     spans: tuple[Span, ...]
+    asked: FloatArray
 
 
 def _setpoints(

@@ -85,7 +85,7 @@ def unknown_frames(fit: Fit[R]) -> list[Silent]:
 
 def _plain(owner: str) -> Finding:
     """What a frame is called."""
-    if owner in ("base", "tool"):
+    if owner in ("base", "tool", "instrument"):
         return finding(f"identify.frame.{owner}")
     kind, _, name = owner.partition("_")
     return finding(f"identify.frame.{kind}", name=name)

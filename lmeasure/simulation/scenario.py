@@ -13,6 +13,7 @@ from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.checked import Strict, checked
 from lmeasure.conventions import QUATERNION_COLUMNS, TEMPERATURE_RANGE_C
+from lmeasure.errors import FileFormatError
 from lmeasure.poses import POSITION_COLUMNS, pose_columns, poses_from_rows, write_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.run import read_linked_rig, write_run
@@ -94,6 +95,33 @@ class ReferencePoses(Strict):
     """How far the nominal guides are off."""
 
 
+class TestedRobot(Strict):
+    """A robot that goes through the waypoints, or the commands of a file: its controller follows its drawing, it was built otherwise."""
+
+    model: Annotated[str, Field(min_length=1)]
+    """A robot by its name, such as rotopod-cell or ur5, or a robot.toml beside this file."""
+    position_mm: Position | None = None
+    """Of its base in the rig's frame; absent: so that its tool is at the start when it is at home."""
+    quaternion_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    """Orientation of its base, with position_mm."""
+    commands: str | None = None
+    """commands.csv of `lmeasure program`, beside this file; absent: the waypoints."""
+    errors: dict[str, Annotated[float, Field(ge=-1e4, le=1e4)]] = Field(default_factory=dict)
+    """By how much parameters of the robot that was built are more, by their names: "leg_1.rod_mm" = 0.3."""
+    u_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
+    """Standard deviation of drawn errors of all other lengths of its links or legs."""
+    u_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """The same of angles."""
+    repeatability_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
+    """Standard deviation with which a sliding joint comes back, drawn for every command."""
+    repeatability_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """The same of a turning joint."""
+    stiffness_n_mm: Annotated[float, Field(gt=0, le=1e12)] = 2e4
+    """Of a sliding joint under load."""
+    stiffness_nm_deg: Annotated[float, Field(gt=0, le=1e12)] = 2e4
+    """Of a turning joint."""
+
+
 class Scenario(Strict):
     """A scenario as scenario.toml states it; rig is a path beside the file, a whole rig table, or absent: the built-in cell."""
 
@@ -121,6 +149,8 @@ class Scenario(Strict):
     """The motion, a table `[[waypoint]]` for each stop; none: no run is made."""
     reference_poses: ReferencePoses | None = None
     """A calibration campaign; absent: none is made."""
+    robot: TestedRobot | None = None
+    """A robot that makes the motion; absent: every waypoint is reached as it stands."""
 
     def temperatures(self, count: int) -> FloatArray | None:
         """(count,) temperatures from the start to the end [deg C]; None where none is given."""
@@ -130,8 +160,11 @@ class Scenario(Strict):
 
     @model_validator(mode="after")
     def _does_something(self) -> Self:
-        if not self.waypoint and self.reference_poses is None:
-            raise ValueError("nothing to simulate: give [[waypoint]] or [reference_poses]")
+        commanded = self.robot is not None and self.robot.commands is not None
+        if not self.waypoint and not commanded and self.reference_poses is None:
+            raise ValueError("nothing to simulate: give [[waypoint]], [robot] with commands, or [reference_poses]")
+        if self.robot is not None and bool(self.waypoint) == commanded:
+            raise ValueError("robot: goes through [[waypoint]] or through its commands, one of them")
         if self.end_temperature_c is not None and self.temperature_c is None:
             raise ValueError("end_temperature_c: needs temperature_c, which is missing")
         return self
@@ -208,12 +241,20 @@ def scenario_from_dict(data: Mapping[str, Any], source: str = "scenario", folder
     return scenario, rig_from_dict(scenario.rig, f"{source}: rig")
 
 
-def simulate(scenario: Scenario, rig: Rig) -> Simulated:
-    """Run the forward model; the same scenario and rig give the same counts. GeometryError when a cable cannot run at a pose."""
+def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] | None = None) -> Simulated:
+    """Run the forward model; the same scenario and rig give the same counts. GeometryError when a cable cannot run at a pose.
+
+    went: times (n,) and poses (n, 7) of what was moved otherwise than straight through the waypoints; a scenario's robot needs them
+    (`lmeasure.chains.robot_scenario`), FileFormatError without.
+    """
     rng = np.random.default_rng(scenario.seed)
     run, campaign = None, None
-    if scenario.waypoint:
-        time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz)
+    if scenario.robot is not None and went is None:
+        raise FileFormatError(
+            "scenario: its robot moves in `lmeasure simulate` alone; take [robot] out to go straight through the waypoints"
+        )
+    if scenario.waypoint or went is not None:
+        time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz) if went is None else went
         run = simulate_run(
             rig,
             time_s,

@@ -22,7 +22,8 @@ class Settings(Asked):
         campaign = self.out / "calibration"
         counted = inside(campaign, "rig.toml", "reference_poses.csv", "counts.csv")
         true = inside(campaign / "true", "rig.toml", "reference_poses.csv")
-        return Paths((*in_run_folder(self.out, "truth.parquet"), *counted, *true, *present(self.rerun)), (self.scenario,))
+        robot = (*inside(self.out / "robot", "robot.toml", "joints.csv"), *inside(self.out / "robot" / "true", "robot.toml"))
+        return Paths((*in_run_folder(self.out, "truth.parquet"), *counted, *true, *robot, *present(self.rerun)), (self.scenario,))
 
 
 @workflow("simulate")
@@ -32,9 +33,18 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
 
     progress(0.0, "simulate")
     scenario, rig = read_scenario(settings.scenario)
-    simulated = simulate(scenario, rig)
-    progress(1.0, "simulate")
-    write_simulated(settings.out, simulated)
+    remarks: tuple[str, ...] = ()
+    if scenario.robot is None:
+        simulated = simulate(scenario, rig)
+        progress(1.0, "simulate")
+        write_simulated(settings.out, simulated)
+    else:
+        from lmeasure.chains.robot_scenario import simulate_robot, write_robot_run
+
+        performed = simulate_robot(scenario, rig, settings.scenario.parent, str(settings.scenario))
+        simulated, remarks = performed.simulated, performed.remarks
+        progress(1.0, "simulate")
+        write_robot_run(settings.out, performed)
     if settings.rerun is not None:
         from lmeasure.view.stages import write_recording
 
@@ -53,4 +63,5 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
         figures |= {"samples": float(len(passes[0].time_s)), "duration_s": float(passes[0].time_s[-1]), "passes": float(len(passes))}
     if simulated.campaign is not None:
         figures["reference_poses"] = float(len(simulated.campaign.poses))
-    return Result(simulated, tuple(simulated.summary().splitlines()), figures)
+    told = () if scenario.robot is None else ("the robot as drawn and joints.csv of its rests in robot/, as built in robot/true/",)
+    return Result(simulated, (*simulated.summary().splitlines(), *told, *(f"note: {text}" for text in remarks)), figures, remarks)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.errors import RobotError
 from lmeasure.robots.cell_robot import cell_robot
 from lmeasure.robots.commands import Command
+from lmeasure.robots.serial import SerialArm
 from lmeasure.robots.simulated import Performance, SimulatedRobot
 
 FloatArray = NDArray[np.float64]
@@ -129,7 +130,9 @@ def test_backlash_shows_between_opposite_approaches_only() -> None:
 def test_heat_moves_the_tool_outwards_by_the_links_growth() -> None:
     robot = replace(perfect(), growth=1e-4, growth_s=2.0)
     done = go(robot, to(HOME, dwell=10.0))
-    at, _ = robot.nominal.flange(robot.nominal.follow(HOME[None], robot.rest))
+    arm = robot.nominal
+    assert isinstance(arm, SerialArm)
+    at, _ = arm.flange(arm.follow(HOME[None], robot.rest))
     moved = np.linalg.norm(done.poses[-1, :3] - HOME[:3])
     assert moved == pytest.approx(1e-4 * (1 - math.exp(-done.time_s[-1] / 2.0)) * np.linalg.norm(at[0]), rel=1e-6)
 

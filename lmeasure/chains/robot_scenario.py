@@ -1,0 +1,161 @@
+"""A scenario's robot in the cell: its controller follows the drawing, it was built otherwise, and counts are those of where it went."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lmeasure import files, se3
+from lmeasure.arrays import FloatArray
+from lmeasure.certification.command_files import read_commands
+from lmeasure.errors import FileFormatError
+from lmeasure.rig import Rig
+from lmeasure.robots.commands import Command
+from lmeasure.robots.identify import family
+from lmeasure.robots.mounted import Mounted
+from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.limits import checked
+from lmeasure.robots.platform import PlatformFile
+from lmeasure.robots.robot import AnyRobot, any_shipped, read_robot, shipped_names, write_robot
+from lmeasure.robots.simulated import Performance, SimulatedRobot
+from lmeasure.simulation import Scenario, Simulated, simulate, write_simulated
+from lmeasure.simulation.scenario import TestedRobot
+
+NATURAL_RAD_S, DAMPING = 90.0, 0.5
+RAMP_S = (0.08, 0.03)
+"""Servos of a usual robot, as those of the cell's arm."""
+
+
+@dataclass(frozen=True)
+class RobotRun:
+    """What a scenario with a robot gives: counts and true poses, how the robot performed, as drawn and as it was built, and remarks."""
+
+    simulated: Simulated
+    performance: Performance
+    drawn: AnyRobot
+    built: AnyRobot
+    remarks: tuple[str, ...]
+
+
+def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "scenario") -> RobotRun:
+    """Let the scenario's robot go through its waypoints, or the commands of its file, in the folder if relative, and read the counts.
+
+    The robot stands so that its tool is at the scenario's start when it is at home, where the scenario does not say where it stands.
+    FileFormatError or RobotError says what cannot be read, or names the command that the robot cannot carry out.
+    """
+    asked = scenario.robot
+    if asked is None:
+        raise FileFormatError(f"{source}: robot: is missing")
+    drawn = _drawn(asked.model, folder, source)
+    built = _built(asked, drawn, np.random.default_rng([scenario.seed, 1]), source)
+    commands = _commands(scenario, asked, folder)
+    home = _home(drawn)
+    start = scenario.start_pose if asked.commands is None else commands[0].poses[0]
+    if asked.position_mm is None:
+        at_home = se3.compose(home, drawn.tool_pose)
+        base = se3.compose(scenario.start_pose, se3.inverse(at_home))
+    else:
+        base = np.array([*asked.position_mm, *asked.quaternion_xyzw])
+    nominal, true = (Mounted(robot.model, base, drawn.tool_pose) for robot in (drawn, built))
+    sliding = nominal.robot.sliding
+    rest = nominal.robot.inverse(home)[0] if isinstance(drawn, PlatformFile) else _rest(drawn)
+    units = np.where(sliding, 1.0, np.radians(1.0))
+    robot = SimulatedRobot(
+        nominal,
+        true,
+        rest=rest,
+        ramp_s=RAMP_S,
+        natural_rad_s=np.full(len(rest), NATURAL_RAD_S),
+        damping=np.full(len(rest), DAMPING),
+        joint_noise_rad=np.where(sliding, asked.repeatability_mm, asked.repeatability_deg) * units,
+        backlash_rad=np.zeros(len(rest)),
+        stiffness_n_mm_rad=np.where(sliding, asked.stiffness_n_mm, 1e3 * asked.stiffness_nm_deg / np.radians(1.0)),
+    )
+    done = robot.perform(commands, start, scenario.rate_hz, np.random.default_rng([scenario.seed, 2]))
+    remarks = _remarks(drawn, nominal, done)
+    return RobotRun(simulate(scenario, rig, (done.time_s, done.poses)), done, drawn, built, remarks)
+
+
+def write_robot_run(folder: Path, run: RobotRun) -> None:
+    """`write_simulated`, and in `robot/` the drawn robot.toml, joints.csv of every rest, and in `robot/true/` the robot as it was built."""
+    folder = Path(folder)
+    write_robot(folder / "robot" / "robot.toml", run.drawn)
+    write_robot(folder / "robot" / "true" / "robot.toml", run.built)
+    done, model = run.performance, run.drawn.model
+    time_s = [0.5 * (s.arrival_s + s.end_s) for s, c in zip(done.spans, done.commands, strict=True) if c.dwell_s > 0.0]
+    at = np.clip(np.searchsorted(done.time_s, time_s), 0, len(done.time_s) - 1)
+    columns: dict[str, object] = {"name": [f"rest_{i + 1}" for i in range(len(at))], "time_s": np.array(time_s)}
+    for i, (name, slides) in enumerate(zip(model.joint_names, model.sliding, strict=True)):
+        values = done.asked[at, i]
+        columns[f"{name}_{'mm' if slides else 'deg'}"] = values if slides else np.degrees(values)
+    files.write_table(folder / "robot" / "joints.csv", columns)
+    write_simulated(folder, run.simulated)
+
+
+def _drawn(name: str, folder: Path, source: str) -> AnyRobot:
+    if not Path(name).suffix:
+        if name not in shipped_names():
+            raise FileFormatError(f"{source}: robot.model: {name!r} is no robot that comes along; known: {', '.join(shipped_names())}")
+        return any_shipped(name)
+    return read_robot(folder / name)
+
+
+def _built(asked: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source: str) -> AnyRobot:
+    """With its errors, those that are drawn first."""
+    parameters = drawn.model.parameters
+    errors = {}
+    for p, unit in zip(parameters, rng.normal(size=len(parameters)), strict=True):
+        if family(p.name) == "links" and p.unit in ("mm", "deg"):
+            errors[p.name] = float(unit) * (asked.u_mm if p.unit == "mm" else asked.u_deg)
+    known = {p.name: p.value for p in parameters}
+    strange = next((name for name in asked.errors if name not in known), None)
+    if strange is not None:
+        raise FileFormatError(f"{source}: robot.errors: {strange!r} is no parameter of {drawn.name!r}, such as {parameters[0].name!r}")
+    errors |= asked.errors
+    return drawn.with_values({name: known[name] + error for name, error in errors.items() if error != 0.0})
+
+
+def _commands(scenario: Scenario, asked: TestedRobot, folder: Path) -> tuple[Command, ...]:
+    if asked.commands is not None:
+        return read_commands(folder / asked.commands)
+    return tuple(Command(leg.pose[None], leg.speed_mm_s, leg.dwell_s, rotation_rad_s=leg.rotation_speed_rad_s) for leg in scenario.legs())
+
+
+def _home(drawn: AnyRobot) -> FloatArray:
+    """(7,) base_from_flange where it stands when nothing else is said."""
+    if isinstance(drawn, ParallelFile):
+        return drawn.model.home
+    if isinstance(drawn, PlatformFile):
+        return drawn.model.home
+    return np.asarray(drawn.model.forward(_rest(drawn)[None])[0])
+
+
+def _rest(drawn: AnyRobot) -> FloatArray:
+    """(n,) joint values at home; an arm's wrist is bent, so that it does not begin at a singular pose."""
+    if isinstance(drawn, ParallelFile):
+        return drawn.model.home_joints
+    low, high = drawn.model.limits
+    rest = np.clip(np.zeros(len(low)), low, high)
+    rest[4:5] = np.clip(1.4, low[4:5], high[4:5])
+    return rest
+
+
+def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance) -> tuple[str, ...]:
+    """What a person should know before believing such a robot."""
+    ends = np.array([command.poses[-1] for command in done.commands])
+    out = []
+    if isinstance(drawn, ParallelFile):
+        flange = nominal.flange(ends)
+        attained = drawn.model.nearest(flange)
+        kept = checked(drawn.model, drawn.limits, attained)
+        beyond = [name for name in ("gaps", "base_cone", "platform_cone", "regular", "stands") if not getattr(kept, name).all()]
+        if beyond:
+            count = int((~kept.all).sum())
+            out.append(f"{count} of {len(ends)} commanded poses lie outside the limits of {drawn.name!r}: {', '.join(beyond)}")
+        off = np.linalg.norm(nominal.placed(attained)[:, :3] - ends[:, :3], axis=1)
+        if off.max() > 1e-6:
+            out.append(
+                f"{drawn.name!r} is told {', '.join(drawn.model.commanded)} alone: the others follow, and its tool goes up to "
+                f"{off.max():.3f} mm beside the commanded places"
+            )
+    return tuple(out)

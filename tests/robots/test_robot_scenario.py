@@ -1,0 +1,118 @@
+"""A mechanism in a scenario: planted errors move it, its rests tell them, commands of a program are gone through and certified."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lmeasure import files, se3
+from lmeasure.certification.asked_tests import Tests
+from lmeasure.certification.campaign import campaign
+from lmeasure.certification.command_files import write_commands
+from lmeasure.certification.cube import largest_cube
+from lmeasure.chains.robot_scenario import simulate_robot
+from lmeasure.cli import app
+from lmeasure.errors import FileFormatError, RobotError
+from lmeasure.robots.robot import read_robot
+from lmeasure.run import read_run
+from lmeasure.simulation import scenario_from_dict
+from lmeasure.trajectory import reconstruct
+
+WAYPOINTS = [
+    {
+        "position_mm": [20.0 * np.cos(k), 20.0 * np.sin(2 * k), 8.0 * np.cos(3 * k)],
+        "quaternion_xyzw": [0.0, 0.0, np.sin(0.02 * k), np.cos(0.02 * k)],
+    }
+    for k in range(6)
+]
+FIRST = {"schema": "lmeasure.scenario/1", "rate_hz": 100.0, "motion": {"speed_mm_s": 200.0, "dwell_s": 0.8}}
+
+
+def of(robot: dict[str, object], **more: object) -> dict[str, object]:
+    return {**FIRST, "waypoint": WAYPOINTS, "robot": robot, **more}
+
+
+@pytest.mark.parametrize("model", ["rotopod-cell", "four-chains-arms", "logos", "gough", "generic6"])
+def test_a_robot_without_errors_goes_where_it_is_told(model: str, tmp_path: Path) -> None:
+    done = simulate_robot(*scenario_from_dict(of({"model": model})), tmp_path).performance
+    rests = [int(s.end_s * 100) - 1 for s in done.spans]
+    told = np.array([c.poses[-1] for c in done.commands])
+    assert np.abs(se3.displacement(done.poses[rests], told)).max() < 1e-6
+    # servos lag behind on the way
+    assert np.abs(se3.displacement(done.poses, done.commanded)).max() > 0.1
+
+
+def test_planted_errors_are_those_of_the_built_robot(tmp_path: Path) -> None:
+    robot: dict[str, object] = {"model": "rotopod-cell", "errors": {"leg_1.rod_mm": 0.8}}
+    run = simulate_robot(*scenario_from_dict(of(robot)), tmp_path)
+    off = np.array([q.value - p.value for p, q in zip(run.drawn.model.parameters, run.built.model.parameters, strict=True)])
+    names = [p.name for p in run.drawn.model.parameters]
+    assert {names[i]: round(off[i], 9) for i in np.flatnonzero(off)} == {"leg_1.rod_mm": 0.8}
+    done = run.performance
+    rest = int(done.spans[0].end_s * 100) - 1
+    # to first order, by the derivative that another test holds to differences
+    _, _, by_parameters = run.drawn.model.derivatives(done.asked[rest : rest + 1])
+    twist = 0.8 * by_parameters[0, names.index("leg_1.rod_mm")]
+    flange, base = run.drawn.model.forward(done.asked[rest : rest + 1])[0], np.array([0.0, 0.0, -400.0, 0.0, 0.0, 0.0, 1.0])
+    moved = se3.displacement(se3.compose(se3.inverse(base), done.poses[rest]), flange)
+    np.testing.assert_allclose(moved[:3], twist[:3], atol=3e-5)
+    np.testing.assert_allclose(moved[3:], twist[3:] + np.cross(twist[:3], flange[:3]), atol=0.02)
+
+
+def test_a_program_is_gone_through_and_the_robot_identified_by_command(tmp_path: Path) -> None:
+    plan = campaign(
+        largest_cube((-30.0,) * 3, (30.0,) * 3),
+        Tests(tests=("pose",), cycles={"pose": 3}, speed_mm_s=200.0, speeds_percent=(100.0,), dwell_s=0.6),
+    )
+    write_commands(tmp_path / "commands.csv", plan)
+    text = 'schema = "lmeasure.scenario/1"\nrate_hz = 100.0\n[robot]\nmodel = "rotopod-cell"\ncommands = "commands.csv"\nu_mm = 0.2\n'
+    (tmp_path / "scenario.toml").write_text(text)
+    done = CliRunner().invoke(app, ["simulate", str(tmp_path / "scenario.toml"), "--out", str(tmp_path / "run")])
+    assert done.exit_code == 0, done.output
+    drawn, true = (read_robot(tmp_path / "run" / "robot" / part) for part in ("robot.toml", "true/robot.toml"))
+    assert drawn != true
+    rests = files.read_table(tmp_path / "run" / "robot" / "joints.csv")
+    trajectory, truth = reconstruct(read_run(tmp_path / "run")), files.read_table(tmp_path / "run" / "truth.parquet")
+    # where the controller went by its drawing, the built robot was: within counts, its first pose being the start
+    joints = np.radians(rests.matrix([f"leg_{i}_deg" for i in range(1, 7)]))
+    at = np.searchsorted(trajectory.time_s, rests.numbers("time_s"))
+    flange = true.model.forward(joints)
+    base = np.array([0.0, 0.0, -400.0, 0.0, 0.0, 0.0, 1.0])
+    places = se3.compose(np.tile(base, (len(flange), 1)), flange)[:, :3]
+    assert np.abs(places - truth.matrix(("x_mm", "y_mm", "z_mm"))[at]).max() < 1e-3
+    assert np.abs(places - trajectory.poses[at, :3]).max() < 0.1
+    assert np.abs(places - se3.compose(np.tile(base, (len(flange), 1)), drawn.model.forward(joints))[:, :3]).max() > 0.2
+
+
+@pytest.mark.parametrize(
+    ("robot", "more", "complaint"),
+    [
+        ({"model": "rotopode"}, {}, "scenario: robot.model: 'rotopode' is no robot that comes along; known: "),
+        ({"model": "rotopod-cell", "errors": {"leg_9.rod_mm": 1.0}}, {}, "robot.errors: 'leg_9.rod_mm' is no parameter of 'rotopod-cell'"),
+        ({"model": "rotopod-cell", "commands": "c.csv"}, {}, "goes through .* one of them"),
+        (
+            {"model": "rotopod"},
+            {"waypoint": [{"position_mm": [0.0, 0.0, 60.0]}]},
+            r"command 1 \(on the way, cycle 1\): sample .*: the platform",
+        ),
+        ({"model": "gough"}, {"waypoint": [{"position_mm": [0.0, 0.0, 400.0]}]}, "leg_1 would be at .* mm, beyond its limits"),
+        ({"model": "ur5"}, {}, "robot 'ur5': paths are followed by elbow arms"),
+    ],
+)
+def test_what_a_robot_cannot_do_is_said_in_one_line(
+    robot: dict[str, object], more: dict[str, object], complaint: str, tmp_path: Path
+) -> None:
+    with pytest.raises((FileFormatError, RobotError), match=complaint) as raised:
+        simulate_robot(*scenario_from_dict(of(robot, **more)), tmp_path)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_platform_of_three_freedoms_says_that_the_rest_follows(tmp_path: Path) -> None:
+    waypoint = [{"position_mm": [0.0, 0.0, -2.0], "quaternion_xyzw": [0.02, 0.01, 0.0, np.sqrt(1 - 5e-4)]}]
+    run = simulate_robot(*scenario_from_dict(of({"model": "crank-platform"}, waypoint=waypoint)), tmp_path)
+    assert [text for text in run.remarks if "is told rx, ry, z alone: the others follow" in text]
+    rest = int(run.performance.spans[0].end_s * 100) - 1
+    assert run.performance.poses[rest, 2] == pytest.approx(-2.0, abs=1e-4)
+    turn = se3.matrices(run.performance.poses[rest])[:, 2]
+    np.testing.assert_allclose(turn, se3.matrices(np.array([0, 0, 0, *waypoint[0]["quaternion_xyzw"]]))[:, 2], atol=0.02)
