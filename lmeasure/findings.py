@@ -82,8 +82,15 @@ def recognised(text: str) -> Finding | None:
     for code, pattern, numbers in _patterns():
         found = pattern.fullmatch(text)
         if found is not None:
-            return Finding(code, {k: v if k in numbers else recognised(v) or v for k, v in found.groupdict().items()})
+            return Finding(code, {k: v if k in numbers else _value(v) for k, v in found.groupdict().items()})
     return None
+
+
+def _value(text: str) -> Finding | tuple[Finding, ...] | str:
+    """What stands in a text: several findings in a row, one, or as it is."""
+    parts = [recognised(part) for part in text.split(", ")]
+    several = tuple(part for part in parts if part is not None)
+    return several if len(several) == len(parts) > 1 else recognised(text) or text
 
 
 @cache

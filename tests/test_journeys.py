@@ -19,7 +19,6 @@ from lmeasure.simulation import campaign_at
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "capture"))
-from capture_bench import RATE_HZ, motion  # noqa: E402
 
 
 def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: Any, code: int = 0) -> str:
@@ -115,29 +114,3 @@ def test_a_mechanic_from_nothing_to_a_calibrated_rig_in_its_zone(
     if whole:
         said(monkeypatch, capsys, "place", "calibrated/rig.toml", "--task", "cell/placement.toml", "--generations", 5, "--out", "placed")
         assert "nodes are in the zone" in said(monkeypatch, capsys, "zone", "placed/rig.toml", "--out", "placed.nc")
-
-
-def test_an_engineer_from_a_log_that_nobody_described_to_a_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The log is one of a simulated bus; its `[can]` table is the one that the scan guesses."""
-    from lmeasure.acquisition.decoders import counter_fields
-    from lmeasure.acquisition.feed import frames_from_counts
-    from lmeasure.acquisition.growing_files import candump_lines
-
-    monkeypatch.chdir(tmp_path)
-    said(monkeypatch, capsys, "init", "cell", "--template", "six-cables")
-    rig = built_like(read_rig(Path("cell/rig.toml")))
-    poses = np.array([[0.0, 0, 0, 0, 0, 0, 1], [120.0, -60.0, 80.0, 0, 0, 0, 1], [0.0, 0, 0, 0, 0, 0, 1]])
-    made = motion(rig, poses, 0.3, speed_mm_s=400.0)
-    fields = counter_fields(rig)
-    frames = frames_from_counts(np.arange(len(made.recorded)) / RATE_HZ, made.recorded, fields, rig.can_table.sync_id)
-    Path("drive.log").write_bytes(candump_lines(frames))
-    guess = said(monkeypatch, capsys, "import", "drive.log", "--scan")
-    # what a person does with the guess
-    Path("rig.toml").write_text(Path("cell/rig.toml").read_text() + guess[guess.index("\n[can]") :])
-    told = said(monkeypatch, capsys, "import", "drive.log", "--rig", "rig.toml", "--out", "run", "--start", "0,0,0,0,-90,90")
-    assert "no faults" in told
-    said(monkeypatch, capsys, "reconstruct", "run", "--out", "trajectory.parquet")
-    said(monkeypatch, capsys, "report", "run", "--out", "page")
-    assert Path("page/trajectory.html").stat().st_size > 10_000

@@ -66,7 +66,8 @@ class Tests:
         if not all(0.0 < v < math.inf for v in positive) or not all(0.0 <= v < math.inf for v in self.loads_kg):
             raise CertificationError("speeds, times and lengths must be finite and more than 0, loads 0 or more")
         if not 0.0 <= self.settle_s < self.dwell_s < math.inf:
-            raise CertificationError(f"a rest of {self.dwell_s:g} s of which {self.settle_s:g} s are left out leaves nothing to measure")
+            rest = f"a rest of {self.dwell_s:g} s at each pose (--dwell)"
+            raise CertificationError(f"{rest} leaves nothing to measure: the first {self.settle_s:g} s are left out")
         if any(not 2 <= n <= MOST_CYCLES for n in self.cycles.values()):
             raise CertificationError(f"each test needs two cycles at least and has {MOST_CYCLES} at most")
         if self.drift_s > LONGEST_DRIFT_S:

@@ -1,5 +1,7 @@
 """The measurement on the screen as figures that can be turned and enlarged: in space, over time, along the paths."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import plotly.graph_objects as go
 from plotly.colors import qualitative
@@ -17,6 +19,7 @@ from lmeasure.report.words import THOUSANDS, unit, word
 from lmeasure.trajectory.attained import AttainedPose
 
 SCALE = "Viridis"
+LONGEST = 30
 COMMANDED, MEAN = "#7a8194", "#b3261e"
 
 
@@ -45,7 +48,12 @@ def figures(language: str, measured: Measured) -> list[str]:
 
 
 def _name(value: object) -> str:
-    """A name from outside inside a figure: plotly takes some markup in texts."""
+    """A name from outside inside a figure, as long as a telephone is wide: plotly takes some markup in texts."""
+    return html.label(html.cut(say.visible(value), LONGEST))
+
+
+def _group(value: object) -> str:
+    """What traces of one pose or path have in common."""
     return html.label(say.visible(value))
 
 
@@ -58,8 +66,8 @@ def _drift(language: str, evaluation: Evaluation) -> go.Figure:
     figure = go.Figure()
     for pose in evaluation.poses:
         distance = np.linalg.norm(pose.poses[:, :3] - pose.commanded[:3], axis=1)
-        figure.add_scatter(x=pose.time_s, y=distance, mode="lines+markers", name=_name(pose.name), legendgroup=_name(pose.name))
-    _one_of(figure, language)
+        figure.add_scatter(x=pose.time_s, y=distance, mode="lines+markers", name=_name(pose.name), legendgroup=_group(pose.name))
+    _one_of(figure, language, [pose.name for pose in evaluation.poses])
     figure.update_xaxes(title_text=word(language, "axis.time"))
     figure.update_yaxes(title_text=word(language, "axis.deviation"), rangemode="tozero")
     return figure
@@ -68,7 +76,7 @@ def _drift(language: str, evaluation: Evaluation) -> go.Figure:
 def _cycles(figure: go.Figure, path: AttainedPath, x: FloatArray, values: FloatArray, language: str, colour: str) -> None:
     for cycle in range(min(len(values), MOST_CYCLES)):
         figure.add_scatter(
-            x=x, y=values[cycle], mode="lines", line={"color": colour, "width": 1}, opacity=0.6, legendgroup=_name(path.name),
+            x=x, y=values[cycle], mode="lines", line={"color": colour, "width": 1}, opacity=0.6, legendgroup=_group(path.name),
             showlegend=cycle == 0, name=_name(path.name), hovertemplate=f"%{{x:.1f}}: %{{y:.4f}} ({word(language, 'cycle')} {cycle + 1})",
         )  # fmt: skip
 
@@ -76,12 +84,12 @@ def _cycles(figure: go.Figure, path: AttainedPath, x: FloatArray, values: FloatA
 _LINES = tuple(qualitative.Dark24)
 
 
-def _one_of(figure: go.Figure, language: str) -> None:
+def _one_of(figure: go.Figure, language: str, names: Sequence[object]) -> None:
     """A list above the figure to look at one pose or path alone; many over one another tell nothing."""
-    groups = list(dict.fromkeys(trace.legendgroup for trace in figure.data))
-    shown = {word(language, "all"): [True] * len(figure.data)}
-    shown |= {group: [trace.legendgroup == group for trace in figure.data] for group in groups}
-    buttons = [{"label": label, "method": "update", "args": [{"visible": visible}]} for label, visible in shown.items()]
+    shown = [(word(language, "all"), [True] * len(figure.data))]
+    for name in dict.fromkeys(names):
+        shown.append((html.label(html.cut(say.visible(name))), [trace.legendgroup == _group(name) for trace in figure.data]))
+    buttons = [{"label": label, "method": "update", "args": [{"visible": visible}]} for label, visible in shown]
     menu = {"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.2, "yanchor": "top"}
     figure.update_layout(height=440, margin={"t": 70}, showlegend=True, updatemenus=[menu])
 
@@ -90,7 +98,7 @@ def _along(language: str, evaluation: Evaluation) -> go.Figure:
     figure = go.Figure()
     for k, path in enumerate(evaluation.paths):
         _cycles(figure, path, path.arc_mm, path.deviation_mm, language, _LINES[k % len(_LINES)])
-    _one_of(figure, language)
+    _one_of(figure, language, [path.name for path in evaluation.paths])
     figure.update_xaxes(title_text=word(language, "axis.arc"))
     figure.update_yaxes(title_text=word(language, "axis.deviation"), rangemode="tozero")
     return figure
@@ -105,9 +113,9 @@ def _speed(language: str, evaluation: Evaluation) -> go.Figure:
         if path.commanded_speed_mm_s is not None:
             figure.add_scatter(
                 x=path.arc_mm[[0, -1]], y=[path.commanded_speed_mm_s] * 2, mode="lines", line={"color": colour, "dash": "dash"},
-                legendgroup=_name(path.name), name=f"{_name(path.name)}: {word(language, 'commanded')}",
+                legendgroup=_group(path.name), name=f"{_name(path.name)}: {word(language, 'commanded')}",
             )  # fmt: skip
-    _one_of(figure, language)
+    _one_of(figure, language, [path.name for path in evaluation.paths])
     figure.update_xaxes(title_text=word(language, "axis.arc"))
     figure.update_yaxes(title_text=word(language, "axis.speed"), rangemode="tozero")
     return figure
@@ -126,7 +134,7 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
     poses = measured.evaluation.poses
     names: dict[bytes, list[str]] = {}
     for pose in poses:
-        names.setdefault(np.round(pose.commanded[:3], 3).tobytes(), []).append(_name(pose.name))
+        names.setdefault(np.round(pose.commanded[:3], 3).tobytes(), []).append(_name(html.cut(pose.name)))
     for k, pose in enumerate(poses):
         # of poses at one place the first bears the names of all
         here = names.pop(np.round(pose.commanded[:3], 3).tobytes(), [])

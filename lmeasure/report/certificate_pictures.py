@@ -8,7 +8,7 @@ from lmeasure.catalogue import decimal as number
 from lmeasure.certification.evaluate import AttainedPath, Evaluation
 from lmeasure.certification.pictures import targets
 from lmeasure.report import certificate_text as say
-from lmeasure.report import drawings
+from lmeasure.report import drawings, html
 from lmeasure.report.summary import chosen
 from lmeasure.report.words import unit, word
 from lmeasure.trajectory.attained import AttainedPose
@@ -67,16 +67,12 @@ def errors_in_space(certificate: dict[str, Any]) -> Picture | None:
     names, seen = [], set()
     for a, place in zip(attained, commanded, strict=True):
         key = np.round(place, 3).tobytes()
-        names.append("" if key in seen else _cut(say.visible(a["pose"])))
+        names.append("" if key in seen else html.cut(say.visible(a["pose"])))
         seen.add(key)
     title = word(language, "errors")
     svg, factor, sides = drawings.errors_in_space(names, commanded, mean - commanded, title)
     box = "\u00a0× ".join(_short(language, round(float(s), 1)) for s in sides)
     return Picture((svg,), word(language, "errors.text", box=f"{box}\u00a0{unit(language, 'mm')}", factor=_short(language, factor)))
-
-
-def _cut(name: str) -> str:
-    return name if len(name) <= 16 else name[:15] + "…"
 
 
 class Shown(NamedTuple):

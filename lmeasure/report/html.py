@@ -93,6 +93,11 @@ def label(value: object) -> str:
     return html.escape(str(value), quote=False)
 
 
+def cut(name: str, most: int = 16) -> str:
+    """A name for a place that has room for so many letters."""
+    return name if len(name) <= most else name[: most - 1] + "…"
+
+
 UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
 """Buttons of a figure: nothing is sent anywhere, and nothing is to be selected."""
 
@@ -119,7 +124,7 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
     scene = any(_in_space(trace) for trace in drawing.data)
     given = drawing.layout.height or 640
     if scene:
-        # on a telephone as high as wide, or its sides would be cut off
+        # on a telephone less high than wide, or its sides would be cut off
         drawing.layout.height = None
     known = texts("report", language)
     buttons = {key.removeprefix("plot."): text for key, text in known.items() if key.startswith("plot.")}
@@ -133,7 +138,7 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
     ready = str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
     if not scene:
         return ready
-    return f'<div class="scene" style="height:min({given}px, calc(100vw + {BESIDE}px))">{ready}</div>'
+    return f'<div class="scene" style="height:min({given}px, calc(72vw + {BESIDE}px))">{ready}</div>'
 
 
 def settled(drawing: go.Figure) -> go.Figure:
@@ -150,6 +155,8 @@ def settled(drawing: go.Figure) -> go.Figure:
         drawing.update_layout(margin={side: 0 for side in "lrb" if margin[side] is None})
         if drawing.layout.scene.camera.eye.x is None:
             drawing.update_scenes(camera=CAMERA)
+        # more would stand in each other on an axis that is short beside the others
+        drawing.update_scenes({f"{axis}axis": {"nticks": 5} for axis in "xyz"})
         _with_room(drawing)
     else:
         drawing.update_layout(margin={"r": 16 if margin.r is None else margin.r})

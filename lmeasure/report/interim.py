@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 from lmeasure import files
 from lmeasure.catalogue import decimal, texts
 from lmeasure.interim.check import Checked, said
+from lmeasure.interim.closures import Closure
 from lmeasure.interim.moved import Cause
 from lmeasure.interim.trend import Trend
 from lmeasure.report import html
@@ -36,7 +37,7 @@ def write_check_page(
         body.append(html.figure(trend_figure(trend, language), "trend", first=False, language=language))
     if found.notes:
         body += [html.heading(words["notes"]), *(html.paragraph(note) for note in said(found, language))]
-    body += [html.heading(words["inputs"]), html.table((words["file"], "SHA-256"), inputs)]
+    body += [html.heading(words["inputs"]), html.table((words["file"], "SHA-256"), inputs, "text")]
     files.write_text(path, html.page(words["title"].format(rig=found.rig), body, language))
 
 
@@ -65,12 +66,17 @@ def _chance(language: str, probability: float) -> str:
     return decimal(language, f"{probability:.2g}") if probability >= 1e-9 else "< 1e-9"
 
 
+def _of(closure: Closure) -> str:
+    """Of what it is, in signs of every language."""
+    return closure.name.replace(" to ", "–") if closure.kind == "distance" else closure.name
+
+
 def _rows(found: Checked, language: str) -> list[tuple[str, ...]]:
     words = texts(DOMAIN, language)
     return [
         (
             words[f"kind.{c.kind}"],
-            c.name,
+            _of(c),
             decimal(language, f"{c.value_mm:.4f}"),
             decimal(language, f"{c.u95_mm:.4f}"),
             _chance(language, c.probability) + (" !" if c in found.failed else ""),
@@ -82,7 +88,7 @@ def _rows(found: Checked, language: str) -> list[tuple[str, ...]]:
 def closures_figure(found: Checked, language: str) -> go.Figure:
     """Each closure over its U95."""
     words, figure = texts(DOMAIN, language), go.Figure()
-    names = [html.label(f"{words['kind.' + c.kind]} {c.name}") for c in found.closures]
+    names = [html.label(f"{words['kind.' + c.kind]} {_of(c)}") for c in found.closures]
     part = [abs(c.value_mm) / c.u95_mm for c in found.closures]
     colour = [FAILED if c in found.failed else FINE for c in found.closures]
     figure.add_bar(x=part, y=names, orientation="h", marker={"color": colour}, showlegend=False)

@@ -41,7 +41,7 @@ def write_trajectory_page(
     words = texts(DOMAIN, language)
     body = [
         STYLE,
-        *_verdict(found, language),
+        *_verdict(found, rig, language),
         html.table(("", ""), summary(found, language), "figures"),
         *_left_out(found, language),
         html.heading(words["space"]),
@@ -58,7 +58,7 @@ def write_trajectory_page(
     files.write_text(path, html.page(words["title"].format(name=name), body, language))
 
 
-def _verdict(found: Along, language: str) -> list[str]:
+def _verdict(found: Along, rig: Rig | None, language: str) -> list[str]:
     """One sentence that says whether anything is missing."""
     words = texts(DOMAIN, language)
     samples = len(found.u95_mm)
@@ -67,7 +67,9 @@ def _verdict(found: Along, language: str) -> list[str]:
         said = words["verdict.bad"].format(bad=bad, samples=samples, percent=decimal(language, f"{100 * bad / samples:.3g}"))
         return [html.paragraph(said, "warning")]
     fewer = sum(s.samples for s in found.stretches)
-    return [html.paragraph(words["verdict.fewer"].format(fewer=fewer), "warning")] if fewer else [html.paragraph(words["verdict.good"])]
+    if fewer:
+        return [html.paragraph(words["verdict.fewer"].format(fewer=fewer), "warning")]
+    return [html.paragraph(words["verdict.whole" if rig is None else "verdict.good"])]
 
 
 def summary(found: Along, language: str) -> list[tuple[str, str]]:

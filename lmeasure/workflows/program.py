@@ -103,11 +103,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     plan = campaign(cube, chosen)
     write_campaign(settings.out, plan)
     minutes = duration_s(plan) / 60.0
+    lasts = f"{minutes:.0f} min" if minutes >= 1.0 else f"{60.0 * minutes:.0f} s"
     return Result(
         plan.program,
         (
             f"cube of {cube.edge_mm:g} mm about ({', '.join(f'{v:g}' for v in cube.centre)}) mm, plane {cube.plane}",
-            f"{len(plan.program.pose)} poses, {len(plan.program.path)} paths, {len(plan.commands)} commands: {minutes:.0f} min",
+            f"{len(plan.program.pose)} poses, {len(plan.program.path)} paths, {len(plan.commands)} commands: {lasts}",
             f"program.toml, commands.csv and robodk.csv are in {settings.out}",
         ),
         {"edge_mm": float(cube.edge_mm), "minutes": minutes},

@@ -18,9 +18,15 @@ CYCLES, RATE_HZ, DWELL_S, SPEED_MM_S = 5, 100.0, 0.5, 400.0
 
 
 def write_campaign(
-    folder: Path, names: dict[str, str] | None = None, *, seed: int = 0, offset_mm: float = 0.3, rig: Rig | None = None
+    folder: Path,
+    names: dict[str, str] | None = None,
+    *,
+    seed: int = 0,
+    offset_mm: float = 0.3,
+    rig: Rig | None = None,
+    cycles: int = CYCLES,
 ) -> None:
-    """run/, trajectory.parquet and program.toml: three poses in five cycles, and a line from P2 to P3 in each.
+    """run/, trajectory.parquet and program.toml: three poses in cycles, and a line from P2 to P3 in each.
 
     names: to be written instead of P1, P2, P3 and line. The robot misses every pose by offset_mm along X and scatters by 0.1 mm. rig: whose
     absolute encoders tell where the run began, which nobody states then.
@@ -28,7 +34,7 @@ def write_campaign(
     rng = np.random.default_rng(seed)
     shown = {name: name for name in (*POSES, "line")} | (names or {})
     legs, dwells = [], []
-    for _ in range(CYCLES):
+    for _ in range(cycles):
         for name, place in POSES.items():
             turn = Rotation.from_rotvec(rng.normal(0.0, 2e-4, 3)).as_quat()
             at = np.array(place) + [offset_mm, 0.0, 0.0] + rng.normal(0.0, 0.1, 3)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-sys.path.append(str(Path(__file__).parents[1] / "certification"))
+sys.path += [str(Path(__file__).parents[1] / "certification"), str(Path(__file__).parents[1] / "interim")]
+import test_interim as interim
 from campaigns import write_campaign
 
 from lmeasure import calibration, se3
@@ -20,8 +21,12 @@ from lmeasure.calibration.compare import Earlier, compare
 from lmeasure.certification import Settings
 from lmeasure.certification.measure import Inputs
 from lmeasure.foreign import columns_of
+from lmeasure.interim import Distance, check_instrument
+from lmeasure.interim.trend import appended
+from lmeasure.observation.parameters import with_values
 from lmeasure.report.calibration import write_calibration_page
 from lmeasure.report.certificate import Choices, write_certificate
+from lmeasure.report.interim import write_check_page
 from lmeasure.report.trajectory import write_trajectory_page
 from lmeasure.report.zone import write_zone_report
 from lmeasure.rig import rig_from_dict
@@ -34,6 +39,31 @@ from lmeasure.workflows import load
 ROOT = Path(__file__).parents[2]
 TRUTH = ROOT / "tests" / "authorities" / "truth"
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
+LOGO = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 60"><rect width="200" height="60" rx="8" fill="#0072b2"/></svg>'
+DETAILS = """schema = "lmeasure.report/1"
+logo = "logo.svg"
+remarks = "Messung im Beisein des Auftraggebers nach einer Aufwärmzeit von 60 min; der Roboter stand auf dem Sockel der Linie 3."
+traceability = "reference poses by laser tracker, certificate D-K-15186-01-00 2026-0123456789"
+[laboratory]
+name = "Prüflaboratorium für Industrieroboter und Handhabungstechnik der Maschinenbaugesellschaft Niederrhein"
+address = "Straße der Messtechnik 123, 40999 Düsseldorf"
+contact = "robotermessung@prueflaboratorium-niederrhein.example"
+[customer]
+name = "Федеральное государственное бюджетное научное учреждение машиноведения"
+[item]
+maker = "Maschinenbaugesellschaft Niederrhein"
+model = "HandhabungssystemR-6-2600-XL/Sonderausführung"
+serial = "0001-2026-ABCDEFGHIJKLMNOP"
+[dates]
+measured_from = 2026-03-02
+measured_to = 2026-03-03
+[conditions]
+temperature_c = 21.5
+temperature_range_c = 0.5
+[authoriser]
+name = "Dr.-Ing. Maximiliane Mustermann-Grünewald"
+role = "Leiterin des Prüflaboratoriums"
+"""
 
 
 @cache
@@ -140,6 +170,36 @@ def _certificate(out: Path, language: str) -> Path:
     return out / "certificate" / "report.html"
 
 
+def _certificate_in_full(out: Path, language: str) -> Path:
+    """Thirty cycles, a logo, and the longest names that people give."""
+    named = {"P1": "Greifposition über der Vorrichtung am Förderband 3", "line": "Bahn_von_Greifposition_zu_Ablageposition_unbelastet"}
+    write_campaign(out / "campaign", named, cycles=30)
+    (out / "campaign" / "logo.svg").write_text(LOGO, encoding="utf-8")
+    (out / "campaign" / "details.toml").write_text(DETAILS, encoding="utf-8")
+    given = Inputs(
+        out / "campaign" / "trajectory.parquet",
+        out / "campaign" / "program.toml",
+        out / "campaign" / "run",
+        details=out / "campaign" / "details.toml",
+    )
+    write_certificate(out / "certificate", given, Settings(trials=200), Choices(language))
+    return out / "certificate" / "report.html"
+
+
+def _check(out: Path, language: str) -> Path:
+    """A point that has moved, with the trend of two checks."""
+    rig, _ = interim.calibrated()
+    place = rig.point("B3").position_mm
+    moved = with_values(interim.true_rig(), {"B3.x_mm": place[0] + 0.5, "B3.y_mm": place[1]})
+    known = [Distance("P1", "P2", float(np.linalg.norm(interim.PLACES[0])), 0.02)]
+    for number, true in enumerate((interim.true_rig(), moved)):
+        found = check_instrument(interim.run_of(true, number)[0], known, interim.LIMITS)
+        when = f"2026-0{3 + number}-05T09:00:00Z"
+        trend = appended(out / "checks.csv", found, when)
+    write_check_page(out / "check.html", found, trend, inputs=[("run.toml", "0" * 64)], language=language, when=when)
+    return out / "check.html"
+
+
 def _structure(out: Path, language: str) -> Path:
     asked = {"file": TRUTH / "cell-12-poses" / "rig.toml", "position_mm": "0,0,0", "quaternion": "0,0,0,1", "boundary": "xy"}
     return _ran("structure", asked | {"levels": "0:100:50", "to_mm": "100,50,0", "report": out}, language, out / "structure.html")
@@ -196,6 +256,8 @@ PAGES: dict[str, Callable[[Path, str], Path]] = {
     "trajectory": _trajectory,
     "trajectory-foreign": _foreign_trajectory,
     "certificate": _certificate,
+    "certificate-in-full": _certificate_in_full,
+    "check": _check,
     "structure": _structure,
     "structures": _structures,
     "identification": _identification,

@@ -44,7 +44,7 @@ def test_nothing_runs_over_collides_or_asks_for_anything(kind: str, language: st
         if "LMEASURE_PICTURES" in os.environ:
             picture = Path(os.environ["LMEASURE_PICTURES"]) / f"{kind}-{language}-{width}.png"
             picture.write_bytes(base64.b64decode(browser.shoot()))
-    assert told == []
+    assert told == [], "\n".join(told)
     assert browser.errors == []
     assert [url[:80] for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []
     for name in PDFS:
