@@ -4,6 +4,7 @@ import base64
 import hashlib
 import re
 import sys
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -341,7 +342,7 @@ def test_each_path_has_a_colour_and_can_be_looked_at_alone(english: tuple[Path, 
         for name in ("drift", "deviation", "speed"):
             labels = page.evaluate(f"document.getElementById('{name}').layout.updatemenus[0].buttons.map(b => b.label)")
             groups = page.evaluate(f"Array.from(new Set(document.getElementById('{name}').data.map(t => t.legendgroup)))")
-            assert labels == ["all", *groups]
+            assert labels == ["all", *(html.label(html.cut(unescape(group))) for group in groups)]
         assert page.errors == []
     assert len(set(_LINES)) >= 20
 
