@@ -62,6 +62,12 @@ def poses_findings(model: Model, found: Fit) -> list[Finding]:
     return [Finding(code="frame", text=text, value=float(found.motions))]
 
 
+def _u_of(name: str, found: Fit) -> float:
+    """Standard uncertainty of a value, 0 where it is not solved."""
+    names = found.problem.parameters.names
+    return math.sqrt(found.covariance[names.index(name), names.index(name)]) if name in names else 0.0
+
+
 def shape_findings(
     campaign: Campaign, unknowns: Parameters, found: Fit, points: list[Point], *, searched: dict[str, list[Box]]
 ) -> list[Finding]:
@@ -92,6 +98,13 @@ def shape_findings(
         if not any(box.holds(where.copy()) for box in boxes):
             text = f"{name}: the result lies at the edge of the neighbourhood searched, or beyond; widen it (--neighbourhood-mm, -deg)"
             out.append(Finding(code="edge", text=text))
+        u_alpha = _u_of(f"{name}.{GUIDE[0]}", found)
+        if math.cos(where[3]) < math.radians(u_alpha):
+            text = (
+                f"{name}: its guide is vertical within its uncertainty of {u_alpha:.2g} deg: beta says little, and covariances by alpha "
+                "and beta leave out part of its direction's; a base frame in which no guide is vertical tells all of it"
+            )
+            out.append(Finding(code="vertical", text=text, value=u_alpha))
     if not found.converged:
         out.append(Finding(code="not_converged", text="the least squares did not settle; the result is where they stopped"))
     return out

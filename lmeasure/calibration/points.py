@@ -15,7 +15,7 @@ from lmeasure.calibration.lp_search import Box, point_data, search_point
 from lmeasure.calibration.residuals import Frame, unknowns_of
 from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Fit, fit
-from lmeasure.observation.parameters import GUIDE, PLACE
+from lmeasure.observation.parameters import GUIDE, PLACE, azimuth_stretch
 
 STARTS = 6  # distinct LP candidates that are polished per point
 APART = 10.0  # standard uncertainties between two results that are not one
@@ -61,6 +61,7 @@ def box_of(campaign: Campaign, name: str, settings: Settings) -> Box:
         if f"{name}.{key}" in campaign.rig.assumed:
             half[i] = whole
     point = campaign.rig.point(name)
+    half[4] = min(half[4] * azimuth_stretch(point.guide_alpha_deg), math.pi)
     return Box(np.array([*point.position_mm, *np.radians([point.guide_alpha_deg, point.guide_beta_deg])]), half)
 
 

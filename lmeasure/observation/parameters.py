@@ -220,7 +220,16 @@ def parameter_of(rig: Rig, name: str) -> Parameter:
     u, value = stated_u(rig, name), value_of(rig, name)
     assert value is not None
     usual = p.assumed_u if name in _assumed(rig) else p.default_u
-    return Parameter(name, value, usual if u is None else max(u, EXACT), p.unit)
+    prior_u = usual if u is None else max(u, EXACT)
+    if p.column == layout.BETA and u != 0.0:
+        prior_u = min(prior_u * azimuth_stretch(rig.point(owner).guide_alpha_deg), max(p.assumed_u, prior_u))
+    return Parameter(name, value, prior_u, p.unit)
+
+
+def azimuth_stretch(alpha_deg: float) -> float:
+    """By how much beta is worse known than a guide's direction, 1 up to 60 degrees of alpha: a vertical guide has a direction like any
+    other, but beta can be anything there. Steeper than 60 degrees beta is as uncertain as half so much of the direction makes it."""
+    return max(1.0, 0.5 / max(abs(math.cos(math.radians(alpha_deg))), 1e-9))
 
 
 def _encoder(rig: Rig, channel: str) -> AngleEncoder:

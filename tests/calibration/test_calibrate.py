@@ -17,6 +17,7 @@ from lmeasure.calibration.unknowns import Model, rig_with
 from lmeasure.calibration_record import read_calibration_record, write_calibration_record
 from lmeasure.errors import CalibrationError, FileFormatError, LMeasureError
 from lmeasure.estimation import fit
+from lmeasure.kernels.cable import guide_direction
 from lmeasure.lengths import counts_from_poses, span_lengths
 from lmeasure.poses import poses_from_rows
 from lmeasure.rig import rig_from_dict
@@ -177,6 +178,33 @@ def test_result_does_not_depend_on_the_frame(twelve: Calibration) -> None:
     for a, b in zip(twelve.rig.observation_point, moved.rig.observation_point, strict=True):
         np.testing.assert_allclose(turn.apply(a.position_mm) + move, b.position_mm, atol=1e-5)
         assert a.guide_alpha_deg == pytest.approx(b.guide_alpha_deg, abs=1e-5)
+
+
+@pytest.mark.parametrize(("tilt_deg", "towards_deg"), [(4.0, 20.0), (0.3, -70.0)])
+def test_guides_may_be_vertical(twelve: Calibration, tilt_deg: float, towards_deg: float) -> None:
+    """A cable that goes straight down to its drum has a guide without a horizontal projection: its true direction, a few degrees off, has a
+    beta that no nominal one tells."""
+    campaign, found = twelve.campaign, np.array([_guide_of(p) for p in twelve.rig.observation_point])
+    tilted = Rotation.from_euler("ZY", [towards_deg, tilt_deg], degrees=True).apply([0.0, 0.0, 1.0])
+    turn = Rotation.align_vectors([tilted], [found[0]])[0]
+    rows = campaign.poses.rows
+    turned_rows = np.column_stack([turn.apply(rows[:, :3]), (turn * Rotation.from_quat(rows[:, 3:])).as_quat()])
+    data = campaign.rig.to_dict()
+    for p, own in zip(data["observation_point"], campaign.rig.observation_point, strict=True):
+        p["position_mm"] = turn.apply(p["position_mm"]).tolist()
+        x, y, z = turn.apply(_guide_of(own))
+        p["guide_alpha_deg"], p["guide_beta_deg"] = np.degrees([np.arcsin(z), np.arctan2(-x, -y)]).tolist()
+    data["observation_point"][0] |= {"guide_alpha_deg": 90.0, "guide_beta_deg": 100.0}
+    turned = calibrate(replace(campaign, rig=rig_from_dict(data), poses=poses_from_rows(turned_rows, campaign.poses.names)))
+    for a, b, u in zip(twelve.rig.observation_point, turned.rig.observation_point, found, strict=True):
+        np.testing.assert_allclose(turn.apply(a.position_mm), b.position_mm, atol=1e-4)
+        np.testing.assert_allclose(turn.apply(u), _guide_of(b), atol=1e-6)
+    assert not {w.code for w in turned.record.warnings} & {"edge", "underdetermined"}
+
+
+def _guide_of(point: Any) -> np.ndarray:
+    """Direction in which the cable travels at B."""
+    return np.array(guide_direction(np.radians(point.guide_alpha_deg), np.radians(point.guide_beta_deg)))
 
 
 def _way(beta_deg: float) -> np.ndarray:
