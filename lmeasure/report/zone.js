@@ -20,7 +20,9 @@
     const part = Number(id("u95").value) / 1000;
     // the slider's end asks nothing unless a limit was asked for
     const free = part === 1 && !data.asked_u95;
-    return { level: Number(id("level").value), angle: Number(id("angle").value), u95: free ? Infinity : 10 ** (low + part * (high - low)) };
+    // as it is printed, so that `zone --u95-mm` with the figure that is read gives the same zone; the end is the limit that was asked for
+    const limit = part === 1 ? data.range_u95[1] : Number((10 ** (low + part * (high - low))).toPrecision(3));
+    return { level: Number(id("level").value), angle: Number(id("angle").value), u95: free ? Infinity : limit };
   };
   // positive in the zone, negative outside, 0 on its edge
   const margin = (n, asked) => {

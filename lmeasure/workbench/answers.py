@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.templating import Jinja2Templates
 
-from lmeasure.workbench import guard
+from lmeasure.workbench import guard, tour
 from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
 from lmeasure.workbench.words import preferred, said
@@ -53,10 +53,18 @@ def page(request: Request, name: str, status: int = 200, **values: Any) -> Respo
     language = language_of(request)
     bench = bench_of(request)
     running = bench.jobs.running()
+    stop = tour.shown(bench.project, asked) if (asked := request.query_params.get("tour", "")) else None
     return TEMPLATES.TemplateResponse(
         request,
         name,
-        {"_": lambda text, **more: said(language, text, **more), "language": language, "bench": bench, "running": running, **values},
+        {
+            "_": lambda text, **more: said(language, text, **more),
+            "language": language,
+            "bench": bench,
+            "running": running,
+            "tour": stop,
+            **values,
+        },
         status_code=status,
     )
 

@@ -123,7 +123,7 @@ NEEDS = {
 }
 ONWARD = {
     "init": (("/rig", "Put in its dimensions"),),
-    "demo": (("/zone", "Zone and place"), ("/robot", "Robot and certificate")),
+    "demo": (("/?tour=1", "Take the tour"), ("/zone", "Zone and place"), ("/robot", "Robot and certificate")),
     "simulate": (
         ("/run/calibrate?folder={out}/calibration", "Find the observation points"),
         ("/run/reconstruct?run={out}", "Reconstruct the trajectory"),

@@ -32,7 +32,8 @@ STEP_NAMES = {
 }
 
 
-OWN = ("runs", "robot")
+LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "Every dimension of the instrument, in plain files."}
+OWN = ("runs", "robot", "zone")
 """Pages of commands that have something of their own above them."""
 
 
@@ -44,7 +45,7 @@ async def home(request: Request) -> Response:
     verified = any(job.command == "verify" and job.state == "done" for job in jobs)
     way = [step._asdict() if step.name != "verify" else step._asdict() | {"done": verified} for step in steps(project, checked)]
     following = next((step["name"] for step in way if not step["done"]), "")
-    return page(request, "home.html", project=project, steps=way, step_names=STEP_NAMES, following=following, jobs=jobs)
+    return page(request, "home.html", project=project, steps=way, step_names=STEP_NAMES, following=following, jobs=jobs, leads=LEADS)
 
 
 async def cards(request: Request) -> Response:
@@ -57,6 +58,10 @@ async def cards(request: Request) -> Response:
     values: dict[str, Any] = {"title": here.title, "lead": here.lead, "cards": shown, "made": made}
     if name == "runs":
         values |= {"made": [], "runs": runs.runs(project, language_of(request)), "trajectories": project.of("trajectory")}
+    if name == "zone":
+        pages = [path for path in project.of("page") if Path(path).name == "zone.html"]
+        newest = max(pages, key=lambda path: (bench.folder / path).stat().st_mtime, default="")
+        values |= {"made": [], "zones": project.of("zone"), "drawn": newest}
     return page(request, f"{name}.html" if name in OWN else "cards.html", **values)
 
 

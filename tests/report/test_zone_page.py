@@ -102,9 +102,8 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
         shown = page.evaluate("[document.getElementById('u95-told'), document.getElementById('left')].map(e => e.textContent)")
         limit = float(shown[0].removesuffix(" mm"))
         expected = within(zone, Limits(angle_deg=40.0, u95_mm=limit))["in_zone"].values.sum()
-        # the limit is printed with three digits
-        near = (np.abs(zone["u95_position_mm"].values / limit - 1.0) < 0.005).sum()
-        assert abs(int(shown[1].split(": ")[1].split()[0]) - int(expected)) <= near
+        # the limit is the figure that is printed
+        assert int(shown[1].split(": ")[1].split()[0]) == int(expected)
         page.evaluate(
             "(() => { const f = document.getElementById('map-u95'), p = {x: f.data[0].x[2], y: f.data[0].y[5]};"
             "f.emit('plotly_click', {points: [p]}); })()"

@@ -1,0 +1,52 @@
+"""The page Zone and place: the zone of the slider is the zone of the command."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import xarray as xr
+from bench import client
+
+from lmeasure.cli import main
+from lmeasure.rig import write_rig
+from lmeasure.simulation import cell_rig
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from browser import opened  # noqa: E402
+
+GRID = ("--x=-400:400:100", "--y=-400:400:100", "--z=-200:200:100")
+
+
+def zone(monkeypatch: pytest.MonkeyPatch, *words: str) -> xr.Dataset:
+    """What the command writes."""
+    monkeypatch.setattr("sys.argv", ["lmeasure", "zone", "rig.toml", *GRID, *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    with xr.open_dataset(words[words.index("--out") + 1], engine="h5netcdf") as read:
+        return read.load()
+
+
+def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_rig(tmp_path / "rig.toml", cell_rig(0))
+    zone(monkeypatch, "--out", "zones/zone.nc", "--report", "zones/page")
+    with client(tmp_path) as asked:
+        page = asked.get("/zone").text
+        assert 'src="/raw/zones/page/zone.html"' in page
+        assert "/run/program?zone=zones/zone.nc" in page
+        shown = asked.get("/raw/zones/page/zone.html")
+    assert "sandbox" in shown.headers["content-security-policy"]
+    with opened(tmp_path / "zones" / "page" / "zone.html", tmp_path / ".profile") as browser:
+        browser.wait("document.getElementById('left').textContent !== ''")
+        for place in (350, 700):
+            browser.evaluate(f"(() => {{const e = document.getElementById('u95'); e.value = {place}; e.dispatchEvent(new Event('input'))}})()")
+            limit, left = browser.evaluate("[document.getElementById('u95-told'), document.getElementById('left')].map(e => e.textContent)")
+            told = zone(monkeypatch, "--out", f"zones/{place}.nc", "--u95-mm", limit.removesuffix(" mm"))
+            nodes = int(told.attrs["nodes_in_zone"])
+            assert 0 < nodes < told["in_zone"].size
+            assert f" {nodes} of " in left
+            volume = re.search(r"([\d.]+) m³", left)
+            assert volume is not None, left
+            assert float(volume[1]) == float(f"{told.attrs['zone_volume_mm3'] / 1e9:.3g}")
