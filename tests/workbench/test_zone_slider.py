@@ -13,7 +13,7 @@ from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import opened  # noqa: E402
+from browser import opened
 
 GRID = ("--x=-400:400:100", "--y=-400:400:100", "--z=-200:200:100")
 
@@ -41,8 +41,10 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
     with opened(tmp_path / "zones" / "page" / "zone.html", tmp_path / ".profile") as browser:
         browser.wait("document.getElementById('left').textContent !== ''")
         for place in (350, 700):
-            browser.evaluate(f"(() => {{const e = document.getElementById('u95'); e.value = {place}; e.dispatchEvent(new Event('input'))}})()")
-            limit, left = browser.evaluate("[document.getElementById('u95-told'), document.getElementById('left')].map(e => e.textContent)")
+            browser.evaluate(
+                f"(() => {{const e = document.getElementById('u95'); e.value = {place}; e.dispatchEvent(new Event('input'))}})()"
+            )
+            limit, left = browser.evaluate("['u95-told', 'left'].map(name => document.getElementById(name).textContent)")
             told = zone(monkeypatch, "--out", f"zones/{place}.nc", "--u95-mm", limit.removesuffix(" mm"))
             nodes = int(told.attrs["nodes_in_zone"])
             assert 0 < nodes < told["in_zone"].size
