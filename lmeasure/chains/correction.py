@@ -8,14 +8,11 @@ from lmeasure import files
 from lmeasure.report.correction import write_correction_page
 from lmeasure.robots.corrected_program import Corrected, as_record
 from lmeasure.robots.dialects.program_text import Listing
-from lmeasure.robots.identified_robot import IdentifiedRobot
 
 RECORD, PAGE = "corrections.json", "corrections.html"
 
 
-def write_correction(
-    out: Path, found: Corrected, listing: Listing, robot: IdentifiedRobot, *, inputs: Sequence[Path], language: str
-) -> list[str]:
+def write_correction(out: Path, found: Corrected, listing: Listing, *, inputs: Sequence[Path], language: str) -> list[str]:
     """The corrected files under their names, corrections.json and corrections.html into the folder; their names."""
     names = [source.name for source in listing.sources]
     for name, text in zip(names, found.texts, strict=True):
@@ -24,5 +21,5 @@ def write_correction(
     record = as_record(found, listing, listing.frames)
     record["inputs"] = [{"file": str(path), "sha256": digest} for path, digest in digests]
     files.write_text(out / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
-    write_correction_page(out / PAGE, found, listing, robot, inputs=[(p.name, digest) for p, digest in digests], language=language)
+    write_correction_page(out / PAGE, found, listing, inputs=[(p.name, digest) for p, digest in digests], language=language)
     return [*names, RECORD, PAGE]

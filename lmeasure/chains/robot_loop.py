@@ -115,7 +115,7 @@ def close_loop(
     listing = dialect.read(sources).stated({"tool": drawn.tool_pose})
     corrected = corrected_program(listing, dialect, known, limits=Limits(), near=np.degrees(robot.rest).tolist())
     inputs = [commands, out / "identified" / "identified.json", out / "identified" / "robot.toml"]
-    write_correction(out / "corrected", corrected, listing, known, inputs=inputs, language=language)
+    write_correction(out / "corrected", corrected, listing, inputs=inputs, language=language)
 
     report = step(AGAIN)
     told = read_commands(out / "corrected" / "commands.csv")

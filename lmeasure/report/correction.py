@@ -10,7 +10,6 @@ from lmeasure.report import html
 from lmeasure.report.words import axes
 from lmeasure.robots.corrected_program import Corrected, Outcome
 from lmeasure.robots.dialects.program_text import Listing
-from lmeasure.robots.identified_robot import IdentifiedRobot
 from lmeasure.saying import ENGLISH, Say
 
 ARROWS = 0.1
@@ -20,7 +19,7 @@ MOST_ROWS = 500
 
 
 def write_correction_page(
-    path: Path, found: Corrected, listing: Listing, robot: IdentifiedRobot, *, inputs: Sequence[tuple[str, str]], language: str = "en"
+    path: Path, found: Corrected, listing: Listing, *, inputs: Sequence[tuple[str, str]], language: str = "en"
 ) -> None:
     """Write a self-contained HTML page of what became of a program, whole or not at all; inputs: files with their SHA-256."""
     say = Say(language)
@@ -28,13 +27,12 @@ def write_correction_page(
     body = [html.paragraph(*_verdict(found, listing, say)), html.table((), _figures(found, say), "text")]
     if done:
         told = say(
-            "How far the identified robot would have been from each target, how far it is now, and the radius that holds 95 % of where it "
-            "goes: how well it is known, and how well it repeats."
+            "How far the robot, as it is known, would have been from each target, how far it is now, and the radius that holds 95 % of "
+            "where it goes: how well it is known, and how well it repeats."
         )
-        space, times = space_figure(done, robot, say)
+        space, times = space_figure(done, say)
         enlarged = say(
-            "By how much the controller is told another pose than the program told it, {times:.3g} times enlarged, at the flange in the "
-            "robot's base.",
+            "By how much the controller is told another pose than the program told it, {times:.3g} times enlarged, in the robot's base.",
             times=times,
         )
         body += [html.heading(say("Errors before and after")), html.paragraph(told)]
@@ -88,10 +86,11 @@ def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
     return figure.update_xaxes(title=say("target, in the program's order")).update_yaxes(title=say("mm"), rangemode="tozero")
 
 
-def space_figure(done: Sequence[Outcome], robot: IdentifiedRobot, say: Say = ENGLISH) -> tuple[go.Figure, float]:
-    """Flange at the targets in the robot's base, what is told the controller less what was, and how many times that is enlarged."""
+def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure, float]:
+    """Flange, or tool where a map corrected it, at the targets in the robot's base, what is told the controller less what was, and how many
+    times that is enlarged."""
     corrections = [o.correction for o in done if o.correction is not None]
-    places = robot.nominal.forward(np.array([c.before for c in corrections]))[:, :3]
+    places = np.array([c.wanted[:3] for c in corrections])
     change = np.array([c.flange[:3] for c in corrections]) - places
     extent = float(np.ptp(places, axis=0).max()) or 100.0
     times = ARROWS * extent / max(float(np.linalg.norm(change, axis=1).max()), 1e-9)

@@ -19,6 +19,7 @@ STEPS = 30
 SETTLED = 1e-10
 """Rad, and mm over a metre: when Newton's steps have ended."""
 MOST_JOINT_RAD = np.radians(5.0)
+MOST_JOINT_MM = 50.0
 """A joint that a correction moves farther leaves its branch or is near a singular pose, where errors of the robot are no small changes."""
 
 
@@ -35,12 +36,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Correction:
-    """Of one target. before, joints (n,): joint values told and corrected; flange (7,): nominal pose of the latter; size_mm, size_rad:
+    """Of one target. before, joints (n,): joint values told and corrected; wanted, flange (7,): nominal poses of both; size_mm, size_rad:
     by how much the told pose changes; left_mm, left_rad: by how much the identified robot then is off, not nothing where it was clipped or
     has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does not."""
 
     before: FloatArray
     joints: FloatArray
+    wanted: FloatArray
     flange: FloatArray
     size_mm: float
     size_rad: float
@@ -67,15 +69,23 @@ def correct(nominal: RobotModel, found: RobotModel, joints: FloatArray, limits: 
             change = se3.displacement(told, wanted)
             size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
         else:
-            most = f"{limits.most_mm:g} mm and {np.degrees(limits.most_rad):g} deg are the most"
-            refused = f"a correction of {size_mm:.3f} mm and {np.degrees(size_rad):.3f} deg; {most}"
+            refused = too_large(change, limits)
     if refused:
         solved, told = joints, wanted
         size_mm = size_rad = 0.0
     at = se3.displacement(found.forward(solved[None])[0], wanted)
     was = se3.displacement(found.forward(joints[None])[0], wanted)
     left = float(np.linalg.norm(at[3:])), float(np.linalg.norm(at[:3]))
-    return Correction(joints, solved, told, size_mm, size_rad, float(np.linalg.norm(was[3:])), *left, clipped, refused)
+    return Correction(joints, solved, wanted, told, size_mm, size_rad, float(np.linalg.norm(was[3:])), *left, clipped, refused)
+
+
+def too_large(change: FloatArray, limits: Limits) -> str:
+    """Why a change (6,) of what is told is refused; empty where it is not too large."""
+    size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
+    if size_mm <= limits.most_mm and size_rad <= limits.most_rad:
+        return ""
+    most = f"{limits.most_mm:g} mm and {np.degrees(limits.most_rad):g} deg are the most"
+    return f"a correction of {size_mm:.3f} mm and {np.degrees(size_rad):.3f} deg; {most}"
 
 
 def in_keep_out(limits: Limits, places: FloatArray) -> int | None:
@@ -162,12 +172,14 @@ def _solved(found: RobotModel, joints: FloatArray, wanted: FloatArray) -> tuple[
 
 def _refused(nominal: RobotModel, joints: FloatArray, solved: FloatArray, off: FloatArray, limits: Limits) -> str:
     low, high = nominal.limits
-    moved = np.where(nominal.sliding, 0.0, np.abs(solved - joints))
+    moved = np.abs(solved - joints)
     if not np.isfinite(solved).all() or (len(joints) >= 6 and np.abs(off / ([1.0] * 3 + [1e3] * 3)).max() > 1e-6):
         return "the identified robot does not reach it"
-    if moved.max() > MOST_JOINT_RAD:
-        name = nominal.joint_names[int(np.argmax(moved))]
-        return f"{name} would move by {np.degrees(moved.max()):.1f} deg: near a singular pose, or another branch"
+    far = moved / np.where(nominal.sliding, MOST_JOINT_MM, MOST_JOINT_RAD)
+    if far.max() > 1.0:
+        j = int(np.argmax(far))
+        by, unit = (moved[j], "mm") if nominal.sliding[j] else (np.degrees(moved[j]), "deg")
+        return f"{nominal.joint_names[j]} would move by {by:.1f} {unit}: near a singular pose, or another branch"
     beyond = np.flatnonzero((solved < low) | (solved > high))
     if len(beyond):
         j = int(beyond[0])

@@ -1,5 +1,7 @@
 """From an identified robot to programs that take it where they were meant to."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,6 +15,8 @@ from lmeasure.workflows.settings import BOX, LANGUAGE, Asked, Box, Names, Number
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
     from lmeasure.robots.corrected_program import Corrected
+    from lmeasure.robots.correction import Limits
+    from lmeasure.robots.dialects.program_text import Dialect, Listing
 
 
 class Settings(Asked):
@@ -27,8 +31,15 @@ class Settings(Asked):
             positional=True,
         ),
     ]
-    identified: Annotated[Path, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER")]
     out: Annotated[Path, option("Folder for the corrected files, under their names, corrections.json and corrections.html.")]
+    identified: Annotated[Path | None, option("Folder that `lmeasure identify` wrote.", metavar="FOLDER")] = None
+    map: Annotated[
+        Path | None,
+        option("Measured errors over the region, where there is no model of the robot (docs/correction.md).", metavar="FILE"),
+    ] = None
+    columns: Annotated[
+        str, option("Which column of the map is which, and its unit (mm, m, cm, um, in, deg, rad).", metavar="NAME=COLUMN[UNIT],...")
+    ] = ""
     dialect: Annotated[str, option("krl, rapid, fanuc, ur-script, csv or robodk, where the names do not say it.")] = ""
     frames: Annotated[
         Path | None, option("Frames and tools that the program names but does not state (docs/correction.md).", metavar="FILE.toml")
@@ -61,33 +72,113 @@ class Settings(Asked):
     def paths(self) -> Paths:
         """Corrected files from programs and an identification."""
         outputs = inside(self.out, "corrections.json", "corrections.html", *(path.name for path in self.programs))
-        inputs = (*self.programs, *present(self.frames), *inside(self.identified, "identified.json", "robot.toml"))
-        return Paths(outputs, inputs)
+        known = () if self.identified is None else inside(self.identified, "identified.json", "robot.toml")
+        return Paths(outputs, (*self.programs, *present(self.frames, self.map), *known))
 
 
 @workflow("correct")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     """Correct, and write the programs and what was done."""
-    from dataclasses import replace
-
     import numpy as np
 
     from lmeasure.chains.correction import write_correction
-    from lmeasure.robots.corrected_program import corrected_program
-    from lmeasure.robots.correction import Limits
-    from lmeasure.robots.dialects.known import dialect_of, opened
-    from lmeasure.robots.dialects.program_text import Unread
-    from lmeasure.robots.identified_robot import read_identified
 
     names = [path.name for path in settings.programs]
     if len(set(names)) != len(names):
         raise SettingsError("programs", "two files of one name would be written to one")
+    if (settings.identified is None) == (settings.map is None):
+        raise SettingsError("identified", "state a folder of `lmeasure identify`, or --map with measured errors, one of the two")
+    correcting = _by_model(settings) if settings.identified is not None else _by_map(settings)
+    listing, dialect = _listing(settings)
+    progress(0.2, "correcting")
+    found, lines = correcting(listing, dialect)
+    progress(0.9, "writing")
+    written = write_correction(settings.out, found, listing, inputs=settings.paths().inputs, language=settings.language or of_terminal())
+    done = found.done
+    lines.insert(
+        0, f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"
+    )
+    figures: dict[str, float] = {"corrected": found.changed}
+    if done:
+        size, was = (max(getattr(o.correction, key) for o in done) for key in ("size_mm", "was_mm"))
+        worst = max(o.u95_mm for o in done)
+        lines.append(f"largest correction {size:.3f} mm; the {'identified ' * (settings.map is None)}robot was off by up to {was:.3f} mm")
+        lines.append(
+            f"U95 of where it goes now: {worst:.3f} mm at most" if np.isfinite(worst) else "U95 of where it goes now: cannot be told"
+        )
+        figures |= {"largest_correction_mm": size, "largest_error_before_mm": was, "largest_u95_mm": worst}
+    remarks = [f"{o.file}:{o.target.line}: {o.target.name}: {o.left}" for o in found.outcomes if o.left] + [str(u) for u in listing.unread]
+    lines += [f"left as it was: {text}" for text in remarks]
+    lines.append(f"written: {', '.join(str(settings.out / name) for name in written)}")
+    return Result(found, tuple(lines), figures, tuple(remarks))
+
+
+Correcting = Callable[["Listing", "Dialect"], "tuple[Corrected, list[str]]"]
+"""Corrects a program, and says what is to be known of how."""
+
+
+def _by_model(settings: Settings) -> Correcting:
+    from lmeasure.robots.corrected_program import corrected_program
+    from lmeasure.robots.identified_robot import read_identified
+
+    assert settings.identified is not None
     robot = read_identified(settings.identified)
     if settings.near and len(settings.near) != len(robot.nominal.joint_names):
         raise SettingsError("near", f"{len(settings.near)} joint values; the robot has {len(robot.nominal.joint_names)}")
-    base, tool = (None if values is None else pose_of(values, name) for values, name in ((settings.base, "base"), (settings.tool, "tool")))
-    if base is not None or tool is not None:
-        robot = robot.stated(base, tool)
+    base, tool = _frame(settings.base, "base"), _frame(settings.tool, "tool")
+    seen = robot if base is None and tool is None else robot.stated(base, tool)
+    return lambda listing, dialect: (corrected_program(listing, dialect, seen, limits=_limits(settings), near=settings.near or ()), [])
+
+
+def _by_map(settings: Settings) -> Correcting:
+    import numpy as np
+
+    from lmeasure.foreign import columns_of
+    from lmeasure.robots.error_map import error_map
+    from lmeasure.robots.mapped_program import mapped_program
+    from lmeasure.robots.read_map import read_map
+
+    assert settings.map is not None
+    for name in ("near", "base"):
+        if getattr(settings, name) is not None:
+            raise SettingsError(name, "is for an identified robot; a map is told in the robot's base")
+    given = read_map(settings.map, columns_of(settings.columns))
+    try:
+        errors = error_map(given.poses, given.errors_mm, given.turns, turned=given.turned)
+    except RobotError as error:
+        raise RobotError(f"{settings.map}: {error}") from None
+    off = np.linalg.norm(errors.place.left_out, axis=1)
+    lines = [
+        f"map of {len(off)} points; left out in turn they are {off.mean():.4f} mm off in the mean, {off.max():.4f} at worst, "
+        f"{100 * errors.within:.1f} % within their u95"
+    ]
+    if not given.turned:
+        lines.append("note: the map has no orientations: every target is taken to have those that it was measured with")
+    tool = _frame(settings.tool, "tool")
+    if tool is None:
+        lines.append("note: no tool is stated (--tool): every target is taken to be told with the one that the map was measured with")
+    return lambda listing, dialect: (mapped_program(listing, dialect, errors, limits=_limits(settings), tool=tool), lines)
+
+
+def _frame(values: tuple[float, ...] | None, name: str) -> "FloatArray | None":
+    return None if values is None else pose_of(values, name)
+
+
+def _limits(settings: Settings) -> "Limits":
+    import numpy as np
+
+    from lmeasure.robots.correction import Limits
+
+    box = () if settings.keep_out is None else (np.array(settings.keep_out),)
+    return Limits(settings.most_mm, float(np.radians(settings.most_deg)), settings.clip, box)
+
+
+def _listing(settings: Settings) -> "tuple[Listing, Dialect]":
+    """The program with the frames that are stated, without the targets that are skipped; RobotError where nothing is left."""
+    from lmeasure.robots.dialects.known import dialect_of, opened
+    from lmeasure.robots.dialects.program_text import Unread
+
+    names = [path.name for path in settings.programs]
     sources = opened(settings.programs)
     dialect = dialect_of(settings.programs, sources, settings.dialect)
     stated = {} if settings.frames is None else read_frames(settings.frames)
@@ -100,28 +191,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
     if not listing.targets:
         first = f"; the first that was left: {listing.unread[0]}" if listing.unread else ""
         raise RobotError(f"{', '.join(names)}: no target that can be corrected as {dialect.name}{first}")
-    progress(0.2, "correcting")
-    box = () if settings.keep_out is None else (np.array(settings.keep_out),)
-    limits = Limits(settings.most_mm, float(np.radians(settings.most_deg)), settings.clip, box)
-    found = corrected_program(listing, dialect, robot, limits=limits, near=settings.near or ())
-    progress(0.9, "writing")
-    inputs = settings.paths().inputs
-    written = write_correction(settings.out, found, listing, robot, inputs=inputs, language=settings.language or of_terminal())
-    done = found.done
-    lines = [f"{found.changed} of {len(found.outcomes)} targets corrected ({dialect.name}), {len(listing.unread)} positions not read"]
-    figures: dict[str, float] = {"corrected": found.changed}
-    if done:
-        size, was = (max(getattr(o.correction, key) for o in done) for key in ("size_mm", "was_mm"))
-        worst = max(o.u95_mm for o in done)
-        lines.append(f"largest correction {size:.3f} mm; the identified robot was off by up to {was:.3f} mm")
-        lines.append(
-            f"U95 of where it goes now: {worst:.3f} mm at most" if np.isfinite(worst) else "U95 of where it goes now: cannot be told"
-        )
-        figures |= {"largest_correction_mm": size, "largest_error_before_mm": was, "largest_u95_mm": worst}
-    remarks = [f"{o.file}:{o.target.line}: {o.target.name}: {o.left}" for o in found.outcomes if o.left] + [str(u) for u in listing.unread]
-    lines += [f"left as it was: {text}" for text in remarks]
-    lines.append(f"written: {', '.join(str(settings.out / name) for name in written)}")
-    return Result(found, tuple(lines), figures, tuple(remarks))
+    return listing, dialect
 
 
 def read_frames(path: Path) -> "dict[str, FloatArray]":
