@@ -182,7 +182,7 @@ class ObservationPoint(Strict):
     u_position_mm: NotNegative | None = None
     """Standard uncertainty of each coordinate of B, where it is better or worse known than the usual 30 mm."""
     u_guide_deg: NotNegative | None = None
-    """Standard uncertainty of the guide's angles, where it is not the usual 5 degrees; beta's is more of a guide steeper than 60 degrees."""
+    """Standard uncertainty of the guide's angles, where it is not the usual 5 degrees; beta's is more where steeper than 60 degrees."""
     u_pulley_radius_mm: NotNegative | None = None
     """Standard uncertainty of `pulley_radius_mm`."""
     u_pulley_eccentricity_mm: NotNegative | None = None
