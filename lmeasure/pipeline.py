@@ -219,7 +219,7 @@ def simulate(
         content = scenario.model_dump(by_alias=True) if isinstance(scenario, simulation.Scenario) else dict(scenario or {})
         asked, named = simulation.scenario_from_dict({"schema": "lmeasure.scenario/1"} | content | options)
     if asked.robot is not None:
-        from lmeasure.chains.robot_scenario import simulate_robot
+        from lmeasure.robot_scenario import simulate_robot
 
         folder = Path(scenario).parent if isinstance(scenario, Path | str) else Path()
         return simulate_robot(asked, rig or named, folder).simulated

@@ -39,7 +39,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
         progress(1.0, "simulate")
         write_simulated(settings.out, simulated)
     else:
-        from lmeasure.chains.robot_scenario import simulate_robot, write_robot_run
+        from lmeasure.robot_scenario import simulate_robot, write_robot_run
 
         performed = simulate_robot(scenario, rig, settings.scenario.parent, str(settings.scenario))
         simulated, remarks = performed.simulated, performed.remarks

@@ -11,9 +11,9 @@ from lmeasure.certification.asked_tests import Tests
 from lmeasure.certification.campaign import campaign
 from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.cube import largest_cube
-from lmeasure.chains.robot_scenario import simulate_robot
 from lmeasure.cli import app
 from lmeasure.errors import FileFormatError, RobotError
+from lmeasure.robot_scenario import simulate_robot
 from lmeasure.robots.robot import read_robot
 from lmeasure.run import read_run
 from lmeasure.simulation import scenario_from_dict
