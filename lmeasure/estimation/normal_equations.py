@@ -1,4 +1,4 @@
-"""Least squares of many residuals and few parameters, with priors everywhere: Levenberg's steps by normal equations.
+"""Least squares of many residuals and few parameters, with priors everywhere: Levenberg's steps.
 
 For problems whose residuals come in small blocks that do not correlate with each other, thousands of them: a problem whitens its own
 residuals block by block, so that no covariance (e, e) is ever formed. The priors must be too wide to move what is determined.
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+import scipy.linalg
 
 from lmeasure.arrays import FloatArray
 
@@ -36,12 +37,13 @@ class Blockwise(Protocol[L]):
 
 @dataclass(frozen=True)
 class Optimum(Generic[L]):
-    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, chi2 of them, how many, whether it settled, and what is
-    predicted there."""
+    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, told: how many of the parameters they determine, those
+    that they and the priors do together in parts, chi2 of them, how many, whether it settled, and what is predicted there."""
 
     theta: FloatArray
     covariance: FloatArray
     information: FloatArray
+    told: float
     chi2: float
     equations: int
     converged: bool
@@ -50,37 +52,51 @@ class Optimum(Generic[L]):
 
 def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Optimum[L]:
     """The optimum near start (p,). at: what is predicted near start, where it is known already."""
-    theta, damping = start.copy(), 0.0
+    theta, damping, width = start.copy(), 0.0, problem.width
     at = problem.linearised(theta) if at is None else at
-    prior = 1.0 / problem.width**2
     residuals, jacobian = problem.whitened(at)
-    now = float(residuals @ residuals + theta @ (prior * theta))
-    converged = False
-    information = jacobian.T @ jacobian
+    now = float(residuals @ residuals + (theta / width) @ (theta / width))
+    converged, triangle = False, _triangle(jacobian * width, residuals, theta / width)
     for _ in range(STEPS):
-        normal = information + np.diag(prior)
-        size = 1.0 / np.sqrt(np.diag(normal))
-        scaled, downhill = normal * np.outer(size, size), size * (jacobian.T @ residuals - prior * theta)
-        step = size * np.linalg.solve(scaled, downhill)
         # how far the whole step goes in standard uncertainties: one made short by damping says nothing of that
-        if float(step @ normal @ step) < SMALL**2:
+        if float(np.linalg.norm(triangle[:-1, -1])) < SMALL:
+            step = width * _solved(triangle)
             theta, converged, at = theta + step, True, problem.shifted(at, step)
             residuals = residuals - jacobian @ step
             break
         if damping > 0.0:
-            step = size * np.linalg.solve(scaled + damping * np.eye(len(size)), downhill)
+            held = np.diag(np.sqrt(damping) * np.linalg.norm(triangle[:-1, :-1], axis=0))
+            damped = np.vstack([triangle[:-1], np.column_stack([held, np.zeros(len(theta))])])
+            step = width * _solved(np.linalg.qr(damped, mode="r"))
+        else:
+            step = width * _solved(triangle)
         tried = problem.linearised(theta + step)
         r, j = problem.whitened(tried)
-        then = float(r @ r + (theta + step) @ (prior * (theta + step)))
+        then = float(r @ r + ((theta + step) / width) @ ((theta + step) / width))
         if then <= now:
             theta, at, residuals, jacobian, now = theta + step, tried, r, j, then
-            information = jacobian.T @ jacobian
+            triangle = _triangle(jacobian * width, residuals, theta / width)
             damping = damping / 10.0 if damping > 1e-9 else 0.0
         else:
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e8:
                 break
-    normal = information + np.diag(prior)
-    size = 1.0 / np.sqrt(np.diag(normal))
-    covariance = np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
-    return Optimum(theta, (covariance + covariance.T) / 2, information, float(residuals @ residuals), len(residuals), converged, at)
+    root = width[:, None] * scipy.linalg.solve_triangular(triangle[:-1, :-1], np.eye(len(theta)))
+    told = len(theta) - float(((root / width[:, None]) ** 2).sum())
+    return Optimum(theta, root @ root.T, jacobian.T @ jacobian, told, float(residuals @ residuals), len(residuals), converged, at)
+
+
+def _triangle(jacobian: FloatArray, residuals: FloatArray, off: FloatArray) -> FloatArray:
+    """(p + 1, p + 1) the triangle of a QR decomposition of residuals and priors, in prior widths, and what they are off in its last column.
+
+    Normal equations would square the ratio of a prior of a hundred metres to a residual of a micrometre, and lose what only priors hold.
+    """
+    p = len(off)
+    rows = np.vstack([np.column_stack([jacobian, residuals]), np.column_stack([np.eye(p), -off])])
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def _solved(triangle: FloatArray) -> FloatArray:
+    """(p,) the step to where the residuals and priors of a triangle are least."""
+    p = triangle.shape[1] - 1
+    return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p]))

@@ -12,7 +12,7 @@ from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.frame_start import find_frames
-from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, repeated
+from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, named_alike, repeated
 from lmeasure.robots.noted import Noted, noted
 from lmeasure.robots.parallel.leg_start import legs_at
 from lmeasure.robots.parallel.model import Parallel
@@ -150,7 +150,7 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     settings = settings or Settings()
     rows, findings = _reached(robot, rows)
     kept = np.ones(len(rows), np.bool_)
-    findings += _copies(rows, kept) + _beyond_limits(robot, rows)
+    findings += _copies(rows, kept) + _named_alike(rows, np.flatnonzero(kept)) + _beyond_limits(robot, rows)
     frames = find_frames(robot.forward(rows.joints, rows.side), rows, settings.seed)
     unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows)
     begin = Noise(0.0, 0.0) if not settings.own_noise else Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
@@ -158,7 +158,7 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     problem = Problem(unknowns, rows.of(np.flatnonzero(used)), begin, settings.own_noise)
     fit = with_noise(problem, _begun(robot, unknowns, problem.rows))
     if settings.outliers:
-        fit, used = _without_outliers(fit, rows, kept)
+        fit, used = _without_outliers(fit, rows, kept, used)
     findings += _outlying(fit, rows, kept, used)
     nominal = State(robot, frames.base, frames.targets, frames.stations)
     found = Identified(robot, fit, rows, used, (), nominal, settings)
@@ -255,6 +255,26 @@ def _copies(rows: Measurements, kept: BoolArray) -> list[Noted]:
     return out
 
 
+def _named_alike(rows: Measurements, of: IntArray) -> list[Noted]:
+    """Names that several rows have: the first of them, and how many more; of repetitions how far they are apart at most."""
+    moved, again = named_alike(rows, of)
+    out = []
+    if moved:
+        row, earlier = moved[0]
+        said = {"row": rows.subject(row), "earlier": rows.subject(earlier), "count": len(moved)}
+        out.append(noted("same-name", "same_name.joints", rows.names[row], float(len(moved)), **said))
+    if again:
+        many, one = np.array(again).T
+        apart = np.linalg.norm(rows.position[many] - rows.position[one], axis=1)
+        lengths = np.abs(rows.length_mm[many] - rows.length_mm[one])
+        off = np.where(np.isnan(apart), lengths, apart)
+        worst = int(np.argmax(off))
+        row, earlier = again[worst]
+        said = {"row": rows.subject(row), "earlier": rows.subject(earlier), "count": len(again), "off_mm": float(off[worst])}
+        out.append(noted("same-name", "same_name.repeated", rows.names[row], float(off[worst]), **said))
+    return out
+
+
 def _beyond_limits(robot: R, rows: Measurements) -> list[Noted]:
     low, high = robot.limits
     beyond = (rows.joints < low - 1e-9) | (rows.joints > high + 1e-9)
@@ -268,17 +288,16 @@ def _beyond_limits(robot: R, rows: Measurements) -> list[Noted]:
     return out
 
 
-def _distances(fit: Fit[R], rows: Measurements) -> tuple[FloatArray, IntArray]:
+def _distances(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatArray, IntArray]:
     """(N,) squared distance of each row's residual from nothing in its own covariance, that of the prediction included or taken off by
-    whether the row has made it, and how many components it has."""
+    whether the row was used for it (N,), and how many components it has."""
     problem = fit.problem
     residuals, jacobian = problem.unknowns.linearised(fit.x, rows)
     jacobian = jacobian * problem.unknowns.size
     known = rows.known
     covariance = replace(problem, rows=rows).covariance
     explained = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2)
-    inside = set(problem.rows.names) if len(set(rows.names)) == len(rows.names) else set()
-    sign = np.array([-1.0 if name in inside else 1.0 for name in rows.names])[:, None, None]
+    sign = np.where(used, -1.0, 1.0)[:, None, None]
     spread = covariance + sign * explained * (known[:, :, None] & known[:, None, :])
     # a row that alone determines something leaves no residual to judge it by
     value, vector = np.linalg.eigh(spread)
@@ -287,20 +306,19 @@ def _distances(fit: Fit[R], rows: Measurements) -> tuple[FloatArray, IntArray]:
     return np.asarray((white**2).sum(axis=1)), np.asarray(known.sum(axis=1))
 
 
-def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray) -> tuple[Fit[R], BoolArray]:
+def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> tuple[Fit[R], BoolArray]:
     """The fit with rows set aside that the others contradict, and which are used: begun with those nearest, then let in as they fit.
 
     Distances are judged by their median, which half of the rows may spoil.
     """
-    used = kept.copy()
     for _ in range(OUTLIER_ROUNDS):
-        square, components = _distances(fit, rows)
+        square, components = _distances(fit, rows, used)
         normal = chi2.ppf(0.5, np.arange(1, 7))[np.maximum(components, 1) - 1]
         counted = kept & (components > 0)
         scale = max(1.0, float(np.median((square / normal)[counted]))) if fit.equations > 1.5 * len(fit.theta) else 1.0
         limit = chi2.isf(OUTLYING / len(rows), np.maximum(components, 1)) * scale
         now = kept & ((square <= limit) | (components == 0))
-        if (now == used).all() and len(fit.problem.rows) == now.sum():
+        if (now == used).all():
             break
         used = now
         fit = with_noise(replace(fit.problem, rows=rows.of(np.flatnonzero(used))), fit.theta)

@@ -163,6 +163,23 @@ def repeated(rows: Measurements) -> list[tuple[int, int]]:
     return out
 
 
+def named_alike(rows: Measurements, of: IntArray) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Rows among those given whose name an earlier one of them has, each with that one: with other joint values; and with the same, where
+    the same target was measured, from the same station if from any."""
+    moved, again = [], []
+    first: dict[str, int] = {}
+    once: dict[tuple[str, int, int], int] = {}
+    for i in of.tolist():
+        earlier = first.setdefault(rows.names[i], i)
+        if not np.array_equal(rows.joints[i], rows.joints[earlier]):
+            moved.append((i, earlier))
+            continue
+        same = once.setdefault((rows.names[i], int(rows.target_of[i]), int(rows.station_of[i])), i)
+        if same != i:
+            again.append((i, same))
+    return moved, again
+
+
 def _numbered(names: Sequence[str] | None, n: int, alone: str) -> tuple[tuple[str, ...], IntArray]:
     """Different names in order of appearance and (n,) which of them each row has; an empty name is `alone`, or -1 where that is empty."""
     given = [""] * n if names is None else list(names)

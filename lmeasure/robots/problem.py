@@ -101,8 +101,8 @@ class Fit(Optimum[Linear], Generic[R]):
 
     @property
     def spare(self) -> float:
-        """Residuals less what they determine: the trace of information times covariance."""
-        return self.equations - float(np.sum(self.information * self.covariance))
+        """Residuals less what they determine."""
+        return self.equations - self.told
 
     @property
     def freedom(self) -> float:

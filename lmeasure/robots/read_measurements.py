@@ -13,6 +13,9 @@ from lmeasure.foreign import Column, ForeignTable
 from lmeasure.robots.measurements import Measurements, measured
 from lmeasure.robots.model import RobotModel
 
+OF_THE_PLACE = ("x", "y", "z", "length")
+"""What columns of the measured place are called, and joints are not told by."""
+
 
 def read_measurements(
     path: Path,
@@ -92,9 +95,9 @@ def names_of(table: ForeignTable) -> list[str]:
 
 
 def _joint(table: ForeignTable, i: int, name: str, slides: bool) -> FloatArray:
-    """(n,) values [rad, mm] of a joint, under its own name or its number."""
+    """(n,) values [rad, mm] of a joint, under its own name or its number; a gantry's x is not that of the measured place."""
     unit = "mm" if slides else "deg"
-    key = name if table.find(name, unit) else f"joint_{i + 1}"
+    key = name if name not in OF_THE_PLACE and table.find(name, unit) else f"joint_{i + 1}"
     values = table.numbers(key, unit)
     if slides:
         return values

@@ -57,6 +57,7 @@ def test_the_optimum_is_that_of_all_residuals_and_priors(width: tuple[float, flo
     np.testing.assert_allclose((found.theta - exact.x) / u, 0.0, atol=1e-3)
     np.testing.assert_allclose(found.covariance / np.outer(u, u), covariance / np.outer(u, u), atol=1e-3)
     np.testing.assert_allclose(found.information, J.T @ J, rtol=1e-3)
+    assert found.told == pytest.approx(float(np.trace(J.T @ J @ covariance)), rel=1e-3)
     assert found.chi2 == pytest.approx(float(np.sum(problem.both(exact.x)[:20] ** 2)), rel=1e-6)
     # what is predicted there
     np.testing.assert_allclose(found.at[0], found.theta, rtol=1e-12)

@@ -204,6 +204,34 @@ def test_outliers_copies_and_limits_are_named() -> None:
     assert np.linalg.norm(predict(found, later.joints).pose[:, :3] - later.position, axis=1).mean() < 0.06
 
 
+def test_names_that_stand_twice_are_named_and_judge_nothing(tmp_path: Path) -> None:
+    """Of other joint values, and of repetitions how far they are apart; several targets of one pose are no repetition. Which rows are
+    outliers does not depend on names."""
+    rng = np.random.default_rng(9)
+    rows = seen(built(shipped("generic6"), rng), 60, rng)
+    place = rows.position.copy()
+    place[7] += [0.0, 3.0, 0.0]
+    names = [f"P{i}" for i in range(60)]
+    order, twice = np.r_[np.arange(60), 11, 12], [*names, "P11", "P12"]
+    twice[30], twice[31] = "P1", "P2"
+    again = place[order]
+    again[60] += [0.03, 0.0, 0.0]
+    again[61] += [0.0, 0.05, 0.0]
+    bad = measured(rows.joints[order], again, names=twice, u_position_mm=0.02).of_lines(range(2, 64))
+    robot = shipped("generic6").model
+    found = identify(robot, bad)
+    said = [f for f in found.findings if f.code == "same-name"]
+    assert [(f.of, f.value) for f in said] == [("P1", 2.0), ("P12", pytest.approx(0.05))]
+    assert said[0].text == "row P1 (line 32): has the name of row P1 (line 3) and other joint values, as 2 rows have; all are used"
+    assert said[1].said.text("ru").startswith("строка P12 (номер в файле 63) и строка P12 (номер в файле 14): одно имя")
+    assert found.kept.sum() == 61
+    alone = identify(robot, measured(rows.joints[order], again, u_position_mm=0.02))
+    np.testing.assert_array_equal(found.kept, alone.kept)
+    np.testing.assert_array_equal(found.fit.theta, alone.fit.theta)
+    two = measured(rows.joints[order], again, names=twice, target=["a"] * 60 + ["b"] * 2, u_position_mm=0.02)
+    assert [f.of for f in identify(robot, two).findings if f.code == "same-name"] == ["P1"]
+
+
 def test_files_of_others_are_read(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     rows = seen(built(shipped("ur5"), rng), 12, rng)
