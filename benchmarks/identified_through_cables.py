@@ -177,24 +177,44 @@ def robots(count: int, kinds: Sequence[str] = KINDS) -> list[str]:
     return lines
 
 
+def linear_square(base: FloatArray, flange: FloatArray, tool: FloatArray, noise: FloatArray, u: FloatArray) -> float:
+    """The squared distance of a least squares of the exactly linear model with the same errors noise (N, 6), in its own covariance: that
+    of their part along the derivatives at the true frames."""
+    n = len(flange)
+    there = se3.compose(se3.compose(np.tile(base, (n, 1)), flange), np.tile(tool, (n, 1)))
+    columns = []
+    for k in range(12):
+        h = np.zeros(12)
+        h[k] = 1e-6 if k % 6 < 3 else 1e-3
+        ends = []
+        for x in (h, -h):
+            y, z = (np.tile(se3.displaced(a, part), (n, 1)) for a, part in ((base, x[:6]), (tool, x[6:])))
+            ends.append((se3.displacement(se3.compose(se3.compose(y, flange), z), there) / u).reshape(-1))
+        columns.append((ends[0] - ends[1]) / np.abs(ends[0] - ends[1]).max())
+    Q, _ = np.linalg.qr(np.column_stack(columns))
+    return float(((Q.T @ noise.reshape(-1)) ** 2).sum())
+
+
 def frame_draws(count: int) -> list[str]:
-    """Base and tool of 12 poses, 0.05 mm and 0.2 mrad stated: the truth within the joint 95 % region, and the cost beside SciPy's."""
-    inside, costs = 0, []
-    limit = scipy.stats.chi2.ppf(0.95, 12)
-    u = np.repeat([2e-4, 0.05], 3)
+    """Base and tool of 12 poses: the truth within the joint 95 % region, beside that of an exactly linear model with the same errors; with
+    0.05 mm and 0.2 mrad stated, and with nothing stated, by Hotelling's region; and the cost beside SciPy's."""
+    costs: list[float] = []
+    inside, linear, hotelling, off_linear = 0, 0, 0, 0.0
+    limit, u = scipy.stats.chi2.ppf(0.95, 12), np.repeat([2e-4, 0.05], 3)
     for k in range(count):
         rng = np.random.default_rng([SEED, 9, k])
         base, tool = (se3.pose(rng.uniform(-s, s, 3), Rotation.random(rng=rng)) for s in (1500.0, 150.0))
         flange = se3.pose(rng.uniform(-600, 600, (12, 3)), Rotation.random(12, rng=rng))
         there = se3.compose(se3.compose(np.tile(base, (12, 1)), flange), np.tile(tool, (12, 1)))
-        seen = se3.displaced(there, u * rng.normal(size=(12, 6)))
-        given = poses_from_rows(seen).with_uncertainty(0.05, 2e-4)
-        found = frames(poses_from_rows(flange), given)
-        state, fit = found.state, found.fit
-        off = np.concatenate([se3.displacement(a[None], b[None])[0] for a, b in ((base, state.base), (tool, state.targets[0]))])
-        size = fit.problem.unknowns.size
-        inside += bool((off / size) @ np.linalg.solve(fit.covariance, off / size) <= limit)
+        noise = rng.normal(size=(12, 6))
+        seen = se3.displaced(there, u * noise)
+        found = frames(poses_from_rows(flange), poses_from_rows(seen).with_uncertainty(0.05, 2e-4))
+        square, exact = off_square(found, base, tool), linear_square(base, flange, tool, noise, u)
+        inside, linear, off_linear = inside + (square <= limit), linear + (exact <= limit), max(off_linear, abs(square / exact - 1.0))
+        untold = frames(poses_from_rows(flange), poses_from_rows(seen))
+        hotelling += off_square(untold, base, tool) <= 12.0 * scipy.stats.f.ppf(0.95, 12, untold.fit.freedom)
         if k < 20:
+            state = found.state
 
             def cost(x: FloatArray, state: Any = state, flange: FloatArray = flange, seen: FloatArray = seen) -> FloatArray:
                 y, z = (se3.displaced(a[None], part[None])[0] for a, part in ((state.base, x[:6]), (state.targets[0], x[6:])))
@@ -204,15 +224,26 @@ def frame_draws(count: int) -> list[str]:
             other = scipy.optimize.least_squares(
                 cost, 1e-4 * rng.normal(size=12), x_scale=np.tile(u, 2), xtol=1e-15, ftol=1e-15, gtol=1e-15
             )
-            costs.append((fit.chi2 - 2.0 * other.cost) / (2.0 * other.cost))
-    p = scipy.stats.binomtest(inside, count, 0.95).pvalue
+            costs.append((found.fit.chi2 - 2.0 * other.cost) / (2.0 * other.cost))
+    p = [scipy.stats.binomtest(int(n), count, 0.95).pvalue for n in (inside, linear, hotelling)]
     lines = [
-        "| draws | truth within the joint 95 % region, % | two-sided p | chi-squared less SciPy's, relative, worst of 20 |",
-        "|---|---|---|---|",
-        f"| {count} | {100 * inside / count:.2f} | {p:.2g} | {max(costs, key=abs):.1e} |",
+        "| draws | truth within the joint 95 % region, % | two-sided p | of the exactly linear model with the same errors, % | two-sided p "
+        "| its squared distance less ours, relative, at most | nothing stated, Hotelling's region, % | two-sided p "
+        "| chi-squared less SciPy's, relative, worst of 20 |",
+        "|---" * 9 + "|",
+        f"| {count} | {100 * inside / count:.2f} | {p[0]:.2g} | {100 * linear / count:.2f} | {p[1]:.2g} | {off_linear:.0e} "
+        f"| {100 * hotelling / count:.2f} | {p[2]:.2g} | {max(costs, key=abs):.1e} |",
     ]
     print(lines[-1], flush=True)
     return lines
+
+
+def off_square(found: Any, base: FloatArray, tool: FloatArray) -> float:
+    """The squared distance of the truth from the frames found, in the covariance stated of them."""
+    state, fit = found.state, found.fit
+    off = np.concatenate([se3.displacement(a, b) for a, b in ((base, state.base), (tool, state.targets[0]))])
+    off /= fit.problem.unknowns.size
+    return float(off @ np.linalg.solve(fit.covariance, off))
 
 
 def main() -> None:

@@ -36,6 +36,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     import math
 
     import numpy as np
+    import scipy.stats
 
     from lmeasure import files
     from lmeasure.poses import read_poses
@@ -49,8 +50,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
     progress(0.9, "writing")
     fit, state = found.fit, found.state
     u = np.sqrt(np.diag(fit.covariance))
+    # where the residuals tell what the poses scatter by, they do so from so many of them
+    factor = float(scipy.stats.t.ppf(0.975, fit.freedom if found.settings.own_noise else np.inf))
     parameters: list[dict[str, Any]] = [
-        {"name": name, "value": float(value), "u": float(s), "unit": "deg" if name.endswith("_deg") else "mm"}
+        {"name": name, "value": float(value), "u": float(s), "u95": factor * float(s), "unit": "deg" if name.endswith("_deg") else "mm"}
         for name, value, s in zip(fit.problem.names, fit.problem.unknowns.values(fit.x), u, strict=True)
     ]
     silent_texts = [s.text for s in unknown_frames(fit)]
@@ -68,7 +71,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
         "inputs": [{"file": str(p), "sha256": files.sha256(p)} for p in (settings.robot, settings.measured)],
     }
     files.write_text(settings.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
-    lines = [f"{p['name']:12s} {p['value']:14.5f}  u {p['u']:.3g} {p['unit']}" for p in parameters]
+    lines = [f"{p['name']:12s} {p['value']:14.5f}  u {p['u']:.3g}, u95 {p['u95']:.3g} {p['unit']}" for p in parameters]
     lines += [f"{found.kept.sum()} poses; residuals {np.linalg.norm(found.errors_mm()[found.kept], axis=1).mean():.4f} mm in the mean"]
     lines += [*silent_texts, *(f"warning {f.code}: {f.text}" for f in found.findings), f"written: {settings.out}"]
     return Result(found, tuple(lines), {p["name"]: p["value"] for p in parameters}, tuple(f.text for f in found.findings))
