@@ -32,6 +32,10 @@ LIKELY = 0.5
 """Of the rests or rows, whichever are fewer: so many at least must find their like."""
 STILL_JOINT = 1e-3
 """Rad or mm by which joint values may change in a rest; more, and the clocks are not the same."""
+FUNCTIONS = 16
+"""Smooth ones of which a field nobody describes may be a sum."""
+FAR_REACHING = 3.0
+"""Over how many times the spread of the poses its longer half is correlated."""
 SMALL = 1e-9
 """Of the largest: errors that rows have in common and that are as good as none."""
 
@@ -56,8 +60,8 @@ class Rests:
 def rests_of(trajectory: Trajectory, model: ErrorModel | None = None) -> Rests:
     """The rests of a trajectory, their poses the means over where the robot had settled.
 
-    model: of the trajectory's errors, as of a run; by default what its file states, whose systematic part is taken for one that varies
-    evenly over the measured places (`_even`). A rest's own error is that of one sample: counts of a robot that stands repeat their
+    model: of the trajectory's errors, as of a run; by default what its file states, whose systematic part is taken for fields
+    over the measured poses (`fields_over`). A rest's own error is that of one sample: counts of a robot that stands repeat their
     rounding. RobotError where there are too few.
     """
     positions = trajectory.poses[:, :3]
@@ -71,10 +75,10 @@ def rests_of(trajectory: Trajectory, model: ErrorModel | None = None) -> Rests:
     parts = [slice(*np.searchsorted(trajectory.time_s, (start - 1e-9, end + 1e-9))) for start, end in windows]
     poses = np.array([mean_pose(trajectory.poses[part]) for part in parts])
     middles = np.array([(part.start + part.stop - 1) // 2 for part in parts], dtype=np.int64)
-    errors = _even(trajectory, middles, poses) if model is None else model.at(trajectory, middles)[0]
+    errors = _of_file(trajectory, middles, poses) if model is None else model.at(trajectory, middles)[0]
     whole = np.array([(trajectory.time_s[rest.start], trajectory.time_s[rest.stop - 1]) for rest in found])
     stated = ("position" not in trajectory.absent, "rotation" not in trajectory.absent and not np.isnan(poses[:, 3]).all())
-    return Rests(windows, whole, poses, errors.random, _independent(errors.factors), stated)
+    return Rests(windows, whole, poses, errors.random, independent(errors.factors), stated)
 
 
 def matched(found: Rests, commanded: Commanded, robot: RobotModel) -> tuple[Measurements, list[Noted]]:
@@ -182,18 +186,36 @@ def _between(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     return 2.0 * np.arccos(alike), np.linalg.norm(poses[:, None, :3] - poses[None, :, :3], axis=2)
 
 
-def _even(trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
-    """Errors by a trajectory file alone, which does not say how its systematic ones belong together: each component is taken for an even
-    field over the measured places, a constant and a slope along each axis. All alike would be lost in where the robot stands, and all for
-    themselves would fade in the mean; what a calibration errs by is neither."""
-    off = poses[:, :3] - poses[:, :3].mean(axis=0)
-    basis = np.column_stack([np.ones(len(off)), off / max(float(np.sqrt((off**2).sum(axis=1).mean() / 3.0)), 1e-9)])
-    basis /= np.linalg.norm(basis, axis=1)[:, None]
+def _of_file(trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
+    """Errors by a trajectory file alone, which does not say how its systematic ones belong together: each component is taken for a field
+    over the measured poses (`fields_over`)."""
     own = symmetric_root(trajectory.systematic[samples])
+    basis = fields_over(poses)
     return PoseErrors.of(symmetric_root(trajectory.random[samples]), np.einsum("nij,nb->nijb", own, basis).reshape(len(own), 6, -1))
 
 
-def _independent(factors: FloatArray) -> FloatArray:
+def fields_over(poses: FloatArray) -> FloatArray:
+    """(n, b) functions of poses (n, 7), of which systematic errors that nobody describes may be sums with normal factors.
+
+    All errors alike would be lost in where the robot stands, and all for themselves would fade in the mean; what an instrument errs by is
+    neither, and which of its fields a robot's parameters follow most is not known. So two kinds have the whole stated variance each: fields
+    that are even, a constant and a slope along each axis; and smooth ones, half of them correlated over the spread of the places, half over
+    three times that of places and turns. With half the variance for each, fields of one kind alone would be understated
+    (`benchmarks/uneven_fields.py`).
+    """
+    off = poses[:, :3] - poses[:, :3].mean(axis=0)
+    spread = max(float(np.sqrt((off**2).sum(axis=1).mean())), 1e-9)
+    turns, ways = _between(poses)
+    far = (ways / spread) ** 2
+    typical = float(np.mean(np.nan_to_num(turns) ** 2)) / 2.0
+    turned = far + (turns**2 / typical if typical > 1e-12 and not np.isnan(turns).any() else 0.0)
+    values, vectors = np.linalg.eigh(np.exp(-far / 2.0) + np.exp(-turned / (2.0 * FAR_REACHING**2)))
+    smooth = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, : -FUNCTIONS - 1 : -1]
+    parts = (np.column_stack([np.ones(len(off)), np.sqrt(3.0) * off / spread]), smooth)
+    return np.hstack([part / np.linalg.norm(part, axis=1)[:, None] for part in parts])
+
+
+def independent(factors: FloatArray) -> FloatArray:
     """(n, 6, K) factors (n, 6, L) in as few variables as they have, rotations weighed by their own size."""
     if not factors.any():
         return factors[:, :, :0]
