@@ -4,9 +4,10 @@
 
 A six-axis arm with normal errors of 0.3 mm and 0.5 mrad in every parameter of its links, 60 poses in the cable cell of tests/authorities,
 stated of each: 0.01 mm and 0.03 mrad by itself, and systematic ones. What the latter really are is drawn for each robot: a constant with
-slopes along the axes; normal fields in each coordinate whose correlation falls with the distance d as exp(-d^2 / 2 L^2), L in parts of the places' rms
-distance from their middle; and what a cable cell's zeroings and points do that are off by 0.02 mm each, as after a calibration. At each
-place their standard uncertainties are those stated. The probabilities are two-sided, of one parameter and one prediction of each robot.
+slopes along the axes; normal fields in each coordinate whose correlation falls with the distance d as exp(-d^2 / 2 L^2), L in parts of the
+places' rms distance from their middle; and what a cable cell's zeroings and points do that are off by 0.02 mm each, as after a
+calibration. At each place their standard uncertainties are those stated. The probabilities are two-sided, of one parameter and one
+prediction of each robot.
 """
 
 import argparse
