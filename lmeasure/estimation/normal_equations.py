@@ -67,7 +67,7 @@ def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Op
         if damping > 0.0:
             held = np.diag(np.sqrt(damping) * np.linalg.norm(triangle[:-1, :-1], axis=0))
             damped = np.vstack([triangle[:-1], np.column_stack([held, np.zeros(len(theta))])])
-            step = width * _solved(np.linalg.qr(damped, mode="r"))
+            step = width * _solved(np.asarray(np.linalg.qr(damped, mode="r")))
         else:
             step = width * _solved(triangle)
         tried = problem.linearised(theta + step)
