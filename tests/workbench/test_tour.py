@@ -36,7 +36,8 @@ def there(page: str, points_at: str) -> bool:
 def test_every_stop_is_reached_by_its_button_and_points_at_something(tmp_path: Path) -> None:
     some_files_of_the_demo(tmp_path)
     with client(tmp_path) as asked:
-        address, visited = "/?tour=1", []
+        address = "/?tour=1"
+        visited: list[str] = []
         while address:
             answer = asked.get(address)
             assert answer.status_code == 200, address
