@@ -16,6 +16,7 @@ from browser import LOOK, Page, opened  # noqa: E402
 from clicks import ENDED, fill, now, press, visit  # noqa: E402
 from test_buses import a_group  # noqa: E402
 from test_check import Bench, two_cables  # noqa: E402
+from test_tour import some_files_of_the_demo  # noqa: E402
 
 PAGES = (
     "/",
@@ -30,17 +31,22 @@ PAGES = (
     "/commands",
     "/api",
     "/run/structure",
+    "/details",
+    "/trend",
+    "/?tour=1",
     "/nowhere",
 )
 
 
-def looked_at(page: Page, base: str, widths: dict[str, tuple[int, ...]], *, quick: bool = False) -> list[Any]:
+def looked_at(
+    page: Page, base: str, widths: dict[str, tuple[int, ...]], paths: tuple[str, ...] = PAGES, *, quick: bool = False
+) -> list[Any]:
     """What is wrong with how pages look, in languages at widths, and what axe-core finds. quick: every other page, others in each
     language."""
     wrong: list[Any] = []
     for i, (language, wide) in enumerate(widths.items()):
         press(page, f".language [value={language}]", f"document.documentElement?.lang === '{language}'")
-        for path in PAGES[i % 2 :: 2] if quick else PAGES:
+        for path in paths[i % 2 :: 2] if quick else paths:
             visit(page, base, path)
             for width in wide:
                 page.resize(width)
@@ -51,10 +57,19 @@ def looked_at(page: Page, base: str, widths: dict[str, tuple[int, ...]], *, quic
 
 @pytest.mark.slow
 def test_every_page_at_every_width(tmp_path: Path) -> None:
-    """In both languages, with a rig in the project."""
+    """In both languages, with a rig, a run, a trajectory and a certificate in the project."""
     write_rig(tmp_path / "rig.toml", two_cables())
+    some_files_of_the_demo(tmp_path)
+    more = (
+        "/trajectory/cell/trajectory.parquet",
+        "/look/cell/certificate",
+        "/look/cell/run",
+        "/start/cell/run",
+        "/run/certify",
+        "/run/zone",
+    )
     with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
-        assert looked_at(page, address.split("/?")[0], dict.fromkeys(("ru", "en"), (390, 1024, 1400, 2560))) == []
+        assert looked_at(page, address.split("/?")[0], dict.fromkeys(("ru", "en"), (390, 1024, 1400, 2560)), (*PAGES, *more)) == []
 
 
 def test_a_rig_is_begun_changed_and_every_page_stands(tmp_path: Path) -> None:

@@ -1,0 +1,46 @@
+"""Two tabs, a reload in the middle, the button back: what was typed and what runs is still there."""
+
+import sys
+from pathlib import Path
+
+from bench import client, served
+
+from lmeasure.rig import read_rig, write_rig
+from lmeasure.simulation import cell_rig
+from lmeasure.workbench import rig_form
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from browser import opened
+from clicks import ended, fill, press, visit
+
+
+def test_what_was_typed_outlives_a_reload_and_the_button_back(tmp_path: Path) -> None:
+    with served(tmp_path / "project") as address, opened(address, tmp_path / ".profile") as page:
+        base = address.split("/?")[0]
+        visit(page, base, "/run/init")
+        fill(page, "form[data-command=init]", out="mine")
+        shown = "document.querySelector('form[data-command=init] [name=out]')?.value"
+        page.evaluate("location.reload()")
+        page.wait(f"document.readyState === 'complete' && {shown} === 'mine'")
+        page.wait("document.querySelector('[data-line]').textContent.includes(' mine ')")
+        press(page, "form[data-command=init] button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
+        page.evaluate("location.reload()")  # in the middle of the job
+        page.wait("document.readyState === 'complete'")
+        assert ended(page) == 1
+        page.evaluate("history.back()")
+        page.wait(f"location.pathname === '/run/init' && document.readyState === 'complete' && {shown} === 'mine'")
+        assert page.errors == []
+    assert read_rig(tmp_path / "project" / "mine" / "rig.toml")
+
+
+def test_of_two_tabs_the_second_does_not_write_over_the_first(tmp_path: Path) -> None:
+    write_rig(tmp_path / "rig.toml", cell_rig(0))
+    _, digest = rig_form.read(tmp_path / "rig.toml")
+    with client(tmp_path) as asked:
+        first = {"_file": "rig.toml", "_digest": digest, "observation_point.0.position_mm.0": "111"}
+        assert asked.post("/rig", data=first).status_code == 303
+        second = asked.post("/rig", data=first | {"observation_point.0.position_mm.0": "222"})
+        assert second.status_code == 422
+        assert "was changed meanwhile" in second.text
+        assert 'value="222"' in second.text
+    assert read_rig(tmp_path / "rig.toml").observation_point[0].position_mm[0] == 111.0
