@@ -98,6 +98,16 @@ class PlayedCell:
         """Whether something is still being done."""
         return bool(self._rows)
 
+    @property
+    def cables(self) -> list[str]:
+        """Names of what a hand can pull or turn."""
+        return [o.name for o in self._observed]
+
+    @property
+    def poses(self) -> list[str]:
+        """Names of where the robot can be sent."""
+        return [] if self._poses is None else list(self._poses.names)
+
     def stands_at(self) -> list[float]:
         """Where the robot stands or goes, as it is told: x, y, z [mm] and the angles of the rig's convention."""
         turn = angles_from_rotation(self.rig.angles, se3.rotation(self._here[None]))[0]

@@ -124,6 +124,7 @@ def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
         "status": "ok",
         "u95_mm": u95_mm(watch),
         "position_mm": [float(v) for v in latest.pose[:3]],
+        "angles": watch.angles(),
         "quaternion_xyzw": [float(v) for v in latest.pose[3:]],
         "worst_pressure_angle_deg": _number(latest.worst_pressure_angle_deg),
         "text": "",
@@ -160,7 +161,7 @@ _moved = Paced("moved")
 
 def played(cell: "PlayedCell") -> None:
     """What a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is told."""
-    _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at())
+    _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at(), cables=cell.cables, poses=cell.poses)
 
 
 _played = Paced("cell")

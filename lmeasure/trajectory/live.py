@@ -14,6 +14,7 @@ from lmeasure import se3
 from lmeasure.acquisition.samples import Samples
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.conventions import angles_from_rotation, convention
 from lmeasure.counts import Counts
 from lmeasure.encoder_table import Swivel
 from lmeasure.errors import LMeasureError, TrajectoryError
@@ -68,7 +69,7 @@ class LivePose:
             raise TrajectoryError(f"rig {rig.name!r}: a live pose leaves out the play of swivels, which this rig states")
         if start is None and not enough_absolute(rig):
             known(None, f"rig {rig.name!r}", rig)
-        self.channels = tuple(o.channel for o in rig.observed)
+        self.channels, self.angles = tuple(o.channel for o in rig.observed), rig.angles
         self.why = "" if start is not None else "no attempt to find the start yet"
         self._rig, self._start, self._calibration, self._aside = rig, start, calibration, aside
         self.learns = True
@@ -234,6 +235,15 @@ class PoseWatch:
             self.poses += self.latest.status == "ok"
             self._time_s = time_s
         self._finished = time.time()
+
+    def angles(self) -> list[tuple[str, float]]:
+        """Angles of the latest pose in the rig's convention: name and value [deg]."""
+        if self.latest is None:
+            return []
+        known = convention(self._live.angles)
+        values = angles_from_rotation(self._live.angles, se3.rotation(self.latest.pose[None]))[0]
+        degrees = np.degrees(values) if known.columns[0].endswith("_rad") else values
+        return [(c.rsplit("_", 1)[0], float(v)) for c, v in zip(known.columns, degrees, strict=True)]
 
     def covariance(self) -> FloatArray | None:
         """(6, 6) covariance of the latest pose, of one `COVARIANCE_EVERY_S` ago at most; None where there is no pose."""

@@ -1,7 +1,7 @@
 """What pages and the API share: the state of one server, and how errors and files are answered."""
 
 import mimetypes
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.templating import Jinja2Templates
 
-from lmeasure.workbench import guard, tour
+from lmeasure.workbench import buses, guard, tour
 from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
 from lmeasure.workbench.words import preferred, said
@@ -33,7 +33,7 @@ class Bench:
     @property
     def project(self) -> Project:
         """As it is now."""
-        return look_at(self.folder)
+        return replace(look_at(self.folder), known=buses.known(self.jobs))
 
 
 def bench_of(request: Request) -> Bench:
@@ -52,19 +52,12 @@ def page(request: Request, name: str, status: int = 200, **values: Any) -> Respo
     """A page from its template, with the words of its reader."""
     language = language_of(request)
     bench = bench_of(request)
-    running = bench.jobs.running()
     stop = tour.shown(bench.project, asked) if (asked := request.query_params.get("tour", "")) else None
+    known = {"language": language, "bench": bench, "running": bench.jobs.running(), "playing": buses.playing(bench.jobs), "tour": stop}
     return TEMPLATES.TemplateResponse(
         request,
         name,
-        {
-            "_": lambda text, **more: said(language, text, **more),
-            "language": language,
-            "bench": bench,
-            "running": running,
-            "tour": stop,
-            **values,
-        },
+        {"_": lambda text, **more: said(language, text, **more), **known, **values},
         status_code=status,
     )
 

@@ -27,7 +27,7 @@ PAGES = {
     "check": Page(
         "Connect and check",
         "Which channel is which cable, which way it counts and how much it has to give: a person pulls, the counters tell.",
-        ("check",),
+        ("check", "play"),
         ("rig",),
     ),
     "live": Page("Live", "Record a pass of the motion and see counts, speeds, faults and the pose while it comes.", ("record",), ("run",)),
@@ -59,6 +59,8 @@ PAGES = {
 FIRST = {
     "init": ("template", "out"),
     "check": ("rig", "bus", "write"),
+    "play": ("rig", "poses", "commands", "exchange"),
+    "scan": ("bus", "seconds"),
     "record": ("rig", "bus", "out", "seconds", "start"),
     "plan-poses": ("rig", "out", "poses"),
     "capture": ("rig", "poses", "bus", "out", "by"),
@@ -75,6 +77,8 @@ FIRST = {
 TITLES = {
     "init": "Begin a rig",
     "check": "Self-test",
+    "play": "A simulated cell on a bus",
+    "scan": "Adapters and who speaks",
     "record": "Record",
     "plan-poses": "Plan reference poses",
     "capture": "Capture the poses",
@@ -101,6 +105,8 @@ TITLES = {
 VERBS = {
     "init": "Write the rig",
     "check": "Begin the self-test",
+    "play": "Play it",
+    "scan": "Listen",
     "record": "Record",
     "plan-poses": "Plan",
     "capture": "Begin",
@@ -113,6 +119,7 @@ VERBS = {
 NEEDS = {
     "check": ("rig", "There is no rig yet: begin one on the page Rig."),
     "plan-poses": ("rig", "There is no rig yet: begin one on the page Rig."),
+    "play": ("rig", "There is no rig yet: begin one on the page Rig."),
     "record": ("rig", "There is no rig yet: begin one on the page Rig."),
     "capture": ("poses", "There are no poses yet: plan them first."),
     "zone": ("rig", "There is no rig yet: begin one on the page Rig."),

@@ -1,5 +1,6 @@
 """Forms of commands: their fields from the models of their settings, and what was filled in as a checked command line."""
 
+import hashlib
 import json
 import re
 import shlex
@@ -35,6 +36,7 @@ KINDS = {
     "details": ("details",),
     "task": ("placement",),
     "zone": ("zone",),
+    "commands": ("commands",),
     "identified": ("identification",),
     "measured": ("run", "trajectory"),
     "key": ("key",),
@@ -76,6 +78,8 @@ SUGGESTED = {
     ("structure", "out"): "+structure.json",
 }
 """What a page fills in; after + a name that must be free."""
+TAKEN = {("play", "poses"), ("play", "commands")}
+"""What is not required, and taken where the project has it."""
 _SPLIT = re.compile(r"[,;=:\s]")
 _FLAG = re.compile(r"--[a-z][a-z0-9-]*")
 
@@ -126,8 +130,9 @@ def fields(
         offers = offered(command, option.name, project)
         value = values.get(option.name)
         if value is None and given is None:
-            only = offers[0] if option.required and offers else ""
-            value = only or suggested(command, option.name, project) or option.default
+            only = offers[0] if (option.required or (command, option.name) in TAKEN) and offers else ""
+            known = "" if command == "play" else project.known.get(option.name, "")  # which plays on no bus that others use
+            value = only or known or suggested(command, option.name, project) or option.default
         text = "\n".join(map(str, value)) if isinstance(value, list | tuple) else "" if value is None else str(value)
         own = error.text if error is not None and error.option == option.name else ""
         out.append(FieldOf(option, text, offers, own, labels))
@@ -147,6 +152,8 @@ def offered(command: str, name: str, project: Project) -> tuple[str, ...]:
 
 def suggested(command: str, name: str, project: Project) -> str:
     """A name for what will be written, or what this page usually asks for; names that are taken get a number."""
+    if (command, name) == ("play", "bus"):
+        return own_bus(project.folder)
     text = SUGGESTED.get((command, name), "")
     if not text or not text.startswith("+"):
         return text
@@ -156,6 +163,12 @@ def suggested(command: str, name: str, project: Project) -> str:
         number += 1
         free = path.with_name(f"{path.stem}-{number}{path.suffix}")
     return free.as_posix()
+
+
+def own_bus(folder: Path) -> str:
+    """A bus of this machine on which a project's simulated cell speaks, and no other project's."""
+    told = hashlib.sha256(str(folder.resolve()).encode()).digest()
+    return f"udp_multicast:239.74.{1 + told[0] % 250}.{1 + told[1] % 250}"
 
 
 def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]:

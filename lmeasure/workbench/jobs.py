@@ -78,6 +78,7 @@ class Jobs:
         self.home = folder / OWN / "jobs"
         self.jobs: dict[int, Job] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._beginning = asyncio.Lock()
         for path in sorted(self.home.glob("[0-9]*")):
             if (job := _read(path)) is not None:
                 self.jobs[job.number] = job
@@ -91,7 +92,13 @@ class Jobs:
         return [job for job in self.all() if job.state == RUNNING]
 
     async def begin(self, words: list[str]) -> Job:
-        """Begin a command in the project folder; words are those after `lmeasure`, in which no path is absolute."""
+        """Begin a command in the project folder; words are those after `lmeasure`, in which no path is absolute. One that is at work
+        already, asked for by another page or a second click, is that job."""
+        async with self._beginning:
+            same = next((job for job in self.running() if job.words == words), None)
+            return same or await self._begin(words)
+
+    async def _begin(self, words: list[str]) -> Job:
         number = max(self.jobs, default=0) + 1
         folder = self.home / f"{number:04}"
         while True:  # another workbench may have the same folder open

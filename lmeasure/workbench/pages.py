@@ -33,7 +33,7 @@ STEP_NAMES = {
 
 
 LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "Every dimension of the instrument, in plain files."}
-OWN = ("runs", "robot", "zone")
+OWN = ("runs", "robot", "zone", "check")
 """Pages of commands that have something of their own above them."""
 
 
@@ -54,6 +54,8 @@ async def cards(request: Request) -> Response:
     name = request.url.path.strip("/")
     here, project = PAGES[name], bench.project
     made = [one for one in project.found if one.kind in here.kinds]
+    if name == "live" and (recording := next((job for job in bench.jobs.running() if job.command == "record"), None)) is not None:
+        return RedirectResponse(f"/jobs/{recording.number}", 303)
     shown = [card(command, project, page=name) for command in here.commands]
     values: dict[str, Any] = {"title": here.title, "lead": here.lead, "cards": shown, "made": made}
     if name == "runs":
@@ -169,6 +171,14 @@ async def events(request: Request) -> Response:
     return StreamingResponse(stream(), media_type="text/event-stream")
 
 
+async def last(request: Request) -> Response:
+    """How a job stands, and the last of each passing event."""
+    found = job_of(request)
+    if found is None:
+        return JSONResponse({"error": "no such job"}, 404)
+    return JSONResponse({"state": found.state, "result": found.result, "last": found.last})
+
+
 async def answer(request: Request) -> Response:
     """A line for a job that asks, or its end."""
     found, bench = job_of(request), bench_of(request)
@@ -209,6 +219,7 @@ def routes() -> Sequence[Route]:
         Route("/line/{command}", line, methods=["POST"]),
         Route("/jobs/{number:int}", job),
         Route("/jobs/{number:int}/events", events),
+        Route("/jobs/{number:int}/last", last),
         Route("/jobs/{number:int}/type", answer, methods=["POST"]),
         Route("/jobs/{number:int}/cancel", answer, methods=["POST"]),
         Route("/commands", all_commands),

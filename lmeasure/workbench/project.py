@@ -3,7 +3,7 @@
 import contextlib
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -38,6 +38,8 @@ class Project:
 
     folder: Path
     found: tuple[Found, ...] = field(repr=False, default=())
+    known: Mapping[str, str] = field(repr=False, default_factory=dict)
+    """What is known beside files, by options: the bus that is used, and where a simulated robot stands."""
 
     def of(self, kind: str) -> tuple[str, ...]:
         """Paths of a kind, those nearest to the top first."""
@@ -129,6 +131,8 @@ def _table(path: Path, here: str) -> Iterator[Found]:
         yield Found("trajectory", here)
     elif {"pose", "x_mm"} <= names:
         yield Found("poses", here)
+    elif {"command", "target", "move", "x_mm"} <= names:
+        yield Found("commands", here)
     elif {"name", "x_mm"} <= names and any(name.startswith("joint_") for name in names):
         yield Found("measurements", here)
 

@@ -16,6 +16,8 @@ for (const form of document.querySelectorAll('form[data-command]')) {
   renew();
 }
 
+if (document.getElementById('cell') || document.getElementById('scan') || document.getElementById('job')) await import('/static/bus.js');
+
 const job = document.getElementById('job');
 if (job && job.dataset.state === 'running') follow(job.dataset.number);
 
@@ -35,37 +37,15 @@ function follow(number) {
     typed: (e) => { line(`> ${e.text}`, 'typed'); at('asked').hidden = true; },
     state: (e) => { at('now').hidden = false; at('now').textContent = e.text; at('typing').hidden = false; },
     asked: (e) => { at('asked').hidden = false; at('asked').textContent = e.of ? `${e.number}/${e.of}  ${e.text}` : e.text; at('typing').hidden = false; },
-    live: show,
     end: () => { source.close(); location.reload(); },
   };
   const source = new EventSource(`/jobs/${number}/events`);
   source.onopen = () => { log.replaceChildren(); };
-  source.onmessage = (message) => { const event = JSON.parse(message.data); told[event.event]?.(event); };
+  source.onmessage = (message) => { const event = JSON.parse(message.data); told[event.event]?.(event); document.dispatchEvent(new CustomEvent('told', {detail: event})); };
   const type = (text) => post(`/jobs/${number}/type`, {line: text});
-  for (const button of document.querySelectorAll('[data-type]')) button.addEventListener('click', () => type(button.dataset.type));
+  job.addEventListener('click', (event) => { const button = event.target.closest('[data-type]'); if (button) type(button.dataset.type); });
   at('answer')?.addEventListener('submit', (event) => { event.preventDefault(); type(at('said').value); at('said').value = ''; });
   at('cancel')?.addEventListener('click', () => { at('cancel').disabled = true; post(`/jobs/${number}/cancel`, {}); });
-}
-
-function show(e) {
-  const at = (id) => document.getElementById(id);
-  if (!at('live')) return;
-  at('live').hidden = false;
-  const number = (v, digits) => v === null || v === undefined ? '–' : v.toFixed(digits);
-  at('pose').textContent = e.pose.status === 'ok' ? e.pose.position_mm.map((v) => number(v, 3)).join('   ') + ' mm' : e.pose.status;
-  at('pose-note').textContent = e.pose.text;
-  at('live-seconds').textContent = number(e.seconds, 1);
-  at('live-samples').textContent = e.samples;
-  at('live-latency').textContent = e.latency_s === null ? '–' : number(1e3 * e.latency_s, 1);
-  at('live-faults').textContent = Object.entries(e.faults).map(([kind, n]) => `${n} ${kind}`).join(', ') || '0';
-  const body = at('channels').tBodies[0];
-  while (body.rows.length < e.channels.length) { const row = body.insertRow(); for (let i = 0; i < 3; i++) row.insertCell(); }
-  e.channels.forEach((c, i) => {
-    const row = body.rows[i];
-    row.cells[0].textContent = c.name; row.cells[1].textContent = number(c.count, 0); row.cells[2].textContent = number(c.mm_s, 1);
-    row.className = Math.abs(c.mm_s ?? 0) > 0.5 ? 'moves' : '';
-  });
-  at('live').dataset.sent = e.sent_s ?? '';
 }
 
 for (const drop of document.querySelectorAll('form.drop')) {

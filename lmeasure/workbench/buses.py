@@ -1,0 +1,34 @@
+"""Buses of a project: which is used, and the simulated cell that plays on one."""
+
+from lmeasure.workbench import forms
+from lmeasure.workbench.jobs import Job, Jobs
+
+
+def playing(jobs: Jobs) -> Job | None:
+    """The simulated cell that is being played."""
+    return next((job for job in jobs.running() if job.command == "play"), None)
+
+
+def known(jobs: Jobs) -> dict[str, str]:
+    """The bus that is used, by the options of commands: that of the cell that is played, with where its robot is at home, else that of the
+    last job that had one."""
+    cell = playing(jobs)
+    last = cell or next((job for job in jobs.all() if job.command in ("check", "capture", "record", "scan") and _bus(job)), None)
+    if last is None or not (bus := _bus(last)) or bus.startswith(("replay:", "simulated:")):
+        return {}
+    given = forms.of_words(last.command, last.words)
+    told = {"bus": bus, "bus_option": "\n".join(given.get("bus_option", []))}
+    state = {} if cell is None else cell.last.get("cell", {})
+    if state.get("at") == "home":
+        told["start"] = ",".join(f"{v:.9g}" for v in state["pose"])
+    return {key: text for key, text in told.items() if text}
+
+
+def _bus(job: Job) -> str:
+    """The bus of a job's command line, as it was or by default."""
+    given = forms.of_words(job.command, job.words)
+    if job.command == "play":
+        from lmeasure.workflows.play import GROUP
+
+        return str(given.get("bus") or GROUP)
+    return str(given.get("bus", ""))

@@ -1,0 +1,221 @@
+// What comes over a bus: who speaks, what moves, a recording, a capture; and the simulated cell that is told what to do.
+const at = (id) => document.getElementById(id);
+const number = (v, digits) => (v === null || v === undefined ? '–' : v.toFixed(digits));
+const make = (name, text = '', kind = '') => { const e = document.createElement(name); e.textContent = text; if (kind) e.className = kind; return e; };
+const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form)});
+const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+// what a list shows is changed, not made anew: a click on it is not lost
+const rows = (list, count, row) => {
+  while (list.children.length > count) list.lastChild.remove();
+  while (list.children.length < count) list.append(row());
+  return [...list.children];
+};
+
+// ---- the simulated cell ----
+const cell = at('cell');
+let act = '', goal = '';
+if (cell) {
+  const type = (line) => post(`/jobs/${cell.dataset.number}/type`, {line});
+  cell.addEventListener('click', (event) => {
+    const button = event.target.closest('button');
+    if (!button) return;
+    if (button.id === 'cell-asked') type(act || `go ${goal}`);
+    else if (button.dataset.cable) { type(`${button.classList.contains('out') ? 'let' : 'pull'} ${button.dataset.cable}`); button.classList.toggle('out'); name(button); }
+    else if (button.dataset.do) type(button.dataset.do);
+  });
+  const name = (button) => { button.textContent = `${button.dataset.cable}: ${button.classList.contains('out') ? cell.dataset.let : cell.dataset.pull}`; };
+  const show = (told) => {
+    at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at}: ${told.pose.map((v) => v.toFixed(2)).join(', ')}`;
+    rows(at('cell-cables'), told.cables.length, () => { const b = make('button'); b.type = 'button'; return b; })
+      .forEach((b, i) => { if (b.dataset.cable !== told.cables[i]) { b.dataset.cable = told.cables[i]; name(b); } });
+    rows(at('cell-poses'), told.poses.length, () => { const b = make('button'); b.type = 'button'; return b; })
+      .forEach((b, i) => { b.dataset.do = `go ${told.poses[i]}`; b.textContent = `${cell.dataset.go} ${told.poses[i]}`; });
+  };
+  (async () => {
+    while (true) {
+      const told = await fetch(`/jobs/${cell.dataset.number}/last`).then((a) => (a.ok ? a.json() : null)).catch(() => null);
+      if (told?.last.cell && !document.hidden) show(told.last.cell);
+      if (told && told.state !== 'running') { cell.remove(); return; }
+      await pause(document.hidden ? 2000 : 400);
+    }
+  })();
+}
+function wanted() {
+  const button = at('cell-asked');
+  if (!button) return;
+  button.hidden = !(act || goal);
+  button.textContent = act ? `${cell.dataset.asked}: ${act}` : `${cell.dataset.go} ${goal}`;
+}
+
+// ---- adapters and who speaks ----
+const scan = at('scan');
+if (scan) {
+  const field = (name) => document.querySelector(`form[data-command=check] [name=${name}]`);
+  let running = 0;
+  const begin = async (settings) => {
+    at('scan-error').hidden = true;
+    const head = {'Content-Type': 'application/json'};
+    const answer = await fetch('/api/jobs', {method: 'POST', headers: head, body: JSON.stringify({command: 'scan', settings})});
+    const job = await answer.json();
+    if (!answer.ok) { at('scan-error').hidden = false; at('scan-error').textContent = job.error; return null; }
+    scan.querySelector('.line code').textContent = job.line;
+    running = job.number; at('scan-end').hidden = false;
+    while (true) {
+      const told = await fetch(`/jobs/${job.number}/last`).then((a) => a.json());
+      if (told.last.progress) at('scan-doing').textContent = told.last.progress.text;
+      if (told.last.scan) spoken(told.last.scan);
+      if (told.state !== 'running') {
+        running = 0; at('scan-end').hidden = true; at('scan-doing').textContent = '';
+        if (told.result?.error) { at('scan-error').hidden = false; at('scan-error').textContent = told.result.error; }
+        return told.result;
+      }
+      await pause(150);
+    }
+  };
+  const spoken = (told) => {
+    at('scan-lines').hidden = false;
+    rows(at('scan-lines').tBodies[0], told.lines.length, () => { const r = make('tr'); for (let i = 0; i < 4; i++) r.append(make('td')); r.lastChild.append(make('code')); return r; })
+      .forEach((r, i) => {
+        const line = told.lines[i], bytes = line.data ? line.data.split(' ') : [];
+        [line.name, String(line.frames), line.rate_hz.toFixed(1)].forEach((text, j) => { r.cells[j].textContent = text; });
+        rows(r.cells[3].firstChild, bytes.length, () => make('span')).forEach((s, j) => { s.textContent = `${bytes[j]} `; s.className = line.lit[j] ? 'lit' : ''; });
+        r.className = line.lit.some(Boolean) ? 'lit' : '';
+      });
+  };
+  const use = (bus, options) => { for (const [name, text] of [['bus', bus], ['bus_option', options.join('\n')]]) { const f = field(name); if (f) { f.value = text; f.dispatchEvent(new Event('input', {bubbles: true})); } } };
+  at('scan-adapters').addEventListener('click', async () => {
+    const result = await begin({});
+    const found = result?.made ?? [], list = at('scan-found');
+    list.replaceChildren(...(found.length ? found : [null]).map((one) => {
+      if (one === null) return make('li', result?.error ? '' : scan.dataset.none);
+      const item = make('li'), button = make('button', scan.dataset.use);
+      button.type = 'button'; button.addEventListener('click', () => use(one.bus, one.options));
+      item.append(make('code', [one.bus, ...one.options].join(' ')), make('span', one.about), button);
+      return item;
+    }));
+  });
+  at('scan-listen').addEventListener('click', () => begin({bus: field('bus').value, bus_option: field('bus_option').value.split('\n').filter(Boolean), seconds: 30}));
+  at('scan-end').addEventListener('click', () => { if (running) post(`/jobs/${running}/cancel`, {}); });
+}
+
+// ---- a self-test: the line that moves lights up ----
+const told = {
+  asked: (e) => { act = e.act ?? ''; wanted(); },
+  typed: () => { act = ''; wanted(); },
+  moved: (e) => {
+    const list = at('lines');
+    if (!list || !e.channels.length) return;
+    list.hidden = false;
+    rows(list, e.channels.length, () => { const li = make('li'); li.append(make('span'), make('strong'), make('small')); return li; })
+      .forEach((li, i) => {
+        const c = e.channels[i], wrong = c.moves && !c.wanted && e.channels.some((o) => o.wanted);
+        li.className = wrong ? 'unwanted' : c.moves ? 'moves' : 'still';
+        li.children[0].textContent = c.channel; li.children[1].textContent = `${c.by >= 0 ? '+' : ''}${c.by.toFixed(1)} ${c.unit === 'mm' ? 'mm' : '°'}`;
+        li.children[2].textContent = wrong ? list.dataset.unwanted : '';
+      });
+  },
+  live: live,
+  capture: capture,
+};
+document.addEventListener('told', (event) => told[event.detail.event]?.(event.detail));
+
+// ---- a recording ----
+const ages = [];
+let before = null;
+function live(e) {
+  const box = at('live');
+  if (!box) return;
+  box.hidden = false;
+  const pose = at('pose'), ok = e.pose.status === 'ok';
+  if (ok) {
+    const lines = rows(pose, 4, () => { const d = make('div'); d.append(make('span'), make('output')); return d; });
+    ['x', 'y', 'z'].forEach((axis, i) => { lines[i].className = ''; lines[i].children[0].textContent = axis; lines[i].children[1].textContent = number(e.pose.position_mm[i], 2); });
+    lines[3].className = 'angles';
+    rows(lines[3], e.pose.angles.length, () => make('span')).forEach((s, i) => { s.textContent = `${e.pose.angles[i][0]} ${number(e.pose.angles[i][1], 3)}°`; });
+  } else {
+    const lines = rows(pose, 1, () => make('div'));
+    lines[0].replaceChildren(e.pose.status || '–'); lines[0].className = 'words';
+  }
+  at('pose-u95').textContent = ok && e.pose.u95_mm !== null ? `± ${number(e.pose.u95_mm, 3)} mm (95 %)` : '';
+  at('pose-note').textContent = e.pose.text;
+  rows(at('channels'), e.channels.length, () => { const li = make('li'); li.append(make('span'), make('strong'), make('small')); return li; })
+    .forEach((li, i) => {
+      const c = e.channels[i], kind = c.count === null ? 'silent' : Math.abs(c.mm_s ?? 0) > 0.5 ? 'moves' : 'still';
+      li.className = kind;
+      li.children[0].textContent = `${c.name} · ${box.dataset[kind]}`; li.children[1].textContent = number(c.count, 0); li.children[2].textContent = `${number(c.mm_s, 1)} mm/s`;
+    });
+  at('live-seconds').textContent = number(e.seconds, 1);
+  at('live-samples').textContent = e.samples;
+  if (before === null || e.seconds < before[0]) before = [e.seconds, e.samples, null];
+  if (e.seconds - before[0] >= 1) before = [e.seconds, e.samples, (e.samples - before[1]) / (e.seconds - before[0])];
+  at('live-rate').textContent = number(before[2], 0);
+  at('live-lost').textContent = e.lost;
+  at('live-faults').textContent = Object.entries(e.faults).map(([kind, n]) => `${n} ${kind}`).join(', ') || '0';
+  at('live-disk').textContent = e.disk_free === null ? '–' : number(e.disk_free / 1e9, 1);
+  if (e.newest_s !== null) {
+    // from a frame's own time, by this machine's clock, until it stands in the page
+    ages.push(Date.now() - 1e3 * e.newest_s);
+    if (ages.length > 200) ages.shift();
+    const sorted = [...ages].sort((a, b) => a - b), median = sorted[sorted.length >> 1];
+    at('live-screen').textContent = median >= 0 && median < 60000 ? number(median, 0) : '–';
+  }
+}
+
+// ---- a capture ----
+const LINES = ['worst', 'rms', 'position'];
+function capture(e) {
+  const box = at('capture');
+  if (!box) return;
+  box.hidden = false;
+  goal = e.pose ?? ''; wanted();
+  at('capture-pose').textContent = e.pose === null ? '' : `${e.pose}${e.back ? `: ${box.dataset.back}` : ''}`;
+  rows(at('capture-typed'), e.typed.length, () => { const d = make('div'); d.append(make('dt'), make('dd')); return d; })
+    .forEach((d, i) => { d.children[0].textContent = e.typed[i][0]; d.children[1].textContent = String(e.typed[i][1]); });
+  at('capture-lamp').className = `lamp ${e.state}`;
+  at('capture-state').textContent = `${box.dataset[e.state]} ${e.state === 'still' ? `${e.still_s.toFixed(1)} s` : e.channels.filter((c) => c.silent).map((c) => c.name).join(', ')}`;
+  at('capture-still').value = e.state === 'still' ? Math.min(e.still_s / e.needs_s, 1) : 0;
+  at('capture-doubt').hidden = !e.doubted; at('capture-doubt').textContent = e.doubted;
+  rows(at('capture-poses'), e.poses.length, () => { const li = make('li'), b = make('button'); b.type = 'button'; li.append(b); return li; })
+    .forEach((li, i) => {
+      const one = e.poses[i];
+      li.className = `${one.is === 'read' ? 'read' : one.is === 'open' ? 'open' : 'out'} ${one.name === e.pose ? 'wanted' : ''}`;
+      li.firstChild.textContent = one.name; li.firstChild.dataset.type = `go ${one.name}`;
+    });
+  rows(at('capture-readings').tBodies[0], e.readings.length, () => { const r = make('tr'); for (let i = 0; i < 4; i++) r.append(make('td')); return r; })
+    .forEach((r, i) => { const one = e.readings[i]; [one.pose, one.samples, one.spread, one.u_counts].forEach((v, j) => { r.cells[j].textContent = v; }); });
+  const key = JSON.stringify([e.worth, e.promised]);
+  if (key !== box.dataset.drawn) { box.dataset.drawn = key; plot(box, e.worth.filter((w) => w.enough), e.promised); }
+  const last = e.worth.at(-1);
+  at('capture-worth').textContent = last === undefined ? '' : last.enough
+    ? `${last.readings} ${box.dataset.readings}: ${LINES.map((k) => [k, last[`${k}_mm`]]).filter(([, v]) => v !== null).map(([k, v]) => `${box.dataset[k]} ${v.toPrecision(2)} mm`).join(', ')}`
+    : `${last.readings} ${box.dataset.readings}: ${box.dataset.few}`;
+}
+
+function plot(box, worth, promised) {
+  const picture = at('capture-plot'), draw = (name, values, text = '') => {
+    const e = document.createElementNS('http://www.w3.org/2000/svg', name);
+    for (const [key, value] of Object.entries(values)) e.setAttribute(key, value);
+    e.textContent = text; picture.append(e);
+  };
+  picture.replaceChildren();
+  const values = [...worth, ...(promised ? [promised] : [])].flatMap((w) => LINES.map((k) => w[`${k}_mm`])).filter((v) => v > 0);
+  if (!values.length) return;
+  const low = Math.floor(Math.log10(Math.min(...values))), high = Math.ceil(Math.log10(Math.max(...values)) + 1e-9);
+  const most = Math.max(promised?.readings ?? 0, worth.at(-1)?.readings ?? 0, 2);
+  const x = (n) => 60 + 430 * (n / most), y = (v) => 225 - 200 * (Math.log10(v) - low) / Math.max(high - low, 1);
+  for (let ten = low; ten <= high; ten++) { draw('line', {x1: 60, x2: 490, y1: y(10 ** ten), y2: y(10 ** ten)}); draw('text', {x: 52, y: y(10 ** ten) + 5, 'text-anchor': 'end'}, String(+(10 ** ten).toPrecision(1))); }
+  for (const n of [0, Math.round(most / 2), most]) draw('text', {x: x(n), y: 248, 'text-anchor': 'middle'}, String(n));
+  const ends = [];
+  for (const k of LINES) {
+    const points = worth.filter((w) => w[`${k}_mm`] > 0).map((w) => [x(w.readings), y(w[`${k}_mm`])]);
+    if (promised?.[`${k}_mm`] > 0) draw('line', {x1: 60, x2: 490, y1: y(promised[`${k}_mm`]), y2: y(promised[`${k}_mm`]), class: `promised ${k}`});
+    if (points.length) {
+      draw('polyline', {points: points.map((p) => p.join(',')).join(' '), class: k});
+      for (const [px, py] of points) draw('circle', {cx: px, cy: py, r: 3.5, class: k});
+    }
+    const end = points.at(-1)?.[1] ?? (promised?.[`${k}_mm`] > 0 ? y(promised[`${k}_mm`]) : null);
+    if (end !== null) ends.push([end, k]);
+  }
+  ends.sort((a, b) => a[0] - b[0]);
+  ends.reduce((above, [py, k]) => { const place = Math.max(py + 5, above + 17); draw('text', {x: 498, y: Math.min(place, 240), class: k}, box.dataset[k]); return place; }, 0);
+}
