@@ -11,7 +11,7 @@ from lmeasure import compiling
 from lmeasure.cli import events
 from lmeasure.cli.terminal import TypedLines, columns, fitted, state_line
 from lmeasure.cli.words import retold, said
-from lmeasure.errors import SettingsError
+from lmeasure.errors import CancelledError, SettingsError
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.check import Check, Step
@@ -82,8 +82,12 @@ def capturing(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
             if events.asked():
                 events.captured(session)
 
+        def progress(fraction: float, text: str) -> None:
+            if events.asked() and keys.gone:  # whoever asked for it: it ends as by Ctrl-C
+                raise CancelledError
+
         if on_terminal or events.asked():
-            return workflow.run(settings, say=say, keys=keys, ask=ask if on_terminal else keys.answer, show=show)
+            return workflow.run(settings, progress, say=say, keys=keys, ask=ask if on_terminal else keys.answer, show=show)
         return workflow.run(settings, say=say, keys=keys)
 
 

@@ -18,6 +18,8 @@ BUILT = "How the cell differs from its rig"
 GROUP = "udp_multicast:239.74.163.2"
 AT_ONCE_S = 0.02
 """Rows that are made at once, and how long a line waits at most."""
+SILENT_S = 0.5
+"""How long nobody may be heard there before."""
 
 
 class Settings(Asked):
@@ -74,6 +76,9 @@ def run(
         bus = open_bus()
     except Exception as error:  # each driver has its own way to say that there is no such device
         raise LMeasureError(f"{settings.bus}: cannot be opened: {' '.join(str(error).split()) or type(error).__name__}") from error
+    if bus.recv(SILENT_S) is not None:
+        bus.shutdown()
+        raise LMeasureError(f"{settings.bus}: somebody speaks there already, such as another simulated cell; end it, or choose another bus")
     rows, due = 0, time.perf_counter()
     at_once = max(1, round(AT_ONCE_S * settings.rate_hz))
     say(f"{rig.name} speaks on {settings.bus}, {settings.rate_hz:g} samples/s of {', '.join(f.channel for f in fields)}")
