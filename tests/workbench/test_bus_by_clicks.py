@@ -11,7 +11,6 @@ from bench import served
 
 from lmeasure.counts import read_counts
 from lmeasure.files import read_table
-from lmeasure.poses import read_poses
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
 
@@ -80,7 +79,7 @@ def test_who_speaks_a_capture_and_a_recording_by_clicks(tmp_path: Path) -> None:
         press(page, "#cancel", ENDED)
         assert [error for error in page.errors if "404" not in error] == []
     table = read_table(tmp_path / "campaign" / "counts.csv")
-    assert list(dict.fromkeys(table.text("pose"))) == read_poses(tmp_path / "campaign" / "reference_poses.csv", rig.angles).names[:3]
+    assert list(dict.fromkeys(table.text("pose"))) == ["1", "2", "3"]
     assert np.isfinite(read_counts(tmp_path / "run" / "pass1.csv").recorded).all()
 
 
