@@ -78,6 +78,7 @@ LABELS = {
     "loaded": "Times of forces",
     "loads": "Loads",
     "logs": "Logs",
+    "map": "Map of errors",
     "max_length_mm": "Longest cable",
     "max_wrap_deg": "Largest wrap",
     "measured": "Run or trajectory",

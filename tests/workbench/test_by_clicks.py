@@ -56,8 +56,9 @@ def looked_at(
 
 
 @pytest.mark.slow
-def test_every_page_at_every_width(tmp_path: Path) -> None:
-    """In both languages, with a rig, a run, a trajectory and a certificate in the project."""
+@pytest.mark.parametrize("language", ["ru", "en"])
+def test_every_page_at_every_width(language: str, tmp_path: Path) -> None:
+    """In a language, with a rig, a run, a trajectory and a certificate in the project."""
     write_rig(tmp_path / "rig.toml", two_cables())
     some_files_of_the_demo(tmp_path)
     more = (
@@ -69,7 +70,7 @@ def test_every_page_at_every_width(tmp_path: Path) -> None:
         "/run/zone",
     )
     with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
-        assert looked_at(page, address.split("/?")[0], dict.fromkeys(("ru", "en"), (390, 1024, 1400, 2560)), (*PAGES, *more)) == []
+        assert looked_at(page, address.split("/?")[0], {language: (390, 1024, 1400, 2560)}, (*PAGES, *more)) == []
 
 
 def test_a_rig_is_begun_changed_and_every_page_stands(tmp_path: Path) -> None:
