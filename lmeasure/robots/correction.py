@@ -117,7 +117,8 @@ def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: Floa
 
     krl: bit i of T is set where axis i + 1 is negative; bit 0 of S behind the first axis, bit 1 with the elbow up. rapid: cf1, cf4, cf6
     are the quarters of axes 1, 4, 6, floor(q / 90 degrees); cfx 4 and more behind the first axis, odd where axis 5 is negative. fanuc:
-    whole turns of axes 1, 4, 6, T in front of the first axis. Where the arm stands is told of elbow arms with a spherical wrist alone.
+    whole turns of axes 1, 4, 6, T in front of the first axis, U with the elbow up; of N and F it is not known which way axis 5 counts.
+    Where the arm stands is told of elbow arms with a spherical wrist alone.
     """
     if not isinstance(robot, SerialRobot) or robot.sliding.any() or len(joints) != 6:
         return True
@@ -132,7 +133,7 @@ def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: Floa
         return quarters and (arm is None or ((flags["cfx"] >= 4) == arm[0] and wrist))
     if dialect == "fanuc" and "turn1" in flags:
         turns = all(int(np.round(q[i] / 360.0)) == flags[f"turn{k}"] for k, i in ((1, 0), (2, 3), (3, 5)))
-        return turns and (arm is None or bool(flags["front"]) != arm[0])
+        return turns and (arm is None or (not bool(flags["front"]), bool(flags["up"])) == arm)
     return True
 
 

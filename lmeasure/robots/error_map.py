@@ -5,11 +5,12 @@ process of Matern's covariance with nu = 5/2 (Stein, Interpolation of Spatial Da
 their places in parts of one length and their rotation matrices in parts of an angle (their chord, |R - R'| / sqrt 2, is the angle for
 small ones; a Euclidean distance, so that the covariance is one). Length, angle and the noise's share are those of the largest restricted
 likelihood (Patterson and Thompson, Biometrika 58, 1971), in common for the three components; each has its own size. What leaving out each
-point in turn gives (Dubrule, Math. Geology 15, 1983, in closed form) widens what is stated where it was too little.
+point in turn gives (Dubrule, Math. Geology 15, 1983, in closed form), and folds that are tuned anew, widen what is stated where it was too
+little.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
@@ -29,6 +30,9 @@ TURN_RAD = math.radians(5.0)
 """By which an orientation may differ from the nearest that was measured."""
 FLAT = 1e-3
 """Of the largest extent: a direction in which places differ less is none of the region's."""
+FOLDS = 5
+STARTS = [[0.5, 1e-2, 0.5], [0.2, 0.3, 2.0], [5.0, 1e-4, 5.0]]
+"""Length in parts of the extent, noise's share and angle from which the largest likelihood is looked for."""
 TUNED = 300
 """Points, drawn from all, by which length, angle and noise are found where there are more."""
 NUGGET = 1e-10
@@ -182,9 +186,23 @@ def _covariance(a: FloatArray, b: FloatArray, length_mm: float, angle_rad: float
 
 
 def _process(poses: FloatArray, errors: FloatArray) -> Process:
+    """Widened by what folds show of points that neither the prediction nor what it was tuned by has seen."""
+    found = _fitted(poses, errors)
+    order, ratios = np.random.default_rng(1).permutation(len(poses)), []
+    for part in np.array_split(order, FOLDS):
+        others = np.setdiff1d(order, part)
+        fold = replace(_fitted(poses[others], errors[others], found), misfit=1.0)
+        value, u = fold.at(poses[part])
+        stated = radii_95((u**2 + fold.noise**2)[:, :, None] * np.eye(3))
+        ratios += list(np.linalg.norm(errors[part] - value, axis=1) / np.maximum(stated, 1e-300))
+    return replace(found, misfit=max(found.misfit, float(np.quantile(ratios, 0.95))))
+
+
+def _fitted(poses: FloatArray, errors: FloatArray, near: Process | None = None) -> Process:
+    """near: what it is tuned from."""
     n = len(poses)
     part = np.arange(n) if n <= TUNED else np.sort(np.random.default_rng(0).permutation(n)[:TUNED])
-    length, angle, share = _tuned(poses[part], errors[part])
+    length, angle, share = _tuned(poses[part], errors[part], near)
     L, M, trend, rest = _solved(poses, errors, length, angle, share=share)
     H = _affine(poses, poses)
     sizes = (rest**2).sum(axis=0) / (n - H.shape[1])
@@ -198,7 +216,7 @@ def _process(poses: FloatArray, errors: FloatArray) -> Process:
     return Process(poses, L, weights, trend, M, sizes, length, angle, share, left_out, u, misfit)
 
 
-def _tuned(poses: FloatArray, errors: FloatArray) -> tuple[float, float, float]:
+def _tuned(poses: FloatArray, errors: FloatArray, near: Process | None) -> tuple[float, float, float]:
     """Length [mm], angle [rad] and the noise's share of the largest restricted likelihood; of orientations that are all one, an angle
     without meaning."""
     n, q = len(poses), _affine(poses, poses).shape[1]
@@ -217,7 +235,9 @@ def _tuned(poses: FloatArray, errors: FloatArray) -> tuple[float, float, float]:
 
     parts = 2 if flat else 3
     bounds = list(zip(np.log([0.02, SPREAD[0], 0.02])[:parts], np.log([20.0, SPREAD[1], 20.0])[:parts], strict=True))
-    starts = np.log([[0.5, 1e-2, 0.5], [0.2, 0.3, 2.0], [5.0, 1e-4, 5.0]])[:, :parts]
+    begin = STARTS if near is None else [[near.length_mm / extent, near.share, near.angle_rad]]
+    low, high = np.array(bounds).T
+    starts = np.clip(np.log(np.array(begin)[:, :parts]), low, high)
     found = [minimize(unlikely, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}) for start in starts]
     return read(min(found, key=lambda f: float(f.fun)).x)
 

@@ -174,7 +174,9 @@ def test_what_configurations_say() -> None:
             assert fits("krl", {"S": int(behind) + 2 * int(up), "T": t ^ int(wrong)}, robot, q) != wrong
             assert fits("rapid", quarters | {"cfx": cfx ^ (4 * int(wrong))}, robot, q) != wrong
             assert fits("rapid", quarters | {"cf4": quarters["cf4"] + int(wrong), "cfx": cfx}, robot, q) != wrong
-            assert fits("fanuc", {"turn1": 0, "turn2": 0, "turn3": 0, "front": int(behind == wrong)}, robot, q) != wrong
+            turns = {"turn1": 0, "turn2": 0, "turn3": 0}
+            assert fits("fanuc", turns | {"front": int(behind == wrong), "up": int(up)}, robot, q) != wrong
+            assert fits("fanuc", turns | {"front": int(not behind), "up": int(up != wrong)}, robot, q) != wrong
     assert fits("ur-script", {}, robot, q)
     assert fits("krl", {}, robot, q)
 

@@ -19,6 +19,7 @@ _POSITION = re.compile(r"^[ \t]*P\[\s*(\d+)[^\]]*\]\s*(?=\{)", re.M)
 _MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCA])\s+(.*?);", re.M | re.S)
 _NAMED = re.compile(r"\b(PR?)\[\s*([^\]:]*)[^\]]*\]")
 _BY_DIFFERENCE = re.compile(r"\b(Offset|Tool_Offset|INC|VOFFSET|TRACK)\b", re.I)
+_ASSIGNED = re.compile(r"^[ \t]*\d*\s*:\s*P\[\s*(\d+)[^\]]*\]\s*=", re.M)
 _FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
 _CURRENT = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME_NUM|UTOOL_NUM)\s*=\s*(\w+)", re.M)
 _FIELD = re.compile(rf"\b([XYZWPR]|J[1-6])\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
@@ -59,6 +60,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
                 first.setdefault(int(number), m.start(2) + register.start())
     current = {"UF": {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UFRAME_NUM"}}
     current["UT"] = {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UTOOL_NUM"}
+    changed = {int(m[1]): source.line(m.start(1)) for m in _ASSIGNED.finditer(text, *body)}
     for m in _POSITION.finditer(text, *positions):
         number, end = int(m[1]), closing(text, m.end(), "{}")
         name = f"P[{number}]"
@@ -68,6 +70,8 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
         differences = sorted(d for d in used.get(number, set()) if d)
         if number not in used:
             leave(m.start(), f"{name}: no motion goes to it")
+        elif number in changed:
+            leave(m.start(), f"{name}: is changed by the program in {source.name}:{changed[number]}")
         elif differences:
             leave(m.start(), f"{name}: is moved to with {', '.join(differences)}")
         else:

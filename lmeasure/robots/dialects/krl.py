@@ -6,12 +6,13 @@ aggregate; BAS(#BASE, n), BAS(#TOOL, n); FDAT of inline forms. X.. in mm and A, 
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from lmeasure.arrays import FloatArray
 from lmeasure.robots.dialects.euler import of_angles
+from lmeasure.robots.dialects.frame_flow import Event, State, states
 from lmeasure.robots.dialects.program_text import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, masked, pieces
 
 NULL = "$NULLFRAME"
@@ -19,12 +20,16 @@ POSE, AXES = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7))
 _DECLARED = re.compile(r"^[ \t]*(?:(?:GLOBAL|DECL|CONST)\s+)*(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)\s+(\$?\w+)\s*=\s*(?=\{)", re.I | re.M)
 _DATA = re.compile(r"\b((?:BASE|TOOL)_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(?=\{)", re.I)
 _STATEMENT = re.compile(
-    r"^[ \t]*(?:(?P<move>S?(?:PTP|LIN|CIRC)(?:_REL)?)\b[ \t]*(?P<rest>.*)"
-    r"|\$(?P<frame>BASE|TOOL)\s*=\s*(?P<value>.*)"
+    r"^[ \t]*(?:(?P<move>S?(?:PTP|LIN|CIRC)(?:_REL)?|SPL)\b[ \t]*(?P<rest>.*)"
+    r"|\$(?P<frame>BASE|TOOL)\s*(?:\.\s*\w+\s*=|=\s*(?P<value>.*))"
+    r"|(?:GLOBAL\s+)?(?P<block>IF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP"
+    r"|DEF|DEFFCT)\b(?:(?<=DEF)\s+(?P<def>\w+)|(?<=DEFFCT)\s+\w+\s+(?P<fct>\w+))?"
     r"|BAS\s*\(\s*#(?P<bas>BASE|TOOL)\s*,\s*(?P<number>\d+)\s*\)"
-    r"|FDAT_ACT\s*=\s*(?P<fdat>\w+))",
+    r"|FDAT_ACT\s*=\s*(?P<fdat>\w+)"
+    r"|(?P<call>[A-Z]\w*)\s*\((?P<given>.*)\))",
     re.I | re.M,
 )
+_ASSIGNED = re.compile(r"^[ \t]*(\w+(?:\s*\[\s*\d+\s*\])?)[ \t]*(\.[ \t]*\w+[ \t]*)?=(?!=)", re.M)
 _FIELD = re.compile(rf"([A-Z]\w*)\s+({NUMBER})", re.I)
 _pose, _numbers = of_angles("kuka-abc")
 
@@ -43,6 +48,7 @@ class _Reader:
         self.frames: dict[str, FloatArray] = {NULL: np.array(IDENTITY)}
         self.used: dict[str, set[tuple[str, str]]] = {}
         self.first: dict[str, tuple[int, int]] = {}
+        self.changed: dict[str, str] = {}
         self.targets: list[Target] = []
         self.unread: list[Unread] = []
 
@@ -50,7 +56,8 @@ class _Reader:
         for k in range(len(self.sources)):
             self._declared(k)
         for k in range(len(self.sources)):
-            self._moved(k)
+            self._assigned(k)
+        self._moved()
         for name, (k, kind, span) in self.points.items():
             self._point(name, k, kind, span)
         return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
@@ -78,17 +85,54 @@ class _Reader:
             if found is not None and tuple(found) == POSE:
                 self.frames[f"{m[1].upper()}[{m[2]}]"] = _pose([v for v, _ in found.values()])
 
-    def _moved(self, k: int) -> None:
-        text, base, tool = self.plain[k], "$BASE", "$TOOL"
-        for m in _STATEMENT.finditer(text):
-            if m["fdat"]:
-                base, tool = self.fdat.get(m["fdat"].upper(), ("$BASE", "$TOOL"))
-            elif m["bas"]:
-                base, tool = _with(base, tool, m["bas"], f"{m['bas'].upper()}_DATA[{m['number']}]" if int(m["number"]) else NULL)
-            elif m["frame"]:
-                base, tool = _with(base, tool, m["frame"], self._frame(k, m))
-            else:
-                self._move(k, m, base, tool)
+    def _moved(self) -> None:
+        """All files together: subroutines of one are called in another."""
+        events, moves, offset = [], dict[int, tuple[int, re.Match[str]]](), 0
+        for k, text in enumerate(self.plain):
+            events.append(Event(offset, "begin", f"file {k}"))
+            for m in _STATEMENT.finditer(text):
+                place = offset + m.start()
+                if m["move"]:
+                    moves[place] = (k, m)
+                    events.append(Event(place, "move"))
+                elif m["block"]:
+                    events.append(_block(place, m["block"].upper(), m["def"] or m["fct"] or ""))
+                elif m["call"]:
+                    events.append(Event(place, "call", m["call"].upper()))
+                    self._passed(k, m)
+                else:
+                    events.append(Event(place, "set", change=self._change(k, m)))
+            offset += len(text) + 1
+        for place, found in states(events, ("$BASE", "$TOOL")).items():
+            self._move(*moves[place], {(base, tool) for base, tool in found})
+
+    def _change(self, k: int, m: re.Match[str]) -> Callable[[State], State]:
+        """What a statement does to base and tool."""
+        if m["fdat"]:
+            both = self.fdat.get(m["fdat"].upper(), ("$BASE", "$TOOL"))
+            return lambda _: both
+        if m["bas"]:
+            which, name = m["bas"].upper(), f"{m['bas'].upper()}_DATA[{m['number']}]" if int(m["number"]) else NULL
+        else:
+            which = m["frame"].upper()
+            name = self._frame(k, m) if m["value"] else f"${which} changed in line {self.sources[k].line(m.start('frame'))}"
+        return (lambda s: (name, s[1])) if which == "BASE" else (lambda s: (s[0], name))
+
+    def _passed(self, k: int, m: re.Match[str]) -> None:
+        """Points that a subroutine is given: where it moves to them is not told."""
+        for word in re.findall(r"\w+", m["given"]):
+            if word.upper() in self.points:
+                where = f"{self.sources[k].name}:{self.sources[k].line(m.start('call'))}"
+                self.changed.setdefault(word.upper(), f"is passed to {m['call']} in {where}")
+
+    def _assigned(self, k: int) -> None:
+        """What the program changes while it runs is no constant."""
+        for m in _ASSIGNED.finditer(self.plain[k]):
+            name = re.sub(r"\s", "", m[1]).upper()
+            if m[2] or name in self.points:
+                where = f"{self.sources[k].name}:{self.sources[k].line(m.start(1))}"
+                self.changed.setdefault(name, f"is changed by the program in {where}")
+                self.frames.pop(name, None)
 
     def _frame(self, k: int, m: re.Match[str]) -> str:
         """The name of a frame that $BASE or $TOOL is set to; an aggregate gets its own."""
@@ -105,7 +149,7 @@ class _Reader:
                 return name
         return value
 
-    def _move(self, k: int, m: re.Match[str], base: str, tool: str) -> None:
+    def _move(self, k: int, m: re.Match[str], frames: set[tuple[str, str]]) -> None:
         text, kind = self.plain[k], m["move"].upper()
         if kind.endswith("_REL"):
             self._leave(k, m.start("move"), f"{kind}: moves by a difference, not to a target")
@@ -115,15 +159,15 @@ class _Reader:
             operand = text[start:stop]
             if operand.startswith("{"):
                 end = closing(text, start, "{}")
-                self._take(k, f"{kind} of line {self.sources[k].line(start)}", (start, end), (base, tool))
+                self._take(k, f"{kind} of line {self.sources[k].line(start)}", (start, end), frames)
                 continue
             word = re.match(r"\w+", operand)
             name = word[0].upper() if word else ""
             if word is None or re.match(r"\s*[:\[.]", operand[word.end() :]):
                 self._leave(k, start, f"{kind} {operand.strip()}: a target that is computed")
             elif name in self.points:
-                own = self.fdat.get(f"F{name[1:]}") if name.startswith("X") and (base, tool) == ("$BASE", "$TOOL") else None
-                self.used.setdefault(name, set()).add(own or (base, tool))
+                own = self.fdat.get(f"F{name[1:]}") if name.startswith("X") and frames == {("$BASE", "$TOOL")} else None
+                self.used.setdefault(name, set()).update({own} if own else frames)
                 self.first.setdefault(name, (k, start))
             else:
                 self._leave(k, start, f"{kind} {name}: is not declared here")
@@ -135,12 +179,12 @@ class _Reader:
             used = {(NULL, NULL)}
         if not used:
             self._leave(k, span[0], f"{name}: no motion to it is here, so that its frames are not known")
-        elif len(used) > 1 and not kind.endswith("AXIS"):
-            self._leave(k, span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
+        elif name in self.changed:
+            self._leave(k, span[0], f"{name}: {self.changed[name]}")
         else:
-            self._take(k, name, span, next(iter(used)))
+            self._take(k, name, span, used)
 
-    def _take(self, k: int, name: str, span: Span, frames: tuple[str, str]) -> None:
+    def _take(self, k: int, name: str, span: Span, used: set[tuple[str, str]]) -> None:
         found = self._aggregate(k, span)
         if found is None:
             self._leave(k, span[0], f"{name}: an aggregate with what is no number")
@@ -152,6 +196,10 @@ class _Reader:
                 k, span[0], f"{name}: {', '.join(key for key in wanted if key not in found)} not stated: the rest is where the robot is"
             )
             return
+        if len(used) > 1 and not joints:
+            self._leave(k, span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
+            return
+        frames = min(used)
         if frames[0] == "fixed tool":
             self._leave(k, span[0], f"{name}: the robot holds the workpiece, the tool stands still")
             return
@@ -183,8 +231,14 @@ def _frames(base: str, tool: str) -> tuple[str, str]:
     return (f"BASE_DATA[{int(base)}]" if int(base) else NULL), (f"TOOL_DATA[{int(tool)}]" if int(tool) else NULL)
 
 
-def _with(base: str, tool: str, which: str, name: str) -> tuple[str, str]:
-    return (name, tool) if which.upper() == "BASE" else (base, name)
+def _block(place: int, word: str, name: str) -> Event:
+    if word in ("DEF", "DEFFCT"):
+        return Event(place, "begin", name.upper())
+    if word in ("ELSE", "CASE", "DEFAULT"):
+        return Event(place, "else", whole=word != "CASE")
+    if word.startswith("END") or word == "UNTIL":
+        return Event(place, "close")
+    return Event(place, "branch" if word in ("IF", "SWITCH") else "loop")
 
 
 DIALECT = Dialect("krl", read, _pose, _numbers, math.radians(1.0), (4, 5, 5), (NULL,))

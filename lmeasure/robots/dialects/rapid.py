@@ -30,6 +30,10 @@ from lmeasure.robots.dialects.program_text import (
 
 _DECLARED = re.compile(r"\b(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I)
 _MOVE = re.compile(r"\b(Move(?:Abs)?(?:J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?:J|L|C)|Search(?:L|C))\b\s*", re.I)
+_ASSIGNED = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.M | re.I)
+_GIVEN = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s+([^;:=]*);", re.M | re.I)
+_DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.I)
+_WORDS = "constpersvarlocaltaskmodulesysmoduleprocfunctraprecordaliasreturnraiseexitretrytrynext"
 _BOTH = ("movec", "triggc", "searchc")
 
 
@@ -46,6 +50,7 @@ class _Reader:
         self.frames: dict[str, FloatArray] = {"wobj0": np.array(IDENTITY), "tool0": np.array(IDENTITY)}
         self.used: dict[str, set[tuple[str, str]]] = {}
         self.first: dict[str, tuple[int, int]] = {}
+        self.changed: dict[str, str] = {}
         self.targets: list[Target] = []
         self.unread: list[Unread] = []
 
@@ -54,17 +59,41 @@ class _Reader:
             for m in _DECLARED.finditer(text):
                 self._declared(k, m)
         for k, text in enumerate(self.plain):
+            self._changed(k, text)
+        for k, text in enumerate(self.plain):
             for m in _MOVE.finditer(text):
                 self._moved(k, m)
         for key, (k, name, _, span) in self.points.items():
             used = self.used.get(key, set())
             if not used:
                 self._leave(k, span[0], f"{name}: no motion goes to it as it stands")
+            elif key in self.changed:
+                self._leave(k, span[0], f"{name}: {self.changed[key]}")
             elif len(used) > 1:
                 self._leave(k, span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
             else:
                 self._take(k, name, span, next(iter(used)))
         return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
+
+    def _changed(self, k: int, text: str) -> None:
+        """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not told; all
+        targets are elsewhere where a displacement may be on."""
+        for m in _ASSIGNED.finditer(text):
+            self._mark(k, m[1], m.start(1), "is changed by the program")
+            self.frames.pop(m[1].lower(), None)
+        for m in _GIVEN.finditer(text):
+            if not _MOVE.match(m[1]) and m[1].lower() not in _WORDS:
+                for word in re.findall(r"\w+", m[2]):
+                    self._mark(k, word, m.start(1), f"is passed to {m[1]}")
+        displaced = _DISPLACED.search(text)
+        for name in self.points if displaced else ():
+            assert displaced is not None
+            if self.points[name][2] == "robtarget":
+                self._mark(k, name, displaced.start(), f"a displacement may be on, by {displaced[1]}")
+
+    def _mark(self, k: int, name: str, place: int, why: str) -> None:
+        if name.lower() in self.points:
+            self.changed.setdefault(name.lower(), f"{why} in {self.sources[k].name}:{self.sources[k].line(place)}")
 
     def _declared(self, k: int, m: re.Match[str]) -> None:
         text, kind, name = self.plain[k], m[1].lower(), m[2]
@@ -119,7 +148,9 @@ class _Reader:
         frames = (wobj[1].lower() if wobj else "wobj0"), tool
         for start, stop in targets:
             operand = re.sub(r"\\.*", "", text[start:stop]).strip()
-            if operand.startswith("["):
+            if operand.startswith("[") and any(_DISPLACED.search(t) for t in self.plain):
+                self._leave(k, start, f"{move} of line {self.sources[k].line(start)}: a displacement may be on")
+            elif operand.startswith("["):
                 self._take(k, f"{move} of line {self.sources[k].line(start)}", (start, start + len(operand) - 1), frames)
             elif operand.lower() in self.points:
                 self.first.setdefault(operand.lower(), (k, start))

@@ -6,12 +6,14 @@ controller's own, which the user has to state; a base is `base`, or the frame th
 
 import re
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
+from lmeasure.robots.dialects.frame_flow import Event, State, states
 from lmeasure.robots.dialects.program_text import (
     IDENTITY,
     NUMBER,
@@ -29,7 +31,8 @@ from lmeasure.robots.dialects.program_text import (
 from lmeasure.robots.dialects.program_text import pose as _placed
 
 _SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
-_ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=(?!=)", re.M)
+_ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)
+_BLOCK = re.compile(r"^[ \t]*(?:(?:def|thread)\s+(?P<def>\w+)|(?P<block>if|elif|else|while|end)\b|(?P<call>\w+)\s*\(\s*\))", re.M)
 _CALL = re.compile(r"\b(set_tcp|movej|movel|movep|movec|servoj)\s*(?=\()")
 _TRANS = re.compile(r"pose_trans\s*(?=\()")
 
@@ -59,7 +62,7 @@ class _Reader:
             end = closing(text, m.end(), "[]")
             if end > 0 and often.count(m[1]) == 1:
                 self.named[m[1]] = (m[2] == "p", (m.end(), end + 1))
-        tool = "tcp"
+        events, moves = self._blocks(), dict[int, tuple[str, list[Span]]]()
         for m in _CALL.finditer(text):
             end = closing(text, m.end(), "()")
             if end < 0:
@@ -67,19 +70,40 @@ class _Reader:
                 continue
             arguments = pieces(text, (m.end() + 1, end))
             if m[1] == "set_tcp":
-                tool = self._tool(arguments[0])
+                events.append(Event(m.start(), "set", change=partial(_told, (self._tool(arguments[0]),))))
             else:
-                for argument in arguments[: 2 if m[1] == "movec" else 1]:
-                    self._moved(m[1], argument, tool)
+                moves[m.start()] = m[1], arguments[: 2 if m[1] == "movec" else 1]
+                events.append(Event(m.start(), "move"))
+        for place, found in states(sorted(events, key=lambda e: e.place), ("tcp",)).items():
+            for argument in moves[place][1]:
+                self._moved(moves[place][0], argument, {state[0] for state in found})
         for name, used in self.used.items():
             is_pose, span = self.named[name]
-            if len(used) > 1 and is_pose:
-                self._leave(span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
-            else:
-                self._take(name, span, is_pose, next(iter(used)))
+            self._take(name, span, is_pose, used)
         for name, (_, span) in self.named.items():
             if name not in self.used and name not in self.frames and self._six(span) is not None:
                 self._leave(span[0], f"{name}: no motion goes to it as it stands")
+
+    def _blocks(self) -> list[Event]:
+        """Functions, whose `end` is that of a block in which nothing is left beside it, and blocks."""
+        events = []
+        depth = 0
+        for m in _BLOCK.finditer(self.text):
+            place, word = m.start(), m["block"] or ""
+            if m["def"]:
+                depth, event = 0, Event(place, "begin", m["def"])
+            elif word in ("if", "while"):
+                depth, event = depth + 1, Event(place, "branch" if word == "if" else "loop")
+            elif word in ("elif", "else"):
+                event = Event(place, "else", whole=word == "else")
+            elif word == "end":
+                # that of a function ends it: what follows stands in none
+                event = Event(place, "close") if depth else Event(place, "begin", "")
+                depth = max(depth - 1, 0)
+            else:
+                event = Event(place, "call", m["call"])
+            events.append(event)
+        return events
 
     def _tool(self, argument: Span) -> str:
         """The name of the tool that a set_tcp sets; one that is computed is stated nowhere."""
@@ -93,7 +117,7 @@ class _Reader:
                 self.frames[word] = self.frames[name]
         return name
 
-    def _moved(self, move: str, argument: Span, tool: str) -> None:
+    def _moved(self, move: str, argument: Span, tools: set[str]) -> None:
         text = self.text
         operand, base = text[slice(*argument)], "base"
         trans = _TRANS.match(operand)
@@ -110,18 +134,22 @@ class _Reader:
                 if found is not None:
                     self.frames[base] = _pose([v for v, _ in found])
         line = f"{move} of line {self.source.line(argument[0])}"
+        frames = {(base, tool) for tool in tools}
         if operand.startswith("p["):
-            self._take(line, (argument[0] + 1, argument[1]), True, (base, tool))
+            self._take(line, (argument[0] + 1, argument[1]), True, frames)
         elif operand.startswith("["):
-            self._take(line, argument, False, (base, tool))
+            self._take(line, argument, False, frames)
         elif operand in self.named:
-            self.used.setdefault(operand, set()).add((base, tool))
+            self.used.setdefault(operand, set()).update(frames)
             self.first.setdefault(operand, argument[0])
         else:
             self._leave(argument[0], f"{move} {operand}: a target that is computed or set elsewhere")
 
-    def _take(self, name: str, span: Span, is_pose: bool, frames: tuple[str, str]) -> None:
-        found = self._six(span)
+    def _take(self, name: str, span: Span, is_pose: bool, used: set[tuple[str, str]]) -> None:
+        if len(used) > 1 and is_pose:
+            self._leave(span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
+            return
+        frames, found = min(used), self._six(span)
         if found is None:
             self._leave(span[0], f"{name}: not six numbers")
             return
@@ -137,6 +165,10 @@ class _Reader:
 
     def _leave(self, place: int, why: str) -> None:
         self.unread.append(Unread(self.source.name, self.source.line(place), why))
+
+
+def _told(tool: State, _: State) -> State:
+    return tool
 
 
 def _pose(values: Sequence[float]) -> FloatArray:
