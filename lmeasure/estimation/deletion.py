@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.estimation.fit import Fit
 from lmeasure.estimation.problem import Problem
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
+LEFT = 1e-3  # of a group's least variance: what is counted at least of what the fit has left of it
 UNTOLD = 1e10  # condition from which the rest cannot do without these residuals
 
 
@@ -112,6 +113,22 @@ def _told(information: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] |
     if not len(values) or values[0] * UNTOLD < values[-1]:
         return None
     return values, vectors
+
+
+def deletion_squares(residuals: FloatArray, covariance: FloatArray, explained: FloatArray, used: BoolArray) -> FloatArray:
+    """(n,) `Deletion.shift`'s square for groups of residuals (n, m) that correlate with no others: what all others say about each, with no
+    matrix over all of them.
+
+    covariance (n, m, m) of the groups' own errors; explained (n, m, m): that of what the fit predicts of them; used (n,): whether the fit
+    has seen the group. r'(V - J C J')^-1 r is the square of the deletion residual in its own covariance: with r_d = V (V - J C J')^-1 r,
+    whose covariance is V (V - J C J')^-1 V.
+    """
+    spread = covariance + np.where(used, -1.0, 1.0)[:, None, None] * explained
+    # a group that alone determines something leaves no residual to judge it by
+    value, vector = np.linalg.eigh(spread)
+    floor = LEFT * np.einsum("nii->ni", covariance).min(axis=1)[:, None]
+    white = np.einsum("nji,nj->ni", vector, residuals) / np.sqrt(np.maximum(value, floor))
+    return np.asarray((white**2).sum(axis=1))
 
 
 def held_out(whole: Problem, theta: FloatArray, fit: Fit, rows: IntArray) -> tuple[FloatArray, FloatArray]:

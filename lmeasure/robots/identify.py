@@ -11,6 +11,7 @@ from lmeasure import se3
 from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
+from lmeasure.estimation.deletion import deletion_squares
 from lmeasure.robots.frame_start import find_frames
 from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, named_alike, repeated
 from lmeasure.robots.noted import Noted, noted
@@ -295,15 +296,9 @@ def _distances(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatA
     residuals, jacobian = problem.unknowns.linearised(fit.x, rows)
     jacobian = jacobian * problem.unknowns.size
     known = rows.known
-    covariance = replace(problem, rows=rows).covariance
-    explained = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2)
-    sign = np.where(used, -1.0, 1.0)[:, None, None]
-    spread = covariance + sign * explained * (known[:, :, None] & known[:, None, :])
-    # a row that alone determines something leaves no residual to judge it by
-    value, vector = np.linalg.eigh(spread)
-    floor = 1e-3 * np.einsum("nii->ni", covariance).min(axis=1)[:, None]
-    white = np.einsum("nji,nj->ni", vector, residuals) / np.sqrt(np.maximum(value, floor))
-    return np.asarray((white**2).sum(axis=1)), np.asarray(known.sum(axis=1))
+    covariance = replace(problem, rows=rows).blocks
+    explained = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) * (known[:, :, None] & known[:, None, :])
+    return deletion_squares(residuals, covariance, explained, used), np.asarray(known.sum(axis=1))
 
 
 def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> tuple[Fit[R], BoolArray]:

@@ -1,12 +1,16 @@
-"""An identification as a problem of `estimation.normal_equations`: residuals whitened row by row, derivatives and priors, and the noise
-that the residuals show."""
+"""An identification as a problem of `estimation`: residuals, derivatives, priors and covariance, and the noise that the residuals show.
 
-from dataclasses import dataclass, replace
+Errors of different rows do not correlate, what they share being unknowns of their own: `estimation.normal_equations` takes the residuals
+whitened row by row, which forms no covariance of all of them. Everything else that takes a problem may have that.
+"""
+
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic
 
 import numpy as np
 
+from lmeasure import estimation
 from lmeasure.arrays import FloatArray
 from lmeasure.estimation.normal_equations import Optimum, optimum
 from lmeasure.robots.measurements import POSITION, ROTATION, Measurements
@@ -32,7 +36,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Problem(Generic[R]):
+class Problem(estimation.Problem, Generic[R]):
     """Residuals of rows under a noise, in standard deviations, against changes theta of the unknowns in the units of their names."""
 
     unknowns: Unknowns[R]
@@ -40,6 +44,11 @@ class Problem(Generic[R]):
     noise: Noise
     own_noise: bool = True
     """Whether the noise is looked for in the residuals, or as it is."""
+    parameters: estimation.Parameters = field(init=False, compare=False, repr=False)
+    """The unknowns as changes, about nothing."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", estimation.Parameters(self.names, np.zeros(len(self.names)), self.width))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,8 +60,23 @@ class Problem(Generic[R]):
         """(p,) prior standard uncertainties in the units of the names."""
         return self.unknowns.width / self.unknowns.size
 
+    def residuals(self, theta: FloatArray) -> FloatArray:
+        """(e,) modelled less measured, of the components that were measured."""
+        return -self.linearised(theta).residuals[self.rows.known]
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """(e, p)."""
+        return self.linearised(theta).jacobian[self.rows.known]
+
+    def covariance(self, theta: FloatArray) -> FloatArray:
+        """(e, e)."""
+        known = self.rows.known
+        row, component = np.nonzero(known)
+        of = self.blocks[row[:, None], component[:, None], component[None, :]]
+        return np.where(row[:, None] == row[None, :], of, 0.0)
+
     @cached_property
-    def covariance(self) -> FloatArray:
+    def blocks(self) -> FloatArray:
         """(N, 6, 6) of a row's components, the identity where nothing was measured."""
         known = self.rows.known
         out = self.rows.covariance + np.diag(self.noise.variance)
@@ -62,7 +86,7 @@ class Problem(Generic[R]):
     @cached_property
     def _whitening(self) -> FloatArray:
         """(N, 6, 6), or (N, 6, 1) where no component is correlated with another."""
-        C = self.covariance
+        C = self.blocks
         variance = np.einsum("nii->ni", C)
         if np.count_nonzero(C) == variance.size:
             return np.asarray(1.0 / np.sqrt(variance)[:, :, None])
@@ -142,7 +166,7 @@ def _noise(fit: Fit[R]) -> Noise:
     jacobian = fit.at.jacobian[known]
     explained = np.zeros(known.shape)
     explained[known] = ((jacobian @ fit.covariance) * jacobian).sum(axis=1)
-    total = np.einsum("nii->ni", problem.covariance)
+    total = np.einsum("nii->ni", problem.blocks)
     stated = np.einsum("nii->ni", problem.rows.covariance)
     out = []
     for own, least in ((POSITION, LEAST_MM), (ROTATION, LEAST_RAD)):

@@ -83,7 +83,7 @@ def truth_of_asked() -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["--robot", "kr210"], 2, "is no robot that comes along; known: generic6"),
+        (["--robot", "kr210"], 2, "is no robot that comes along; known: "),
         (["--robot", "ur5", "--free", "luck"], 2, "nothing that can be freed; known: links"),
         (["--robot", "ur5", "--columns", "x=Q"], 1, "column 'Q', which --columns says is x, is missing"),
         (["--robot", "ur5", "--predict", "none.csv"], 1, "none.csv: cannot be read"),
