@@ -108,7 +108,14 @@ def checked(
     try:
         return model.model_validate(data, by_alias=True, by_name=False)
     except ValidationError as found:
-        raise told(source, data, (*complaints(found, data, model), *also(data)), error) from None
+        every = (*complaints(found, data, model), *also(data))
+        raise told(source, data, _of_another_kind(every, data) or every, error) from None
+
+
+def _of_another_kind(found: Iterable[tuple[Keys, str]], data: Mapping[str, Any]) -> list[tuple[Keys, str]]:
+    """The complaint about the schema alone where it says that this is another kind of file: all others follow from that."""
+    stated = data.get("schema")
+    return [one for one in found if one[0] == ("schema",)] if isinstance(stated, str) and stated.startswith("lmeasure.") else []
 
 
 def told(

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -76,12 +77,22 @@ def read_toml(path: Path) -> Document:
     """A TOML file as a dictionary that knows the lines of its keys; FileFormatError names the file and the line."""
     raw = read_regular(path, LARGEST_TOML)
     try:
-        text = raw.decode("utf-8")
+        text = raw.decode("utf-8-sig")  # with the mark that some editors set before it
         return Document(tomllib.loads(text), text)
     except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+        raise FileFormatError(f"{path}: is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
     except (ValueError, RecursionError) as error:  # besides TOMLDecodeError: numbers of thousands of digits
-        raise FileFormatError(f"{path}: is not TOML: {error}") from error
+        raise FileFormatError(f"{path}: is not TOML: {error}{_likely(text, error)}") from error
+
+
+def _likely(text: str, error: Exception) -> str:
+    """What people write on the line that an error of TOML names."""
+    found = re.search(r"\(at line (\d+),", str(error))
+    line = text.splitlines()[int(found[1]) - 1] if found and int(found[1]) <= len(text.splitlines()) else ""
+    comma = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#.*)?$", line)
+    if comma:
+        return f"; a number has a point: {comma[1]}.{comma[2]}"
+    return "; a text ends with a quotation mark on its line" if line.partition("#")[0].count('"') % 2 else ""
 
 
 def write_toml(path: Path, data: Mapping[str, Any]) -> None:

@@ -165,7 +165,8 @@ class Table:
 
 
 def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = None) -> Table:
-    """Read .csv (comma, header line, empty cells are gaps) or .parquet. FileFormatError names the file and what is wrong with it.
+    """Read .csv (header line, empty cells are gaps; commas, or semicolons or tabs as a spreadsheet writes that has decimal commas) or
+    .parquet. FileFormatError names the file and what is wrong with it.
 
     torn: a recording that broke off; its last line counts only when it is whole. only: columns that are wanted; others of a .parquet are
     not read.
@@ -181,10 +182,18 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
         elif suffix == ".csv":
             if not raw or raw.isspace():
                 raise FileFormatError(f"{path}: is empty")
+            separator = _separator(raw)
             data = pa.csv.read_csv(
                 pa.BufferReader(raw.removeprefix(b"\xef\xbb\xbf")),
+                parse_options=pa.csv.ParseOptions(delimiter=separator),
                 convert_options=pa.csv.ConvertOptions(
-                    null_values=[""], strings_can_be_null=True, true_values=[], false_values=[], timestamp_parsers=[]
+                    null_values=[""],
+                    strings_can_be_null=True,
+                    true_values=[],
+                    false_values=[],
+                    timestamp_parsers=[],
+                    # numbers with points are read as texts first, and then as numbers
+                    decimal_point="." if separator == "," else ",",
                 ),
             )
         else:
@@ -201,6 +210,12 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
     return Table(path, data.rename_columns(names))
 
 
+def _separator(raw: bytes) -> str:
+    """What stands between the columns, by the header."""
+    head = raw.lstrip().partition(b"\n")[0]
+    return next((mark for mark in (",", ";", "\t") if mark.encode() in head), ",")
+
+
 def _refuse_ragged(path: Path, raw: bytes) -> None:
     """FileFormatError for rows of a .csv that have more or fewer cells than its header, a line each; nothing where that is not it."""
     lines: list[str] = []
@@ -214,7 +229,7 @@ def _refuse_ragged(path: Path, raw: bytes) -> None:
         with suppress(pa.ArrowException, UnicodeDecodeError):
             raw.decode("utf-8")
             # one thread, which knows the lines' numbers
-            options, rows = pa.csv.ReadOptions(use_threads=False), pa.csv.ParseOptions(invalid_row_handler=note)
+            options, rows = pa.csv.ReadOptions(use_threads=False), pa.csv.ParseOptions(delimiter=_separator(raw), invalid_row_handler=note)
             pa.csv.read_csv(pa.BufferReader(raw), read_options=options, parse_options=rows)
     if lines:
         raise gathered(str(path), lines)

@@ -56,14 +56,14 @@ def test_all_complaints_of_a_rig_have_their_lines(tmp_path: Path) -> None:
 def test_the_command_prints_a_line_for_each(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(test_rig.RIG.replace("guide_alpha_deg = 47.0", "guide_alpha_deg = 147.0").replace("= [0, 100, 0]", '= "here"'))
-    monkeypatch.setattr("sys.argv", ["lmeasure", "drum", str(path), "--rig", str(path), "--out", str(tmp_path / "out.toml")])
+    monkeypatch.setattr("sys.argv", ["lmeasure", "zone", str(path), "--out", str(tmp_path / "out.nc")])
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 1
     told = capsys.readouterr().err.splitlines()
     assert len(told) > 1
     assert all(line.startswith(f"lmeasure: {path}:") for line in told)
-    assert not (tmp_path / "out.toml").exists()
+    assert not (tmp_path / "out.nc").exists()
 
 
 def test_a_missing_key_is_at_its_table(tmp_path: Path) -> None:

@@ -260,7 +260,9 @@ def test_attachment_points_on_one_line_tell_no_orientation(tool: dict[str, Any])
     ("content", "line"),
     [
         (b"", "schema: is missing"),
-        (b"\xff\xfe", "is not UTF-8 text (byte 0)"),
+        (b"\xff\xfe", "is not UTF-8 text (byte 0); save it as UTF-8"),
+        (RIG.replace("47.0", "47,5").encode(), "; a number has a point: 47.5"),
+        (RIG.replace('"B1"', '"B1').encode(), "; a text ends with a quotation mark on its line"),
         (b"name = ", "is not TOML"),
         (b"x = " + b"9" * 5000, "is not TOML"),
         (b"a = " + b"[" * 100_000, "is not TOML"),
@@ -277,10 +279,19 @@ def test_what_is_no_rig_file(tmp_path: Path, content: bytes, line: str) -> None:
     assert line in str(caught.value)
 
 
+def test_of_another_kind_of_file_that_alone_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "drums.toml"
+    path.write_text('# of a cell\nschema = "lmeasure.drum/1"\n[[drum]]\npoint = "B1"\n')
+    with pytest.raises(FileFormatError) as caught:
+        read_rig(path)
+    assert caught.value.lines == (f"{path}:2: schema: must be 'lmeasure.rig/1', is 'lmeasure.drum/1'",)
+
+
 def test_crlf_is_read_and_no_file_is_said(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
-    path.write_bytes(RIG.replace("\n", "\r\n").encode())
-    assert read_rig(path) == rig_from_dict(data())
+    for mark in (b"", b"\xef\xbb\xbf"):
+        path.write_bytes(mark + RIG.replace("\n", "\r\n").encode())
+        assert read_rig(path) == rig_from_dict(data())
     with pytest.raises(FileFormatError, match=r"other.toml: cannot be read: No such file"):
         read_rig(tmp_path / "other.toml")
     with pytest.raises(FileFormatError, match=r"cannot be read"):

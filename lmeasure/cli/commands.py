@@ -4,6 +4,7 @@ import contextlib
 import inspect
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,7 +16,7 @@ from lmeasure.cli.faces import FACES, Face, told_of_compiling, with_bar
 from lmeasure.cli.help import Command
 from lmeasure.cli.words import retold, said
 from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.workflows.options import flag_of, written
+from lmeasure.workflows.options import Written, flag_of, written
 from lmeasure.workflows.settings import said_of
 
 if TYPE_CHECKING:
@@ -69,10 +70,17 @@ def command(name: str) -> Any:
     return typer.main.get_command(alone)
 
 
+def place_holder(form: Written) -> str | None:
+    """What stands for a value in the help, where the option names nothing itself: the words that it may be, or their kind."""
+    if form.choices:
+        return "|".join(form.choices)
+    return {Path: "PATH", int: "N", float: "NUMBER", str: "TEXT"}.get(form.kind)
+
+
 def parameter(name: str, field: "FieldInfo") -> inspect.Parameter:
     """The parameter of a command's function from which typer makes the option."""
     said, form = said_of(field), written(field)
-    about: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar")}
+    about: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar") or place_holder(form)}
     about["min"] = next((m.ge for m in field.metadata if isinstance(m, Ge)), None)
     about["max"] = next((m.le for m in field.metadata if isinstance(m, Le)), None)
     if "positional" in said:

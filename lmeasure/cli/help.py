@@ -18,6 +18,8 @@ def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
             continue
         group = "Arguments" if one.param_type_name == "argument" else one.rich_help_panel or "Options"
         name, text = record
+        if group == "Arguments":
+            name = name.partition(" ")[0]  # without the kind of value behind its name
         # what stands in brackets behind the text is typer's
         help_text = one.help or ""
         behind = text.removeprefix(help_text)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lmeasure.program import Program
 
 KEPT = "Paths within the zone"
-EDGES = "start:stop of the box that the robot's program uses most, mm"
+EDGES = "The box that the robot's program uses most, mm."
 
 
 class Settings(Asked):
@@ -20,9 +20,9 @@ class Settings(Asked):
 
     out: Annotated[Path, option("Folder for program.toml, commands.csv and robodk.csv.", metavar="DIR")]
     zone: Annotated[Path | None, option("Take the largest cube in this accuracy zone instead of a box.", metavar="FILE.nc")] = None
-    x: Annotated[Pair | None, option(EDGES, unit="mm")] = None
-    y: Annotated[Pair | None, option(EDGES, unit="mm")] = None
-    z: Annotated[Pair | None, option(EDGES, unit="mm")] = None
+    x: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
+    y: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
+    z: Annotated[Pair | None, option(EDGES, metavar="START:STOP", unit="mm")] = None
     plane: Annotated[str, option("Diagonal plane of the cube that holds P1 to P5 and the paths.")] = "C1-C2-C7-C8"
     quaternion: Annotated[Quaternion, option("Orientation of the tool, base_from_tool.", metavar="x,y,z,w")] = (0.0, 0.0, 0.0, 1.0)
     tests: Annotated[
