@@ -68,6 +68,8 @@ JOBS: dict[str, dict[str, str]] = {
         "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
         "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
         "correct": "Correct a robot's program by an identification: its targets are rewritten, all else stays byte for byte.",
+        "mechanism": "Study a mechanism: joints at a pose, how near it is to a singular one, its workspace, its pictures.",
+        "dyads": "Find links between ball joints for poses that a body shall take, by least squares and by minimax.",
         "frames": "Find where a robot stands in an instrument's frame and how a target sits on its flange, from poses of both (AX = YB).",
     },
 }

@@ -100,7 +100,7 @@ def minimax(
     radius, best = 0.05 * float(np.abs(points).max()), float(np.abs(misses(poses, anchors, points, lengths)).max())
     unit = np.array([1.0] * (PARAMETERS * m) + [1.0 / max(float(np.abs(points).max()), 1e-12)] * n)
     for _ in range(iterations):
-        at = _turned(poses, turns)
+        at = turned(poses, turns)
         d = misses(at, anchors, points, lengths)
         by, by_turn = gradients(at, anchors, points)
         rows = np.zeros((n, m, PARAMETERS * m + n))
@@ -122,7 +122,7 @@ def minimax(
         own = step[: PARAMETERS * m].reshape(m, PARAMETERS)
         tried = anchors + own[:, :3], points + own[:, 3:6], lengths + own[:, 6]
         new_turns = turns + step[PARAMETERS * m :] * turn_free
-        value = float(np.abs(misses(_turned(poses, new_turns), *tried)).max())
+        value = float(np.abs(misses(turned(poses, new_turns), *tried)).max())
         told = best - float(found.x[-1])
         if value < best:
             (anchors, points, lengths), turns = tried, new_turns
@@ -135,6 +135,6 @@ def minimax(
     return Minimax(anchors, points, lengths, turns, best)
 
 
-def _turned(poses: FloatArray, turns: FloatArray) -> FloatArray:
+def turned(poses: FloatArray, turns: FloatArray) -> FloatArray:
     """Poses (n, 7) turned by turns (n,) about their own z."""
     return se3.pose(poses[:, :3], se3.rotation(poses) * Rotation.from_rotvec(np.outer(turns, [0.0, 0.0, 1.0])))

@@ -1,0 +1,118 @@
+"""The page of a mechanism: in space at a pose, its joints, how far it goes, and slices of its workspace."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from lmeasure.arrays import FloatArray
+from lmeasure.report import html
+from lmeasure.report.words import axes
+from lmeasure.robots.mechanisms.study import Workspace
+from lmeasure.robots.parallel.drawn import Drawn, drawn
+from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.study import Grid
+from lmeasure.saying import ENGLISH, Say
+
+BASE, PLATFORM, LEG, ARM, INSIDE = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
+MOST_SLICES = 6
+
+
+def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any], grid: Grid | None, *, language: str = "en") -> None:
+    """Write a self-contained page of a mechanism, its record (`parallel.study.described`) and its workspace where it was looked for."""
+    say = Say(language)
+    pose = np.array([*record["position_mm"], *record["quaternion_xyzw"]])
+    told = say("{freedoms} freedoms, {parameters} parameters", freedoms=record["freedoms"], parameters=record["parameters"])
+    near = say("distance from a singular pose, smallest over largest singular value: {near:.3g}", near=record["nearness"])
+    body = [html.paragraph(told), html.paragraph(near), html.heading(say("In space"))]
+    body.append(html.figure(space_figure(file, pose, grid, say), "space", first=True, language=language))
+    rows = [
+        (name, say.number(v, ".3f"), *(say.number(w, "g") for w in record["joint_limits"][name])) for name, v in record["joints"].items()
+    ]
+    body += [html.heading(say("Joints")), html.table((say("joint"), say("value"), say("from"), say("to")), rows)]
+    if "ranges" in record:
+        body += [html.heading(say("How far it goes from there, one coordinate at a time"))]
+        units = {name: "°" if name.startswith("r") else say("mm") for name in record["ranges"]}
+        rows = [(f"{n}, {units[n]}", *(say.number(v, ".2f") for v in ends)) for n, ends in record["ranges"].items()]
+        body.append(html.table((say("coordinate"), say("from"), say("to")), rows))
+    if "leg_turns_deg" in record:
+        rows = [(name, say.number(v, ".3f")) for name, v in record["leg_turns_deg"].items()]
+        body += [html.heading(say("By how much legs turn about themselves")), html.table((say("leg"), "°"), rows)]
+    if grid is not None:
+        body += [html.heading(say("Workspace")), html.paragraph(workspace_words(grid, say))]
+        if grid.found.inside.any():
+            body.append(html.figure(slices_figure(grid.found, say), "slices", first=False, language=language))
+    html.write_page(path, say("Mechanism {name}", name=file.name), body, language)
+
+
+def workspace_words(grid: Grid, say: Say = ENGLISH) -> str:
+    """Its volume, extent, and what ends it."""
+    found = grid.found
+    if not found.inside.any():
+        return say("no place of the grid is inside")
+    words = say(
+        "{volume:.4g} litres, {nodes} places of {of}", volume=found.volume_mm3 / 1e6, nodes=int(found.inside.sum()), of=found.inside.size
+    )
+    out = [words]
+    for i, name in enumerate("xyz"):
+        held = found[i][found.inside.any(axis=tuple(k for k in range(3) if k != i))]
+        out.append(say("{name} from {low:g} to {high:g} mm", name=name, low=held[0], high=held[-1]))
+    if grid.yaw_free:
+        out.append(say("at any turn about the vertical"))
+    if grid.ended_by:
+        most = sorted(grid.ended_by.items(), key=lambda one: -one[1])
+        out.append(say("ended by {limits}", limits=", ".join(f"{say(name)} ({n})" for name, n in most)))
+    return "; ".join(out)
+
+
+def space_figure(file: ParallelFile, pose: FloatArray, grid: Grid | None = None, say: Say = ENGLISH) -> go.Figure:
+    """Base, legs and platform at a pose (7,), and the places of a workspace."""
+    figure, found = go.Figure(), drawn(file, pose)
+    for strips, ink, width, name in _parts(found, say):
+        if strips:
+            rows = np.concatenate([np.vstack([strip, np.full((1, 3), np.nan)]) for strip in strips])
+            x, y, z = rows.T
+            figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": width, "color": ink}, name=name, hoverinfo="skip")
+    x, y, z = found.hinges.T
+    figure.add_scatter3d(x=x, y=y, z=z, mode="markers", marker={"size": 3, "color": PLATFORM}, text=found.names, name=say("hinges"))
+    if grid is not None and grid.found.inside.any():
+        at = np.argwhere(_rim(grid.found))
+        x, y, z = (axis[at[:, i]] for i, axis in enumerate(grid.found[:3]))
+        figure.add_scatter3d(x=x, y=y, z=z, mode="markers", marker={"size": 2, "color": INSIDE, "opacity": 0.5}, name=say("workspace"))
+    return figure.update_layout(height=640, margin={"t": 20, "b": 10, "l": 0, "r": 0}, scene=axes(say))
+
+
+def _parts(found: Drawn, say: Say) -> list[tuple[list[FloatArray], str, int, str]]:
+    return [
+        (found.base, BASE, 4, say("base")),
+        (found.arms, ARM, 6, say("cranks and arms")),
+        (found.legs, LEG, 4, say("legs")),
+        ([found.platform], PLATFORM, 6, say("platform")),
+    ]
+
+
+def _rim(found: Workspace) -> FloatArray:
+    """Places inside with one outside beside them."""
+    inner = np.pad(found.inside, 1)
+    whole = inner.copy()
+    for axis in range(3):
+        whole &= np.roll(inner, 1, axis) & np.roll(inner, -1, axis)
+    return np.asarray((inner & ~whole)[1:-1, 1:-1, 1:-1])
+
+
+def slices_figure(found: Workspace, say: Say = ENGLISH) -> go.Figure:
+    """Places inside at some heights, one under the other in one picture: the outline of each."""
+    levels = np.flatnonzero(found.inside.any(axis=(0, 1)))
+    chosen = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_SLICES).round().astype(int))]
+    palette = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+    figure = go.Figure()
+    for colour, level in zip(palette, chosen, strict=False):
+        figure.add_contour(
+            x=found.x_mm, y=found.y_mm, z=found.inside[:, :, level].T.astype(float),
+            contours={"start": 0.5, "end": 0.5, "coloring": "lines"}, line={"color": colour, "width": 2}, showscale=False,
+            name=say("z = {z:g} mm", z=found.z_mm[level]), showlegend=True, colorscale=[[0.0, colour], [1.0, colour]], hoverinfo="skip",
+        )  # fmt: skip
+    figure.update_xaxes(title_text=say("X, mm"), scaleanchor="y", constrain="domain")
+    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain")
+    return figure.update_layout(height=560, margin={"t": 20})

@@ -1,0 +1,93 @@
+"""Links between ball joints for the poses that a body shall take: least squares link by link, and minimax of all together."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import FileFormatError
+from lmeasure.workflows.flow import Progress, Result, inside, silent, workflow
+from lmeasure.workflows.settings import Asked, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.arrays import FloatArray
+    from lmeasure.robots.mechanisms.dyads import Dyad, Minimax
+
+LEAST = 7
+
+
+class Settings(Asked):
+    """What `lmeasure dyads` is asked."""
+
+    poses: Annotated[Path, option("Poses of the body: x_mm, y_mm, z_mm, qx, qy, qz, qw.", metavar="POSES", positional=True)]
+    out: Annotated[Path, option("Folder for links.csv, minimax.csv and misses.csv.", metavar="DIR")]
+    links: Annotated[int, option("How many links; five leave one freedom.", ge=1, le=6)] = 5
+    reach_mm: Annotated[
+        float | None, option("How far from the poses ball joints may lie; default three times how far they spread.", ge=0)
+    ] = None
+    turn_free: Annotated[bool, option("Leave each pose's turn about the body's z open.")] = False
+    starts: Annotated[int, option("Random starts of the search.", ge=1, le=100000)] = 200
+    seed: Annotated[int, option("Their seed.", ge=0)] = 0
+
+    def paths(self) -> Paths:
+        """Tables of links from one of poses."""
+        return Paths(inside(self.out, "links.csv", "minimax.csv", "misses.csv"), (self.poses,))
+
+
+@workflow("dyads")
+def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
+    """Find links, and write them and by how much they miss each pose."""
+    import numpy as np
+
+    from lmeasure import files
+    from lmeasure.poses import read_poses
+    from lmeasure.robots.mechanisms import dyads
+
+    given = read_poses(settings.poses, "puma-oat")
+    poses = given.rows
+    if len(poses) < LEAST:
+        raise FileFormatError(f"{settings.poses}: {len(poses)} poses; a link has {LEAST} parameters, so that {LEAST} are needed")
+    spread = float(np.linalg.norm(np.ptp(poses[:, :3], axis=0)))
+    reach = settings.reach_mm or 3.0 * spread
+    if not reach > 0.0:
+        raise FileFormatError(f"{settings.poses}: all poses are at one place; --reach-mm says how far ball joints may lie from it")
+    progress(0.0, "least squares")
+    near = [d for d in dyads.all_fitted(poses, reach, settings.starts, settings.seed) if _within(d, poses, reach)]
+    if len(near) < settings.links:
+        raise FileFormatError(
+            f"{settings.poses}: {len(near)} different links found within {reach:.4g} mm, {settings.links} asked for: "
+            "more --starts or --reach-mm"
+        )
+    best = near[: settings.links]
+    anchors, points, lengths = (np.array(part) for part in list(zip(*best, strict=True))[:3])
+    progress(0.7, "minimax")
+    found = dyads.minimax(poses, anchors, points, lengths, turn_free=settings.turn_free)
+    first = np.array([d.misses for d in best]).T
+    turned = dyads.turned(poses, found.turns)
+    last = dyads.misses(turned, found.anchors, found.points, found.lengths)
+    with files.whole(settings.out / "links.csv") as links, files.whole(settings.out / "minimax.csv") as minimax:
+        files.write_table(links, _columns(anchors, points, lengths))
+        files.write_table(minimax, _columns(found.anchors, found.points, found.lengths))
+    columns = {"pose": list(given.names), "turn_deg": np.degrees(found.turns)}
+    columns |= {f"link_{j + 1}_{name}_mm": of[:, j] for name, of in (("least_squares", first), ("minimax", last)) for j in range(len(best))}
+    files.write_table(settings.out / "misses.csv", columns)
+    progress(1.0, "minimax")
+    largest = float(np.abs(first).max())
+    lines = (
+        f"{len(best)} links for {len(poses)} poses, the best of {len(near)} different ones from {settings.starts} starts",
+        f"largest miss {largest:.6g} mm by least squares, {found.largest:.6g} mm by minimax",
+        f"written: {', '.join(str(settings.out / name) for name in ('links.csv', 'minimax.csv', 'misses.csv'))}",
+    )
+    return Result(found, lines, {"largest_miss_mm": largest, "largest_miss_minimax_mm": found.largest})
+
+
+def _within(dyad: "Dyad", poses: "FloatArray", reach: float) -> bool:
+    import numpy as np
+
+    away = np.linalg.norm(dyad.anchor - poses[:, :3].mean(axis=0)), np.linalg.norm(dyad.point)
+    return bool(max(away) <= 2.0 * reach and dyad.length > 1e-3 * reach)
+
+
+def _columns(anchors: "FloatArray", points: "FloatArray", lengths: "FloatArray") -> "dict[str, object]":
+    out: dict[str, object] = {"link": [f"leg_{j + 1}" for j in range(len(lengths))]}
+    for name, rows in (("base", anchors), ("platform", points)):
+        out |= {f"{name}_{axis}_mm": rows[:, k] for k, axis in enumerate("xyz")}
+    return out | {"length_mm": lengths}

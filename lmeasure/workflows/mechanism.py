@@ -1,0 +1,196 @@
+"""What a mechanism is and does: at a pose, along its coordinates, over a grid of places, at the poses of a table."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from lmeasure.catalogue import of_terminal
+from lmeasure.errors import FileFormatError, GeometryError, SettingsError
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Paths, Point, Quaternion, Range, Recording, option
+
+if TYPE_CHECKING:
+    from lmeasure.arrays import FloatArray
+    from lmeasure.robots.parallel.file import ParallelFile
+    from lmeasure.robots.parallel.study import Grid
+
+AT_A_POSE, WORKSPACE, TABLE = "At a pose", "Workspace", "Poses of a table"
+PLACES = "start:stop:step of the places that are looked at."
+KINDS = Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"]
+
+
+class Settings(Asked):
+    """What `lmeasure mechanism` is asked."""
+
+    robot: Annotated[
+        str,
+        option(
+            "A mechanism by its name (such as rotopod, crank-platform) or a robot.toml of kind parallel.", metavar="ROBOT", positional=True
+        ),
+    ]
+    out: Annotated[Path | None, option("Also write all of it.", metavar="FILE.json")] = None
+    position_mm: Annotated[Point | None, option("Of the platform in the base's frame; default home.", metavar="X,Y,Z", panel=AT_A_POSE)] = (
+        None
+    )
+    quaternion: Annotated[Quaternion | None, option("Its orientation; default that of home.", metavar="X,Y,Z,W", panel=AT_A_POSE)] = None
+    x: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
+    y: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
+    z: Annotated[Range | None, option(PLACES, metavar="START:STOP:STEP", panel=WORKSPACE, unit="mm")] = None
+    yaw_free: Annotated[bool, option("Inside is what is inside at any turn about the vertical.", panel=WORKSPACE)] = False
+    poses: Annotated[Path | None, option("Poses to take the platform to: x_mm, y_mm, z_mm, qx, qy, qz, qw.", panel=TABLE)] = None
+    joints: Annotated[Path | None, option("Table to write: joint values at them.", metavar="FILE.csv", panel=TABLE)] = None
+    complete: Annotated[
+        KINDS | None,
+        option("The poses tell only this of the platform, and its first rods the rest: every completion is written.", panel=TABLE),
+    ] = None
+    report: Annotated[Path | None, option("Write mechanism.html, with pictures, into this folder.", metavar="DIR")] = None
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        """A description, a page, a recording and a table from a robot."""
+        robot = Path(self.robot)
+        report = () if self.report is None else inside(self.report, "mechanism.html")
+        inputs = present(self.poses, robot if robot.suffix else None)
+        return Paths((*present(self.out, self.joints, self.rerun), *report), inputs)
+
+
+@workflow("mechanism")
+def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
+    """Describe the mechanism, and write what is asked for."""
+    from lmeasure import files
+    from lmeasure.robots.parallel.study import described
+
+    _check(settings)
+    file = _mechanism(settings.robot)
+    try:
+        record = described(file, _pose(settings, file))
+        grid = _grid(settings, file)
+    except GeometryError as error:
+        raise SettingsError("position_mm" if settings.x is None else "x", str(error)) from None
+    progress(0.6, "mechanism")
+    lines = _told(record, grid)
+    if grid is not None:
+        record["workspace"] = {
+            "volume_mm3": grid.found.volume_mm3,
+            "places": int(grid.found.inside.sum()),
+            "yaw_free": grid.yaw_free,
+            "ended_by": grid.ended_by,
+        }
+    if settings.poses is not None and settings.joints is not None:
+        lines.append(_table(settings, file, settings.poses, settings.joints))
+    if settings.out is not None:
+        files.write_text(settings.out, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    if settings.report is not None:
+        from lmeasure.report.mechanism import write_mechanism_page
+
+        write_mechanism_page(settings.report / "mechanism.html", file, record, grid, language=settings.language or of_terminal())
+    if settings.rerun is not None:
+        from lmeasure.view.mechanism import write_mechanism_recording
+
+        write_mechanism_recording(settings.rerun, file)
+    progress(1.0, "mechanism")
+    figures = {"freedoms": float(record["freedoms"]), "nearness": record["nearness"]}
+    figures |= {} if grid is None else {"volume_mm3": grid.found.volume_mm3}
+    return Result(record, tuple(lines), figures)
+
+
+def _check(settings: Settings) -> None:
+    axes = (settings.x, settings.y, settings.z)
+    if any(a is None for a in axes) and not all(a is None for a in axes):
+        raise SettingsError("x, y, z", "give all three for a workspace, or none")
+    if settings.yaw_free and settings.x is None:
+        raise SettingsError("yaw_free", "goes with --x, --y and --z")
+    if (settings.poses is None) != (settings.joints is None):
+        raise SettingsError("poses", "goes with --joints FILE.csv, which is written")
+    if settings.complete is not None and settings.poses is None:
+        raise SettingsError("complete", "goes with --poses and --joints")
+
+
+def _mechanism(name: str) -> "ParallelFile":
+    from lmeasure.robots.parallel.file import ParallelFile
+    from lmeasure.workflows.identify import nominal
+
+    found = nominal(name)
+    if not isinstance(found, ParallelFile):
+        raise SettingsError("robot", f"{name!r} is of kind {found.kind!r}; a mechanism is of kind 'parallel' (docs/robots.md)")
+    return found
+
+
+def _pose(settings: Settings, file: "ParallelFile") -> "FloatArray | None":
+    import numpy as np
+
+    from lmeasure.poses import UNIT_TOLERANCE, poses_from_rows
+
+    if settings.position_mm is None and settings.quaternion is None:
+        return None
+    home = file.model.home
+    quaternion = tuple(home[3:]) if settings.quaternion is None else settings.quaternion
+    if not abs(math.hypot(*quaternion) - 1.0) <= UNIT_TOLERANCE:
+        raise SettingsError("quaternion", f"its length is {math.hypot(*quaternion):.9g}, not 1")
+    place = home[:3] if settings.position_mm is None else settings.position_mm
+    return np.asarray(poses_from_rows(np.array([[*place, *quaternion]])).rows[0])
+
+
+def _grid(settings: Settings, file: "ParallelFile") -> "Grid | None":
+    import numpy as np
+
+    from lmeasure.robots.parallel.study import over_grid
+
+    if settings.x is None or settings.y is None or settings.z is None:
+        return None
+    axes = []
+    for name, (start, stop, step) in (("x", settings.x), ("y", settings.y), ("z", settings.z)):
+        count = math.floor((stop - start) / step + 1e-9) + 1 if step > 0.0 and stop > start else 0
+        if not 2 <= count <= 2000:
+            raise SettingsError(name, "must be 2 to 2000 places, rising")
+        axes.append(start + step * np.arange(count))
+    pose = _pose(settings, file)
+    orientation = (file.model.home if pose is None else pose)[3:]
+    return over_grid(file, (axes[0], axes[1], axes[2]), orientation, yaw_free=settings.yaw_free)
+
+
+def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
+    lines = [f"{record['name']}: {record['freedoms']} freedoms, {record['parameters']} parameters"]
+    lines.append("pose " + ", ".join(f"{v:.3f}" for v in record["position_mm"]) + " mm")
+    lines.append("joints " + ", ".join(f"{name} {value:.3f}" for name, value in record["joints"].items()))
+    lines.append(f"singular: {record['singular']}; smallest over largest singular value {record['nearness']:.4g}")
+    broken = [name for name, kept in record["limits_kept"].items() if not kept]
+    if broken:
+        lines.append(f"outside its limits: {', '.join(broken)}")
+    if "ranges" in record:
+        units = {name: "deg" if name.startswith("r") else "mm" for name in record["ranges"]}
+        lines.append("goes " + ", ".join(f"{n} {a:.1f} to {b:.1f} {units[n]}" for n, (a, b) in record["ranges"].items()))
+    if "commanded" in record:
+        lines.append(f"is told {', '.join(record['commanded'])}; the others follow")
+    if "leg_turns_deg" in record:
+        lines.append("legs turn about themselves by " + ", ".join(f"{v:.3f}" for v in record["leg_turns_deg"].values()) + " deg")
+    if grid is not None:
+        from lmeasure.report.mechanism import workspace_words
+
+        lines.append(f"workspace: {workspace_words(grid)}")
+    return lines
+
+
+def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> str:
+    """Joint values of a table's poses, or what completes them."""
+    import numpy as np
+
+    from lmeasure import files
+    from lmeasure.poses import pose_columns, poses_from_rows, read_poses
+    from lmeasure.robots.parallel.study import at_poses, completions
+
+    given = read_poses(poses, "puma-oat")
+    if settings.complete is None:
+        columns = at_poses(file, given.rows)
+        files.write_table(out, {"pose": list(given.names), **columns})
+        kept = int(columns["kept"].sum())
+        return f"{len(given.rows)} poses: {int(np.isfinite(columns['nearness']).sum())} reached, {kept} within all limits; {out}"
+    try:
+        rows, found = completions(file, settings.complete.replace("-", " "), given.rows)
+    except GeometryError as error:
+        raise FileFormatError(f"{poses}: {error}") from None
+    names = [f"{given.names[row]}_{1 + int((rows[:k] == row).sum())}" for k, row in enumerate(rows)]
+    files.write_table(out, pose_columns(poses_from_rows(found, names)))
+    return f"{len(given.rows)} poses: {len(np.unique(rows))} completed, {len(found)} completions; {out}"

@@ -1,0 +1,159 @@
+"""`lmeasure mechanism` and `lmeasure dyads`: workspaces against a brute force of their own, tables, pages, recordings, refusals."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lmeasure import files
+from lmeasure.cli import app
+from lmeasure.errors import LMeasureError
+from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.study import over_grid
+from lmeasure.robots.robot import any_shipped
+from lmeasure.view.viewer import check_recording
+
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def run(*words: object) -> str:
+    done = CliRunner().invoke(app, [str(w) for w in words])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def refused(*words: object) -> str:
+    done = CliRunner().invoke(app, [str(w) for w in words])
+    assert done.exit_code in (1, 2)
+    said = done.output + str(done.exception)
+    assert done.exit_code == 2 or isinstance(done.exception, LMeasureError)
+    return said
+
+
+def rotopod_volume(step: float, yaw: float = 0.0) -> float:
+    """[mm^3] of the rotopod's workspace, written anew: plain trigonometry, one place after the other, its own grid."""
+    ring, rod, corner, cut = 1019.8, 980.0, 1024.0, 87.0
+    a = np.radians([0.0, 120.0, 240.0])
+    corners = corner * np.column_stack([np.cos(a), np.sin(a)])
+    side = np.sqrt(3.0) * corner
+    hinges = np.array([corners[i] + cut * (corners[(i + way) % 3] - corners[i]) / side for i in range(3) for way in (-1, 1)])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    hinges = hinges @ turn.T
+    count = 0
+    for z in np.arange(955.0 + 0.5, 980.0, 1.0):
+        for x in np.arange(-200.0 + 0.5 * step, 200.0, step):
+            for y in np.arange(-200.0 + 0.5 * step, 200.0, step):
+                at = hinges + [x, y]
+                reach = np.hypot(*at.T)
+                cos = (ring**2 + reach**2 - (rod**2 - z**2)) / (2.0 * ring * reach)
+                if z >= rod or (np.abs(cos) > 1.0).any() or np.degrees(np.arccos(z / rod)) > 11.0:
+                    continue
+                q = np.degrees(np.arctan2(at[:, 1], at[:, 0])) + np.degrees(np.arccos(cos)) * [-1, 1, -1, 1, -1, 1]
+                gap = (np.roll(q, -1) - q) % 360.0
+                count += bool(((gap >= 12.0) & (gap <= 120.0)).all() and abs(gap.sum() - 360.0) < 1e-6)
+    return count * step * step
+
+
+def test_the_rotopods_workspace_is_that_of_a_brute_force() -> None:
+    """Two grids that share no node: their volumes differ by no more than half the cells about the boundary allow."""
+    file = any_shipped("rotopod")
+    assert isinstance(file, ParallelFile)
+    flat = np.arange(-200.0, 200.1, 10.0)
+    heights = np.arange(955.0, 980.1, 1.0)
+    found = over_grid(file, (flat, flat, heights), LEVEL, yaw_free=False)
+    other = rotopod_volume(20.0)
+    assert found.found.volume_mm3 == pytest.approx(other, rel=0.12)
+    assert set(found.ended_by) <= {"reached", "joints", "gaps", "base_cone", "regular"}
+    # three-fold at fixed yaw, of revolution with yaw free
+    inside = found.found.inside
+    place = np.array([150.0, 0.0]), np.array([-150.0, 0.0])
+    at = [tuple(np.searchsorted(flat, p)) for p in place]
+    assert inside[at[0]].any() != inside[at[1]].any()
+    free = over_grid(file, (flat, flat, heights[11:12]), LEVEL, yaw_free=True).found.inside
+    far = np.hypot(*np.meshgrid(flat, flat, indexing="ij"))
+    for level in range(free.shape[2]):
+        edge = far[free[:, :, level]].max()
+        assert free[:, :, level][far < edge - 5.0].all()
+
+
+def test_a_mechanism_is_told_drawn_and_recorded(tmp_path: Path) -> None:
+    out = run(
+        "mechanism", "four-chains-arms", "--x", "-40:40:20", "--y", "-20:40:20", "--z", "70:130:20", "--out", tmp_path / "m.json",
+        "--report", tmp_path / "page", "--rerun", tmp_path / "m.rrd",
+    )  # fmt: skip
+    assert "four-chains-arms: 6 freedoms, 36 parameters" in out
+    record = json.loads((tmp_path / "m.json").read_text())
+    assert record["singular"] == "no"
+    assert record["workspace"]["places"] > 5
+    page = (tmp_path / "page" / "mechanism.html").read_text(encoding="utf-8")
+    assert "Mechanism four-chains-arms" in page
+    assert "leg_2_lift_deg" in page
+    check_recording(tmp_path / "m.rrd")
+    logos = json.loads(run("mechanism", "logos", "--quaternion", "0,0,0.17364817766693033,0.984807753012208", "--json"))
+    turns = [
+        float(v) for v in next(line for line in logos["summary"] if "turn about" in line).split(" by ")[1].removesuffix(" deg").split(", ")
+    ]
+    assert turns[0] == pytest.approx(16.5567, abs=0.002)  # thesis 5.8: 16.555 +- 0.01
+
+
+def test_a_table_of_poses_becomes_joints_and_completions(tmp_path: Path) -> None:
+    robot = any_shipped("seven-link")
+    poses = robot.model.forward(np.array([[-30.0], [0.0], [25.0]]))
+    columns = {"pose": ["a", "b", "c"], **dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True))}
+    files.write_table(tmp_path / "poses.csv", columns)
+    run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "joints.csv")
+    table = files.read_table(tmp_path / "joints.csv")
+    np.testing.assert_allclose(table.numbers("way_mm"), [-30.0, 0.0, 25.0], atol=1e-6)
+    assert (table.numbers("kept") == 1.0).all()
+    for kind in ("line", "plane", "point-on-a-line"):
+        run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "c.csv", "--complete", kind)
+        done = files.read_table(tmp_path / "c.csv")
+        found = done.matrix(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"))
+        # the pose itself completes what it tells
+        for name, pose in zip("abc", poses, strict=True):
+            own = found[[n.startswith(f"{name}_") for n in done.text("pose")]]
+            assert np.minimum(np.abs(own - pose).max(axis=1), np.abs(own * [1, 1, 1, -1, -1, -1, -1] - pose).max(axis=1)).min() < 1e-6
+
+
+def test_links_are_found_for_poses(tmp_path: Path) -> None:
+    """Exact poses of five links give back links that miss none of them."""
+    poses = any_shipped("seven-link").model.forward(np.linspace(-70.0, 50.0, 12)[:, None])
+    columns = {"pose": [f"p{i}" for i in range(12)], **dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True))}
+    files.write_table(tmp_path / "poses.csv", columns)
+    out = run("dyads", tmp_path / "poses.csv", "--out", tmp_path / "links", "--links", "1", "--starts", "10")
+    assert "largest miss" in out
+    links = files.read_table(tmp_path / "links" / "links.csv")
+    anchor, point = (links.matrix([f"{end}_{axis}_mm" for axis in "xyz"])[0] for end in ("base", "platform"))
+    far = [np.linalg.norm(p[:3] + _turn(p[3:]) @ point - anchor) for p in poses]
+    assert np.ptp(far) < 1e-6
+
+
+def _turn(q: np.ndarray) -> np.ndarray:
+    x, y, z, w = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def test_what_cannot_be_studied_is_said_in_one_line(tmp_path: Path) -> None:
+    assert "its legs do not reach this pose" in refused("mechanism", "rotopod", "--position-mm", "0,0,2000")
+    assert "is of kind 'hexapod'" in refused("mechanism", "gough")
+    assert "give all three for a workspace" in refused("mechanism", "rotopod", "--x", "0:1:0.5")
+    assert "is no robot that comes along" in refused("mechanism", "rotopode")
+    assert "goes with --joints" in refused("mechanism", "rotopod", "--poses", tmp_path / "p.csv")
+    (tmp_path / "p.csv").write_text("pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,0,0,0,0,0,0,1\nb,1,0,zero,0,0,0,1\n")
+    said = refused("dyads", tmp_path / "p.csv", "--out", tmp_path / "d")
+    assert "p.csv" in said
+    assert "zero" in said
+    (tmp_path / "p.csv").write_text("pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,0,0,0,0,0,0,1\n")
+    assert "1 poses; a link has 7 parameters" in refused("dyads", tmp_path / "p.csv", "--out", tmp_path / "d")
+    assert not (tmp_path / "d").exists()
+    (tmp_path / "q.csv").write_text("pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,0,0,0,0,0,0,1\n")
+    said = refused("mechanism", "three-prr", "--poses", tmp_path / "q.csv", "--joints", tmp_path / "j.csv", "--complete", "plane")
+    assert "completed by 3 rods; it has 0" in said
