@@ -101,6 +101,8 @@ TITLES = {
     "key": "A key to sign with",
     "frames": "Base and tool",
     "structure": "Structure",
+    "mechanism": "Mechanism",
+    "dyads": "Links for poses",
 }
 VERBS = {
     "init": "Write the rig",

@@ -140,12 +140,12 @@ def _grid(settings: Settings, file: "ParallelFile") -> "Grid | None":
 
     if settings.x is None or settings.y is None or settings.z is None:
         return None
-    axes = []
+    axes: list[FloatArray] = []
     for name, (start, stop, step) in (("x", settings.x), ("y", settings.y), ("z", settings.z)):
         count = math.floor((stop - start) / step + 1e-9) + 1 if step > 0.0 and stop > start else 0
         if not 2 <= count <= 2000:
             raise SettingsError(name, "must be 2 to 2000 places, rising")
-        axes.append(start + step * np.arange(count))
+        axes.append(np.asarray(start + step * np.arange(count), dtype=np.float64))
     pose = _pose(settings, file)
     orientation = (file.model.home if pose is None else pose)[3:]
     return over_grid(file, (axes[0], axes[1], axes[2]), orientation, yaw_free=settings.yaw_free)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import GeometryError
 from lmeasure.robots.mechanisms import study
 from lmeasure.robots.mechanisms.completion import KINDS as COMPLETED
@@ -142,7 +142,7 @@ def at_poses(file: ParallelFile, poses: FloatArray) -> dict[str, FloatArray]:
     return columns | {"nearness": near, "kept": kept.all.astype(np.float64)}
 
 
-def completions(file: ParallelFile, kind: str, given: FloatArray) -> tuple[FloatArray, FloatArray]:
+def completions(file: ParallelFile, kind: str, given: FloatArray) -> tuple[IntArray, FloatArray]:
     """(k,) rows of given (N, 7) and (k, 7) poses that the first rods of the mechanism complete of them, see `completion.KINDS`."""
     rods = [(leg.base_mm, leg.platform_mm, leg.rod_mm) for leg in file.leg if leg.type == "rod"]
     need = COMPLETED.get(kind)
