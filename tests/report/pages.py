@@ -245,6 +245,11 @@ def _ran(command: str, asked: dict[str, Any], language: str, page: Path) -> Path
     return page
 
 
+def _mechanism(out: Path, language: str) -> Path:
+    asked = {"robot": "four-chains-arms", "x": "-40:40:20", "y": "-20:40:20", "z": "70:130:20", "report": out}
+    return _ran("mechanism", asked, language, out / "mechanism.html")
+
+
 PAGES: dict[str, Callable[[Path, str], Path]] = {
     "calibration": _calibration,
     "calibration-compared": _compared,
@@ -260,6 +265,7 @@ PAGES: dict[str, Callable[[Path, str], Path]] = {
     "check": _check,
     "structure": _structure,
     "structures": _structures,
+    "mechanism": _mechanism,
     "identification": _identification,
     "correction": _correction,
 }
