@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
@@ -48,6 +49,7 @@ def test_thesis_5_3_determinant_in_closed_form() -> None:
     lengths = singularity.link_rows(BASE, BODY, poses)[1].prod(axis=1)
     expected = 128.0 * (z + 4.0) * ((z + 4.0) ** 2 - (x - y) ** 2) / lengths
     np.testing.assert_allclose(singularity.determinants(BASE, BODY, poses), expected, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(singularity.determinants(BASE, BODY, np.array([0.3, 0.2, -0.7, *HERE[3:]])), 1.789580, atol=1e-6)
     np.testing.assert_allclose(singularity.gradients(BASE, BODY, HERE), [0, 0, -2.5, 0, -0.5, 0], atol=1e-12)
     np.testing.assert_allclose(np.degrees(singularity.pressure_angles(BASE, BODY, HERE)), [0, 45, 0, 0, 0, 0], atol=1e-5)
 
@@ -190,6 +192,24 @@ def test_thesis_5_2_determinants_along_the_path() -> None:
     found = np.abs(singularity.determinants(BASE2, BODY2, parabola(t)))
     expected = [0.030071, 0.020736, 0.013175, 0.012319, 0.019066, 0.027186, 0.003137, 0.335043, 0.163718, 0.0]
     np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+def test_thesis_5_2_where_the_determinant_is_small() -> None:
+    """Below 0.015 and 0.01 in narrower intervals than the published -0.06 to 0.06, with P1 as printed and with a minus that may be lost."""
+
+    def interval(body: FloatArray, least: float) -> tuple[float, float]:
+        def over(t: float) -> float:
+            return float(np.abs(singularity.determinants(BASE2, body, parabola(np.array([t])))[0])) - least
+
+        return brentq(over, -0.1, -1e-4), brentq(over, 1e-4, 0.1)
+
+    assert interval(BODY2, 0.015) == pytest.approx((-0.04264, 0.04423), abs=1e-5)
+    assert interval(BODY2, 0.010) == pytest.approx((-0.03491, 0.03597), abs=1e-5)
+    lost = BODY2 * np.where(np.arange(6)[:, None] == 0, [1.0, 1.0, -1.0], 1.0)
+    assert interval(lost, 0.015) == pytest.approx((-0.04791, 0.04976), abs=1e-5)
+    t = np.array([-0.06, -0.05, -0.04, 0.04, 0.05, 0.06])
+    found = np.abs(singularity.determinants(BASE2, lost, parabola(t)))
+    np.testing.assert_allclose(found, [0.023695, 0.016360, 0.010407, 0.009782, 0.015142, 0.021593], atol=2e-6)
 
 
 def test_thesis_5_2_path_led_around() -> None:
