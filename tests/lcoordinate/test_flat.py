@@ -119,8 +119,8 @@ def test_thesis_4_3_tables() -> None:
     [(45.2, (10.316, 17.429, 46.851, 54.999)), (50.0, (10.565, 18.457, 41.627, 50.309)), (55.0, (None, None, 34.38, None))],
 )
 def test_thesis_4_3_second_iteration(a12: float, values: tuple[float | None, ...]) -> None:
-    """|A3B3| at which A1 A2 A3 B3 is flat when |A1A2| is made longer: 30 to 37 is free at 45.2 and 50, not at 55. The first iteration of the
-    thesis makes |A3B3| at least 29.8283, and 74.8283 with 45."""
+    """|A3B3| at which A1 A2 A3 B3 is flat when |A1A2| is made longer: 30 to 37 is free at 45.2 and 50, not at 55. The first iteration of
+    the thesis makes |A3B3| at least 29.8283, and 74.8283 with 45."""
     low, high = 35.316034, 41.962389
     t = flat.Tetrahedron("a12", "a1b3", "a2b3", "a13", "a23", "a3b3")
     own = {"a12": (a12, a12), "a1b3": (low, high), "a2b3": (low, high), "a13": (35.0, 35.0), "a23": (25.0, 25.0)}
