@@ -16,7 +16,7 @@ from lmeasure.counts import read_counts
 from lmeasure.rig import write_rig
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
-from capture_bench import motion, on_bus, some_poses, true_rig
+from capture_bench import motion, on_bus, some_poses, true_rig, write_inputs
 
 
 def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,6 +89,35 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
         assert asked.post("/start/run", data={"start": "/etc/passwd"}).status_code == 422
         assert asked.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
         assert "No run has its start pose" not in asked.get("/robot").text
+
+
+def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
+    """The server is killed between two readings: the capture ends with it, what was read is kept, and the same command goes on."""
+    rig, poses = true_rig(), some_poses(3)
+    write_inputs(tmp_path, rig, poses, u_position_mm=[0.05] * 3, u_rotation_deg=[0.01] * 3)
+    still = np.tile(motion(rig, poses, 0.3, speed_mm_s=800.0).recorded[:1], (50, 1))
+    group = f"239.75.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
+    settings = {"rig": "rig.toml", "poses": "planned.csv", "bus": f"udp_multicast:{group}", "out": "campaign", "by": "rest"}
+    settings |= {"dwell_s": 0.2, "u_repeatability_mm": 0}
+    counts = tmp_path / "campaign" / "counts.csv"
+    with served(tmp_path) as address, on_bus(rig, still, {"interface": "udp_multicast", "channel": group, "hop_limit": 0}):
+        base, token = address.split("/?token=")
+        head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+        asked_for = json.dumps({"command": "capture", "settings": settings}).encode()
+        with urlopen(Request(f"{base}/api/jobs", asked_for, head)) as answer:
+            assert json.load(answer)["number"] == 1
+        process = json.loads((tmp_path / ".workbench/jobs/0001/asked.json").read_text())["process"]
+        until(counts.is_file)
+        kill_server(tmp_path / ".workbench" / "address")
+        until(lambda: not Path(f"/proc/{process}/cmdline").exists() or not Path(f"/proc/{process}/cmdline").read_bytes())
+        kept = counts.read_bytes()
+        with client(tmp_path) as asked:
+            assert asked.get("/api/jobs/1").json()["state"] == "interrupted"
+            assert asked.post("/api/jobs", json={"command": "capture", "settings": settings}).json()["number"] == 2
+            until(lambda: "readings" in asked.get("/jobs/2/last").json()["last"].get("capture", {}))
+            assert [one["pose"] for one in asked.get("/jobs/2/last").json()["last"]["capture"]["readings"]] == ["1"]
+            asked.delete("/api/jobs/2")
+        assert counts.read_bytes() == kept
 
 
 def test_a_long_job_is_ended_by_its_button(tmp_path: Path) -> None:

@@ -127,7 +127,7 @@ def test_no_path_leads_out_of_the_project(asked: TestClient, project: Path, path
         inside(project, path.replace("%2f", "/").replace("%2e", "."))
 
 
-@pytest.mark.parametrize("command", ["zone", "calibrate", "certify", "import", "identify", "record", "verify"])
+@pytest.mark.parametrize("command", ["zone", "calibrate", "certify", "import", "identify", "record", "verify", "play", "capture"])
 def test_no_file_of_a_form_lies_outside(asked: TestClient, project: Path, command: str) -> None:
     from lmeasure import workflows
     from lmeasure.workflows.options import options_of
@@ -173,14 +173,32 @@ def test_what_is_brought_in_stays_in_its_folder_and_writes_over_nothing(asked: T
     assert not (project / "in" / "bad.zip").exists()
 
 
+def words_of(process: Path) -> str:
+    """Command line of a process, which may be gone by now."""
+    try:
+        return (process / "cmdline").read_bytes().decode("utf-8", "replace")
+    except OSError:
+        return ""
+
+
+def sockets_of(folder: Path) -> set[str]:
+    """Where the server's own process listens, TCP and UDP, of either family."""
+    server = next(entry for entry in Path("/proc").glob("[0-9]*") if f"workbench\0{folder}\0" in words_of(entry))
+    own = {str(link.readlink()).removeprefix("socket:[").rstrip("]") for link in (server / "fd").iterdir()}
+    found = set()
+    for kind, listening in (("tcp", "0A"), ("tcp6", "0A"), ("udp", "07"), ("udp6", "07")):
+        path = server / "net" / kind
+        rows = [line.split() for line in path.read_text().splitlines()[1:]] if path.exists() else []
+        found |= {row[1] for row in rows if row[3] == listening and row[9] in own}
+    return found
+
+
 def test_only_the_loopback_interface_listens(project: Path) -> None:
     from bench import served
 
     with served(project) as address:
         port = int(address.split(":")[2].split("/")[0])
-        listening = [line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"]
-        own = [one.split(":")[0] for one in listening if int(one.split(":")[1], 16) == port]
-        assert own == ["0100007F"]
+        assert sockets_of(project) == {f"0100007F:{port:04X}"}
         noted = project / ".workbench" / "address"
         assert noted.read_text().strip() == address
         assert noted.stat().st_mode & 0o777 == 0o600

@@ -121,7 +121,7 @@ document.addEventListener('told', (event) => told[event.detail.event]?.(event.de
 
 // ---- a recording ----
 const ages = [];
-let before = null;
+let before = null, newest = null;
 function live(e) {
   const box = at('live');
   if (!box) return;
@@ -153,8 +153,9 @@ function live(e) {
   at('live-faults').textContent = Object.entries(e.faults).map(([kind, n]) => `${n} ${kind}`).join(', ') || '0';
   at('live-disk').textContent = e.disk_free === null ? '–' : number(e.disk_free / 1e9, 1);
   if (e.newest_s !== null) {
-    // from a frame's own time, by this machine's clock, until it stands in the page
-    ages.push(Date.now() - 1e3 * e.newest_s);
+    // from a frame's own time, by this machine's clock, until it stands in the page: one between two that are shown waits for the later
+    ages.push(Date.now() - 1e3 * e.newest_s + 500 * (newest !== null && e.newest_s > newest ? e.newest_s - newest : 0));
+    newest = e.newest_s;
     if (ages.length > 200) ages.shift();
     const sorted = [...ages].sort((a, b) => a - b), median = sorted[sorted.length >> 1];
     at('live-screen').textContent = median >= 0 && median < 60000 ? number(median, 0) : '–';
