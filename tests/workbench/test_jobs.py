@@ -97,7 +97,7 @@ def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
     write_inputs(tmp_path, rig, poses, u_position_mm=[0.05] * 3, u_rotation_deg=[0.01] * 3)
     still = np.tile(motion(rig, poses, 0.3, speed_mm_s=800.0).recorded[:1], (50, 1))
     group = f"239.75.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
-    settings = {"rig": "rig.toml", "poses": "planned.csv", "bus": f"udp_multicast:{group}", "out": "campaign", "by": "rest"}
+    settings: dict[str, Any] = {"rig": "rig.toml", "poses": "planned.csv", "bus": f"udp_multicast:{group}", "out": "campaign", "by": "rest"}
     settings |= {"dwell_s": 0.2, "u_repeatability_mm": 0}
     counts = tmp_path / "campaign" / "counts.csv"
     with served(tmp_path) as address, on_bus(rig, still, {"interface": "udp_multicast", "channel": group, "hop_limit": 0}):
