@@ -12,6 +12,7 @@ from lmeasure.workflows.settings import LANGUAGE, RERUN, Asked, Numbers, Pair, P
 
 if TYPE_CHECKING:
     from lmeasure.arrays import FloatArray
+    from lmeasure.linkage.links import Linkage
     from lmeasure.linkage.record import Workspace
 
 AT_A_POSE = "At a pose"
@@ -23,7 +24,8 @@ class Settings(Asked):
     """What `lmeasure structure` is asked."""
 
     file: Annotated[
-        Path | None, option("rig.toml, or a table of points and links (docs/structures.md).", metavar="FILE", positional=True)
+        Path | None,
+        option("rig.toml, robot.toml of a platform, or a table of points and links (docs/structures.md).", metavar="FILE", positional=True),
     ] = None
     out: Annotated[Path | None, option("Also write all of it.", metavar="FILE.json")] = None
     listed: Annotated[bool, option("All structures of six links instead of a file.", flag="--list")] = False
@@ -93,7 +95,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         made: Any = every
         lines = told_list(every)
     else:
-        linkage = read_linkage(settings.file)
+        linkage = _of_robot(settings.file) or read_linkage(settings.file)
         if settings.lengths_mm is not None:
             linkage = linkage.with_lengths(settings.lengths_mm, "--lengths-mm")
         pose = None if settings.position_mm is None else _pose(settings, settings.position_mm)
@@ -117,6 +119,33 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
     if settings.out is not None:
         files.write_text(settings.out, json.dumps(made, indent=1, allow_nan=False) + "\n")
     return Result(made, tuple(lines), _figures(made))
+
+
+def _of_robot(path: Path) -> "Linkage | None":
+    """The links of a platform in a robot.toml, None for any other file: a hexapod's legs within their limits, or those of a mechanism whose
+    six equations are lengths, with its drives standing as at home. FileFormatError for a robot that is no such platform."""
+    import numpy as np
+
+    from lmeasure import files
+    from lmeasure.linkage.links import Linkage
+    from lmeasure.robots.parallel.file import ParallelFile
+    from lmeasure.robots.platform import PlatformFile
+    from lmeasure.robots.robot import SCHEMA, read_robot
+
+    if files.read_toml(path).get("schema") != SCHEMA:
+        return None
+    robot = read_robot(path)
+    if isinstance(robot, PlatformFile):
+        model = robot.model
+        names = [(leg.name, f"base of {leg.name}", f"platform of {leg.name}") for leg in robot.leg]
+        ends = np.sort(model.scale[:, None] * np.column_stack([model.low, model.high]) + model.offset[:, None], axis=1)
+        return Linkage(model.base, model.platform, names, model.lengths(model.home[None])[0], ends)
+    if isinstance(robot, ParallelFile):
+        held = robot.model.held_by_lengths()
+        if held is not None:
+            names = [(leg.name, f"base of {leg.name}", f"platform of {leg.name}") for leg in robot.leg]
+            return Linkage(held.ends, np.array([leg.platform_mm for leg in robot.leg]), names, held.lengths, held.limits)
+    raise FileFormatError(f"{path}: robot {robot.name!r} is not held by six lengths")
 
 
 COUNTED = ("freedoms", "links", "complex_assemblies", "rank", "determinant", "worst_pressure_angle_deg")

@@ -13,6 +13,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.cli import main
 from lmeasure.lcoordinate import singularity
 from lmeasure.lcoordinate.tetrahedra import closed_form
+from lmeasure.robots.robot import Robot, any_shipped, write_robot
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 BASE = {"B1": (1, 5, 0), "B2": (3, 3, 0), "B3": (4, 2, 0), "B4": (1, 1, 0)}
@@ -345,3 +346,24 @@ def test_limits_of_other_structures_are_cut_too(run, tmp_path: Path, links: list
         np.testing.assert_allclose(np.linalg.norm(se3.apply(now, platform) - base, axis=1), aim, rtol=1e-8)
     if links is not LINKS:
         assert "state --position-mm" in run("s.toml", "--design")[2]
+
+
+@pytest.mark.parametrize("name", ["logos", "rotopod-cell", "gough"])
+def test_platforms_of_robots_are_structures(name: str, run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """Hexapods, and a rotopod whose carriages stand: home is among the poses that their lengths allow."""
+    robot = any_shipped(name)
+    assert not isinstance(robot, Robot)
+    write_robot(tmp_path / "robot.toml", robot)
+    assert run("robot.toml", "--out", "s.json")[0] == 0
+    record = json.loads((tmp_path / "s.json").read_text())
+    places = np.array([one["position_mm"] for one in record["assemblies"]])
+    assert len(places) >= 2
+    assert np.abs(places - robot.model.home[:3]).max(axis=1).min() < 1e-5
+
+
+def test_a_robot_that_is_not_held_by_six_lengths_is_no_structure(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    for name in ("four-chains", "ur5"):
+        write_robot(tmp_path / "robot.toml", any_shipped(name))
+        code, _, said = run("robot.toml")
+        assert code == 1
+        assert f"robot.toml: robot '{name}' is not held by six lengths" in said

@@ -107,6 +107,15 @@ class Rows:
 
 
 @dataclass(frozen=True)
+class Held:
+    """Lower ends (6, 3) and lengths (6,) [mm] that hold a platform; limits (6, 2) of the lengths where they are driven."""
+
+    ends: FloatArray
+    lengths: FloatArray
+    limits: FloatArray | None
+
+
+@dataclass(frozen=True)
 class Parallel:
     """`RobotModel` of legs with six equations; home (7,): base_from_flange at the joint values home_joints (n,); commanded: the
     components of `COMPONENTS` that a robot of fewer than six joints is told, the others follow."""
@@ -165,6 +174,17 @@ class Parallel:
         at = np.split(self.home_joints, self._cuts)
         counts = [len(leg.equations(q[None])) for leg, q in zip(self.legs, at, strict=True)]
         return np.repeat(np.arange(len(self.legs)), counts)
+
+    def held_by_lengths(self) -> "Held | None":
+        """Its six lengths with the drives standing as at home; None where an equation is of another kind."""
+        equations = [e for leg, q in zip(self.legs, np.split(self.home_joints, self._cuts), strict=True) for e in leg.equations(q[None])]
+        if any(e.normal is not None for e in equations):
+            return None
+        ends, lengths = (np.real(np.concatenate(part)) for part in list(zip(*equations, strict=True))[:2])
+        limits = None
+        if all(leg.kind == "strut" for leg in self.legs):
+            limits = np.sort([[np.real(leg.equations(v[None])[0].length[0]) for v in (leg.low, leg.high)] for leg in self.legs], axis=1)
+        return Held(ends, lengths, limits)
 
     def moved(self, change: FloatArray) -> Self:
         """The robot with (p,) added to its parameters, rad and mm."""
