@@ -63,6 +63,21 @@ class Dimension(_Record):
     covariance: tuple[Number, ...]
 
 
+class SolvedEffect(_Record):
+    """An effect that was solved for: owner, an observation point; effect, what `--solve` calls it; value, by how much it differs from
+    what the rig stated, with its standard uncertainty in unit; probability of as much by chance; bits that were learned of it; found,
+    whether the probability, times the number of effects solved for, is under one in a hundred."""
+
+    owner: str
+    effect: str
+    value: Number
+    u: Annotated[Number, Field(ge=0)]
+    unit: str
+    probability: Number
+    bits: Number
+    found: bool
+
+
 class Finding(_Record):
     """Something the reader must know; code is one of a short list, text is one line."""
 
@@ -116,6 +131,8 @@ class CalibrationRecord(Shown, _Record):
     settings: dict[str, Any] = Field(default_factory=dict)
     dimensions: tuple[Dimension, ...] = ()
     """Dimensions that were not solved, and whose uncertainty is in that of the parameters."""
+    effects: tuple[SolvedEffect, ...] = ()
+    """Physical effects that were solved for, and what the counts say of each."""
     temperature_c: Number | None = None
     """Mean temperature of the counts; None where it was not stated."""
     taken_as_exact: tuple[dict[str, Any], ...] = ()
@@ -199,9 +216,11 @@ class CalibrationRecord(Shown, _Record):
         index = {p.name: i for i, p in enumerate(self.parameters)}
         flat = [name for row in names for name in row]
         select = np.zeros((len(flat), len(self.parameters)))
-        for i, name in enumerate(flat):
-            if name in index:
-                select[i, index[name]] = math.radians(1.0) if name.endswith("_deg") else 1.0
+        for i, own in enumerate(flat):
+            # a swivel axis stands at the angle of its guide and its own tilt together
+            for name in dict.fromkeys((own, own.replace(".guide_", ".swivel_tilt_"))):
+                if name in index:
+                    select[i, index[name]] = math.radians(1.0) if name.endswith("_deg") else 1.0
         return select
 
 

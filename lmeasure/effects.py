@@ -1,4 +1,5 @@
-"""Temperature, stretch and sag of a rig's cables: what its keys mean for lengths, and how uncertain that is."""
+"""Physical effects on a rig's cables, what its keys mean for lengths and how uncertain that is: temperature, stretch and sag, and parts
+that are not as drawn (`observation.parts`)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from lmeasure.errors import GeometryError
 from lmeasure.kernels import effects as kernels
 from lmeasure.kernels import layout
 from lmeasure.kernels.cable import span_lengths
+from lmeasure.observation.parts import Parts, parts_of
 from lmeasure.rig import Cable, Drum, Rig
 
 GRAVITY = 9.80665  # standard gravity [m/s^2]; it differs by 0.3 % between equator and pole
@@ -46,6 +48,12 @@ class Effects:
     moved: tuple[tuple[FloatArray, FloatArray], ...]
     u_temperature_k: float
     u_tension_change_n: FloatArray
+    parts: Parts | None = None
+
+    @property
+    def physical(self) -> bool:
+        """Whether temperature, tension or weight has an effect."""
+        return bool(self.rows[:, [*_EXPANSIONS, layout.COMPLIANCE, layout.WEIGHT]].any())
 
     @property
     def thermal(self) -> bool:
@@ -58,7 +66,11 @@ class Effects:
         F(P) - F(P0) + excess = D(k) - D(k0) with F and D of `kernels.cable` for cable_rows (m, columns). NaN where pose or count is NaN and
         where a cable cannot run or carries no tension.
         """
-        return self._excess(self.rows, cable_rows, zero, poses, counts, temperature_c)
+        if not self.physical:
+            assert self.parts is not None
+            return self.parts.excess(cable_rows, (zero.poses, zero.counts), poses, counts)
+        out = self._excess(self.rows, cable_rows, zero, poses, counts, temperature_c)
+        return out if self.parts is None else out + self.parts.excess(cable_rows, (zero.poses, zero.counts), poses, counts)
 
     def checked_excess(
         self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
@@ -125,12 +137,13 @@ class Effects:
         return np.asarray((span_lengths(cable_rows, np.ascontiguousarray(poses)) + to_pulley) * per_mm)
 
 
-def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None) -> Effects | None:
-    """The effects that a rig's keys state for the given cables, default all; None when it states none."""
+def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None, *, with_parts: bool = True) -> Effects | None:
+    """The effects that a rig's keys state for the given cables, default all, those of parts left out if asked; None when it states none."""
     chosen = rig.cable if cables is None else cables
     drums = [rig.point(c.from_point).drum for c in chosen]
     rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), layout.EFFECT_COLUMNS)
-    if not (rows[:, [*_EXPANSIONS, layout.COMPLIANCE, layout.WEIGHT]] != 0.0).any():
+    parts = parts_of(rig, chosen) if with_parts else None
+    if not (rows[:, [*_EXPANSIONS, layout.COMPLIANCE, layout.WEIGHT]] != 0.0).any() and parts is None:
         return None
     reference = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
     change = np.array([drum.u_cable_tension_change_n or 0.0 for drum in drums])
@@ -143,7 +156,7 @@ def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None) -> Effects | N
         every, u = np.ones(len(chosen), dtype=bool), rig.u_frame_expansion_per_k
         value = rig.frame_expansion_per_k
         moved.append((_with(rows, every, layout.FRAME_EXPANSION, value + u), _with(rows, every, layout.FRAME_EXPANSION, value - u)))
-    return Effects(rows, tuple(c.name for c in chosen), reference, tuple(moved), rig.u_temperature_k or 0.0, change)
+    return Effects(rows, tuple(c.name for c in chosen), reference, tuple(moved), rig.u_temperature_k or 0.0, change, parts)
 
 
 def _row(drum: Drum, rig: Rig) -> list[float]:

@@ -242,6 +242,14 @@ def _play(counter: Drum | AngleEncoder, counts: FloatArray, state: FloatArray | 
     return np.asarray(half * last_travel(counts[:, None], np.ones(1), state)[:, 0])
 
 
+def _lag(drum: Drum, counts: FloatArray, state: FloatArray | None) -> FloatArray:
+    """(n,) true counts that a drum's counter is behind by play, by the way it turned last, from counts (n,); state as that of
+    `last_travel`."""
+    if not drum.backlash_counts:
+        return np.zeros(len(counts))
+    return np.asarray(drum.backlash_counts / drum.scale * last_travel(counts[:, None], np.full(1, 1.0 / drum.scale), state)[:, 0])
+
+
 COUNTER_STATE = counter_kernels.STATE + 2
 """Of a counter from one piece of a run to the next: as the kernel has it, and which way it turned last."""
 
@@ -274,7 +282,8 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         if counter.inferred_bits is not None:
             notes.append(finding("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
         values = counter.counts * drum.count_sign / drum.scale
-        values -= _play(drum, values, None if state is None else state[None, counter_kernels.STATE :])
+        way = None if state is None else state[None, counter_kernels.STATE :]
+        values += _lag(drum, values, way) if isinstance(drum, Drum) else -_play(drum, values, way)
         why = reasons_of(counter, c.channel, drum, counts.time_s)
         if c.passage > 1:
             if c.passage not in others:

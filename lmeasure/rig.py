@@ -242,7 +242,8 @@ class Rig(Shown, Strict):
         row[layout.COUNT_LENGTH], row[layout.TURN_COUNTS] = counter.per_count, counter.counts_per_revolution
         if o.from_point:
             p = self.point(o.from_point)
-            a, b = math.radians(p.guide_alpha_deg), math.radians(p.guide_beta_deg)
+            tilt = p.swivel_tilt_deg or (0.0, 0.0)
+            a, b = math.radians(p.guide_alpha_deg + tilt[0]), math.radians(p.guide_beta_deg + tilt[1])
             row[layout.BASE_XYZ], row[layout.ATTACHMENT_XYZ] = p.position_mm, self.tool[o.to_point]
             row[layout.GUIDE_XYZ] = (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
             row[layout.ALPHA], row[layout.BETA] = a, b
@@ -304,9 +305,10 @@ class Rig(Shown, Strict):
             )
 
     def without_effects(self) -> Self:
-        """The rig with cables of fixed length: nothing stated of temperature, tension and weight."""
-        nothing: dict[str, None] = dict.fromkeys(CableOnDrum.model_fields)
-        points = tuple(p.model_copy(update={"drum": p.drum.model_copy(update=nothing)}) for p in self.observation_point)
+        """The rig with cables of fixed length: nothing stated of temperature, tension and weight, drums and pulleys that run true."""
+        nothing: dict[str, None] = dict.fromkeys((*CableOnDrum.model_fields, *Drum.UNTRUE))
+        true: dict[str, Any] = dict.fromkeys(ObservationPoint.UNTRUE)
+        points = tuple(p.model_copy(update={"drum": p.drum.model_copy(update=nothing)} | true) for p in self.observation_point)
         frame = dict.fromkeys(("frame_expansion_per_k", "u_frame_expansion_per_k", "u_temperature_k"))
         return self.model_copy(update={"observation_point": points} | frame)
 

@@ -1,6 +1,7 @@
 """The tables of rig.toml, each key with what it means: a drum, an observation point, a cable."""
 
-from typing import Annotated, Any, Literal, Self
+import math
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
@@ -15,6 +16,8 @@ def _finite_length(value: float) -> float:
 
 
 LEAST_SCALE = 1e-6
+GREATEST_PART = 0.1
+"""Of what a drum or a pulley measures: an error beyond it is a slip of the pen."""
 
 
 def _scale(value: float) -> float:
@@ -29,6 +32,7 @@ NotNegative = Annotated[float, Field(ge=0), AfterValidator(_finite_length)]
 
 
 Expansion = Annotated[float, Field(ge=-1e-3, le=1e-3)]
+SmallTilt = Annotated[float, Field(ge=-10, le=10)]
 Tension = Annotated[float, Field(gt=0, le=1e5)]
 
 
@@ -84,6 +88,7 @@ class CableOnDrum(Strict):
 class Drum(CableOnDrum):
     """A grooved drum with its encoder; `lmeasure drum` makes this table of what a mechanic measures."""
 
+    UNTRUE: ClassVar[tuple[str, ...]] = ("run_out_mm", "cable_oversize_mm", "backlash_counts")
     counts_per_revolution: Annotated[Whole, Field(gt=0, le=2**32)]
     """Counts of the encoder in one turn of the drum (N)."""
     count_length_mm: Positive
@@ -116,8 +121,18 @@ class Drum(CableOnDrum):
     """Standard uncertainty of `count_length_mm`, at most half of it."""
     u_groove_pitch_mm: NotNegative | None = None
     """Standard uncertainty of `groove_pitch_mm`."""
+    run_out_mm: tuple[Length, Length] | None = None
+    """a and b, where the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more than k counts: out of round, or off its axis; k from where
+    `phase_length_mm` says."""
+    cable_oversize_mm: Length | None = None
+    """How much thicker the cable is than the one with which `count_length_mm` and `pulley_radius_mm` were stated."""
+    backlash_counts: Length | None = None
+    """Half the width of the band in which a reading lies by the way it was come from: the true count is s times it more than what is
+    recorded, s = 1 while cable is paid out and -1 while it is wound in. Play of the encoder and friction along the cable."""
     u_run_out_mm: NotNegative | None = None
     """Of each of a and b, where the cable paid out errs by a cos(2 pi k/N) + b sin(2 pi k/N): a drum out of round or off its axis."""
+    u_cable_oversize_mm: NotNegative | None = None
+    """Standard uncertainty of `cable_oversize_mm`."""
     u_backlash_counts: NotNegative | None = None
     """Of half the width of the band in which a reading lies by the way it was come from: play between drum and encoder."""
     u_friction_counts: NotNegative | None = None
@@ -132,6 +147,12 @@ class Drum(CableOnDrum):
         turn = self.counts_per_revolution * self.count_length_mm
         if abs(self.groove_pitch_mm) >= turn:
             raise ValueError(f"groove_pitch_mm: must be less than the cable of one turn, {turn:g} mm")
+        for key, value in (
+            ("run_out_mm", math.hypot(*self.run_out_mm or (0.0, 0.0))),
+            ("cable_oversize_mm", self.cable_oversize_mm or 0.0),
+        ):
+            if abs(value) > GREATEST_PART * turn / math.pi:
+                raise ValueError(f"{key}: {value:g} is more than a tenth of the drum's diameter, {turn / math.pi:.4g} mm: no drum is so")
         if self.u_count_length_mm is not None and self.u_count_length_mm > 0.5 * self.count_length_mm:
             raise ValueError(
                 f"u_count_length_mm: {self.u_count_length_mm:g} is more than half of count_length_mm, {self.count_length_mm:g}: "
@@ -167,6 +188,7 @@ class Drum(CableOnDrum):
 class ObservationPoint(Strict):
     """A fixed point B with its swivel pulley and drum."""
 
+    UNTRUE: ClassVar[tuple[str, ...]] = ("pulley_eccentricity_mm", "swivel_offset_mm")
     name: Name
     """By which cables, `assumed` and reports call it."""
     position_mm: tuple[Length, Length, Length]
@@ -185,6 +207,20 @@ class ObservationPoint(Strict):
     """Standard uncertainty of the guide's angles, where it is not the usual 5 degrees; beta's is more where steeper than 60 degrees."""
     u_pulley_radius_mm: NotNegative | None = None
     """Standard uncertainty of `pulley_radius_mm`."""
+    pulley_eccentricity_mm: tuple[Length, Length] | None = None
+    """Way from the swivel pulley's axle to the centre of its groove, in the pulley's plane: along the cable's travel at B and away from the
+    swivel axis, as the pulley stands where `phase_length_mm` says."""
+    swivel_offset_mm: Length | None = None
+    """How much farther from the swivel axis the pulley's centre is than its radius: the axis does not touch the groove."""
+    swivel_tilt_deg: tuple[SmallTilt, SmallTilt] | None = None
+    """By which the swivel axis is off the incoming cable, added to `guide_alpha_deg` and `guide_beta_deg`."""
+    phase_length_mm: NotNegative | None = None
+    """Cable from B to the attachment point with which drum and pulley stand as `run_out_mm` and `pulley_eccentricity_mm` say; absent:
+    where the counter was zeroed. It holds until the cable is taken off the drum or the pulley."""
+    u_swivel_offset_mm: NotNegative | None = None
+    """Standard uncertainty of `swivel_offset_mm`."""
+    u_swivel_tilt_deg: NotNegative | None = None
+    """Standard uncertainty of each of `swivel_tilt_deg`."""
     u_pulley_eccentricity_mm: NotNegative | None = None
     """Of each of two components of the way from the swivel pulley's axle to the centre of its groove."""
 
@@ -195,6 +231,11 @@ class ObservationPoint(Strict):
                 f"u_pulley_eccentricity_mm: {self.u_pulley_eccentricity_mm:g} is more than half of pulley_radius_mm, "
                 f"{self.pulley_radius_mm:g}: no pulley turns so"
             )
+        given = (("pulley_eccentricity_mm", self.pulley_eccentricity_mm or (0.0,)), ("swivel_offset_mm", (self.swivel_offset_mm or 0.0,)))
+        for key, values in given:
+            size = math.hypot(*values)
+            if size > 0.5 * self.pulley_radius_mm:
+                raise ValueError(f"{key}: {size:g} is more than half of pulley_radius_mm, {self.pulley_radius_mm:g}: no pulley turns so")
         return self
 
 

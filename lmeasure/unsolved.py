@@ -1,6 +1,7 @@
 """What no calibration has solved: how uncertain a rig states its drums, pulleys and attachment points to be, and what that does to lengths.
 The laws of these errors are in `observation.cable_effects`."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
+from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import Zero
 from lmeasure.findings import Finding, finding
 from lmeasure.kernels import layout
@@ -15,11 +17,13 @@ from lmeasure.kernels import travel as kernels
 from lmeasure.observation.cable_effects import (
     ATTACHMENT,
     BACKLASH,
-    COUNT_LENGTH,
     ECCENTRICITY,
     EFFECTS,
     FRICTION,
-    PITCH,
+    OFFSET,
+    OTHERS,
+    RUN_OUT,
+    STATED,
     Acted,
     CableEffect,
 )
@@ -104,16 +108,29 @@ class Variable:
         if self.kind is ATTACHMENT:
             return attachment_names(self.owner)
         key = self.kind.key.removeprefix("u_")
-        return (f"{self.owner}.{key}",) if self.kind in (COUNT_LENGTH, PITCH) else (f"{self.owner}.{key} 1", f"{self.owner}.{key} 2")
+        if self.kind not in (RUN_OUT, ECCENTRICITY):
+            return (f"{self.owner}.{key}",)
+        return tuple(f"{self.owner}.{key.removesuffix('_mm')}_{component}_mm" for component in ("cos", "sin"))
 
 
 def stated(
-    rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = EFFECTS
+    rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = STATED
 ) -> list[Variable]:
     """What the rig states to be uncertain; solved: names of a calibration's parameters, which are not counted again."""
     known = set(solved)
     given = [(kind, owner, _stated(rig, kind, owner)) for kind, owner in _places(rig, cables, kinds)]
     return [Variable(kind, owner, u) for kind, owner, u in given if u and not _solved(kind, owner, known)]
+
+
+def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
+    """What of drums and pulleys a rig states to be uncertain and its calibration has not solved, and what is left of what it has."""
+    if record is None:
+        return stated(rig, kinds=OTHERS)
+    u = {p.name: p.u for p in record.parameters}
+    every = [Variable(kind, owner, 1.0) for kind, owner in _places(rig, None, OTHERS)]
+    solved = [v for v in every if v.names[0] in u and v.kind is not FRICTION]
+    left = [Variable(v.kind, v.owner, math.sqrt(sum(u[n] ** 2 for n in v.names) / len(v.names))) for v in solved]
+    return [*stated(rig, None, record.names, OTHERS), *left]
 
 
 def exact(rig: Rig, cables: tuple[Cable, ...] | None = None, solved: Iterable[str] = ()) -> list[Variable]:
@@ -138,14 +155,16 @@ def _stated(rig: Rig, kind: CableEffect, owner: str) -> float | None:
     if kind is ATTACHMENT:
         return rig.u_attachment_mm
     point = rig.point(owner)
-    value: float | None = getattr(point if kind is ECCENTRICITY else point.drum, kind.key)
+    value: float | None = getattr(point if kind in (ECCENTRICITY, OFFSET) else point.drum, kind.key)
     return value
 
 
 def _solved(kind: CableEffect, owner: str, known: set[str]) -> bool:
     if kind is ATTACHMENT:
         return attachment_names(owner)[0] in known
-    return any(f"{owner}.{name}" in known for name in (kind.parameter, kind.key.removeprefix("u_")))
+    # friction along a cable obeys the law of play
+    key = "backlash_counts" if kind is FRICTION else kind.key.removeprefix("u_")
+    return any(f"{owner}.{name}" in known for name in (kind.parameter, key, f"{key.removesuffix('_mm')}_cos_mm"))
 
 
 class Unsolved:

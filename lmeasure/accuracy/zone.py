@@ -26,8 +26,9 @@ from lmeasure.effects import zero_at
 from lmeasure.errors import AccuracyError, GeometryError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels import zone as kernels
+from lmeasure.kernels.layout import COUNT_LENGTH
 from lmeasure.lengths import span_lengths
-from lmeasure.observation.cable_effects import OTHERS
+from lmeasure.observation.parts import PLAY, every_part
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 from lmeasure.roots import covariance_root
 from lmeasure.zeroing import length_variance, zeroed_exactly
@@ -235,7 +236,7 @@ def make_plan(
         cables=rows,
         positions=positions,
         quaternions=quaternions,
-        variance=variance + drum_variance(rig, positions, rotations, start),
+        variance=variance + drum_variance(rig, calibration, positions, rotations, start=start),
         weights=np.sqrt(variance.min() / variance),
         scales=rig.scales(),
         factor=factor,
@@ -248,12 +249,17 @@ def make_plan(
     )
 
 
-def drum_variance(rig: Rig, positions: FloatArray, rotations: Rotation, start: FloatArray) -> FloatArray:
-    """(m,) variance [mm^2] of the lengths by drums and pulleys that run out and play, where the rig states them: the mean over poses of the
-    scan, as turns of drum and pulley from the start to a place in the cell are many and any."""
-    effects = unsolved.Unsolved(rig, unsolved.stated(rig, kinds=OTHERS))
+def drum_variance(
+    rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray
+) -> FloatArray:
+    """(m,) variance [mm^2] of the lengths by drums and pulleys that run out and play, where the rig states them, and by what a calibration
+    that solved them left: the mean over poses of the scan, as turns of drum and pulley from the start to a place in the cell are many and
+    any. What the calibration tells of these together with guides and points is left out, which makes it larger."""
+    effects = unsolved.Unsolved(rig, unsolved.of_record(rig, calibration))
+    # of play that is known, nobody knows where in its band a counter was zeroed
+    known = every_part(rig, rig.cable).values[:, PLAY] * rig.cable_rows()[:, COUNT_LENGTH] / rig.scales()
     if not effects:
-        return np.zeros(len(rig.cable))
+        return np.asarray(known**2)
     begun = span_lengths(rig, start[None, :])
     poses = sampled(positions, rotations)
     rows = rig.cable_rows()
@@ -262,7 +268,7 @@ def drum_variance(rig: Rig, positions: FloatArray, rotations: Rotation, start: F
     counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(lengths[runs] - begun))
     shifts = effects.shifts(rows, zero_at(start, len(rows), 0.0), poses[runs], counts)
     # one play where it was zeroed, one at the pose
-    return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2
+    return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2 + known**2
 
 
 def taken_as_exact(

@@ -1,5 +1,6 @@
 """A calibration campaign: a nominal rig, reference poses of the robot, and what the counters showed there."""
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,6 +43,8 @@ class Campaign:
     u_visit: FloatArray | None = None
     """(n, 6) standard deviations (rotation [rad]; position [mm], base axes) of a visit about its reference pose, of its own; or None."""
 
+    free_of_play: bool = False
+    """Whether the play that the rig states has been taken off the counts, as off those of a run."""
     counted: IntArray | None = None
     """(n, m) when each cable was counted at a pose: rows of its file; None where that is the poses' order."""
 
@@ -78,6 +81,20 @@ class Campaign:
             return self.zero_variance
         known = zeroed_exactly(self.rig, self.cables) & (self._at_zero == 0.0)
         return np.where(known | ~self.from_zero, 0.0, 1.0 / 12.0)
+
+    @property
+    def travel(self) -> FloatArray:
+        """(n, m) which way each cable came to a pose, if it went straight there from where it was counted before: 1 paid out, -1 wound in,
+        0 where it was counted first, and of counts that are free of play."""
+        out = np.zeros(self.counts.shape)
+        for j in range(0 if self.free_of_play else len(self.cables)):
+            own = np.flatnonzero(np.isfinite(self.counts[:, j]))
+            order = own if self.counted is None else own[np.argsort(self.counted[own, j], kind="stable")]
+            way = 0.0
+            for before, i in itertools.pairwise(order):
+                way = np.sign(self.counts[i, j] - self.counts[before, j]) or way
+                out[i, j] = way
+        return out
 
     @property
     def zero_readings(self) -> IntArray:

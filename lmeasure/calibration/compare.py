@@ -13,12 +13,14 @@ import numpy as np
 import scipy.stats
 
 from lmeasure.arrays import FloatArray
+from lmeasure.cable_parameters import channel_names, further_solved, length_gradients_since
 from lmeasure.calibration.prediction import workspace
 from lmeasure.calibration.solve import Calibration
 from lmeasure.calibration_record import CalibrationRecord, read_calibration_record
 from lmeasure.errors import CalibrationError
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.observation.parameters import ENCODER_ZERO, PLACE, parameter_names, value_of
+from lmeasure.observation.parts import parts_of
 from lmeasure.rig import Cable, Rig, read_rig
 
 SIGNIFICANT = 0.01
@@ -197,15 +199,20 @@ def _changes(rig: Rig, rows: FloatArray, cables: tuple[Cable, ...]) -> FloatArra
 
 def _misread(rig: Rig, rows: FloatArray, raw: FloatArray, cables: tuple[Cable, ...]) -> FloatArray:
     """(n, m) modelled less measured changes [mm] for recorded counts raw (n, m), signs undone."""
-    return _changes(rig, rows, cables) - cable_kernels.changes_from_counts(rig.cable_rows(cables), raw / rig.scales(cables))
+    counts = raw / rig.scales(cables)
+    out = _changes(rig, rows, cables) - cable_kernels.changes_from_counts(rig.cable_rows(cables), counts)
+    parts = parts_of(rig, cables)
+    if parts is None:
+        return np.asarray(out)
+    zero = np.tile(rows[0], (len(cables), 1)), np.zeros(len(cables))
+    return np.asarray(out + parts.excess(rig.cable_rows(cables), zero, rows, counts))
 
 
 def _variance(rig: Rig, record: CalibrationRecord, rows: FloatArray, raw: FloatArray, cables: tuple[Cable, ...]) -> FloatArray:
     """(n, m) variance [mm^2] of `_misread` from the record's covariance."""
-    kernel_rows, scales = rig.cable_rows(cables), rig.scales(cables)
-    g = cable_kernels.length_gradients(kernel_rows, np.ascontiguousarray(rows), raw / scales, scales)
-    g = g - g[:1]
-    covariance, width = record.cable_covariance(parameter_names(rig, cables)), g.shape[2]
+    wide = further_solved(record)
+    g = length_gradients_since(rig, cables, rows[0], rows, raw / rig.scales(cables), wide=wide)
+    covariance, width = record.cable_covariance(channel_names(rig, cables, wide=wide)), g.shape[2]
     blocks = np.array([covariance[j * width : (j + 1) * width, j * width : (j + 1) * width] for j in range(len(cables))])
     return np.asarray(np.maximum(np.einsum("nma,mab,nmb->nm", g, blocks, g), 0.0))
 

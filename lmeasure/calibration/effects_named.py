@@ -4,9 +4,12 @@
     eccentric pulley          two components of its groove's way off the axle                         (likewise)
     drum's diameter, pitch    derivatives by the length of a count and by the groove's pitch; another cable's diameter is the first
     pulley's radius           derivative by it
+    swivel axis off the groove's tangent by d    -d sin phi of its lengths                            (`observation.parts`)
+    play, friction            -s w of its lengths, s the sign of the last travel, and a constant for where the counter was zeroed
     eccentric encoder         a cos(theta) + b sin(theta) of its angles
-    swivel axis offset        the pulley's plane runs beside the axis by d: the point at the distance rho from it is seen d/rho farther
-    swivel axis tilted        the encoder turns about another axis than the cable comes along: alpha and beta of the encoder's own
+    groove beside the axis    the pulley's plane runs beside its swivel axis by d: the cable pulls it to where the span's line meets the
+                              axis, as a castor whose trail is R (1 - cos phi), and the encoder is off by d/(R (1 - cos phi))
+    encoder's axis tilted     the encoder turns about another axis than the pulley: alpha and beta of the encoder's own
 
 Each is one to two columns that may be added to the residuals; what they would take of chi-squared, against what the rest leaves, is an F
 test (`estimation.deletion`), whose probability is multiplied by the number of effects tried (Bonferroni): under `CHANCE` one is named,
@@ -27,14 +30,18 @@ from lmeasure.effects import Zero
 from lmeasure.estimation import Fit
 from lmeasure.estimation.deletion import Deletion
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.kernels.layout import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, GUIDE_XYZ
-from lmeasure.observation.cable_effects import ECCENTRICITY, RUN_OUT
-from lmeasure.observation.wrap import arms
+from lmeasure.kernels.layout import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, COUNT_LENGTH, GUIDE_XYZ
+from lmeasure.observation.cable_effects import ECCENTRICITY, OFFSET, RUN_OUT
+from lmeasure.observation.wrap import arms, span
 from lmeasure.rig import Cable, Turned
 from lmeasure.unsolved import Unsolved, Variable
 
 CHANCE = 0.01
 NEAR = math.log(100.0)
+LEAST_TRAIL = 0.02
+"""Of the radius: a pulley around which hardly any cable goes is turned by next to nothing."""
+ASK = {RUN_OUT.key: "run-out", ECCENTRICITY.key: "eccentricity", OFFSET.key: "offset"}
+"""What `--solve` calls it."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,8 @@ class Effect:
     unit: str
     per_unit: float
     key: str
+    sized: int | None = None
+    """How many of the components are its size; None: all."""
 
 
 def named_effects(model: Model, found: Fit) -> list[Finding]:
@@ -71,7 +80,7 @@ def named_effects(model: Model, found: Fit) -> list[Finding]:
         "effects tried; nothing was corrected"
     )
     if near[0].key:
-        text += f"; state {near[0].key}"
+        text += f"; look at it, or --solve {near[0].key}" if ":" in near[0].key else f"; state {near[0].key}"
     return [Finding(code="effect", channel=near[0].channel, text=text, value=math.exp(best))]
 
 
@@ -90,29 +99,43 @@ def effects(model: Model, theta: FloatArray) -> Iterator[Effect]:
         mine = model.cable_index == j
         if isinstance(c, Cable):
             point = campaign.rig.point(c.from_point)
-            for kind, said, holder in ((RUN_OUT, "run-out of the drum", point.drum), (ECCENTRICITY, "an eccentric pulley", point)):
-                if getattr(holder, kind.key) is None and (kind is RUN_OUT or point.pulley_radius_mm > 0.0):
-                    shifts = Unsolved(campaign.rig, [Variable(kind, point.name, 1.0)], drums).shifts(rows[:m], begun, poses, own_counts)
+            for kind, said, holder in (
+                (RUN_OUT, "run-out of the drum", point.drum),
+                (ECCENTRICITY, "an eccentric pulley", point),
+                (OFFSET, "a swivel axis off the groove's tangent", point),
+            ):
+                variable = Variable(kind, point.name, 1.0)
+                if getattr(holder, kind.key) is not None or variable.names[0] in names:
+                    continue
+                if kind is RUN_OUT or point.pulley_radius_mm > 0.0:
+                    shifts = Unsolved(campaign.rig, [variable], drums).shifts(rows[:m], begun, poses, own_counts)
                     columns = np.where(mine[:, None], shifts[at[0], np.minimum(at[1], m - 1)], 0.0)
-                    yield Effect(said, c.channel, columns, "mm", 1.0, f"{kind.key} of {point.name}")
+                    yield Effect(said, c.channel, columns, "mm", 1.0, f"{ASK[kind.key]}:{point.name}")
+            if f"{c.from_point}.backlash_counts" not in names and point.drum.u_backlash_counts is None:
+                way = np.where(mine, -campaign.travel[at] * rows[j, COUNT_LENGTH] / scales[j], 0.0)
+                yield Effect(
+                    "play", c.channel, np.column_stack([way, mine.astype(np.float64)]), "counts", 1.0, f"backlash:{c.from_point}", 1
+                )
             solvable = (
-                (BY_SCALE, "scale", "a drum of another diameter", "%", 100.0, "--solve scale"),
-                (BY_PITCH, "groove_pitch_mm", "another groove pitch", "mm", 1.0, "--solve pitch"),
-                (BY_RADIUS, "pulley_radius_mm", "another pulley radius", "mm", 1.0, "--solve radius"),
+                (BY_SCALE, "scale", "a drum of another diameter", "%", 100.0, "scale"),
+                (BY_PITCH, "groove_pitch_mm", "another groove pitch", "mm", 1.0, "pitch"),
+                (BY_RADIUS, "pulley_radius_mm", "another pulley radius", "mm", 1.0, "radius"),
             )
             for column, key, said, unit, size, ask in solvable:
                 if f"{c.from_point}.{key}" not in names:
-                    yield Effect(said, c.channel, np.where(mine, g[:, column], 0.0)[:, None], unit, size, ask)
+                    yield Effect(said, c.channel, np.where(mine, g[:, column], 0.0)[:, None], unit, size, f"{ask}:{c.from_point}")
         elif isinstance(c, Turned) and c.from_point:
             way = poses[:, :3] + arms(rows[j : j + 1], poses)[:, 0] - rows[j, BASE_XYZ]
-            rho = np.linalg.norm(np.cross(way, rows[j, GUIDE_XYZ]), axis=1)
+            radius = campaign.rig.point(c.from_point).pulley_radius_mm
+            trail = radius * (1.0 - span(way, rows[j, GUIDE_XYZ], radius).cosine)
             angle = counts[:, j] * campaign.rig.counter(c).per_count
             seen = np.column_stack([np.cos(angle), np.sin(angle)]) * per_unit[j]
             yield Effect("an eccentric encoder", c.channel, _of(model, seen, j), "deg", math.degrees(1.0), "eccentricity_deg")
-            beside = (per_unit[j] / rho)[:, None]
-            yield Effect("a swivel axis beside the groove", c.channel, _of(model, beside, j), "mm", 1.0, "")
+            if radius > 0.0 and trail.min() > LEAST_TRAIL * radius:
+                beside = (per_unit[j] / trail)[:, None]
+                yield Effect("a groove beside its swivel axis", c.channel, _of(model, beside, j), "mm", 1.0, "")
             tilt = np.where(mine[:, None], g[:, [BY_ALPHA, BY_BETA]], 0.0)
-            yield Effect("a tilted swivel axis", c.channel, tilt, "deg", math.degrees(1.0), "")
+            yield Effect("an encoder with a tilted axis", c.channel, tilt, "deg", math.degrees(1.0), "")
 
 
 def _of(model: Model, values: FloatArray, j: int) -> FloatArray:
@@ -124,6 +147,6 @@ def _of(model: Model, values: FloatArray, j: int) -> FloatArray:
 
 def _size(deletion: Deletion, effect: Effect) -> str:
     """How large it would be: the length of its components, each by itself."""
-    steps = [deletion.step(column) for column in effect.columns.T]
+    steps = [deletion.step(column) for column in effect.columns.T[: effect.sized]]
     size = math.hypot(*(step[0] for step in steps if step is not None)) * effect.per_unit
     return f"{size:.2g} {effect.unit}"

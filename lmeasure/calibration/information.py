@@ -16,6 +16,7 @@ from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration.campaign import Campaign, extended
 from lmeasure.calibration.residuals import parameters_of
 from lmeasure.calibration.unknowns import Model
+from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Parameters
 from lmeasure.estimation.information import blocks
 from lmeasure.kernels import cable as cable_kernels
@@ -55,6 +56,9 @@ def _channels(rig: Rig, cables: tuple[Observed, ...], unknowns: Parameters) -> _
     number = {name: i for i, name in enumerate(unknowns.names)}
     where = np.array([[number.get(name, -1) for name in own] for own in parameter_names(rig, cables)])
     channel, parameter = np.nonzero(where >= 0)
+    lost = sorted({unknowns.names[i].rpartition(".")[2] for i in set(range(len(unknowns.names))) - set(where.ravel().tolist())})
+    if lost:
+        raise CalibrationError(f"--solve: {', '.join(lost)}: calibrate finds it, plans do not reckon with it")
     unit = np.array([math.radians(1.0) if name.endswith("_deg") else 1.0 for name in unknowns.names])
     return _Channels(
         rig.cable_rows(cables),

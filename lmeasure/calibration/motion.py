@@ -65,7 +65,7 @@ def campaign_of(run: Run, samples: int = SAMPLES, inputs: tuple[Input, ...] = ()
     counts[0, absolute] = np.nan
     names = ("start", *(called.get(int(i), f"{lengths.time_s[rows[i]]:.3f} s") for i in chosen))
     stated = Poses(names, np.vstack([run.start, poses[chosen]]), np.zeros(len(names)), np.zeros(len(names)))
-    return Campaign(rig, stated, rig.observed, counts, np.zeros(len(rig.observed), np.int64), inputs)
+    return Campaign(rig, stated, rig.observed, counts, np.zeros(len(rig.observed), np.int64), inputs, free_of_play=True)
 
 
 def _at(name: str, time_s: FloatArray, source: str) -> int:

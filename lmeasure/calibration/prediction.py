@@ -7,14 +7,13 @@ from scipy.stats import qmc
 
 from lmeasure import unsolved
 from lmeasure.arrays import FloatArray
-from lmeasure.cable_parameters import cable_covariance
+from lmeasure.cable_parameters import cable_covariance, channel_names, further_solved, length_gradients_since
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import effects_of, zero_at
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.pose_covariance import pose_covariances
 from lmeasure.lengths import counts_from_poses
-from lmeasure.observation.parameters import parameter_names
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 
 SAMPLES_LOG2 = 8
@@ -79,9 +78,10 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
     lengths = cable_kernels.span_lengths(kernel_rows, rows)
     rows = rows[np.isfinite(lengths).all(axis=1)]
     counts = counts_from_poses(rig, rows, zero, cables)
-    start = cable_kernels.length_gradients(kernel_rows, np.array([zero]), np.zeros((1, len(cables))), scales)
-    g = cable_kernels.length_gradients(kernel_rows, np.ascontiguousarray(rows), counts, scales) - start
-    covariance = record.cable_covariance(parameter_names(rig, cables)) if solved else cable_covariance(rig, record, cables)
+    wide = further_solved(record)
+    g = length_gradients_since(rig, cables, zero, rows, counts, wide=wide)
+    names = channel_names(rig, cables, wide=wide)
+    covariance = record.cable_covariance(names) if solved else cable_covariance(rig, record, cables, wide=wide)
     width = g.shape[2]
     u = np.empty(g.shape[:2])
     for j in range(len(cables)):
@@ -89,6 +89,17 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
         u[:, j] = np.sqrt(np.maximum(np.einsum("na,ab,nb->n", g[:, j], own, g[:, j]), 0.0))
     pose = np.empty((len(rows), 0))
     if len(cables) == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
+        if wide:
+            return Prediction(rows, u, _of_poses(kernel_rows, rows, g, covariance))
         _, systematic = pose_covariances(kernel_rows, zero, np.ascontiguousarray(rows), counts, scales, np.zeros(len(cables)), covariance)
         pose = np.sqrt(np.maximum(np.einsum("nii->ni", systematic), 0.0))[:, [3, 4, 5, 0, 1, 2]]
     return Prediction(rows, u, pose)
+
+
+def _of_poses(kernel_rows: FloatArray, rows: FloatArray, g: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(n, 6) standard uncertainties of tool's origin and rotation at (n, 7) poses whose m lengths err by g (n, m, w) per parameter."""
+    n, m, width = g.shape
+    every = np.zeros((n, m, m, width))
+    every[:, np.arange(m), np.arange(m)] = g
+    by = np.linalg.inv(cable_kernels.span_rows_of(kernel_rows, np.ascontiguousarray(rows))) @ every.reshape(n, m, m * width)
+    return np.asarray(np.sqrt(np.maximum(np.einsum("nia,ab,nib->ni", by, covariance, by), 0.0))[:, [3, 4, 5, 0, 1, 2]])

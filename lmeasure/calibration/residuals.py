@@ -7,13 +7,27 @@ from typing import Literal
 import numpy as np
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.noise import Noise
 from lmeasure.effects import Zero, effects_of
 from lmeasure.estimation import Nuisance, Parameters, Problem
 from lmeasure.kernels import cable as cable_kernels
-from lmeasure.observation.parameters import ENCODER_ZERO, SCALE, UNSIGNED, Slots, parameter_names, solved_parameters
+from lmeasure.kernels import layout
+from lmeasure.kernels.layout import BY_ALPHA, BY_BETA
+from lmeasure.observation.parameters import (
+    ENCODER_ZERO,
+    FACTORS,
+    SCALE,
+    UNSIGNED,
+    Slots,
+    further_names,
+    parameter_names,
+    solved_parameters,
+    tilt_names,
+    value_of,
+)
+from lmeasure.observation.parts import ECCENTRICITY, PLAY, Parts, every_part
 from lmeasure.rig import Observed, Rig
 from lmeasure.unsolved import Unsolved, stated
 
@@ -80,14 +94,23 @@ class Residuals(Problem):
         place = {name: i for i, name in enumerate(unknowns.names)}
         self._where = np.array([[place.get(n, -1) for n in row] for row in parameter_names(campaign.rig, campaign.cables)])
         self._drums = len(drums)
-        self._effects = effects_of(campaign.rig, drums)
+        self._effects = effects_of(campaign.rig, drums, with_parts=False)
+        self._parts = every_part(campaign.rig, drums)
+        self._further = np.array([[place.get(n, -1) for n in row] for row in further_names(campaign.rig, drums)])
+        self._tilt = _Tilt(campaign.rig, campaign.cables, place, self._where[:, [BY_ALPHA, BY_BETA]] >= 0)
+        self._travel = campaign.travel[:, : len(drums)]
         self.unsolved = Unsolved(campaign.rig, stated(campaign.rig, drums, unknowns.names), drums)
         self._slots = slots = Slots(self._rows, self._where >= 0)
         self._in_slots = self._where[slots.cable, slots.parameter]
         self._scaled = np.flatnonzero(self._where[:, SCALE] >= 0)
         own = self._where[self.cable_index]
         equation, parameter = np.nonzero(own >= 0)
-        self._derivatives = equation, parameter, own[equation, parameter]
+        tilted, which = np.nonzero(self._tilt.unknown[self.cable_index] >= 0)
+        self._derivatives = (
+            np.append(equation, tilted),
+            np.append(parameter, BY_ALPHA + which),
+            np.append(own[equation, parameter], self._tilt.unknown[self.cable_index][tilted, which]),
+        )
         self._radius = np.array([n.rsplit(".", 1)[1] in UNSIGNED for n in unknowns.names], dtype=np.bool_)
         self._factor = np.array([math.radians(1.0) if n.endswith("_deg") else 1.0 for n in unknowns.names])
         self._unit_of_poses = np.where(self.free < 3, math.radians(1.0), 1.0)
@@ -163,7 +186,23 @@ class Residuals(Problem):
         scales = self._scales.copy()
         scales[self._scaled] = theta[self._where[self._scaled, SCALE]]
         counts = np.where(np.isfinite(self.campaign.counts), self.campaign.counts, 0.0) * (self._scales / scales)
-        return self._slots.filled(self._rows, theta[self._in_slots] * self._factor[self._in_slots]), scales, counts
+        rows = self._slots.filled(self._rows, theta[self._in_slots] * self._factor[self._in_slots])
+        return self._tilt.added(rows, theta), scales, counts
+
+    def parts(self, theta: FloatArray) -> Parts | None:
+        """The parts that are not as drawn when the unknowns are theta (P,); None where there are none."""
+        solved = self._further >= 0
+        if not (solved.any() or self._parts.values.any()):
+            return None
+        pulleys = bool(solved[:, ECCENTRICITY.start : PLAY].any())
+        return replace(self._parts, values=np.where(solved, theta[self._further], self._parts.values), pulleys=pulleys)
+
+    def _of_parts(self, theta: FloatArray) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, FloatArray, FloatArray]:
+        """What `Parts` ask for: rows, zero poses and counts, poses, counts and last travels of the drums."""
+        rows, _, counts = self.cables(theta)
+        poses, zero = self.poses(theta), self.campaign.zero[: self._drums]
+        k = np.ascontiguousarray(counts[:, : self._drums])
+        return rows[: self._drums], (poses[zero], k[zero, np.arange(self._drums)]), poses, k, self._travel
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(e,) modelled less measured changes [mm]; infinite where a cable cannot run."""
@@ -176,6 +215,10 @@ class Residuals(Problem):
             zero, every, k, warm = self._situation(poses, counts)
             excess = self._effects.excess(rows[: self._drums], zero, every, k, temperature_c=warm)
             r = r + self._of_drums(excess)[self.pose_index, self.cable_index]
+        parts = self.parts(theta)
+        if parts is not None:
+            there, begun = parts.added(*self._of_parts(theta))
+            r = r + self._of_drums(there.mm - begun.mm)[self.pose_index, self.cable_index]
         return np.where(np.isfinite(r), r, 1e6)
 
     def since_zero(self, every: FloatArray) -> FloatArray:
@@ -211,6 +254,9 @@ class Residuals(Problem):
         equation, parameter, unknown = self._derivatives
         J[equation, unknown] = g[equation, parameter]
         J *= np.where(self._radius & (theta[: self.own] < 0), -self._factor, self._factor)
+        parts = self.parts(theta)
+        if parts is not None:
+            J += self._by_parts(parts, theta)
         J = np.where(np.isfinite(J), J, 0.0)
         if not len(self.free):
             return J
@@ -218,6 +264,22 @@ class Residuals(Problem):
         by_pose[:, :, :3] = np.einsum("eni,nij->enj", by_pose[:, :, :3], se3.left_jacobians(self.shifts(theta)[:, :3]))
         by_pose = np.where(np.isfinite(by_pose), by_pose, 0.0)[:, self.at[:, None], self.free] * self._unit_of_poses
         return np.hstack([J, by_pose.reshape(len(J), -1)])
+
+    def _by_parts(self, parts: Parts, theta: FloatArray) -> FloatArray:
+        """(e, P) derivatives of what the parts add by the unknowns of the rig."""
+        by_values, by_kernels, _ = parts.by_parameters(*self._of_parts(theta))
+        out = np.zeros((self.equations, self.own))
+        of_drum = np.flatnonzero(self.cable_index < self._drums)
+        i, j = self.pose_index[of_drum], self.cable_index[of_drum]
+        tilts, where = self._tilt.unknown, self._where
+        for unknown, by in (
+            *zip(self._further.T, np.moveaxis(by_values, 2, 0), strict=True),
+            *zip(where.T, np.moveaxis(by_kernels, 2, 0) * FACTORS[:, None, None], strict=True),
+            *((tilts[:, c], by_kernels[:, :, BY_ALPHA + c] * math.radians(1.0)) for c in range(2)),
+        ):
+            solved = unknown[j] >= 0
+            out[of_drum[solved], unknown[j][solved]] += by[i, j][solved]
+        return np.where(np.isfinite(out), np.where(self._radius & (theta[: self.own] < 0), -out, out), 0.0)
 
     def pose_jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, n, 6) derivatives of the residuals by small errors (rotation [rad]; translation [mm]) of each reference pose."""
@@ -227,7 +289,18 @@ class Residuals(Problem):
         every, since = np.arange(self.equations), np.flatnonzero(self._since)
         out[every, self.pose_index] += by_pose[self.pose_index, self.cable_index]
         out[since, self._zero[since]] -= by_pose[self._zero[since], self.cable_index[since]]
-        return out
+        parts = self.parts(theta)
+        return out if parts is None else out + self._parts_by_pose(parts, theta)
+
+    def _parts_by_pose(self, parts: Parts, theta: FloatArray) -> FloatArray:
+        """(e, n, 6) `pose_jacobian` of what the parts add."""
+        _, _, (there, begun) = parts.by_parameters(*self._of_parts(theta))
+        out = np.zeros((self.equations, len(there), 6))
+        of_drum = np.flatnonzero(self.cable_index < self._drums)
+        i, j = self.pose_index[of_drum], self.cable_index[of_drum]
+        out[of_drum, i] += there[i, j]
+        out[of_drum, self.campaign.zero[j]] += begun[i, j]
+        return np.where(np.isfinite(out), out, 0.0)
 
     def zeros_begun(self, theta: FloatArray) -> FloatArray:
         """theta with the zeros of encoders where all their readings together put them, the rest being as it is."""
@@ -239,3 +312,26 @@ class Residuals(Problem):
                 angles = r[own] / self._per_unit[self.cable_index[own]]
                 out[i] = math.remainder(theta[i] + math.degrees(np.angle(np.exp(1j * angles).sum())), 360.0)
         return out
+
+
+class _Tilt:
+    """Tilts of swivel axes, which are added to the guides' angles: unknown (m, 2) which of the unknowns they are, -1 for none."""
+
+    def __init__(self, rig: Rig, cables: tuple[Observed, ...], place: dict[str, int], guided: BoolArray) -> None:
+        names = [tilt_names(c) for c in cables]
+        self.unknown = np.array([[place.get(n, -1) for n in own] or [-1, -1] for own in names])
+        self._stated = np.radians([[value_of(rig, n) or 0.0 for n in own] or [0.0, 0.0] for own in names])
+        # rows state the sum of both: of a guide that is solved they have the new angle alone
+        self._in_rows = np.where(guided, 0.0, self._stated)
+
+    def added(self, rows: FloatArray, theta: FloatArray) -> FloatArray:
+        """The kernels' rows (m, columns) with the tilts when the unknowns are theta (P,)."""
+        solved = self.unknown >= 0
+        if not (solved.any() or self._stated.any()):
+            return rows
+        tilt = np.where(solved, np.radians(theta[self.unknown]), self._stated)
+        rows[:, [layout.ALPHA, layout.BETA]] += tilt - self._in_rows
+        for row in rows:
+            if row[layout.KIND] != layout.INCLINATION:
+                row[layout.GUIDE_XYZ] = cable_kernels.guide_direction(row[layout.ALPHA], row[layout.BETA])
+        return rows

@@ -9,6 +9,7 @@ from lmeasure.calibration import diagnosis, observability
 from lmeasure.calibration.campaign import Campaign, all_visits, without_poses
 from lmeasure.calibration.dimensions import dimensions_of, with_dimensions
 from lmeasure.calibration.effects_named import named_effects
+from lmeasure.calibration.effects_solved import solved_effects
 from lmeasure.calibration.findings import poses_findings, shape_findings, underdetermined, unknown_temperature
 from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.guard import AgainstNominal, against_nominal
@@ -30,6 +31,7 @@ from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Fit, fit
 from lmeasure.estimation.elimination import linear_objective
 from lmeasure.estimation.regions import BENT, regions
+from lmeasure.observation.parts import phased
 from lmeasure.rig import Rig
 from lmeasure.shown import DataFrame, Shown
 
@@ -79,6 +81,8 @@ def calibrate(campaign: Campaign, settings: Settings | None = None, progress: Pr
     they were unknown. CalibrationError when there is nothing to solve.
     """
     settings = settings or Settings()
+    zeroed, names = campaign.poses.rows[campaign.zero[: len(campaign.drums)]], unknowns_of(campaign, settings.solve).names
+    campaign = replace(campaign, rig=phased(campaign.rig, names, zeroed, campaign.drums))
     result, compared = _calibrated(campaign, settings, progress)
     if compared is None or not compared.worse:
         return result
@@ -147,6 +151,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
         update={
             "warnings": (*record.warnings, *open_directions, *warm, *unknown_temperature(campaign)),
             "taken_as_exact": tuple(t.row() for t in taken),
+            "effects": solved_effects(model, found, estimated=explained.estimated),
             "coarse": tuple(
                 coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
             ),

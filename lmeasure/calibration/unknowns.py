@@ -18,6 +18,7 @@ from lmeasure.kernels import layout
 from lmeasure.lengths import count_variance
 from lmeasure.observation.cable_effects import ATTACHMENT
 from lmeasure.observation.parameters import ENCODER_ZERO, with_values
+from lmeasure.observation.parts import PLAY
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig, Turned
 
@@ -120,10 +121,14 @@ class Model(Residuals):
         return out
 
     @property
-    def _play_mm(self) -> FloatArray:
-        """(m,) half the width of the band in which a reading lies by the way it was come from."""
+    def _play_mm(self) -> tuple[FloatArray, FloatArray]:
+        """(m,) half the width of the band in which a reading lies by the way it was come from, as far as it is not known which: of every
+        reading, and of where the counter was zeroed, of which it is never known."""
         half = [math.radians(getattr(c.encoder, "backlash_deg", None) or 0.0) / 2.0 for c in self.campaign.cables if isinstance(c, Turned)]
-        return np.concatenate([self.unsolved.play_mm, half * self._per_unit[self._drums :]])
+        of_angles = half * self._per_unit[self._drums :]
+        counts = np.where(self._further[:, PLAY] >= 0, self.parameters.width[self._further[:, PLAY]], np.abs(self._parts.values[:, PLAY]))
+        begun = np.hypot(self.unsolved.play_mm, counts * self._rows[: self._drums, layout.COUNT_LENGTH] / self._scales[: self._drums])
+        return np.concatenate([self.unsolved.play_mm, of_angles]), np.concatenate([begun, of_angles])
 
     def unsolved_covariance(self, theta: FloatArray) -> FloatArray | None:
         """(e, e) covariance of the residuals [mm^2] from what the rig states to be uncertain and is not solved; None for nothing.
@@ -131,12 +136,12 @@ class Model(Residuals):
         A dimension, a drum that runs out, an eccentric pulley err alike in all equations. Which way a cable was pulled to where it rests
         nobody recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
         """
-        play = self._play_mm[self.cable_index] ** 2
-        if not (self.unsolved or play.any()):
+        play, begun = (half[self.cable_index] ** 2 for half in self._play_mm)
+        if not (self.unsolved or begun.any()):
             return None
         shifts = self.unsolved_shifts(theta)
         same = (self.cable_index[:, None] == self.cable_index) & self._since
-        return np.asarray(shifts @ shifts.T + np.diag(play) + np.where(same, play, 0.0))
+        return np.asarray(shifts @ shifts.T + np.diag(play) + np.where(same, begun, 0.0))
 
     def measurement_covariance(self, theta: FloatArray) -> FloatArray:
         """(e, e) covariance of the residuals [mm^2] from whole counts and reference poses."""

@@ -5,6 +5,8 @@ With F and D of `kernels.cable`, N counts per turn, k the true count, every erro
     count length    c + dc:               -k dc
     groove pitch    g + dg:               a(k)/h(k) k/N dg
     attachment      P + dP in the tool:   (R^T e) . dP
+    swivel axis     d beside the groove:  -d sin phi                                (`observation.parts`)
+    other cable     o thicker:            o/2 phi - k dl, dl that of a count
     run-out         the drum pays out a cos(2 pi k/N) + b sin(2 pi k/N) more:  minus that
     eccentricity    below
     play            the true count is k + s w, s = 1 paying out, s = -1 winding in:  -s c w
@@ -29,6 +31,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lmeasure.arrays import FloatArray
 from lmeasure.findings import Finding, finding
@@ -92,6 +95,25 @@ def _of_eccentricity(at: Acted) -> FloatArray:
     return np.column_stack([c * lift - s * sine, -s * lift - c * sine])
 
 
+def _of_offset(at: Acted) -> FloatArray:
+    return -at.span.sine[:, None]
+
+
+def _of_oversize(at: Acted) -> FloatArray:
+    turn = at.row[layout.TURN_COUNTS]
+    _, by_over = thicker(at.drum.count_mm * turn, at.row[layout.TRAVEL] * turn, 0.0)
+    return (0.5 * at.span.angle * (at.row[layout.RADIUS] > 0.0) - at.counts / turn * by_over)[:, None]
+
+
+def thicker(turn_mm: ArrayLike, pitch_mm: ArrayLike, over: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """How much longer a turn is on drums (...) of such pitches, with turn_mm of cable in it, of cables thicker by over; derivative."""
+    turn, pitch, half = (np.asarray(v, dtype=np.float64) for v in (turn_mm, pitch_mm, 0.5 * np.asarray(over)))
+    r = np.sqrt(turn**2 - pitch**2) / (2.0 * np.pi)
+    # a difference of two lengths would lose the digits of a small one
+    longer = np.hypot(2.0 * np.pi * (r + half), pitch)
+    return 4.0 * np.pi**2 * half * (2.0 * r + half) / (longer + turn), 2.0 * np.pi**2 * (r + half) / longer
+
+
 def _of_attachment(at: Acted) -> FloatArray:
     return np.asarray(np.einsum("nij,ni->nj", at.turns, at.span.direction))
 
@@ -118,11 +140,15 @@ PITCH = CableEffect("u_groove_pitch_mm", "groove pitch", "groove_pitch", **_mm(0
 RUN_OUT = CableEffect("u_run_out_mm", "run-out of drums", "run_out", **_mm(0.02), adds=_of_run_out)
 ECCENTRICITY = CableEffect("u_pulley_eccentricity_mm", "eccentric pulleys", "pulleys", **_mm(0.05), adds=_of_eccentricity)
 ATTACHMENT = CableEffect("u_attachment_mm", "attachment points", "attachment", **_mm(0.1), parameter="attachment", adds=_of_attachment)
+OFFSET = CableEffect("u_swivel_offset_mm", "swivel axes beside the groove", "swivels", **_mm(0.2), adds=_of_offset)
+OVERSIZE = CableEffect("u_cable_oversize_mm", "cable diameter", "cable_diameter", **_mm(0.05), adds=_of_oversize)
 BACKLASH = CableEffect("u_backlash_counts", "backlash", "backlash", **_band(1.0))
 FRICTION = CableEffect("u_friction_counts", "friction", "friction", **_band(4.0))
 
 DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
 """What is a dimension of the rig, the same in every run and calibration."""
-OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION)
-"""What depends on how drum and pulley stand and which way they turned."""
+OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION, OFFSET, OVERSIZE)
+"""What depends on how drum and pulley stand and which way they turned, and what only a rig that states it has."""
 EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION)
+STATED = (*EFFECTS, OFFSET, OVERSIZE)
+"""What a rig may state to be uncertain."""

@@ -1,12 +1,8 @@
-"""Parameters of an instrument, and the one table of those that a cable has: every other place that needs one asks here.
-
-A further parameter of cables is a row of this table, its key in `rig`, and its derivative in `kernels.cable`.
-"""
+"""Parameters of an instrument by their names: values, priors, and where rig and kernels keep them (`observation.parameter_table`)."""
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +11,10 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import CalibrationError, RigError
 from lmeasure.kernels import layout
 from lmeasure.kernels.cable import guide_direction
+from lmeasure.observation.parameter_table import FURTHER as FURTHER
+from lmeasure.observation.parameter_table import TABLE as TABLE
+from lmeasure.observation.parameter_table import TILT, CableParameter
+from lmeasure.observation.parameter_table import Owner as Owner
 from lmeasure.rig import AngleEncoder, Cable, Drum, ObservationPoint, Observed, Rig, Turned, rig_from_dict
 
 ANYWHERE_DEG = 360.0 / math.sqrt(12.0)
@@ -35,116 +35,12 @@ class Parameter:
     unit: str = "mm"
 
 
-class Owner(StrEnum):
-    """What of a rig a cable's parameter belongs to. Of a drum the observation point's name is the name."""
-
-    POINT = "observation point"
-    DRUM = "drum"
-    ATTACHMENT = "attachment point"
-    ENCODER = "encoder"
-
-
-@dataclass(frozen=True, kw_only=True)
-class CableParameter:
-    """A kind of parameter of a cable.
-
-    key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it; words: what a reader does.
-    default_u: prior standard uncertainty of a nominal value that states none (a drawing, a tape measure, a protractor); assumed_u: of one
-    in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do.
-    """
-
-    key: str
-    owner: Owner
-    group: str
-    words: str
-    default_u: float
-    assumed_u: float
-    column: int | None
-    stored: str = ""
-    """Its key in rig.toml, where that is another; index: which of several numbers there."""
-    index: int | None = None
-    stated: str = ""
-    """The key of its standard uncertainty, where that is another than u_ and the key."""
-    inverse: str = ""
-    """A key of rig.toml that says the same the other way round: what is uncertain of it is uncertain of the parameter."""
-    per_revolution: bool = False
-    """Whether the kernels' rows have it per count, as its share of a drum's revolution."""
-    unsigned: bool = False
-    """Whether its sign means nothing."""
-
-    @property
-    def unit(self) -> str:
-        """mm, deg, or nothing."""
-        return next((unit for unit in ("mm", "deg") if self.key.endswith(f"_{unit}")), "")
-
-    @property
-    def factor(self) -> float:
-        """What the kernels have for one unit: radians of a degree."""
-        return math.radians(1.0) if self.unit == "deg" else 1.0
-
-    def name(self, cable: Cable) -> str:
-        """What a calibration record calls it."""
-        return f"tool.{cable.to_point}.{self.key}" if self.owner is Owner.ATTACHMENT else f"{cable.from_point}.{self.key}"
-
-
-def _place(axis: str, column: int) -> CableParameter:
-    return CableParameter(
-        key=f"{axis}_mm", owner=Owner.POINT, group="position", words="", default_u=30.0, assumed_u=300.0, column=column,
-        stored="position_mm", index="xyz".index(axis), stated="u_position_mm",
-    )  # fmt: skip
-
-
-def _attachment(axis: str, column: int) -> CableParameter:
-    return CableParameter(
-        key=f"{axis}_mm", owner=Owner.ATTACHMENT, group="attachment", words="", default_u=0.5, assumed_u=20.0, column=column,
-        index="xyz".index(axis), stated="u_attachment_mm",
-    )  # fmt: skip
-
-
-def _guide(angle: str, column: int, assumed_u: float) -> CableParameter:
-    return CableParameter(
-        key=f"guide_{angle}_deg", owner=Owner.POINT, group="guide", words=f"guide {angle}", default_u=5.0, assumed_u=assumed_u,
-        column=column, stated="u_guide_deg",
-    )  # fmt: skip
-
-
-TABLE = (
-    _place("x", layout.BASE),
-    _place("y", layout.BASE + 1),
-    _place("z", layout.BASE + 2),
-    _guide("alpha", layout.ALPHA, 26.0),  # anywhere within +-45 degrees
-    _guide("beta", layout.BETA, 104.0),  # anywhere on the circle: 360/sqrt(12)
-    CableParameter(
-        key="pulley_radius_mm", owner=Owner.POINT, group="radius", words="the pulley radius", default_u=1.0, assumed_u=10.0,
-        column=layout.RADIUS, unsigned=True,
-    ),
-    CableParameter(
-        key="scale", owner=Owner.DRUM, group="scale", words="the count scale", default_u=0.01, assumed_u=0.3, column=None,
-        inverse="count_length_mm",
-    ),
-    CableParameter(
-        key="tangent_length_mm", owner=Owner.DRUM, group="tangent", words="the drum's tangent length", default_u=5.0, assumed_u=60.0,
-        column=layout.TANGENT,
-    ),
-    CableParameter(
-        key="axial_offset_mm", owner=Owner.DRUM, group="axial", words="the drum's axial offset", default_u=5.0, assumed_u=20.0,
-        column=layout.AXIAL,
-    ),
-    _attachment("x", layout.ATTACHMENT),
-    _attachment("y", layout.ATTACHMENT + 1),
-    _attachment("z", layout.ATTACHMENT + 2),
-    CableParameter(
-        key="groove_pitch_mm", owner=Owner.DRUM, group="pitch", words="the groove pitch", default_u=0.05, assumed_u=1.0,
-        column=layout.TRAVEL, per_revolution=True,
-    ),
-)  # fmt: skip
-"""In the order of `kernels.layout.PARAMETERS`."""
-
-_OF_POINT = tuple(p for p in TABLE if p.owner is not Owner.ATTACHMENT)
+_SELDOM = (*FURTHER, *TILT)
+_OF_POINT = (*(p for p in TABLE if p.owner is not Owner.ATTACHMENT), *_SELDOM)
 _OF_TOOL = tuple(p for p in TABLE if p.owner is Owner.ATTACHMENT)
 _OF_KEY = {p.key: p for p in _OF_POINT}
 
-GROUPS = {g: tuple(p.key for p in TABLE if p.group == g) for g in dict.fromkeys(p.group for p in (*_OF_POINT, *_OF_TOOL))}
+GROUPS = {g: tuple(p.key for p in (*TABLE, *_SELDOM) if p.group == g) for g in dict.fromkeys(p.group for p in (*TABLE, *_SELDOM))}
 """What `--solve` names, and the keys of each."""
 PLACE, GUIDE = GROUPS["position"], GROUPS["guide"]
 SCALE = next(i for i, p in enumerate(TABLE) if p.key == "scale")
@@ -153,7 +49,15 @@ UNSIGNED = frozenset(p.key for p in TABLE if p.unsigned)
 """Keys of values whose sign means nothing."""
 FACTORS = np.array([p.factor for p in TABLE])
 """(13,) what the kernels have for one unit of each."""
+FURTHER_KEYS = frozenset(p.key for p in FURTHER)
+"""Of what the kernels do not know."""
+PHASED = frozenset(p.key for p in FURTHER if p.group in ("run-out", "eccentricity"))
+"""Of what turns with drum and pulley, and means nothing without where they stood."""
 
+_OF_PULLEY = ("eccentricity", "offset")
+"""Groups of what a point without a pulley does not have."""
+_ABSENT = frozenset(p.stored or p.key for p in _SELDOM)
+"""Keys that mean 0 where they are not given."""
 _IN_ROWS = np.array([p.column is not None for p in TABLE])
 _COLUMNS = np.array([-1 if p.column is None else p.column for p in TABLE])
 _PER_REVOLUTION = np.array([p.per_revolution for p in TABLE])
@@ -177,6 +81,16 @@ def _names(observed: Observed) -> list[str]:
     return names
 
 
+def further_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> list[list[str]]:
+    """For each channel, default all cables, the names of `FURTHER`; empty ones of an encoder of angles, which has none."""
+    return [[p.name(o) if isinstance(o, Cable) else "" for p in FURTHER] for o in (rig.cable if cables is None else cables)]
+
+
+def tilt_names(observed: Observed) -> tuple[str, ...]:
+    """The names of the tilts that are added to the guide's angles of a channel, none of what has no guide."""
+    return tuple(f"{observed.from_point}.{p.key}" for p in TILT) if observed.from_point else ()
+
+
 def zero_name(observed: Turned) -> str:
     """The calibration record's name of an encoder's zero."""
     return f"{observed.name}.{ENCODER_ZERO}"
@@ -193,12 +107,18 @@ def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, 
 
     CalibrationError for a group that does not exist, and when nothing is left.
     """
-    for group in solve:
+    points = [p.name for p in rig.observation_point]
+    for group, _, owner in (asked.partition(":") for asked in solve):
         if group not in GROUPS:
             raise CalibrationError(f"--solve: {group!r} is not one of {', '.join(GROUPS)}")
+        if owner and (owner not in points or group == "attachment"):
+            raise CalibrationError(f"--solve: {group}:{owner}: {owner!r} is no observation_point ({', '.join(points)})")
     assumed, out = _assumed(rig), []
     for name, p in _named(cables):
-        if p.group in solve or name in assumed:
+        owner = name.rpartition(".")[0]
+        if (p.group in solve or f"{p.group}:{owner}" in solve or name in assumed) and not (
+            p.group in _OF_PULLEY and not rig.point(name.rpartition(".")[0]).pulley_radius_mm
+        ):
             out.append(parameter_of(rig, name))
     for name in dict.fromkeys(zero_name(o) for o in cables if isinstance(o, Turned) and o.encoder.absolute):
         zero = parameter_of(rig, name)
@@ -321,6 +241,8 @@ def value_of(rig: Rig, name: str) -> float | None:
     if point is None:
         raise RigError(f"there is no observation point {at.owner} in")
     value = getattr(point.drum if at.kind is Owner.DRUM else point, at.key)
+    if value is None and at.key in _ABSENT:
+        return 0.0
     value = value if at.place is None else value[at.place]
     return float(value) if isinstance(value, int | float) else None
 
@@ -342,7 +264,7 @@ def with_values(rig: Rig, values: Mapping[str, float]) -> Rig:
         if at.place is None:
             holder[at.key] = value
         else:
-            holder[at.key][at.place] = value
+            holder.setdefault(at.key, [0.0, 0.0])[at.place] = value
     for point in points.values():
         point[GUIDE[0]], point[GUIDE[1]] = _in_range(point[GUIDE[0]], point[GUIDE[1]])
     return rig_from_dict(data, "calibrated rig")

@@ -44,6 +44,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
                 for p in record.parameters
             ),
         ),
+        *_effects(record, say),
         *_dimensions(record, say),
         *_ranges(record, say),
         *_robust(record, say),
@@ -107,6 +108,28 @@ def _region(record: CalibrationRecord, say: Say) -> list[str]:
         bend=record.region["bend"],
     )
     return [html.paragraph(told)]
+
+
+def _effects(record: CalibrationRecord, say: Say) -> list[str]:
+    """What the counts say of the physical effects that were solved for."""
+    if not record.effects:
+        return []
+    number = say.number
+    rows = (
+        (e.owner, e.effect, number(e.value, ".4g"), number(e.u, ".2g"), e.unit, number(e.probability, ".2g"), number(e.bits, ".1f"))
+        + (say("found") if e.found else say("not told") if e.bits < 1.0 else say("not found"),)
+        for e in record.effects
+    )
+    return [
+        html.heading(say("Physical effects")),
+        html.paragraph(
+            say(
+                "By how much each differs from what the rig stated, how likely chance is to look like it, and what the counts told of it: "
+                "under one bit its law is that of something else that was solved."
+            )
+        ),
+        html.table((say("point"), say("effect"), say("size"), "u", say("unit"), "p", say("bits"), ""), rows),
+    ]
 
 
 def _dimensions(record: CalibrationRecord, say: Say) -> list[str]:

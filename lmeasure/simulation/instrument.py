@@ -8,10 +8,11 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.counts import Counts
-from lmeasure.lengths import counts_from_poses, recorded_from_counts
+from lmeasure.lengths import recorded_from_counts
 from lmeasure.poses import Poses, poses_from_rows
 from lmeasure.rig import Cable, Rig
 from lmeasure.run import Run
+from lmeasure.simulation.machine import as_drawn, true_counts, with_play
 from lmeasure.simulation.motion import scattered_poses
 from lmeasure.zeroing import drawn_phases
 
@@ -57,10 +58,12 @@ def simulate_run(
     warm = None if temperature_c is None else float(temperature_c[0])
     start = poses[0]
     # of its own stream: what else is drawn does not depend on it
-    phase, passes = drawn_phases(rig, rng.spawn(1)[0], rig.observed), []
+    of_phases, plays = rng.spawn(2)
+    phase, passes = drawn_phases(rig, of_phases, rig.observed), []
     for number in range(1, rig.passes + 1):
         cables = tuple(c for c in rig.observed if c.passage == number)
-        true = counts_from_poses(rig, poses, start, cables, temperature_c=temperature_c, zero_temperature_c=warm)
+        true = true_counts(rig, poses, start, cables, temperature_c=temperature_c, zero_temperature_c=warm)
+        true = with_play(rig, true, cables, plays)
         scatter = np.array([(noise_mm if isinstance(c, Cable) else math.radians(noise_deg)) / rig.counter(c).per_count for c in cables])
         noisy = true + rng.normal(0.0, 1.0, true.shape) * scatter if scatter.any() else true
         recorded = recorded_from_counts(rig, noisy, cables, phase[[c.passage == number for c in rig.observed]])
@@ -112,16 +115,19 @@ def campaign_at(
 
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
     temperature_c (n,) at the poses has the effects that the rig states. The counters are zeroed at the first pose, anywhere within a count
-    unless the drum's zero is exact.
+    unless the drum's zero is exact; parts that are not as drawn are in the counts, and not in the nominal rig.
     """
     count, cables = len(poses), tuple(c for c in rig.observed if c.passage == 1)
     warm = None if temperature_c is None else float(temperature_c[0])
-    counts = counts_from_poses(rig, poses, poses[0], cables, temperature_c=temperature_c, zero_temperature_c=warm)
-    recorded = recorded_from_counts(rig, counts, cables, drawn_phases(rig, rng.spawn(1)[0], cables))
+    counts = true_counts(rig, poses, poses[0], cables, temperature_c=temperature_c, zero_temperature_c=warm)
+    of_phases, plays = rng.spawn(2)
+    counts = with_play(rig, counts, cables, plays)
+    recorded = recorded_from_counts(rig, counts, cables, drawn_phases(rig, of_phases, cables))
     shift, turn = u_position_mm * rng.normal(size=(count, 3)), u_rotation_rad * rng.normal(size=(count, 3))
     rows = se3.displaced(poses, np.column_stack([turn, shift]))
     measured = replace(poses_from_rows(rows), u_position_mm=np.full(count, u_position_mm), u_rotation_rad=np.full(count, u_rotation_rad))
-    nominal = rig.model_copy(
+    # what a person writes down are drums and pulleys as drawn
+    nominal = as_drawn(rig).model_copy(
         update={
             "observation_point": tuple(
                 p.model_copy(
@@ -131,7 +137,7 @@ def campaign_at(
                         "guide_beta_deg": p.guide_beta_deg + float(rng.uniform(-nominal_shift_deg, nominal_shift_deg)),
                     }
                 )
-                for p in rig.observation_point
+                for p in as_drawn(rig).observation_point
             )
         }
     )

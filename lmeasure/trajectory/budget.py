@@ -13,21 +13,20 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.cable_parameters import cable_covariance, solved_covariance, unsolved_columns
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.effects import zero_at
 from lmeasure.kernels import least_squares, pose_covariance, screw
-from lmeasure.kernels.cable import length_gradients, span_lengths, span_rows_of
-from lmeasure.kernels.layout import CABLE, KIND, PARAMETERS
+from lmeasure.kernels.cable import span_lengths, span_rows_of
+from lmeasure.kernels.layout import CABLE, KIND
 from lmeasure.lengths import Lengths, count_variance
 from lmeasure.observation.cable_effects import OTHERS
-from lmeasure.observation.parameters import TABLE, Owner
+from lmeasure.observation.parts import PLAY, every_part
 from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
-from lmeasure.roots import covariance_root
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.corrections import Correction
 from lmeasure.trajectory.exact import Exact
+from lmeasure.trajectory.parameter_errors import ParameterErrors
 from lmeasure.trajectory.pose_covariances import PoseCovariances
 from lmeasure.trajectory.scheme import Scheme
 from lmeasure.trajectory.sources import (
@@ -91,12 +90,6 @@ class Budget:
         self._before = length_variance(rig, observed)
         self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
         """(m,) whether a channel's readings are counted from no pose."""
-        # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
-        width = np.sqrt(np.diag(cable_covariance(rig, calibration, observed)))
-        solved = covariance_root(_without_point(scheme, _without_point(scheme, solved_covariance(rig, calibration, observed)).T), width)
-        dimensions = _without_point(scheme, unsolved_columns(rig, calibration, observed))
-        dimensions = dimensions[:, dimensions.any(axis=0)]
-        self.parameters = np.column_stack([solved, dimensions])
         self.start = start
         self._zero = scheme.start_of(start)
         # what a constraint holds is exact, and a point's place has a part in all
@@ -108,19 +101,22 @@ class Budget:
         self._u_length = u_start[2] if len(u_start) > 2 else None
         if self._u_length:
             self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(observed), len(rig.cable))])
+        self.by_parameter = ParameterErrors(rig, scheme, calibration, self._zero, cancels=self._u_length is None)
+        solved, dimensions = self.by_parameter.solved, self.by_parameter.dimensions
         self._passage = np.array([c.passage for c in observed], dtype=np.int64)
         self._clocks, self._repeatability_mm = clocks, repeatability_mm if rig.passes > 1 else 0.0
         late = tuple(f"clock of pass {p}" for p, clock in enumerate(clocks, 1) for _ in range(clock.variables))
         places = tuple(f"place of pass {p}" for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
         physical = (PHYSICAL,) * (0 if correction is None else correction.sources)
-        self.unsolved = Unsolved(rig, stated(rig, kinds=OTHERS))
+        self.unsolved = Unsolved(rig, stated(rig, None, () if calibration is None else calibration.names, OTHERS))
+        self._played_mm = np.abs(every_part(rig, rig.cable).values[:, PLAY]) * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
         self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
-        of_drums = self.unsolved.sources + self.unsolved.play_sources
+        of_drums = self.unsolved.sources + self.unsolved.play_sources + ("play of drums",) * int(np.count_nonzero(self._played_mm))
         self._exact = Exact(rig, scheme, calibration, temperature_c=temperature_c, begun=self._begun)
         self._phase = zero_phase(rig)
-        parameters = (CALIBRATION,) * solved.shape[1] + (DIMENSIONS,) * dimensions.shape[1]
+        parameters = (CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
         moved = (
-            Source(parameters, (DIMENSIONS,) * bool(dimensions.shape[1]), lambda at: self._parameter_lengths(at.poses, at.counts)),
+            Source(parameters, (DIMENSIONS,) * bool(dimensions), lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel)),
             Source(("start pose",) * self._start_lengths.shape[1], ("the start pose",), lambda _: self._start_lengths),
         )
         start_columns = unknown_start(rig, self.absolute) if unknown else Source((), (), lambda _: np.empty((0, 0)))
@@ -255,7 +251,7 @@ class Budget:
 
     def travel(self, lengths: Lengths, state: FloatArray | None = None) -> FloatArray | None:
         """(n, m) which way the cables of a run travelled last, as `last_travel` has it and its state; None where nothing depends on it."""
-        return last_travel(lengths.counts, self._quantum, state) if self.unsolved.play_mm.any() else None
+        return last_travel(lengths.counts, self._quantum, state) if self.unsolved.play_mm.any() or self._played_mm.any() else None
 
     def covariances(
         self,
@@ -316,16 +312,6 @@ class Budget:
         # a cable without a count, or left out, has no part in the pose
         return np.asarray(G @ np.where(np.isfinite(lengths), lengths, 0.0))
 
-    def _parameter_lengths(self, poses: FloatArray, counts: FloatArray) -> FloatArray:
-        """(n, m, r) errors of the lengths per calibration variable. A parameter acts at the pose and at the zero pose, where counting
-        began."""
-        rows, m = self.scheme.rows, len(self.scheme.rows)
-        factor = self.parameters.reshape(m, len(PARAMETERS), -1)
-        gradients = length_gradients(rows, poses, counts, self.scales)
-        if self._u_length is None:
-            gradients -= self._from_start(length_gradients(rows, self._zero[None], np.zeros((1, m)), self.scales)[0])
-        return -np.swapaxes(np.swapaxes(gradients, 0, 1) @ factor, 0, 1)
-
     def _pass_lengths(self, at: Situation) -> FloatArray:
         """(n, m, k) errors of the lengths by the passes' clocks and places: the cables of a pass are late and displaced together."""
         columns = [
@@ -349,7 +335,9 @@ class Budget:
         played = self.unsolved.play(np.ones(counts.shape) if at.travel is None else at.travel[:, : self._cables])
         # a modelled cable that is longer has a shorter measured length to agree with
         shifts = self.unsolved.shifts(self.scheme.rows[: self._cables], self._begun, poses, counts)
-        return self._padded(-np.concatenate([shifts, played], axis=2))
+        # of play that the rig states, nobody knows where in its band a counter was zeroed
+        begun = np.eye(self._cables)[:, self._played_mm > 0.0] * self._played_mm[:, None]
+        return self._padded(-np.concatenate([shifts, played, np.broadcast_to(begun, (len(poses), *begun.shape))], axis=2))
 
     def _from_start(self, values: FloatArray) -> FloatArray:
         """Values (m, ...) of the channels that count from the start pose, zero of the others."""
@@ -377,14 +365,6 @@ class Budget:
         if unused is not None:
             weights[unused] = 0.0
         return np.asarray(least_squares.twists(self.scheme.rows, poses, weights, self.scheme.free_index))
-
-
-def _without_point(scheme: Scheme, rows: FloatArray) -> FloatArray:
-    """(13 m, ...) of the cables' parameters; where the point itself is measured its place in the tool frame does not enter."""
-    if scheme.point is None:
-        return rows
-    attachment = np.tile([p.owner is Owner.ATTACHMENT for p in TABLE], len(scheme.rows))
-    return np.where(attachment[:, None], 0.0, rows)
 
 
 def _covers(calibrated: bool, more: list[str]) -> str:

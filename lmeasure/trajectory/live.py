@@ -105,8 +105,9 @@ class LivePose:
         if self._start is None:
             return None
         reconstruction = Reconstruction(self._rig, self._start, self._calibration)
-        if reconstruction.correction is not None:
-            raise TrajectoryError(f"rig {self._rig.name!r}: a live pose leaves out temperature, stretch and sag, which this rig states")
+        if reconstruction.correction is not None or any(p.drum.backlash_counts for p in self._rig.observation_point):
+            what = "temperature, stretch, sag and parts that are not as drawn"
+            raise TrajectoryError(f"rig {self._rig.name!r}: a live pose leaves out {what}, which this rig states")
         if reconstruction.scheme.point is not None:
             raise TrajectoryError(f"rig {self._rig.name!r}: a live pose needs channels that tell how the tool is turned")
         self.learns = reconstruction.redundancy is not None

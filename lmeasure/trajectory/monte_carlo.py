@@ -45,7 +45,7 @@ def by_monte_carlo(
         raise TrajectoryError(f"Monte Carlo: {trials} trials tell no scatter; at least 2")
     generator = np.random.default_rng(seed)
     budget, start = reconstruction.budget, reconstruction.start
-    rows, counts, factor = reconstruction.scheme.rows, lengths.counts, budget.parameters
+    rows, counts, factor = reconstruction.scheme.rows, lengths.counts, budget.by_parameter.root
     u_mm = lengths.u_mm
     of = trials * (2 if budget.sources else 1)
     lengths = reconstruction.corrected(lengths)
@@ -54,6 +54,7 @@ def by_monte_carlo(
     offset = lengths.change_mm - changes_from_counts(rows, counts) if corrected else 0.0
     situation = Situation(lengths.time_s, trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
     shifts = np.empty(0) if budget.told is not None else np.nan_to_num(budget.lengths_of(situation, budget.by_length))
+    by_parts = np.nan_to_num(budget.by_parameter.of_parts(trajectory.poses, counts, situation.travel))
 
     def random_trial() -> FloatArray:
         within = counts + generator.uniform(-0.5, 0.5, counts.shape) / budget.scales
@@ -74,8 +75,9 @@ def by_monte_carlo(
             shift, errors = as_told(budget, budget.told, situation, generator)
             moved, changes = by_other_parameters(shift)
             return reconstruction.solve(moved, start, changes + np.nan_to_num(errors), lengths.flags)
-        moved, changes = by_other_parameters(factor @ generator.standard_normal(factor.shape[1]))
-        changes += shifts @ drawn(budget.by_length, generator)
+        values = generator.standard_normal(factor.shape[1])
+        moved, changes = by_other_parameters(factor @ values)
+        changes = changes + shifts @ drawn(budget.by_length, generator) + by_parts @ values
         return reconstruction.solve(moved, budget.drawn_start(generator, moved), changes, lengths.flags)
 
     done = [0]
@@ -99,10 +101,12 @@ def as_told(budget: Budget, told: Told, situation: Situation, generator: np.rand
     """A draw of all that a run shares which told of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m) by
     whatever else there is. What an origin took up of a parameter errs with it."""
     own = [standard(generator, (len(s.names),), s.uniform and s not in budget.origins) for s in budget.every]
-    drawn, r = told.mix @ np.concatenate(own), budget.parameters.shape[1]
+    root = budget.by_parameter.root
+    drawn, r = told.mix @ np.concatenate(own), root.shape[1]
     # those of the parameters stand first
     others = [budget.lengths_of(situation, (source,)) for source in (budget.every[1:] if r else budget.every)]
-    return np.asarray(budget.parameters @ drawn[:r]), np.asarray(np.concatenate(others, axis=2) @ drawn[r:])
+    by_parts = budget.by_parameter.of_parts(situation.poses, situation.counts, situation.travel) @ drawn[:r]
+    return np.asarray(root @ drawn[:r]), np.asarray(np.concatenate(others, axis=2) @ drawn[r:] + by_parts)
 
 
 def moved_rows(rows: FloatArray, shift: FloatArray) -> FloatArray:

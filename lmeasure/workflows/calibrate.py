@@ -27,7 +27,13 @@ class Settings(Asked):
         ),
     ]
     out: Annotated[Path, option("Folder for rig.toml, calibration.json and report.html.")]
-    solve: Annotated[Names, option("What to solve for: position, guide, radius, scale, tangent, axial, pitch, attachment.")] = (
+    solve: Annotated[
+        Names,
+        option(
+            "What to solve for: position, guide, radius, scale, tangent, axial, pitch, attachment; run-out, eccentricity, offset, "
+            "diameter, backlash, tilt; of one observation point alone as run-out:B3."
+        ),
+    ] = (
         "position",
         "guide",
     )
@@ -186,6 +192,10 @@ def _lines(record: "CalibrationRecord") -> list[str]:
     lines = [f"{p.name:28s} {p.value:14.4f}  u {p.u:.3g}" for p in record.parameters]
     lines.append(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
     lines.append(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
+    for e in record.effects:
+        verdict = "found" if e.found else "not told" if e.bits < 1.0 else "not found"
+        told = f"{e.value:.3g} {e.unit}".rstrip()
+        lines.append(f"effect {e.effect} of {e.owner}: {told}  u {e.u:.2g}  p {e.probability:.2g}  {e.bits:.1f} bits learned: {verdict}")
     for e in record.predicted["lengths"]:
         lines.append(f"predicted over the workspace: cable {e['cable']} u {e['rms_mm']:.4f} mm rms, {e['worst_mm']:.4f} at worst")
     if "against_nominal" in record.validation:

@@ -221,6 +221,6 @@ def test_play_is_once_where_it_was_zeroed_and_once_at_the_pose() -> None:
     for point in data["observation_point"]:
         point["drum"]["u_backlash_counts"] = 3.0
     start = np.array([0, 0, 0, 0, 0, 0, 1.0])
-    found = drum_variance(rig_from_dict(data), np.array([[100.0, 50.0, -20.0]]), Rotation.identity(1), start)
+    found = drum_variance(rig_from_dict(data), None, np.array([[100.0, 50.0, -20.0]]), Rotation.identity(1), start=start)
     np.testing.assert_allclose(found, 2.0 * (3.0 * COUNT_MM) ** 2, rtol=1e-12)
-    np.testing.assert_array_equal(drum_variance(cell(), np.zeros((1, 3)), Rotation.identity(1), start), np.zeros(6))
+    np.testing.assert_array_equal(drum_variance(cell(), None, np.zeros((1, 3)), Rotation.identity(1), start=start), np.zeros(6))

@@ -12,7 +12,7 @@ from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import fit
 
-SIZE = {"run-out of the drum": 0.15, "an eccentric pulley": 0.4, "an eccentric encoder": 0.0015, "a swivel axis beside the groove": 1.5}
+SIZE = {"run-out of the drum": 0.15, "an eccentric pulley": 0.4, "an eccentric encoder": 0.0015, "a groove beside its swivel axis": 0.1}
 
 
 def solved(seed: int, kind: str = "", channel: str = "") -> list[str]:
@@ -43,7 +43,7 @@ class _Shifted(Model):
         ("run-out of the drum", "ch2"),
         ("an eccentric pulley", "ch4"),
         ("an eccentric encoder", "sw5"),
-        ("a swivel axis beside the groove", "sw1"),
+        ("a groove beside its swivel axis", "sw1"),
     ],
 )
 def test_a_planted_effect_is_named(kind: str, channel: str) -> None:
