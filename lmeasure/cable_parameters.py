@@ -30,7 +30,7 @@ def width_of(*, wide: bool) -> int:
 
 
 def length_gradients_since(
-    rig: Rig, cables: tuple[Cable, ...], zero: FloatArray, poses: FloatArray, counts: FloatArray, *, wide: bool = False
+    rig: Rig, cables: tuple[Cable, ...], zero: FloatArray, poses: FloatArray, *, counts: FloatArray, wide: bool = False
 ) -> FloatArray:
     """(n, m, 13) derivatives of the modelled less the measured changes of cables since a pose (7,) by their parameters, at (n, 7) poses and
     true counts (n, m); wide: as `channel_names` has it, (n, m, 20)."""

@@ -211,7 +211,7 @@ def _misread(rig: Rig, rows: FloatArray, raw: FloatArray, cables: tuple[Cable, .
 def _variance(rig: Rig, record: CalibrationRecord, rows: FloatArray, raw: FloatArray, cables: tuple[Cable, ...]) -> FloatArray:
     """(n, m) variance [mm^2] of `_misread` from the record's covariance."""
     wide = further_solved(record)
-    g = length_gradients_since(rig, cables, rows[0], rows, raw / rig.scales(cables), wide=wide)
+    g = length_gradients_since(rig, cables, rows[0], rows, counts=raw / rig.scales(cables), wide=wide)
     covariance, width = record.cable_covariance(channel_names(rig, cables, wide=wide)), g.shape[2]
     blocks = np.array([covariance[j * width : (j + 1) * width, j * width : (j + 1) * width] for j in range(len(cables))])
     return np.asarray(np.maximum(np.einsum("nma,mab,nmb->nm", g, blocks, g), 0.0))

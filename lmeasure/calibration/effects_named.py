@@ -102,7 +102,7 @@ def effects(model: Model, theta: FloatArray) -> Iterator[Effect]:
             for kind, said, holder in (
                 (RUN_OUT, "run-out of the drum", point.drum),
                 (ECCENTRICITY, "an eccentric pulley", point),
-                (OFFSET, "a swivel axis off the groove's tangent", point),
+                (OFFSET, "a swivel axis off its groove", point),
             ):
                 variable = Variable(kind, point.name, 1.0)
                 if getattr(holder, kind.key) is not None or variable.names[0] in names:

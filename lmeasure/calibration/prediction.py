@@ -79,7 +79,7 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
     rows = rows[np.isfinite(lengths).all(axis=1)]
     counts = counts_from_poses(rig, rows, zero, cables)
     wide = further_solved(record)
-    g = length_gradients_since(rig, cables, zero, rows, counts, wide=wide)
+    g = length_gradients_since(rig, cables, zero, rows, counts=counts, wide=wide)
     names = channel_names(rig, cables, wide=wide)
     covariance = record.cable_covariance(names) if solved else cable_covariance(rig, record, cables, wide=wide)
     width = g.shape[2]

@@ -197,12 +197,12 @@ class Residuals(Problem):
         pulleys = bool(solved[:, ECCENTRICITY.start : PLAY].any())
         return replace(self._parts, values=np.where(solved, theta[self._further], self._parts.values), pulleys=pulleys)
 
-    def _of_parts(self, theta: FloatArray) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, FloatArray, FloatArray]:
-        """What `Parts` ask for: rows, zero poses and counts, poses, counts and last travels of the drums."""
+    def _of_parts(self, theta: FloatArray) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, FloatArray]:
+        """What `Parts` ask for: rows, zero poses and counts, poses, and counts of the drums."""
         rows, _, counts = self.cables(theta)
         poses, zero = self.poses(theta), self.campaign.zero[: self._drums]
         k = np.ascontiguousarray(counts[:, : self._drums])
-        return rows[: self._drums], (poses[zero], k[zero, np.arange(self._drums)]), poses, k, self._travel
+        return rows[: self._drums], (poses[zero], k[zero, np.arange(self._drums)]), poses, k
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(e,) modelled less measured changes [mm]; infinite where a cable cannot run."""
@@ -217,7 +217,7 @@ class Residuals(Problem):
             r = r + self._of_drums(excess)[self.pose_index, self.cable_index]
         parts = self.parts(theta)
         if parts is not None:
-            there, begun = parts.added(*self._of_parts(theta))
+            there, begun = parts.added(*self._of_parts(theta), travel=self._travel)
             r = r + self._of_drums(there.mm - begun.mm)[self.pose_index, self.cable_index]
         return np.where(np.isfinite(r), r, 1e6)
 
@@ -267,7 +267,7 @@ class Residuals(Problem):
 
     def _by_parts(self, parts: Parts, theta: FloatArray) -> FloatArray:
         """(e, P) derivatives of what the parts add by the unknowns of the rig."""
-        by_values, by_kernels, _ = parts.by_parameters(*self._of_parts(theta))
+        by_values, by_kernels, _ = parts.by_parameters(*self._of_parts(theta), travel=self._travel)
         out = np.zeros((self.equations, self.own))
         of_drum = np.flatnonzero(self.cable_index < self._drums)
         i, j = self.pose_index[of_drum], self.cable_index[of_drum]
@@ -294,7 +294,7 @@ class Residuals(Problem):
 
     def _parts_by_pose(self, parts: Parts, theta: FloatArray) -> FloatArray:
         """(e, n, 6) `pose_jacobian` of what the parts add."""
-        _, _, (there, begun) = parts.by_parameters(*self._of_parts(theta))
+        _, _, (there, begun) = parts.by_parameters(*self._of_parts(theta), travel=self._travel)
         out = np.zeros((self.equations, len(there), 6))
         of_drum = np.flatnonzero(self.cable_index < self._drums)
         i, j = self.pose_index[of_drum], self.cable_index[of_drum]

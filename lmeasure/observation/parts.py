@@ -70,7 +70,7 @@ class Parts:
         """(n, m) what they add to modelled less measured changes [mm], for the kernels' rows (m, columns), at (n, 7) poses and true
         counts (n, m) that are free of play, zeroed at poses (m, 7) with counts (m,). NaN where pose or count is NaN, or a cable cannot
         run."""
-        there, begun = self.added(rows, zero, poses, counts, np.zeros(counts.shape))
+        there, begun = self.added(rows, zero, poses, counts, travel=np.zeros(counts.shape))
         return there.mm - begun.mm
 
     def gradient(
@@ -79,17 +79,17 @@ class Parts:
         zero: tuple[FloatArray, FloatArray],
         poses: FloatArray,
         counts: FloatArray,
-        travel: FloatArray | None = None,
         *,
+        travel: FloatArray | None = None,
         since: bool = True,
     ) -> FloatArray:
         """(n, m, 7) derivatives of `excess` by the values; travel (n, m): signs of the last travel; since: as there, less those where
         counting began."""
-        there, begun = self.added(rows, zero, poses, counts, np.zeros(counts.shape) if travel is None else travel)
+        there, begun = self.added(rows, zero, poses, counts, travel=np.zeros(counts.shape) if travel is None else travel)
         return there.by_values - begun.by_values if since else there.by_values
 
     def added(
-        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, travel: FloatArray
+        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, *, travel: FloatArray
     ) -> tuple[Added, Added]:
         """What they add at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) where counting began."""
         way = poses[:, None, :3] + arms(rows, poses) - rows[:, layout.BASE_XYZ]
@@ -145,11 +145,11 @@ class Parts:
         )
 
     def by_parameters(
-        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, travel: FloatArray
+        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, *, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Derivatives of `excess`, with the play of travel (n, m): (n, m, 7) by the values, (n, m, 13) by the kernels' parameters, and
         (2, n, m, 6) by small motions (omega; v) of the pose and of where counting began, base axes."""
-        there, begun = self.added(rows, zero, poses, counts, travel)
+        there, begun = self.added(rows, zero, poses, counts, travel=travel)
         n, m = counts.shape
         scales, at = self.scales, np.arange(m)
         g = kernels.length_gradients(rows, np.ascontiguousarray(poses), counts, scales)

@@ -62,7 +62,7 @@ class ParameterErrors:
         ways = None if travel is None else travel[:, :m]
         zero = np.tile(self._zero, (m, 1)), np.zeros(m)
         k = np.ascontiguousarray(counts[:, :m])
-        gradients = self._parts.gradient(self._rows[:m], zero, poses, k, ways, since=self._cancels)
+        gradients = self._parts.gradient(self._rows[:m], zero, poses, k, travel=ways, since=self._cancels)
         out = np.zeros((*counts.shape, self._of_parts.shape[2]))
         out[:, :m] = -np.einsum("nmk,mkr->nmr", gradients, self._of_parts)
         return out
