@@ -76,7 +76,7 @@ def named_effects(model: Model, found: Fit) -> list[Finding]:
     near = [effect for log_p, effect in tested if log_p <= tested[0][0] + NEAR]
     said = [f"{effect.kind} of {effect.channel} ({_size(deletion, effect)})" for effect in near[:4]]
     text = (
-        f"what is left of the residuals follows the law of {' or '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(tested)} "
+        f"what is left of the residuals follows the law of {', '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(tested)} "
         "effects tried; nothing was corrected"
     )
     if near[0].key:
