@@ -53,8 +53,8 @@ def told(better: Improvement) -> list[str]:
     before, after = better.before_mm[0], better.after_mm[0]
     within = f"{low:.3g} to {high:.3g}" if math.isfinite(high) else f"{low:.3g} or more"
     parts = better.parts
-    found = "not stated" if parts.identified_mm is None else f"{parts.identified_mm:.4f}"
-    limits = f"instrument {parts.instrument_mm:.4f}, robot's scatter {parts.scatter_mm:.4f}, identification {found} mm"
+    found = "" if parts.identified_mm is None else f", identification {parts.identified_mm:.4f}"
+    limits = f"instrument {parts.instrument_mm:.4f}, robot's scatter {parts.scatter_mm:.4f}{found} mm"
     return [
         f"mean distance from the commanded poses: {before:.4f} mm before, {after:.4f} mm after",
         f"improvement: {better.factor:.3g} times ({within}, at 95 %)",
