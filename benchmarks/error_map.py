@@ -36,8 +36,8 @@ from lmeasure.robots.robot import shipped
 FloatArray = NDArray[np.float64]
 DATA = Path(__file__).parents[1] / "datasets" / "ur5" / "grid.csv"
 RESULTS = Path(__file__).parent / "results" / "error_map.md"
-SEED, FOLDS, SIZES, LATER = 21, 5, (30, 60, 100, 200, 400), 200
-HALF_MM, TILT_RAD, NOISE_MM, POINTS = 250.0, 0.25, 0.02, (30, 60, 120)
+SEED, FOLDS, SIZES, LATER = 21, 5, (60, 100, 200, 400), 200
+HALF_MM, TILT_RAD, NOISE_MM, POINTS = 250.0, 0.25, 0.02, (60, 120)
 NEAR = np.radians([0.0, 10.0, 10.0, 0.0, 60.0, 0.0])
 HEADER = [
     "| {} | method | left, mean mm | 95 % | worst | stated u95, mean | within u95, % | refused, % |",
