@@ -128,9 +128,10 @@ function live(e) {
   box.hidden = false;
   const pose = at('pose'), ok = e.pose.status === 'ok';
   if (ok) {
+    if (pose.children.length === 1) pose.replaceChildren();
     const lines = rows(pose, 4, () => { const d = make('div'); d.append(make('span'), make('output')); return d; });
     ['x', 'y', 'z'].forEach((axis, i) => { lines[i].className = ''; lines[i].children[0].textContent = axis; lines[i].children[1].textContent = number(e.pose.position_mm[i], 2); });
-    lines[3].className = 'angles';
+    if (lines[3].className !== 'angles') { lines[3].className = 'angles'; lines[3].replaceChildren(); }
     rows(lines[3], e.pose.angles.length, () => make('span')).forEach((s, i) => { s.textContent = `${e.pose.angles[i][0]} ${number(e.pose.angles[i][1], 3)}°`; });
   } else {
     const lines = rows(pose, 1, () => make('div'));
