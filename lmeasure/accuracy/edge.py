@@ -24,6 +24,8 @@ def edges(rig: Rig, zone: xr.Dataset, rotations: Rotation, lengths_mm: tuple[flo
     are told by the grid, holes in them are not looked for. A part whose edge leaves the scanned box is open. AccuracyError unless the rig
     has six cables or more and the levels are few enough.
     """
+    if rig.encoders:
+        raise AccuracyError(f"--boundary: the edge is followed by cables alone, and rig {rig.name!r} has encoders beside them")
     if len(rig.cable) < CABLES_FOR_A_POSE:
         raise AccuracyError(f"--boundary: the edge of the zone is followed for six cables and more, this rig has {len(rig.cable)}")
     if len(zone["z"]) > LEVELS:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
+from lmeasure.accuracy.readings import Readings, told
 from lmeasure.accuracy.zone import make_plan
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.calibration_record import CalibrationRecord
@@ -30,10 +31,22 @@ def ellipsoids(rig: Rig, calibration: CalibrationRecord | None, places: FloatArr
     at which the counters are zeroed."""
     one = Rotation.from_quat([turn.as_quat()])
     plan = make_plan(rig, calibration, places, one, start=start)
+    if plan.channels is not None:
+        return _of_channels(plan.channels, se3.pose(places, turn))
     found = [
         _some(rig, plan.variance, plan.factor, se3.pose(some, turn), start) for some in np.split(places, range(CHUNK, len(places), CHUNK))
     ]
     return Ellipsoids(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _of_channels(readings: Readings, poses: FloatArray) -> Ellipsoids:
+    found = told(readings, poses)
+    covariance, weakest, angle = np.full((len(poses), 3, 3), np.nan), np.zeros(len(poses), dtype=np.int64), np.full(len(poses), 90.0)
+    covariance[found.known] = found.covariance[:, 3:, 3:]
+    cables = found.speed[:, : readings.cables]
+    weakest[found.known] = cables.argmax(axis=1)
+    angle[found.known] = np.degrees(np.arccos(1.0 / np.maximum(cables.max(axis=1), 1.0)))
+    return Ellipsoids(covariance, weakest, angle)
 
 
 def _some(rig: Rig, variance: FloatArray, factor: FloatArray, poses: FloatArray, start: FloatArray) -> Ellipsoids:

@@ -13,7 +13,7 @@ from lmeasure.accuracy.zone import make_plan, named_figures
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.program import CommandedPath, Program
-from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+from lmeasure.rig import Rig
 
 STEP_MM = 5.0
 
@@ -57,7 +57,7 @@ def guard(
         plans = [plan] if len(own) == 1 else [replace(plan, positions=points[i : i + 1], quaternions=own[i]) for i in range(len(points))]
         found = [run(part, workers=1) for part in plans]
         both = np.hstack([f for f, _ in found]), np.hstack([flags for _, flags in found])
-        figures = named_figures(*both, full=False, near=False, six=len(plan.cables) == CABLES_FOR_A_POSE)
+        figures = named_figures(*both, full=False, near=False, six=plan.six)
         out.append(Part(name, points, figures["worst_pressure_angle_deg"], figures["u95_position_mm"], _to_edge(zone, points)))
     return out
 

@@ -20,7 +20,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.checked import Strict, Whole, checked
 from lmeasure.errors import AccuracyError
 from lmeasure.kernels import placement as kernels
-from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, GUIDE_XYZ
+from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, GUIDE_XYZ, INCLINATION, KIND
 from lmeasure.kernels.zone_rows import LANES
 from lmeasure.rig import Rig
 from lmeasure.shown import DataFrame, Shown, framed
@@ -148,7 +148,8 @@ class Search:
     """Rigs as vectors of the free coordinates, and what they are worth at the task."""
 
     def __init__(self, rig: Rig, wanted: Placement) -> None:
-        rig.require_pose(redundant=True)
+        if not rig.encoders:
+            rig.require_pose(redundant=True)
         self.rig, self.wanted = rig, wanted
         self.free = [(kind, name, where) for kind in ("mount", "attachment") for where in getattr(wanted, kind) for name in where.points]
         self._check()
@@ -156,19 +157,21 @@ class Search:
         self.high = np.array([where.high_mm for _, _, where in self.free]).ravel()
         task = wanted.task
         spans = [axis(a, b, (b - a) / (task.nodes - 1)) if b > a else np.array([a]) for a, b in zip(task.low_mm, task.high_mm, strict=True)]
-        nodes = np.array(list(itertools.product(*spans)))
-        self.positions = np.concatenate([nodes, np.repeat(nodes[-1:], -len(nodes) % LANES, axis=0)])
+        self.nodes = np.array(list(itertools.product(*spans)))
+        self.positions = np.concatenate([self.nodes, np.repeat(self.nodes[-1:], -len(self.nodes) % LANES, axis=0)])
         self.centre = 0.5 * (np.array(task.low_mm) + np.array(task.high_mm))
         turns = tilts(task.tilt_rad, task.tilt_steps, Rotation.from_quat(task.quaternion_xyzw))
         self.plan = make_plan(rig, None, self.positions, turns, start=np.array([*self.centre, *task.quaternion_xyzw]))
-        self.rows, self.evaluations = rig.cable_rows(), 0
-        toward = self.centre - self.rows[:, BASE_XYZ]
+        self.rows, self.evaluations = rig.cable_rows(rig.observed), 0
+        # an inclination has no place
+        self.led = self.rows[:, KIND] != INCLINATION
+        toward = self.centre - self.rows[self.led, BASE_XYZ]
         self.toward = toward / np.linalg.norm(toward, axis=1)[:, None]
         self.keep_out = np.array([(box.low_mm, box.high_mm) for box in wanted.keep_out]).reshape(-1, 2, 3)
         self.mounted = np.array([kind == "mount" for kind, _, _ in self.free])
-        # rows of the cables that each free point moves
+        # rows of the channels that each free point moves
         ends = [("from_point" if kind == "mount" else "to_point", name) for kind, name, _ in self.free]
-        self.moves = [[j for j, c in enumerate(rig.cable) if getattr(c, end) == name] for end, name in ends]
+        self.moves = [[j for j, o in enumerate(rig.observed) if getattr(o, end) == name] for end, name in ends]
 
     def _check(self) -> None:
         if not self.free:
@@ -188,25 +191,32 @@ class Search:
         values = [self.rig.point(name).position_mm if kind == "mount" else self.rig.tool[name] for kind, name, _ in self.free]
         return np.array(values, dtype=np.float64).ravel()
 
-    def cables(self, x: FloatArray) -> FloatArray:
+    def channels(self, x: FloatArray) -> FloatArray:
         """(n, m, columns) kernel rows of (n, 3 f) candidates; a guide turns with its point: its pulley is wrapped as before."""
         out = np.repeat(self.rows[None], len(x), axis=0)
         for f, rows in enumerate(self.moves):
             for j in rows:
                 columns = BASE_XYZ if self.mounted[f] else ATTACHMENT_XYZ
                 out[:, j, columns] = x[:, 3 * f : 3 * f + 3]
-        toward = self.centre - out[:, :, BASE_XYZ]
+        led = self.led
+        toward = self.centre - out[:, led, BASE_XYZ]
         toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
-        out[:, :, GUIDE_XYZ] = _carried(self.toward[None], toward, self.rows[None, :, GUIDE_XYZ])
-        u_x, u_y, u_z = np.moveaxis(out[:, :, GUIDE_XYZ], -1, 0)
-        out[:, :, ALPHA], out[:, :, BETA] = np.arcsin(np.clip(u_z, -1, 1)), np.arctan2(-u_x, -u_y)
+        guides = _carried(self.toward[None], toward, self.rows[None, led, GUIDE_XYZ])
+        u_x, u_y, u_z = np.moveaxis(guides, -1, 0)
+        out[:, led, GUIDE_XYZ] = guides
+        out[:, led, ALPHA], out[:, led, BETA] = np.arcsin(np.clip(u_z, -1, 1)), np.arctan2(-u_x, -u_y)
         return out
 
     def figures(self, x: FloatArray) -> FloatArray:
         """(n, 4) worst squared speed, 95 % radius [mm], shortest and longest cable [mm] of (n, 3 f) candidates over the task."""
         self.evaluations += len(x)
-        plan = self.plan
-        return np.asarray(kernels.worst_at_task(self.cables(x), self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
+        plan, rows = self.plan, self.channels(x)
+        if plan.channels is not None:
+            # each reading by its own variance, zeros included
+            variance = np.ascontiguousarray(np.diag(plan.channels.V))
+            own = variance + plan.channels.drums
+            return np.asarray(kernels.worst_of_channels(rows, len(plan.cables), self.nodes, plan.quaternions, variance, own))
+        return np.asarray(kernels.worst_at_task(rows, self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
 
     def worth(self, x: FloatArray) -> FloatArray:
         """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules."""
@@ -359,7 +369,7 @@ def _rig_at(search: Search, x: FloatArray) -> Rig:
     """The rig with its free points at x and its guides turned along; a calibration of the old places is not kept."""
     rig = search.rig
     places = {(kind, name): tuple(float(v) for v in x[3 * f : 3 * f + 3]) for f, (kind, name, _) in enumerate(search.free)}
-    rows = search.cables(x[None])[0]
+    rows = search.channels(x[None])[0]
     guides = {c.from_point: (math.degrees(rows[j, ALPHA]), math.degrees(rows[j, BETA])) for j, c in enumerate(rig.cable)}
     points = []
     for p in rig.observation_point:

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import files
+from lmeasure.accuracy.readings import Readings, worst_figures
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import AccuracyError
 from lmeasure.extras import how_to_install
@@ -86,6 +87,13 @@ class Plan:
     bodies: FloatArray
     order: IntArray
     nodes_per_chunk: int
+    channels: Readings | None = None
+    """All readings of a rig with encoders, which tell the pose together."""
+
+    @property
+    def six(self) -> bool:
+        """Whether it is six cables and nothing else that tell the pose: then singular poses part the assemblies."""
+        return self.channels is None and len(self.cables) == CABLES
 
     @property
     def chunks(self) -> int:
@@ -94,7 +102,8 @@ class Plan:
 
     def digest(self) -> str:
         """SHA-256 over every array: two plans with the same digest give the same figures."""
-        return digest_of({field.name: getattr(self, field.name) for field in fields(self)})
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "channels"}
+        return digest_of(own if self.channels is None else own | self.channels.arrays())
 
 
 def chunk_size(orientations: int) -> int:
@@ -136,6 +145,9 @@ def _positions(plan: Plan, number: int) -> FloatArray:
 
 def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
     """Figures and flags at (m, 3) positions [mm], by the lanes wherever they are sound."""
+    if plan.channels is not None:
+        around: dict[str, Any] = {"points": plan.points, "pairs": plan.pairs, "bodies": plan.bodies}
+        return worst_figures(plan.channels, positions, plan.quaternions, **around)
     count = len(positions)
     padded = np.concatenate([positions, np.repeat(positions[-1:], -count % LANES, axis=0)])
     turns = Rotation.from_quat(plan.quaternions)
@@ -324,7 +336,7 @@ def _numbered_chunk(part: Plan, number: int) -> tuple[int, tuple[FloatArray, Int
     arrays: dict[str, Any] = {
         field.name: value.copy() for field in fields(part) if isinstance(value := getattr(part, field.name), np.ndarray)
     }
-    own = replace(part, **arrays)
+    own = replace(part, **arrays, channels=None if part.channels is None else part.channels.copied())
     return number, scan_positions(own, own.positions)
 
 

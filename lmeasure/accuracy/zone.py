@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import unsolved
 from lmeasure.accuracy.bodies import Body, body_rows
+from lmeasure.accuracy.faults import with_faults
 from lmeasure.accuracy.limits import Limits, broken_limits
+from lmeasure.accuracy.readings import readings_of, told
 from lmeasure.accuracy.refinement import refined_volume
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run, with_positions
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, within
@@ -30,7 +32,10 @@ from lmeasure.kernels.layout import COUNT_LENGTH
 from lmeasure.lengths import span_lengths
 from lmeasure.observation.parts import PLAY, every_part
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+from lmeasure.observation.cable_effects import OTHERS
+from lmeasure.rig import Rig
 from lmeasure.roots import covariance_root
+from lmeasure.trajectory.sources import zero_columns
 from lmeasure.zeroing import length_variance, zeroed_exactly
 
 MAX_NODES = 100_000_000
@@ -75,7 +80,8 @@ class Scan:
 
     bodies: what the cables must not touch; start (7,): the pose at which the counters are zeroed; spacing_mm: the volume's step along an
     axis with a single node; refine: the volume within the box is wanted to this relative change (0.002, say), by cutting the cells along
-    the zone's edge (`accuracy.refinement.refined_volume`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
+    the zone's edge (`accuracy.refinement.refined_volume`); reliability: the faults that would show are mapped too
+    (`accuracy.faults`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
     """
 
     limits: Limits = field(default_factory=Limits)
@@ -87,6 +93,7 @@ class Scan:
     scheduler: str | None = None
     checkpoint: Path | None = None
     refine: float | None = None
+    reliability: bool = False
 
 
 def scan_zone(
@@ -170,7 +177,7 @@ def map_zone(
     way: dict[str, Any] = {"workers": scan.workers, "scheduler": scan.scheduler}
 
     def named(found: tuple[FloatArray, IntArray]) -> dict[str, NDArray[Any]]:
-        return named_figures(*found, full=full, near=near, six=len(plan.cables) == CABLES_FOR_A_POSE)
+        return named_figures(*found, full=full, near=near, six=plan.six)
 
     data = xr.Dataset(
         {
@@ -191,6 +198,10 @@ def map_zone(
             "plan_sha256": plan.digest(),
         },
     )
+    if scan.reliability:
+        data = with_faults(
+            data, rig, plan.channels or readings_of(rig, calibration, start, plan.variance - length_variance(rig)), positions
+        )
     zone = within(data, limits)
     if refine is None:
         return zone
@@ -214,7 +225,8 @@ def make_plan(
     bodies: Sequence[Body] = (),
 ) -> Plan:
     """The scan of (n, 3) positions [mm] at all rotations; see `map_zone` for the rest and what is raised."""
-    rig.require_pose(redundant=True)
+    if not rig.encoders:
+        rig.require_pose(redundant=True)
     if rotations.single or len(rotations) == 0:
         raise AccuracyError("the orientations must be a list of at least one rotation")
     factor = covariance_factor(rig, calibration)
@@ -231,12 +243,13 @@ def make_plan(
     ]
     used = sorted({c.to_point for c in rig.cable}) if full else []
     rows, quaternions = rig.cable_rows(), np.ascontiguousarray(rotations.as_quat())
-    variance = length_variance(rig)
+    variance, drums = length_variance(rig), drum_variance(rig, positions, rotations, start)
     return Plan(
         cables=rows,
         positions=positions,
         quaternions=quaternions,
         variance=variance + drum_variance(rig, calibration, positions, rotations, start=start),
+        variance=variance + drums,
         weights=np.sqrt(variance.min() / variance),
         scales=rig.scales(),
         factor=factor,
@@ -246,6 +259,7 @@ def make_plan(
         bodies=body_rows(bodies),
         order=block_order(rows, positions, quaternions),
         nodes_per_chunk=chunk_size(len(quaternions)),
+        channels=readings_of(rig, calibration, start, drums) if rig.encoders else None,
     )
 
 
@@ -281,11 +295,17 @@ def taken_as_exact(
     poses = poses[np.isfinite(lengths).all(axis=1)]
     if not (len(poses) and np.isfinite(begun).all()):
         return ()
-    weights = np.sqrt(1.0 / length_variance(rig))
-    U, s, V = np.linalg.svd(weights[:, None] * cable_kernels.span_rows_of(rows, poses), full_matrices=False)
-    well = s.prod(axis=1)
+    if rig.encoders:
+        found = told(readings_of(rig, calibration, start, np.zeros(len(rows))), poses)
+        poses, well, twists = poses[found.known], 1.0 / found.norm2, found.G[:, :, : len(rows)]
+    else:
+        weights = np.sqrt(1.0 / length_variance(rig))
+        U, s, V = np.linalg.svd(weights[:, None] * cable_kernels.span_rows_of(rows, poses), full_matrices=False)
+        well, twists = s.prod(axis=1), (np.swapaxes(V, 1, 2) / s[:, None]) @ np.swapaxes(U, 1, 2) * weights
+    if not len(poses):
+        return ()
     chosen = well >= max(float(np.median(well)), np.finfo(float).tiny)
-    poses, twists = poses[chosen], np.swapaxes(V[chosen] / s[chosen, :, None], 1, 2) @ np.swapaxes(U[chosen], 1, 2) * weights
+    poses, twists = poses[chosen], twists[chosen]
     counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(cable_kernels.span_lengths(rows, poses) - begun))
     variables = unsolved.exact(rig, None, () if calibration is None else calibration.names)
     reference = None if calibration is None else calibration.temperature_c
@@ -329,6 +349,8 @@ def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
     if not exact.all():
         which = "the zero phase" if not exact.any() else "the zero phase of those whose zero is not exact"
         counts += f", {which} (as much again)"
+    if zero_columns(rig, calibration)[1]:
+        counts += ", the zeros of encoders"
     also = [v.kind.text for v in unsolved.stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
     stated = f"what the rig states of {', '.join(dict.fromkeys(also))}" if also else ""
     if calibration is None and not stated:

@@ -27,6 +27,9 @@ ABOUT = {
     "singularity_distance": ("least 1/|J^-1|, J with moments divided by the platform's size", "1"),
     "clearance_mm": ("least distance between cables, and from cable to body", "mm"),
     "assembly": ("sign of the determinant, 0 where it changes", "1"),
+    "least_fault": ("smallest fault of a channel that one sample shows (0.1 %, power 80 %), worst over the orientations", "channel_unit"),
+    "least_fault_apart": ("smallest that is told apart from one of any other channel, worst over the orientations", "channel_unit"),
+    "fault_effect_mm": ("what a fault that is just not found does to the tool's place, worst over the orientations", "mm"),
     "flags": ("cable cannot run 1, singular 2", "1"),
 }
 
@@ -152,7 +155,7 @@ def _check(path: Path, data: xr.Dataset) -> None:
     if "in_zone" not in data:
         raise FileFormatError(f"{path}: variable in_zone is missing")
     for name in ("in_zone", *(v for v in ABOUT if v in data)):
-        if data[name].dims != DIMS or data[name].values.dtype.kind not in "fiub":
+        if data[name].dims not in (DIMS, (*DIMS, "channel")) or data[name].values.dtype.kind not in "fiub":
             raise FileFormatError(f"{path}: variable {name} does not hold numbers over {', '.join(DIMS)}")
     if not np.isin(data["in_zone"].values, (0, 1)).all():
         raise FileFormatError(f"{path}: variable in_zone holds more than 0 and 1")

@@ -204,21 +204,21 @@ def length_twists(
 
 
 @kernel
-def _fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
+def fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
     """Largest speed of an attachment point per unit rate of its own cable; of an angle likewise, by the speed that turns it by that rate
     where it is seen best."""
-    fastest = 1.0
+    largest = 1.0
     for j in range(cables.shape[0]):
         turn = (G[0, j], G[1, j], G[2, j])
         if cables[j, KIND] == INCLINATION:
-            fastest = max(fastest, norm(turn))
+            largest = max(largest, norm(turn))
             continue
         arm = rotate(orientation(pose), vec(cables[j], ATTACHMENT))
         moved = norm(add((G[3, j], G[4, j], G[5, j]), cross(turn, arm)))
         if cables[j, KIND] != CABLE:
             moved *= norm(seen_at(cables[j], pose)[2])
-        fastest = max(fastest, moved)
-    return fastest
+        largest = max(largest, moved)
+    return largest
 
 
 @kernel
@@ -246,6 +246,45 @@ def go_on(behind: FloatArray, pose: FloatArray) -> None:
 
 
 @kernel
+def _go(
+    cables: FloatArray,
+    pose: FloatArray,
+    zero: FloatArray,
+    begun: FloatArray,
+    changes: FloatArray,
+    weights: FloatArray,
+    free: IntArray,
+    size: float,
+    reach: FloatArray,
+) -> tuple[int, int]:
+    """Move a pose (in place) along the straight way of the weighted readings from their changes begun (m,) to changes (m,), in parts of
+    `STRIDE_MM`, to near its end: (status, iterations). One part is no way."""
+    longest, steps = 0.0, 0
+    for j in range(len(zero)):
+        if weights[j] > 0.0:
+            longest = max(longest, reach[j] * abs(way_round(changes[j] - begun[j], cables[j, KIND])))
+    parts = math.ceil(longest / STRIDE_MM)
+    if parts <= 1:
+        return OK, 0
+    targets, before, behind = np.zeros(len(zero)), np.empty(POSE_COLUMNS), np.empty(POSE_COLUMNS)
+    for part in range(1, parts):
+        for j in range(len(zero)):
+            if weights[j] > 0.0:
+                targets[j] = zero[j] + begun[j] + part / parts * way_round(changes[j] - begun[j], cables[j, KIND])
+        copy(pose, before)
+        if part > 1:
+            # on as it went before: what is left to find is how that bends
+            go_on(behind, pose)
+        copy(before, behind)
+        outcome, more = _solve(cables, pose, targets, weights, free, size, ON_THE_WAY_MM)
+        steps += more
+        if outcome != OK:
+            return outcome, steps
+    go_on(behind, pose)
+    return OK, steps
+
+
+@kernel
 def follow(
     cables: FloatArray,
     start: FloatArray,
@@ -270,8 +309,7 @@ def follow(
     iterations, status = np.zeros(n, np.int64), np.zeros(n, np.int64)
     size, lost = platform_size(cables), CHANGES + m
     targets, weights, pose, reach = np.empty(m), np.empty(m), np.empty(POSE_COLUMNS), np.empty(m)
-    before, behind = np.empty(POSE_COLUMNS), np.empty(POSE_COLUMNS)
-    G, r = np.empty((6, m)), np.empty(m)
+    G, r, lengths = np.empty((6, m)), np.empty(m), np.empty(m)
     smallest = math.inf
     for j in range(m):
         targets[j], _, e = seen_at(cables[j], start)
@@ -282,37 +320,36 @@ def follow(
         weights[j] = smallest / u[j]
     side = length_twists(cables, start, weights, free, size, targets, G, r)[1] if m == f else 1.0
     for i in range(n):
-        counted, longest = 0, 0.0
+        counted, of_lengths = 0, 0
         for j in range(m):
             good = math.isfinite(changes[i, j])
             weights[j] = smallest / u[j] if good else 0.0
+            lengths[j] = weights[j] if cables[j, KIND] == CABLE else 0.0
             if good:
                 counted += 1
-                longest = max(longest, reach[j] * abs(way_round(changes[i, j] - state[CHANGES + j], cables[j, KIND])))
+                of_lengths += cables[j, KIND] == CABLE
         outcome = OK if counted >= f else flags[i]
         # more cables than there were when it was lost tell the pose again
         if outcome == OK and state[lost] > 0.0 and counted <= state[lost]:
             status[i] = OTHER_ASSEMBLY
             continue
         if outcome == OK:
-            parts = max(1, math.ceil(longest / STRIDE_MM))
             copy(state[:CHANGES], pose)
-            for part in range(1, parts + 1):
-                for j in range(m):
-                    way = changes[i, j]
-                    if part < parts:
-                        gone = way_round(way - state[CHANGES + j], cables[j, KIND])
-                        way = state[CHANGES + j] + part / parts * gone
-                    targets[j] = zero[j] + way
-                copy(pose, before)
-                if part > 1:
-                    # on as it went before: what is left to find is how that bends
-                    go_on(behind, pose)
-                copy(before, behind)
-                outcome, steps = _solve(cables, pose, targets, weights, free, size, STEP_MM if part == parts else ON_THE_WAY_MM)
+            begun, gone = state[CHANGES : CHANGES + m], False
+            if of_lengths >= f and of_lengths < counted:
+                # lengths alone, where they are enough: an angle that is seen from near may turn by half a turn on a short way
+                outcome, steps = _go(cables, pose, zero, begun, changes[i], lengths, free, size, reach)
+                iterations[i], gone = steps, outcome == OK
+                if not gone:
+                    copy(state[:CHANGES], pose)
+            if not gone:
+                outcome, steps = _go(cables, pose, zero, begun, changes[i], weights, free, size, reach)
                 iterations[i] += steps
-                if outcome != OK:
-                    break
+            if outcome == OK:
+                for j in range(m):
+                    targets[j] = zero[j] + changes[i, j]
+                outcome, steps = _solve(cables, pose, targets, weights, free, size, STEP_MM)
+                iterations[i] += steps
         if outcome == OK:
             known, det = length_twists(cables, pose, weights, free, size, targets, G, r)
             if not known:
@@ -320,13 +357,13 @@ def follow(
             elif m == f and det * side <= 0.0:
                 outcome = OTHER_ASSEMBLY
         if outcome == OK:
-            fastest = _fastest(cables, pose, G)
-            if fastest > LOST_SPEED:
+            speed = fastest(cables, pose, G)
+            if speed > LOST_SPEED:
                 outcome = SINGULAR
                 state[lost] = counted
             else:
                 state[lost] = 0.0
-                angle[i] = math.acos(1.0 / fastest)
+                angle[i] = math.acos(1.0 / speed)
         status[i] = outcome
         if outcome == OK:
             copy(pose, poses[i])

@@ -1,11 +1,15 @@
 """Many candidate rigs at one task."""
 
+import math
+
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import kernel
-from lmeasure.kernels.cable import vec
-from lmeasure.kernels.layout import ATTACHMENT, BODY_COLUMNS, POSE_COLUMNS, WIDTH
+from lmeasure.kernels.cable import span_at, vec
+from lmeasure.kernels.gaussian import radius_95
+from lmeasure.kernels.layout import ATTACHMENT, BODY_COLUMNS, ORIENTATION, PLACE, POSE_COLUMNS, WIDTH
+from lmeasure.kernels.least_squares import fastest, length_twists
 from lmeasure.kernels.screw import platform_size
 from lmeasure.kernels.vector import rotate
 from lmeasure.kernels.zone import LONGEST, SHORTEST, SPEED2, U95_POSITION, scan
@@ -50,4 +54,43 @@ def worst_at_task(
             )[0]
         out[i, 0], out[i, 1] = figures[SPEED2].max(), figures[U95_POSITION].max()
         out[i, 2], out[i, 3] = figures[SHORTEST].min(), figures[LONGEST].max()
+    return out
+
+
+@kernel
+def worst_of_channels(
+    candidates: FloatArray, cables: int, positions: FloatArray, quaternions: FloatArray, variance: FloatArray, own: FloatArray
+) -> FloatArray:
+    """What `worst_at_task` gives, of rigs whose channels (n, m, columns), the first so many of them cables, are of any kind.
+
+    variance (m,) [mm^2, rad^2] by which readings are weighed, own (m,) by which they err; positions (k, 3), any number.
+    """
+    n, m = candidates.shape[0], candidates.shape[1]
+    out, pose = np.empty((n, 4)), np.empty(POSE_COLUMNS)
+    free, nothing, left, G, weights = np.arange(6), np.zeros(m), np.empty(m), np.empty((6, m)), np.sqrt(variance.min() / variance)
+    for i in range(n):
+        rows, size = candidates[i], platform_size(candidates[i])
+        speed, radius, shortest, longest = 1.0, 0.0, math.inf, 0.0
+        for p in range(len(positions)):
+            for o in range(len(quaternions)):
+                for c in range(3):
+                    pose[PLACE + c] = positions[p, c]
+                for c in range(4):
+                    pose[ORIENTATION + c] = quaternions[o, c]
+                runs = True
+                for j in range(cables):
+                    length = span_at(rows[j], pose)[0]
+                    runs = runs and not math.isnan(length)
+                    shortest, longest = min(shortest, length), max(longest, length)
+                if not (runs and length_twists(rows, pose, weights, free, size, nothing, G, left)[0]):
+                    speed, radius = math.inf, math.inf
+                    continue
+                speed = max(speed, fastest(rows, pose, G))
+                xx = yy = zz = xy = xz = yz = 0.0
+                for j in range(m):
+                    x, y, z = G[3, j], G[4, j], G[5, j]
+                    xx, yy, zz = xx + own[j] * x * x, yy + own[j] * y * y, zz + own[j] * z * z
+                    xy, xz, yz = xy + own[j] * x * y, xz + own[j] * x * z, yz + own[j] * y * z
+                radius = max(radius, radius_95(xx, yy, zz, xy, xz, yz))
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = speed * speed, radius, shortest, longest
     return out

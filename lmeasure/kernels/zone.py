@@ -138,6 +138,18 @@ def _wrapped(cable: FloatArray, pose: FloatArray) -> float:
     return leaving(sub(point, vec(cable, layout.BASE)), vec(cable, layout.GUIDE), cable[layout.RADIUS]).phi
 
 
+@kernel
+def around(cables: FloatArray, poses: FloatArray, pairs: IntArray, bodies: FloatArray) -> FloatArray:
+    """(n, 2) at (n, 7) poses: largest wrapped angle [rad], and least distance [mm] of pairs of cables and of cables from bodies."""
+    out = np.empty((len(poses), 2))
+    for i in range(len(poses)):
+        out[i, 0] = 0.0
+        for j in range(len(cables)):
+            out[i, 0] = max(out[i, 0], _wrapped(cables[j], poses[i]))
+        out[i, 1] = clearance_at(cables, poses[i], pairs, bodies)
+    return out
+
+
 @inline
 def _norm2(twists: FloatArray, size: float) -> float:
     """Squared Frobenius norm of twists per unit of length, turns times size."""

@@ -10,6 +10,7 @@ from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.linkage.slices import Piece
 from lmeasure.report import html, zone_text
 from lmeasure.report.structure import slices_figure
+from lmeasure.report.zone_faults import faults
 from lmeasure.report.zone_figures import space_figure
 from lmeasure.report.zone_maps import maps
 from lmeasure.rig import Rig
@@ -49,6 +50,7 @@ def write_zone_page(
         ),
         *maps(zone, rig, calibration, say),
         *_edge(followed, say),
+        *faults(zone, say),
         *(
             part
             for title, header, rows in zone_text.tables(zone, found, rig, say)

@@ -22,7 +22,7 @@ from lmeasure.trajectory.origins import LOOSE_RAD, learn
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import Told, unknown_zeros
+from lmeasure.trajectory.sources import Told, zero_columns
 
 STARTS = 4000
 MET = 3
@@ -42,7 +42,7 @@ Make = Callable[[FloatArray, FloatArray], tuple[Reconstruction, Epochs | None]]
 
 def absolute_channels(rig: Rig) -> FloatArray:
     """(m,) standard uncertainties [rad] of the zeros of absolute encoders that are known well enough to find a pose by; NaN for others."""
-    u = np.abs(unknown_zeros(rig, None).lengths(None)).sum(axis=1)  # type: ignore[arg-type]
+    u = np.abs(zero_columns(rig, None)[0]).sum(axis=1)
     usable = [rig.counter(o).codes is not None and u[j] <= LOOSE_RAD for j, o in enumerate(rig.observed)]
     return np.where(usable, u, np.nan)
 

@@ -8,7 +8,9 @@ told with the variance 1/W_jj, so the smallest fault that a test of significance
     m_j = (z(1 - alpha/2) + z(power)) / sqrt(W_jj)
 
 (*internal reliability*), and one that is just not found moves the pose by G_j m_j (*external reliability*). The statistics of two channels
-correlate by W_jk / sqrt(W_jj W_kk): near 1 a fault of either looks like one of the other (Foerstner 1983).
+correlate by rho = W_jk / sqrt(W_jj W_kk): near 1 a fault of either looks like one of the other (Foerstner 1983). Without channel k that of
+j weighs W_jj (1 - rho^2), by the Schur complement: so a fault of m_j / sqrt(1 - rho^2) is found even where k is left out, and told apart
+from one of k. The smallest that is told apart from every other is that of the largest rho.
 """
 
 from dataclasses import dataclass
@@ -16,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.findings import Finding, finding
 from lmeasure.kernels.cable import span_rows_of
 from lmeasure.rig import Cable
@@ -31,15 +33,45 @@ PLACES = 64
 """Samples of a run, spread over it, at which it is worked out."""
 
 
+APART = 1e-9
+"""Of 1 - rho^2 from which two channels are not one."""
+UNCONTROLLED = 1e-9
+"""Of a channel's own weight that must be left of it."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """smallest, apart (n, m): smallest fault of a channel that is found, and that is told apart from one of any other, infinite where there
+    is none; correlation (n, m, m) of the channels' tests, NaN where one is not controlled."""
+
+    smallest: FloatArray
+    apart: FloatArray
+    correlation: FloatArray
+
+
+def faults_shown(weight: FloatArray, controlled: BoolArray | None = None) -> Faults:
+    """By the weights W (n, m, m) of contradictions; controlled (n, m): channels that the others control, those with more than rounding of a
+    weight, in units of which readings scatter by about 1, where it is None."""
+    diagonal = np.einsum("njj->nj", weight)
+    controlled = diagonal > UNCONTROLLED if controlled is None else controlled
+    root = np.sqrt(np.where(controlled, diagonal, np.nan))
+    smallest = np.where(controlled, SHIFT / np.where(controlled, root, 1.0), np.inf)
+    correlation = weight / (root[:, :, None] * root[:, None, :])
+    others = np.nan_to_num(correlation**2) * (1.0 - np.eye(weight.shape[1]))
+    left = 1.0 - others.max(axis=2)
+    return Faults(smallest, np.where(left > APART, smallest / np.sqrt(np.maximum(left, APART)), np.inf), correlation)
+
+
 @dataclass(frozen=True)
 class Reliability:
-    """At n samples of m channels: redundancy number (n, m); smallest fault that is found (n, m) [mm, rad], infinite where nothing controls
-    a channel; effect (n, m) on the tool's place [mm] of one that is just not found; correlation (n, m, m) of the channels' tests, NaN
-    where a channel is not controlled. NaN of a channel that is not used."""
+    """At n samples of m channels: redundancy number (n, m); smallest fault that is found (n, m) [mm, rad], and that is told apart from one
+    of any other channel, infinite where nothing controls a channel; effect (n, m) on the tool's place [mm] of one that is just not
+    found; correlation (n, m, m) of the channels' tests, NaN where a channel is not controlled. NaN of a channel that is not used."""
 
     time_s: FloatArray
     redundancy: FloatArray
     smallest: FloatArray
+    apart: FloatArray
     effect_mm: FloatArray
     correlation: FloatArray
 
@@ -56,13 +88,12 @@ def reliability(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArra
     rows = span_rows_of(budget.scheme.rows, poses)
     diagonal = np.einsum("njj->nj", weight)
     controlled = used & (diagonal > 0.0)
-    root = np.sqrt(np.where(controlled, diagonal, np.nan))
-    smallest = np.where(controlled, SHIFT / np.where(controlled, root, 1.0), np.inf)
-    smallest[~used] = np.nan
+    shown = faults_shown(weight, controlled)
+    smallest, apart = (np.where(used, values, np.nan) for values in (shown.smallest, shown.apart))
     number = np.where(used, 1.0 - np.einsum("njc,ncj->nj", rows, G), np.nan)
     with np.errstate(invalid="ignore"):
         effect = np.linalg.norm(G[:, 3:], axis=1) * smallest
-    return Reliability(epochs.time_s, number, smallest, effect, weight / (root[:, :, None] * root[:, None, :]))
+    return Reliability(epochs.time_s, number, smallest, apart, effect, shown.correlation)
 
 
 def of_run(reconstruction: Reconstruction, epochs: Epochs) -> Reliability | None:

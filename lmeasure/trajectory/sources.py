@@ -99,6 +99,12 @@ def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
 def unknown_zeros(rig: Rig, record: CalibrationRecord | None) -> Source:
     """What an absolute encoder reads too little at every sample, by where its zero is: of the uncertainty that the rig states, or anywhere
     where it states none, but for those that a calibration has solved."""
+    columns, names = zero_columns(rig, record)
+    return Source((ZERO,) * len(names), (f"the {ZERO}s of encoders",) * bool(names), lambda _: columns)
+
+
+def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray, list[str]]:
+    """(m, k) what one standard deviation of the zero of each encoder whose zero is uncertain makes of the readings, and their channels."""
     solved = () if record is None else record.names
     u = np.zeros(len(rig.observed))
     for j, o in enumerate(rig.observed):
@@ -108,8 +114,7 @@ def unknown_zeros(rig: Rig, record: CalibrationRecord | None) -> Source:
     # an encoder that is read in several passes has one zero
     names = [o.channel for o in rig.observed]
     shared = [name for name in dict.fromkeys(names) if any(u[j] for j in range(len(u)) if names[j] == name)]
-    columns = np.array([[u[j] * (names[j] == name) for name in shared] for j in range(len(u))]).reshape(len(u), len(shared))
-    return Source((ZERO,) * len(shared), (f"the {ZERO}s of encoders",) * bool(shared), lambda _: columns)
+    return np.array([[u[j] * (names[j] == name) for name in shared] for j in range(len(u))]).reshape(len(u), len(shared)), shared
 
 
 def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:

@@ -54,6 +54,9 @@ class Settings(Asked):
     one_assembly: Annotated[bool, option("Keep the determinant's sign.", panel=LIMITS)] = False
     singularity: Annotated[float | None, option("Least distance to a singular pose.", panel=LIMITS, within=MORE_THAN_0)] = None
     full: Annotated[bool, option("Map orientation and attachment points too.", panel=COMPUTING)] = False
+    reliability: Annotated[
+        bool, option("Map which faults of single channels would show, and what one that does not does to the tool.", panel=COMPUTING)
+    ] = False
     refine: Annotated[
         float | None,
         option("Refine the edge until the volume changes by less.", metavar="RELATIVE", panel=COMPUTING, within=(0.0, 1.0)),
@@ -82,6 +85,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     """Scan the box and write the zone, with its page, its recording and a program held against it where they are asked for."""
     from lmeasure import files
     from lmeasure.accuracy.bodies import read_bodies
+    from lmeasure.accuracy.faults import said as faults_said
     from lmeasure.accuracy.guard import columns, guard
     from lmeasure.accuracy.limits import Limits
     from lmeasure.accuracy.surroundings import box_around
@@ -110,6 +114,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         scheduler=settings.scheduler,
         checkpoint=settings.checkpoint,
         refine=settings.refine,
+        reliability=settings.reliability,
     )
     data = map_zone(rig, calibration, nodes, rotations, scan=scan, progress=steps(progress, "zone"))
     write_zone(settings.out, data)
@@ -134,7 +139,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
         lines.append(f"the zone goes on beyond the box along {', '.join(over)}")
     if not data["in_zone"].values.any():
         lines += advice(data, settings.rig)
-    lines += [*(piece.line("z") for piece in followed), *said]
+    lines += [*faults_said(data), *(piece.line("z") for piece in followed), *said]
     if program is not None:
         parts = guard(rig, calibration, data, program, rotation=rotations.mean())
         files.write_table(settings.out.with_suffix(".path.csv"), columns(parts))

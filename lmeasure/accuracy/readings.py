@@ -1,0 +1,243 @@
+"""What readings of every kind, drums with cables, swivels and inclinations, tell of a pose in a cell, and what faults of theirs would show.
+
+With A the readings' rows at a pose, and V the covariance of what single readings cannot be told from, counts, where within a count each
+counter was zeroed and where each encoder has its zero, the pose is that of
+
+    G = (A^T V^-1 A)^-1 A^T V^-1,    of covariance (A^T V^-1 A)^-1 + (G L)(G L)^T,
+
+L being errors of the readings by all else: calibration, dimensions, drums that run out. So a run weighs its readings, whose origins it then
+tells better than a single pose does (`trajectory.origins`). With S = V + L L^T the contradictions of the readings weigh
+W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows (`trajectory.reliability`).
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from lmeasure import se3
+from lmeasure.accuracy.radius import radii_95
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.cable_parameters import cable_covariance
+from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.errors import RigError
+from lmeasure.kernels import cable as cable_kernels
+from lmeasure.kernels import zone as kernels
+from lmeasure.kernels.layout import ATTACHMENT_XYZ, CABLE, INCLINATION, KIND, SWIVEL, WIDTH
+from lmeasure.kernels.screw import platform_size
+from lmeasure.lengths import count_variance
+from lmeasure.rig import CABLES_FOR_A_POSE, Rig
+from lmeasure.roots import covariance_root
+from lmeasure.trajectory.reliability import Faults, faults_shown
+from lmeasure.trajectory.sources import zero_columns
+from lmeasure.zeroing import phase_columns
+
+CHUNK = 2048
+"""Poses at once."""
+SINGULAR = 1e-12
+"""Least eigenvalue of the rows' normal equations, of the largest."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The readings of a rig, as arrays, cables first.
+
+    rows (M, columns) of the kernels; cables: how many of them are; V (M, M) [mm, rad]; white (M, M), white^T white = V^-1; drums (M,)
+    variance of lengths by drums that run out; scales (M,); factor (13 M, r) with factor factor^T the parameters' covariance; relative (M,)
+    1 of channels that count from the start pose (7,), 0 of absolute ones.
+    """
+
+    rows: FloatArray
+    cables: int
+    V: FloatArray
+    white: FloatArray
+    drums: FloatArray
+    scales: FloatArray
+    factor: FloatArray
+    relative: FloatArray
+    start: FloatArray
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """By name, for a digest."""
+        return {f"channels.{f.name}": np.asarray(getattr(self, f.name)) for f in fields(self)}
+
+    def copied(self) -> "Readings":
+        """With arrays of its own."""
+        return replace(self, **{f.name: value.copy() for f in fields(self) if isinstance(value := getattr(self, f.name), np.ndarray)})
+
+
+@dataclass(frozen=True)
+class Told:
+    """Of n poses: lengths (n, cables) [mm], NaN where a cable cannot run; runs, known (n,) whether all do, and the pose is told. Of the k
+    known ones: rows A (k, M, 6), G (k, 6, M), covariance (k, 6, 6) of (rotation [rad]; tool origin [mm]), L (k, M, r), norm2 (k,) squared
+    Frobenius norm of the pseudo-inverse of the rows, moments divided by the platform's size and angles taken as lengths where they are
+    seen, and speed (k, M) of each channel's point under the twist that its reading alone makes, at least 1 where it is seen best."""
+
+    lengths: FloatArray
+    runs: BoolArray
+    known: BoolArray
+    A: FloatArray
+    G: FloatArray
+    covariance: FloatArray
+    L: FloatArray
+    norm2: FloatArray
+    speed: FloatArray
+
+
+def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArray, drums: FloatArray) -> Readings:
+    """Of a rig whose counters are zeroed at the start pose (7,); drums (cables,) variances [mm^2]. RigError where there are fewer than six
+    channels, or cables to points on one line and nothing else."""
+    observed = rig.observed
+    m = len(observed)
+    if m < CABLES_FOR_A_POSE:
+        raise RigError(f"rig {rig.name!r}: has {m} channels; a pose needs at least {CABLES_FOR_A_POSE}")
+    if not rig.inclination:
+        rig.require_spread()
+    origins = np.column_stack([phase_columns(rig, observed), zero_columns(rig, calibration)[0]])
+    V = np.diag(count_variance(rig, observed)) + origins @ origins.T
+    covariance = cable_covariance(rig, calibration, observed)
+    return Readings(
+        rows=rig.cable_rows(observed),
+        cables=len(rig.cable),
+        V=V,
+        white=np.linalg.inv(np.linalg.cholesky(V)),
+        drums=np.concatenate([drums, np.zeros(m - len(drums))]),
+        scales=rig.scales(observed),
+        factor=covariance_root(covariance, np.sqrt(np.diag(covariance))),
+        relative=np.array([float(rig.counter(o).codes is None) for o in observed]),
+        start=np.asarray(start, dtype=np.float64),
+    )
+
+
+def told(readings: Readings, poses: FloatArray) -> Told:
+    """What the readings tell at poses (n, 7)."""
+    rows, m, poses = readings.rows, len(readings.rows), np.ascontiguousarray(poses)
+    values = cable_kernels.span_lengths(rows, poses)
+    A = cable_kernels.span_rows_of(rows, poses)
+    runs = np.isfinite(values).all(axis=1) & np.isfinite(A).all(axis=(1, 2))
+    size = platform_size(rows)
+    scaled = A / np.repeat([size, 1.0], 3)
+    kind = rows[:, KIND]
+    # an angle in the lengths by which it is seen
+    seen = np.where(kind == SWIVEL, np.linalg.norm(A[:, :, 3:], axis=2), 1.0)
+    seen[:, kind == INCLINATION] = 1.0 / size
+    alike = scaled[runs] / seen[runs, :, None]
+    eigenvalues = np.linalg.eigvalsh(np.swapaxes(alike, 1, 2) @ alike)
+    good = eigenvalues[:, 0] > SINGULAR * eigenvalues[:, -1]
+    known = runs.copy()
+    known[runs] = good
+    A, poses = A[known], poses[known]
+    white = readings.white @ scaled[known]
+    inverse = np.linalg.inv(np.swapaxes(white, 1, 2) @ white)
+    units = np.repeat([1.0 / size, 1.0], 3)
+    G = (inverse @ np.swapaxes(white, 1, 2) @ readings.white) * units[:, None]
+    covariance = inverse * np.outer(units, units)
+    covariance += (G * readings.drums) @ np.swapaxes(G, 1, 2)
+    L = np.zeros((len(poses), m, 0))
+    if readings.factor.shape[1]:
+        begun = cable_kernels.span_lengths(rows, readings.start[None])
+        counts = cable_kernels.counts_from_changes(rows, np.ascontiguousarray(np.where(kind == CABLE, values[known] - begun, 0.0)))
+        moved = cable_kernels.length_gradients(rows, poses, counts, readings.scales)
+        moved -= readings.relative[:, None] * cable_kernels.length_gradients(rows, readings.start[None], np.zeros((1, m)), readings.scales)
+        L = -np.einsum("nmw,mwr->nmr", moved, readings.factor.reshape(m, WIDTH, -1))
+        shift = G @ L
+        covariance += shift @ np.swapaxes(shift, 1, 2)
+    turns, moves = np.swapaxes(G[:, :3], 1, 2), np.swapaxes(G[:, 3:], 1, 2)
+    arms = (se3.rotation(poses).as_matrix()[:, None] @ rows[:, ATTACHMENT_XYZ, None])[..., 0]
+    looks = (kind != INCLINATION)[:, None]
+    speed = np.linalg.norm(np.where(looks, moves + np.cross(turns, arms), turns), axis=2)
+    speed *= np.where(kind == SWIVEL, seen[known], 1.0)
+    return Told(values[:, : readings.cables], runs, known, A, G, covariance, L, (1.0 / eigenvalues[good]).sum(axis=1), speed)
+
+
+def faults_at(readings: Readings, found: Told) -> tuple[Faults, FloatArray]:
+    """What faults the readings would show at the k known poses of what they tell, and the effect (k, M) on the tool's place [mm] of one
+    that is just not found."""
+    m = len(readings.rows)
+    S = readings.V + np.diag(readings.drums) + found.L @ np.swapaxes(found.L, 1, 2)
+    # angles and lengths as multiples of what they scatter by
+    unit = np.sqrt(np.diag(readings.V))
+    root = np.linalg.inv(np.linalg.cholesky(S / np.outer(unit, unit)))
+    white = root @ (found.A / unit[:, None] / np.linalg.norm(found.A / unit[:, None], axis=1, keepdims=True))
+    basis = np.linalg.qr(white)[0]
+    weight = np.swapaxes(root, 1, 2) @ (np.eye(m) - basis @ np.swapaxes(basis, 1, 2)) @ root
+    faults = faults_shown(weight)
+    faults = Faults(faults.smallest * unit, faults.apart * unit, faults.correlation)
+    with np.errstate(invalid="ignore"):
+        effect = np.linalg.norm(found.G[:, 3:], axis=1) * faults.smallest
+    return faults, effect
+
+
+def worst_figures(
+    readings: Readings,
+    positions: FloatArray,
+    quaternions: FloatArray,
+    *,
+    points: FloatArray,
+    pairs: IntArray,
+    bodies: FloatArray,
+) -> tuple[FloatArray, IntArray]:
+    """Figures (F, n) and flags (n,) at (n, 3) positions over (k, 4) orientations, as `kernels.zone.scan` gives them."""
+    out = np.repeat(np.array(kernels.WORST_START)[:, None], len(positions), axis=1)
+    flags = np.zeros(len(positions), np.int64)
+    for begin in range(0, len(positions), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        for turn in quaternions:
+            _worse(out[:, part], flags[part], readings, _at(positions[part], turn), points=points, pairs=pairs, bodies=bodies)
+    return out, flags
+
+
+def _at(positions: FloatArray, turn: FloatArray) -> FloatArray:
+    return np.column_stack([positions, np.broadcast_to(turn, (len(positions), 4))])
+
+
+def _worse(
+    out: FloatArray, flags: IntArray, readings: Readings, poses: FloatArray, *, points: FloatArray, pairs: IntArray, bodies: FloatArray
+) -> None:
+    found = told(readings, poses)
+    flags |= np.where(found.known, 0, np.where(found.runs, kernels.SINGULAR, kernels.CANNOT_RUN))
+    figures = np.repeat(np.array(kernels.WORST_START)[:, None], len(poses), axis=1)
+    figures[[kernels.SPEED2, kernels.NORM2, kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT]] = np.inf
+    figures[kernels.SHORTEST], figures[kernels.LONGEST] = np.nan, np.nan
+    if readings.cables:
+        figures[kernels.SHORTEST], figures[kernels.LONGEST] = found.lengths.min(axis=1), found.lengths.max(axis=1)
+        around = kernels.around(np.ascontiguousarray(readings.rows[: readings.cables]), np.ascontiguousarray(poses), pairs, bodies)
+        figures[kernels.WRAP], figures[kernels.CLEARANCE] = around[:, 0], around[:, 1]
+    known, covariance = found.known, found.covariance
+    figures[kernels.SPEED2, known] = np.maximum(found.speed.max(axis=1), 1.0) ** 2
+    figures[kernels.NORM2, known] = found.norm2
+    figures[kernels.U95_POSITION, known] = radii_95(covariance[:, 3:, 3:])
+    if len(points):
+        figures[kernels.U95_ROTATION, known] = radii_95(covariance[:, :3, :3])
+        of_points = [_of_point(covariance, se3.rotation(poses[known]).apply(point)) for point in points]
+        figures[kernels.U95_ATTACHMENT, known] = np.max(of_points, axis=0)
+    for row in (kernels.SHORTEST, kernels.CLEARANCE):
+        out[row] = np.fmin(out[row], figures[row])
+    for row in (
+        kernels.SPEED2, kernels.NORM2, kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT, kernels.LONGEST, kernels.WRAP,
+    ):  # fmt: skip
+        out[row] = np.fmax(out[row], figures[row])
+
+
+def _of_point(covariance: FloatArray, arms: FloatArray) -> FloatArray:
+    """(n,) 95 % radii of points at arms (n, 3) from the tool origin, which move by t + w x arm."""
+    zero = np.zeros(len(arms))
+    x, y, z = arms.T
+    crossed = np.stack([np.stack(row, axis=1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], axis=1)
+    J = np.concatenate([crossed, np.broadcast_to(np.eye(3), crossed.shape)], axis=2)
+    return radii_95(J @ covariance @ np.swapaxes(J, 1, 2))
+
+
+def worst_faults(readings: Readings, positions: FloatArray, quaternions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n, M) each, the worst of all (k, 4) orientations at (n, 3) positions: smallest fault of each channel that is found [mm, rad],
+    smallest that is told apart from one of any other, and the effect on the tool's place [mm] of one that is just not found; infinite where
+    a channel is not controlled or the pose is not told."""
+    out = np.zeros((3, len(positions), len(readings.rows)))
+    for begin in range(0, len(positions), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        for turn in quaternions:
+            found = told(readings, _at(positions[part], turn))
+            faults, effect = faults_at(readings, found)
+            here = np.full((3, len(found.known), len(readings.rows)), np.inf)
+            here[:, found.known] = faults.smallest, faults.apart, effect
+            out[:, part] = np.maximum(out[:, part], here)
+    return out[0], out[1], out[2]

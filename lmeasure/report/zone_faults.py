@@ -1,0 +1,80 @@
+"""Of a zone's page: which faults of single channels would show, and what one that does not does to the tool."""
+
+import numpy as np
+import plotly.graph_objects as go
+import xarray as xr
+
+from lmeasure.accuracy.faults import VARIABLES
+from lmeasure.report import html
+from lmeasure.report.zone_maps import log_colours
+from lmeasure.saying import Say
+
+
+def faults(zone: xr.Dataset, say: Say) -> list[str]:
+    """Table and map; nothing where they were not asked for, or no place is in the zone."""
+    if VARIABLES[0] not in zone or not zone["in_zone"].values.any():
+        return []
+    about = say(
+        "Smallest fault of a channel that a single sample shows (significance 0.1 %, power 80 %), smallest that is told apart from one of "
+        "any other channel, and what one that is just not found does to the tool: each the worst over the orientations, from the best to "
+        "the worst place of the zone. Over several samples smaller ones are found."
+    )
+    header = say("channel"), say("smallest that is found"), say("smallest told apart"), say("effect on the tool, mm")
+    return [
+        html.heading(say("Which faults would show")),
+        html.paragraph(about),
+        html.table(header, _rows(zone, say)),
+        html.figure(_map(zone, say), "faults", first=False, language=say.language),
+    ]
+
+
+def _rows(zone: xr.Dataset, say: Say) -> list[tuple[str, ...]]:
+    inside = zone["in_zone"].values.astype(bool)
+    rows = []
+    for k, name in enumerate(zone["channel"].values):
+        unit = "°" if zone["channel_unit"].values[k] == "degree" else say(" mm")
+        values = [zone[v].values[inside][:, k] for v in VARIABLES]
+        rows.append((str(name), *(_span(v, u, say) for v, u in zip(values, (unit, unit, ""), strict=True))))
+    return rows
+
+
+def _span(values: np.ndarray, unit: str, say: Say) -> str:
+    low, high = float(values.min()), float(values.max())
+    if not np.isfinite(low):
+        return say("none")
+    best = say.number(low, ".3g")
+    return f"{best}{unit} … {say.number(high, '.3g')}{unit}" if np.isfinite(high) else say("{best} or none", best=best + unit)
+
+
+def _map(zone: xr.Dataset, say: Say) -> go.Figure:
+    """Effect on the tool at the level with most of the zone: of the worst channel, or of one that is chosen."""
+    x, y, z = (zone[name].values for name in "xyz")
+    k = int(np.argmax(zone["in_zone"].values.sum(axis=(0, 1))))
+    effect = zone["fault_effect_mm"].values[:, :, k]
+    known = effect[np.isfinite(effect) & (effect > 0.0)]
+    low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.01, 1.0)
+    high = max(high, 1.01 * low)
+    figure = go.Figure()
+    names = [say("worst channel"), *map(str, zone["channel"].values)]
+    for n, values in enumerate([effect.max(axis=2), *np.moveaxis(effect, 2, 0)]):
+        shown = np.where(np.isfinite(values) & (values > 0.0), values, np.nan)
+        figure.add_trace(
+            go.Heatmap(
+                x=x, y=y, z=np.float32(np.log10(shown).T), customdata=np.float32(values.T), visible=n == 0, colorscale="Viridis_r",
+                zmin=np.log10(low), zmax=np.log10(high), colorbar={"title": say("mm")} | log_colours(low, high, say),
+                hovertemplate=f"x %{{x}} y %{{y}} {say('mm')}<br>%{{customdata:.3g}} {say('mm')}<extra></extra>",
+            )
+        )  # fmt: skip
+    buttons = [
+        {"label": html.label(name), "method": "restyle", "args": [{"visible": [i == n for i in range(len(names))]}]}
+        for n, name in enumerate(names)
+    ]
+    figure.update_layout(
+        updatemenus=[{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}],
+        title={"text": say("Effect of a fault that is just not found, level Z = {z:g} mm", z=float(z[k])), "x": 0.5, "font": {"size": 15}},
+        height=560,
+        margin={"t": 100, "b": 20},
+    )
+    figure.update_xaxes(title_text=say("X, mm"), constrain="domain", scaleanchor="y")
+    figure.update_yaxes(title_text=say("Y, mm"), constrain="domain")
+    return figure
