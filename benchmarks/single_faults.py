@@ -14,6 +14,7 @@ import csv
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -237,8 +238,8 @@ def table(path: Path) -> str:
     return "\n".join(lines)
 
 
-def _read(kind: object, text: str) -> object:
-    return text == "True" if kind is bool else kind(text)  # type: ignore[operator]
+def _read(kind: Any, text: str) -> Any:
+    return text == "True" if kind is bool else kind(text)
 
 
 def main() -> None:

@@ -11,6 +11,7 @@ W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows
 """
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,8 @@ class Readings:
 
     def copied(self) -> "Readings":
         """With arrays of its own."""
-        return replace(self, **{f.name: value.copy() for f in fields(self) if isinstance(value := getattr(self, f.name), np.ndarray)})
+        own: dict[str, Any] = {f.name: value.copy() for f in fields(self) if isinstance(value := getattr(self, f.name), np.ndarray)}
+        return replace(self, **own)
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def stated(rig: Rig) -> tuple[FloatArray, FloatArray]:
 
 
 def at_place(rig: Rig, turn: Rotation = TURN, reliability: bool = True) -> xr.Dataset:
-    nodes = tuple(np.array([v]) for v in PLACE)
+    nodes = np.array(PLACE[:1]), np.array(PLACE[1:2]), np.array(PLACE[2:])
     return map_zone(rig, None, nodes, Rotation.from_quat([turn.as_quat()]), scan=Scan(full=True, reliability=reliability)).isel(
         x=0, y=0, z=0
     )
@@ -86,9 +86,10 @@ def test_a_place_is_told_by_all_channels() -> None:
     rig = mixed()
     A, variance = stated(rig)
     C = np.linalg.inv(A.T @ (A / variance[:, None]))
+    moves, turns = (np.asarray(np.linalg.eigvalsh(part), dtype=np.float64) for part in (C[:3, :3], C[3:, 3:]))
     zone = at_place(rig)
-    assert float(zone.u95_position_mm) == pytest.approx(exact_radius_95(np.linalg.eigvalsh(C[:3, :3])), rel=1e-4)
-    assert np.radians(float(zone.u95_rotation_deg)) == pytest.approx(exact_radius_95(np.linalg.eigvalsh(C[3:, 3:])), rel=1e-4)
+    assert float(zone.u95_position_mm) == pytest.approx(exact_radius_95(moves), rel=1e-4)
+    assert np.radians(float(zone.u95_rotation_deg)) == pytest.approx(exact_radius_95(turns), rel=1e-4)
     # an encoder that tells nothing more than is known of its zero adds nothing: as if it were not there
     data = rig.to_dict()
     del data["swivel"][1]["zero_deg"], data["swivel"][1]["u_zero_deg"]
@@ -109,9 +110,9 @@ def test_faults_put_in_by_hand_show_as_the_map_says(made: object) -> None:
     def left(fault: FloatArray, kept: list[int]) -> tuple[float, FloatArray]:
         """Chi-squared of what least squares leaves of a fault, by these readings, and where it puts the tool."""
         J, W = A[kept], P[np.ix_(kept, kept)]
-        moved = np.linalg.solve(J.T @ W @ J, J.T @ W @ fault[kept])
+        moved: FloatArray = np.asarray(np.linalg.solve(J.T @ W @ J, J.T @ W @ fault[kept]), dtype=np.float64)
         rest = fault[kept] - J @ moved
-        return float(rest @ W @ rest), moved[:3]
+        return float(rest @ W @ rest), np.asarray(moved[:3])
 
     every = list(range(m))
     for j in range(m):
@@ -141,7 +142,7 @@ def test_six_channels_tell_a_pose_and_no_fault() -> None:
         rig, None, np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 3), turns, start=np.r_[0.0, 0, 0, 0, 0, 0, 1]
     )
     figures = [run(one, workers=2)[0] for one in (plan, Plan(**{**vars(plan), "nodes_per_chunk": 1}))]
-    np.testing.assert_array_equal(*figures)
+    np.testing.assert_array_equal(figures[0], figures[1])
     with pytest.raises(AccuracyError, match="six channels for six unknowns"):
         map_zone(rig, None, nodes, turns, scan=Scan(reliability=True))
     data = rig.to_dict()
