@@ -22,6 +22,7 @@ from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.slips import Slip, slip
 from lmeasure.trajectory.sources import PassClock
 
+STEPPED = "origin.stepped"
 SLIPS = 8
 """Found one after the other."""
 
@@ -104,16 +105,17 @@ def prepare(
 
 
 def _wrong(doubts: Doubts, reconstruction: Reconstruction) -> list[int]:
-    """Channels that contradict the others for a while, other than those that go on from a restored origin."""
+    """Channels that contradict the others for a while, or lost their origins, other than those that go on from a restored one."""
     restored = {cable for cable, _, _ in reconstruction.budget.restored}
-    return sorted({d.cable for d in doubts.every if d.cable != EVERY and d.status == Status.INCONSISTENT} - restored)
+    seen = (Status.INCONSISTENT, Status.ORIGIN_LOST)
+    return sorted({d.cable for d in doubts.every if d.cable != EVERY and d.status in seen} - restored)
 
 
 def _restored(reconstruction: Reconstruction, doubts: Doubts) -> Doubts:
-    """The doubts without those of channels that lost their origins but count on: with more channels than unknowns the others tell from
-    where."""
+    """The doubts without those of channels that stepped and count on: with more channels than unknowns the others tell from where. One
+    that stands, or hangs, shows no length at all."""
     budget = reconstruction.budget
-    lost = [d for d in doubts.every if d.status == Status.ORIGIN_LOST and d.cable != EVERY and not budget.absolute[d.cable]]
+    lost = [d for d in doubts.every if d.said.code == STEPPED and d.cable != EVERY and not budget.absolute[d.cable]]
     # a channel that errs again and again is not one that slipped
     once = [d for d in lost if sum(other.cable == d.cable for other in doubts.every) == 1]
     if not once or len(once) > reconstruction.scheme.redundancy:

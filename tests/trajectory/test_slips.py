@@ -85,6 +85,25 @@ def test_a_swivel_that_slips_on_its_shaft_or_sticks_is_left_out() -> None:
     assert stated_errors(found).max() < 3.5
 
 
+@pytest.mark.parametrize("kind", ["stands", "hangs"])
+def test_a_drum_that_stands_or_hangs_for_a_while_did_not_slip(kind: str) -> None:
+    """It shows no length meanwhile, and is what it was afterwards: nobody else slipped either."""
+    counts, j = sound().passes[0].of("ch6"), np.arange(len(TIME_S))
+    during = (j >= 500) & (j < 780)
+    by = (
+        np.where(during, counts[500] - counts, 0.0)
+        if kind == "stands"
+        else np.where(during, np.rint(4000 * np.sin(np.pi * (j - 500) / 280)), 0)
+    )
+    found = reconstruct(faulty("ch6", by))
+    assert (found.status == 0).all()
+    assert set(found.cable) == {"", "c6"}
+    assert set(found.cable[520:770]) == {"c6"}
+    assert set(found.cable[:480]) == set(found.cable[900:]) == {""}
+    assert not any("slipped" in str(note) or "went on" in str(note) for note in found.notes)
+    assert stated_errors(found).max() < 3.5
+
+
 def test_a_sound_run_says_nothing() -> None:
     for run in (sound(), replace(sound(), start=None)):
         found = reconstruct(run)
