@@ -33,6 +33,10 @@ ALIKE_MM, ALIKE_RAD = 1.0, 1e-3
 WORSE = 40.0
 """By how much more chi-squared a run is contradicted that began otherwise, times that of a degree of freedom where the model is off."""
 LISTED = 8
+BEGINNINGS = (1.0, 0.5, 0.25, 0.12)
+"""Shares of a run by which its start is judged, the first in which it does not contradict itself."""
+SOUND = 3.0
+"""Chi-squared per degree of freedom up to which a run does not."""
 TRIAL = 400
 """Samples by which beginnings are judged."""
 
@@ -119,16 +123,26 @@ def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstru
     if not len(poses):
         raise TrajectoryError(f"{source}: no pose was found at which the absolute channels read what they do at {lengths.time_s[i]:.6g} s")
     begun = np.where(np.isfinite(lengths.change_mm[i]), lengths.change_mm[i], 0.0)
-    tried: list[tuple[Reconstruction, Told | None]] = []
+    made: list[tuple[Reconstruction, Epochs | None]] = []
     failed: Exception | None = None
     for pose in poses:
         try:
-            reconstruction, epochs = make(pose, begun)
-            told = None if epochs is None else learn(reconstruction, epochs, TRIAL)
+            made.append(make(pose, begun))
         except (GeometryError, TrajectoryError) as error:
             failed = error
-            continue
-        tried.append((reconstruction, told))
+    tried: list[tuple[Reconstruction, Told | None]] = []
+    for share in BEGINNINGS:
+        tried = []
+        for reconstruction, epochs in made:
+            reconstruction.use(None)
+            try:
+                few = None if epochs is None else epochs.at(slice(0, max(1, int(share * len(epochs)))))
+                tried.append((reconstruction, None if few is None else learn(reconstruction, few, TRIAL)))
+            except (GeometryError, TrajectoryError) as error:
+                failed = error
+        # a fault contradicts every beginning alike: before it they are told apart
+        if not tried or any(told is None or told.chi_squared <= SOUND * told.freedom for _, told in tried):
+            break
     if not tried:
         assert failed is not None
         raise failed

@@ -104,6 +104,16 @@ def test_a_drum_that_stands_or_hangs_for_a_while_did_not_slip(kind: str) -> None
     assert stated_errors(found).max() < 3.5
 
 
+@pytest.mark.parametrize(("channel", "codes"), [("sw5", 300.0), ("sw3", 9000.0)])
+def test_a_code_that_jumps_is_named_where_the_start_is_unknown(channel: str, codes: float) -> None:
+    """It contradicts every assembly alike; what was before it tells which one it is."""
+    found = reconstruct(replace(faulty(channel, codes * behind(900)), start=None))
+    assert (found.status == 0).all()
+    assert set(found.cable) == {"", channel}
+    assert set(found.cable[910:]) == {channel}
+    assert stated_errors(found).max() < 3.5
+
+
 def test_a_sound_run_says_nothing() -> None:
     for run in (sound(), replace(sound(), start=None)):
         found = reconstruct(run)
