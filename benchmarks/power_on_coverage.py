@@ -1,0 +1,131 @@
+"""Runs that begin nobody knows where, drawn again and again: is the first pose, and are the lengths that were out, where they are stated to be?
+
+    python benchmarks/power_on_coverage.py --first 0 --draws 200 --out power_on.csv     (pieces add up in the file)
+    python benchmarks/power_on_coverage.py --table power_on.csv [--write]
+
+Each draw is a rig of six drums, zeroed anywhere within a count at the first sample, with six absolute swivel encoders of 17 bits whose zeros
+are known to 0.002 degrees and drawn so, and a motion of 2 s at 250 Hz. Squared errors are in units of the stated covariances.
+"""
+
+import argparse
+import csv
+from dataclasses import astuple, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binom, chi2
+
+from lmeasure import se3
+from lmeasure.errors import LMeasureError
+from lmeasure.lengths import span_lengths
+from lmeasure.rig import rig_from_dict
+from lmeasure.simulation import cell_rig, simulate_run
+from lmeasure.trajectory import covariances, reconstruct
+from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.prepared import prepared
+
+RESULTS = Path(__file__).parent / "results" / "power_on_coverage.md"
+HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+TIME_S = np.arange(0.0, 2.0, 0.004)
+U_ZERO_DEG = 0.002
+KINDS = {"first": 3, "turn": 3, "last": 3, "lengths": 6}
+"""What is held against its covariance, and of how many degrees of freedom."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Squared errors of the first place, the first orientation, the last place and the six lengths that were out; NaN where the start was
+    not told, and nothing was stated."""
+
+    number: int
+    first: float
+    turn: float
+    last: float
+    lengths: float
+
+
+def draw(number: int) -> Draw:
+    """One run."""
+    rng = np.random.default_rng([number, 11])
+    data = cell_rig(int(rng.integers(1, 1000))).to_dict()
+    zeros = rng.uniform(-180.0, 180.0, 6)
+    common = {"counts_per_revolution": 2**17, "u_zero_deg": U_ZERO_DEG}
+
+    def with_zeros(values: Any) -> Any:
+        swivels = [{"point": f"B{i + 1}", "channel": f"sw{i + 1}", "zero_deg": float(v), **common} for i, v in enumerate(values)]
+        return rig_from_dict(data | {"swivel": swivels})
+
+    size, way = np.repeat([0.2, 150.0], 3) * rng.uniform(0.4, 1.0, 6), rng.uniform(1.0, 2.5, (2, 6))
+    start = se3.displaced(HOME, np.repeat([0.1, 80.0], 3) * rng.uniform(-1.0, 1.0, 6))
+    poses = se3.displaced(start, size * (np.sin(way[0] * TIME_S[:, None]) + 0.4 * np.sin(3.0 * way[1] * TIME_S[:, None])))
+    true, nominal = with_zeros(zeros), with_zeros(zeros + U_ZERO_DEG * rng.standard_normal(6))
+    run = replace(simulate_run(true, TIME_S, poses, noise_mm=0.0, rng=rng).run, rig=nominal, start=None)
+    try:
+        reconstruction, _ = prepared(align(run))
+        found = reconstruct(run)
+    except LMeasureError as error:
+        print(f"{number}: {error}")
+        return Draw(number, *[np.nan] * 4)
+    error = se3.displacement(found.poses, poses)
+    both = covariances(found, run)
+    whole = both.random + both.factors @ np.swapaxes(both.factors, 1, 2)
+    told, budget = reconstruction.budget.told, reconstruction.budget
+    assert told is not None
+    # readings are too large by what was taken to be out less what was, and by where within a count each was zeroed, which nobody knows
+    out = span_lengths(nominal, reconstruction.start[None])[0] - span_lengths(true, poses[:1])[0]
+    columns = budget.origin_lengths(np.zeros(1))[0, :6] @ told.mix[-len(told.mean) :]
+    off = budget.offsets(np.zeros(1))[0, :6] - out
+    return Draw(number, *(_square(e, c) for e, c in (
+        (error[0, 3:], whole[0, 3:, 3:]), (error[0, :3], whole[0, :3, :3]), (error[-1, 3:], whole[-1, 3:, 3:]),
+        (off, columns @ columns.T + np.diag(budget.variance[:6])),
+    )))  # fmt: skip
+
+
+def _square(error: Any, covariance: Any) -> float:
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def table(path: Path) -> str:
+    """The page of results."""
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    lines = ["# Power-on: where a run began", "", (__doc__ or "").split("\n\n")[2].strip(), ""]
+    lines += ["| what | within the stated 95 % | consistent from | mean of the square over its freedom |", "|---|---|---|---|"]
+    for kind, freedom in KINDS.items():
+        values = np.array([float(row[kind]) for row in rows])
+        values = values[np.isfinite(values)]
+        n = len(values)
+        within = int((values <= chi2.ppf(0.95, freedom)).sum())
+        low, high = (int(binom.ppf(q, n, 0.95)) for q in (0.005, 0.995))
+        lines.append(f"| {kind} | {within} of {n} ({within / n:.1%}) | {low} to {high} | {values.mean() / freedom:.2f} |")
+    missed = sum(not np.isfinite(float(row["first"])) for row in rows)
+    return "\n".join([*lines, "", f"{missed} of {len(rows)} runs did not tell their start, and said so.", ""])
+
+
+def main() -> None:
+    """Each draw is kept as soon as it is done."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--draws", type=int, default=100)
+    parser.add_argument("--out", type=Path, default=Path("power_on.csv"))
+    parser.add_argument("--table", type=Path)
+    parser.add_argument("--write", action="store_true")
+    asked = parser.parse_args()
+    if asked.table is None:
+        new = not asked.out.exists()
+        with asked.out.open("a", newline="") as file:
+            writer = csv.writer(file)
+            if new:
+                writer.writerow([f.name for f in fields(Draw)])
+            for number in range(asked.first, asked.first + asked.draws):
+                writer.writerow(astuple(draw(number)))
+                file.flush()
+    text = table(asked.table or asked.out)
+    print(text)
+    if asked.write:
+        RESULTS.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
