@@ -1,10 +1,10 @@
-"""Runs that begin nobody knows where, drawn again and again: is the first pose, and are the lengths that were out, where they are stated to be?
+"""Runs that begin nobody knows where, drawn again and again: are the first pose and the lengths that were out where they are stated to be?
 
     python benchmarks/power_on_coverage.py --first 0 --draws 200 --out power_on.csv     (pieces add up in the file)
     python benchmarks/power_on_coverage.py --table power_on.csv [--write]
 
-Each draw is a rig of six drums, zeroed anywhere within a count at the first sample, with six absolute swivel encoders of 17 bits whose zeros
-are known to 0.002 degrees and drawn so, and a motion of 2 s at 250 Hz. Squared errors are in units of the stated covariances.
+Each draw is a rig of six drums, zeroed anywhere within a count at the first sample, with six absolute swivel encoders of 17 bits whose
+zeros are known to 0.002 degrees and drawn so, and a motion of 2 s at 250 Hz. Squared errors are in units of the stated covariances.
 """
 
 import argparse
