@@ -64,8 +64,8 @@ def draw(number: int) -> Draw:
     try:
         reconstruction, _ = prepared(align(run))
         found = reconstruct(run)
-    except LMeasureError as error:
-        print(f"{number}: {error}")
+    except LMeasureError as refused:
+        print(f"{number}: {refused}")
         return Draw(number, *[np.nan] * 4)
     error = se3.displacement(found.poses, poses)
     both = covariances(found, run)
