@@ -67,7 +67,8 @@ def worst_of_channels(
     """
     n, m = candidates.shape[0], candidates.shape[1]
     out, pose = np.empty((n, 4)), np.empty(POSE_COLUMNS)
-    free, nothing, left, G, weights = np.arange(6), np.zeros(m), np.empty(m), np.empty((6, m)), np.sqrt(variance.min() / variance)
+    # about 1 of lengths: pivots are held against that
+    free, nothing, left, G, weights = np.arange(6), np.zeros(m), np.empty(m), np.empty((6, m)), np.sqrt(variance[:cables].min() / variance)
     for i in range(n):
         rows, size = candidates[i], platform_size(candidates[i])
         speed, radius, shortest, longest = 1.0, 0.0, math.inf, 0.0

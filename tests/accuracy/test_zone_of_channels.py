@@ -1,6 +1,8 @@
 """Zones of rigs with encoders, and which faults would show: against generalised least squares written out, with faults put in by hand."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +13,15 @@ from scipy.stats import norm
 from typer.testing import CliRunner
 
 from lmeasure.accuracy.guard import guard
+from lmeasure.accuracy.placement import Placement, Search, Where, Work
 from lmeasure.accuracy.radius import exact_radius_95
+from lmeasure.accuracy.readings import worst_figures
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import Scan, make_plan, map_zone, tilts
 from lmeasure.cli import app
 from lmeasure.errors import AccuracyError, RigError
+from lmeasure.kernels.layout import BASE, BODY_COLUMNS
+from lmeasure.kernels.zone import LONGEST, SHORTEST, SPEED2, U95_POSITION
 from lmeasure.program import Program
 from lmeasure.rig import Rig, read_rig, rig_from_dict
 
@@ -148,6 +154,26 @@ def test_six_channels_tell_a_pose_and_no_fault() -> None:
     data = rig.to_dict()
     with pytest.raises(RigError, match="has 5 channels; a pose needs at least 6"):
         map_zone(rig_from_dict(data | {"swivel": data["swivel"][:2]}), None, nodes, turns)
+
+
+def test_places_are_judged_by_all_channels() -> None:
+    """And a swivel goes with its point."""
+    rig = mixed()
+    low, high = (-80.0, -60.0, 0.0), (80.0, 60.0, 0.0)
+    task = Work(low_mm=low, high_mm=high, nodes=2, tilt_rad=0.1)
+    box = Where(points=("B1",), low_mm=(-900.0, 300.0, 700.0), high_mm=(-800.0, 500.0, 900.0))
+    search = Search(rig, Placement.model_validate({"schema": "lmeasure.placement/1", "task": task, "mount": (box,)}))
+    moved = search.current() + [40.0, 30.0, -20.0]
+    for x in (search.current(), moved):
+        found = search.figures(x[None])[0]
+        rows = search.channels(x[None])[0]
+        assert search.plan.channels is not None
+        nodes = np.array([(a, b, 0.0) for a in (low[0], high[0]) for b in (low[1], high[1])])
+        empty: dict[str, Any] = {"points": np.empty((0, 3)), "pairs": np.empty((0, 2), np.int64), "bodies": np.empty((0, BODY_COLUMNS))}
+        figures, _ = worst_figures(replace(search.plan.channels, rows=rows), nodes, search.plan.quaternions, **empty)
+        expected = figures[SPEED2].max(), figures[U95_POSITION].max(), figures[SHORTEST].min(), figures[LONGEST].max()
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+    assert rows[5, BASE] == rows[0, BASE] == moved[0]
 
 
 def test_the_command_maps_faults_and_guards_a_program(tmp_path: Path) -> None:
