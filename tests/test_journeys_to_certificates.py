@@ -1,6 +1,6 @@
 """An engineer with a log, and a laboratory with a rig: from an empty folder to a certificate that a third party has verified. No file is
 written by hand but what the test's robot leaves: its counts, as a log of the bus. `pytest -s` shows what each command took, `-m slow` runs
-the standard's own numbers of cycles."""
+the standard's own number of cycles."""
 
 import shutil
 from pathlib import Path
@@ -20,8 +20,9 @@ from lmeasure.simulation import Leg, simulate_run, smooth_path
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 RATE_HZ = 100.0
 MISSES_MM = np.array([0.3, 0.0, 0.0])
-QUICK = "--tests", "pose", "--cycles", "pose=3", "--speeds", "100", "--dwell", "0.9"
-"""Of the test program; nothing for the standard's."""
+WHOLE = "--tests", "pose", "--speeds", "100"
+"""Of the test program: five poses with the standard's thirty cycles."""
+QUICK = *WHOLE, "--cycles", "pose=3", "--dwell", "0.9"
 
 
 def driven(rig: Rig, commands: Path, log: Path) -> None:
@@ -53,7 +54,7 @@ def accuracy(folder: Path) -> np.ndarray:
     return np.array([[c["value"], c["u95"]] for c in told if c["name"] == "AP_p"])
 
 
-@pytest.mark.parametrize(("dialect", "asked"), [("log", QUICK), pytest.param("asc", (), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("dialect", "asked"), [("log", QUICK), pytest.param("asc", WHOLE, marks=pytest.mark.slow)])
 def test_an_engineer_from_a_log_to_a_verified_certificate(
     dialect: str, asked: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -73,7 +74,7 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     assert (tmp_path / "page" / "trajectory.html").stat().st_size > 10_000
     said(monkeypatch, capsys, "program", "--out", "tests", "--ran", "trajectory.parquet")
     words = "certify", "trajectory.parquet", "--run", "run", "--program", "tests/program.toml", "--out", "certificate"
-    said(monkeypatch, capsys, *words, *(("--trials", 400) if asked else ()))
+    said(monkeypatch, capsys, *words, *(("--trials", 400) if asked == QUICK else ()))
     found = accuracy(Path("certificate"))
     assert len(found) >= 5
     # one start pose and one draw of phases for all
@@ -81,7 +82,7 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     assert "every byte as sealed" in said(monkeypatch, capsys, "verify", "certificate")
 
 
-@pytest.mark.parametrize("asked", [QUICK, pytest.param((), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("asked", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
 def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     asked: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,7 +91,7 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     said(monkeypatch, capsys, "init", "lab", "--template", "six-cables")
     said(monkeypatch, capsys, "simulate", "lab/scenario.toml", "--out", "tried")
     said(monkeypatch, capsys, "calibrate", "tried/calibration", "--out", "calibrated")
-    grid = ("--x=-200:200:100", "--y=-200:200:100", "--z=-200:200:100") if asked else ()
+    grid = ("--x=-200:200:100", "--y=-200:200:100", "--z=-200:200:100") if asked == QUICK else ()
     told = said(monkeypatch, capsys, "zone", "calibrated/rig.toml", *grid, "--out", "zone.nc", "--report", "zone")
     assert "nodes are in the zone" in told
     assert {p.name for p in Path("zone").iterdir()} >= {"zone.html", "zone.pdf"}
@@ -102,7 +103,7 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     said(monkeypatch, capsys, "key", "--out", "laboratory.pem")
     words = "certify", "trajectory.parquet", "--run", "run", "--program", "tests/program.toml", "--key", "laboratory.pem", "--zip"
     for language in ("en", "ru"):
-        told = said(monkeypatch, capsys, *words, *(("--trials", 400) if asked else ()), "--language", language, "--out", language)
+        told = said(monkeypatch, capsys, *words, *(("--trials", 400) if asked == QUICK else ()), "--language", language, "--out", language)
         assert f"lmeasure verify {language}" in told
     found = accuracy(Path("en"))
     assert np.abs(found[:, 0] - 0.3).max() < 2.0 * found[:, 1].max() < 0.3
