@@ -106,7 +106,9 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
         told = said(monkeypatch, capsys, *words, *(("--trials", 400) if asked == QUICK else ()), "--language", language, "--out", language)
         assert f"lmeasure verify {language}" in told
     found = accuracy(Path("en"))
-    assert np.abs(found[:, 0] - 0.3).max() < 2.0 * found[:, 1].max() < 0.3
+    # the largest cube of the whole zone goes beyond the reference poses, where the instrument is worse and says so
+    assert np.all(np.abs(found[:, 0] - 0.3) < 2.0 * found[:, 1])
+    assert found[:, 1].min() < 0.15
     np.testing.assert_array_equal(accuracy(Path("ru")), found)
     assert "Протокол испытаний" in Path("ru/report.html").read_text(encoding="utf-8")
 
