@@ -31,8 +31,6 @@ from lmeasure.kernels import zone as kernels
 from lmeasure.kernels.layout import COUNT_LENGTH
 from lmeasure.lengths import span_lengths
 from lmeasure.observation.parts import PLAY, every_part
-from lmeasure.rig import CABLES_FOR_A_POSE, Rig
-from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.rig import Rig
 from lmeasure.roots import covariance_root
 from lmeasure.trajectory.sources import zero_columns
@@ -243,12 +241,11 @@ def make_plan(
     ]
     used = sorted({c.to_point for c in rig.cable}) if full else []
     rows, quaternions = rig.cable_rows(), np.ascontiguousarray(rotations.as_quat())
-    variance, drums = length_variance(rig), drum_variance(rig, positions, rotations, start)
+    variance, drums = length_variance(rig), drum_variance(rig, calibration, positions, rotations, start=start)
     return Plan(
         cables=rows,
         positions=positions,
         quaternions=quaternions,
-        variance=variance + drum_variance(rig, calibration, positions, rotations, start=start),
         variance=variance + drums,
         weights=np.sqrt(variance.min() / variance),
         scales=rig.scales(),
