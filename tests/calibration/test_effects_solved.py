@@ -74,7 +74,7 @@ def test_what_guides_and_points_make_up_for_is_said_to_be_not_told() -> None:
 
 
 def test_nothing_is_found_where_there_is_nothing() -> None:
-    """The rate is that of `benchmarks/effects_study.py`."""
+    """One campaign; the threshold is one in a hundred."""
     (effect,) = calibrated(cell_rig(1), ("run-out:B2",)).record.effects
     assert effect.probability > 0.01
     assert not effect.found
