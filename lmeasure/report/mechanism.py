@@ -61,9 +61,22 @@ def workspace_words(grid: Grid, say: Say = ENGLISH) -> str:
     if grid.yaw_free:
         out.append(say("at any turn about the vertical"))
     if grid.ended_by:
-        most = sorted(grid.ended_by.items(), key=lambda one: -one[1])
-        out.append(say("ended by {limits}", limits=", ".join(f"{say(name)} ({n})" for name, n in most)))
+        most, named = sorted(grid.ended_by.items(), key=lambda one: -one[1]), limit_words(say)
+        out.append(say("ended by {limits}", limits=", ".join(f"{named[name]} ({n})" for name, n in most)))
     return "; ".join(out)
+
+
+def limit_words(say: Say = ENGLISH) -> dict[str, str]:
+    """What each limit of a workspace is called."""
+    return {
+        "reached": say("reach of the legs"),
+        "joints": say("limits of joints"),
+        "gaps": say("gaps of carriages"),
+        "base_cone": say("angle to the axis of the base"),
+        "platform_cone": say("angle to the axis of the platform"),
+        "regular": say("nearness of a singular pose"),
+        "stands": say("standing"),
+    }
 
 
 def space_figure(file: ParallelFile, pose: FloatArray, grid: Grid | None = None, say: Say = ENGLISH) -> go.Figure:

@@ -101,9 +101,9 @@ def test_no_english_page_says_anything_in_russian(kind: str, tmp_path: Path) -> 
 
 
 def said() -> set[str]:
-    """Every text of the code that is given to `say`."""
+    """Every text of the code that is given to `say`; the workbench has a catalogue of its own."""
     out: set[str] = set()
-    for path in sorted((ROOT / "lmeasure").rglob("*.py")):
+    for path in sorted(p for p in (ROOT / "lmeasure").rglob("*.py") if "workbench" not in p.parts):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "say" and node.args:
                 first = node.args[0]
