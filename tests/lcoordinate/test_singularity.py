@@ -137,6 +137,13 @@ def test_thesis_4_6_gradients_and_neighbouring_singular_poses(rho: FloatArray, r
             assert d == pytest.approx(-0.5 * bend * t**2 * np.linalg.norm(K), abs=2e-8)
 
 
+def test_thesis_4_6_a_printed_twist_is_rounded() -> None:
+    """Omega5 of the third example, (0, 1, 0; 0, 0, -0.154), is normal to the gradient but for its last digit: -1/6.5."""
+    K = singularity.gradients(RHO3, R3, HERE)
+    assert abs(K @ [0, 1, 0, 0, 0, -1 / 6.5]) < 1e-12
+    assert abs(K @ [0, 1, 0, 0, 0, -0.154]) == pytest.approx(0.06318 * 6.5 * (0.154 - 1 / 6.5), abs=1e-6)
+
+
 def test_thesis_4_6_topology() -> None:
     """The first example's singular poses are a plane among the displacements, the second's are not."""
     assert singularity.neighbourhood(RHO1, R1, HERE, size_mm=1.0).topology == "plane"

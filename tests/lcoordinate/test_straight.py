@@ -38,6 +38,11 @@ def test_the_example_of_4_1() -> None:
     published = np.array([(2.660485, 4.463435, 9.494587), (0.346899, 5.563243, 7.933260), (1.216079, 2.972575, 8.663305)])
     best = np.abs(points[:, 1:] - published).max(axis=(1, 2)).argmin()
     np.testing.assert_allclose(points[best, 1:], published, atol=2e-6)
+    # from B1 they are l7, l8, l5 and l4 away; from B1 as printed they are not
+    points = points[best]
+    true, printed = (np.linalg.norm(points - b, axis=1) for b in ([1.0, 5.0, 0.0], [1.0, 1.0, 0.0]))
+    np.testing.assert_allclose(true, [9.5656, 9.6536, 7.98, 8.90], atol=1e-4)
+    np.testing.assert_allclose(printed, [11.00, 10.24, 9.18, 8.89], atol=6e-3)
     # Rz Ry Rx with O' = P1: |a| > 90, which the thesis' arcsin formulas miss
     angles = se3.rotation(above[best]).as_euler("ZYX", degrees=True)
     np.testing.assert_allclose(angles, [-25.4250, -31.3619, -169.5130], atol=1e-3)
