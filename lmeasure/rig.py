@@ -323,7 +323,9 @@ def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
     """What contradicts itself in the names of a rig.toml's content, whatever else is wrong with it: (keys, what is wrong)."""
     lists = {key: data.get(key) for key in ("observation_point", "cable")}
     tables = {key: [t for t in value if isinstance(t, dict)] if isinstance(value, list) else [] for key, value in lists.items()}
-    points, tool = [str(p.get("name")) for p in tables["observation_point"]], data.get("tool")
+    points, tool = [p.get("name") for p in tables["observation_point"]], data.get("tool")
+    # a point whose name is missing or no text may be the one that is meant, and is complained of itself
+    named_all = all(isinstance(p, str) for p in points)
     for kind, named in tables.items():
         for i, table in enumerate(named):
             if isinstance(name := table.get("name"), str) and name in [t.get("name") for t in named[:i]]:
@@ -333,7 +335,7 @@ def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
         channel, start, end, passage = c.get("channel"), c.get("from"), c.get("to"), c.get("pass", 1)
         if isinstance(channel, str) and channel in conventions.RESERVED_COLUMNS:
             yield ("cable", i, "channel"), f"{channel!r} is the name of another column of counts files"
-        if isinstance(start, str) and start not in points:
+        if named_all and isinstance(start, str) and start not in points:
             yield ("cable", i, "from"), f"{start!r} is no observation_point ({', '.join(map(str, dict.fromkeys(points)))})"
         if isinstance(end, str) and isinstance(tool, dict) and end not in tool:
             yield ("cable", i, "to"), f"{end!r} is no point of [tool] ({', '.join(tool)})"

@@ -53,6 +53,14 @@ def test_all_complaints_of_a_rig_have_their_lines(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_point_without_a_readable_name_is_complained_of_once(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(test_rig.RIG.replace('name = "B2"', 'name = { is = "B2" }', 1))
+    with pytest.raises(FileFormatError) as caught:
+        read_rig(path)
+    assert [line.split(": ", 1)[1] for line in lines_of(caught.value, path)] == ["[observation_point 2].name: must be text"]
+
+
 def test_the_command_prints_a_line_for_each(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(test_rig.RIG.replace("guide_alpha_deg = 47.0", "guide_alpha_deg = 147.0").replace("= [0, 100, 0]", '= "here"'))
