@@ -126,6 +126,7 @@ LABELS = {
     "reconstruct.angles": "Angles beside quaternions",
     "recording": "Recording",
     "refine": "Refine until",
+    "reliability": "Map least faults",
     "repeatability_mm": "Repeatability of the robot",
     "report": "Folder of the page",
     "rerun": "Recording to look at",

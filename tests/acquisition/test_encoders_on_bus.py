@@ -63,7 +63,7 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
     np.testing.assert_array_equal(run.passes[0].recorded, np.where(missing, np.nan, counts))
     found = reconstruct(run)
     assert (found.status == Status.OK).all()
-    assert set(found.cable[SILENT]) == {run.rig.observed[9].name}
+    assert set(found.cable[SILENT]) == {run.rig.observed[9].name}, found.notes
     truth = np.loadtxt(TRUTH / "truth.csv", delimiter=",", skiprows=1)[::5, 1:]
     assert np.abs(displacement(found.poses, truth)[:, 3:]).max() < 0.05
     # the log that was recorded, imported as if it came from elsewhere
