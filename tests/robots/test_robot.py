@@ -250,5 +250,5 @@ def test_robots_that_contradict_themselves_are_refused_in_one_line(change: dict[
 
 
 def test_an_unknown_name_is_told_the_known_ones() -> None:
-    with pytest.raises(LMeasureError, match="generic6, generic7, gough, .*puma560, .*suspended, .*ur5"):
+    with pytest.raises(LMeasureError, match=r"generic6, generic7, gough, .*puma560, .*suspended, .*ur5"):
         shipped("kr210")
