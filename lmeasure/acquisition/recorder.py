@@ -382,7 +382,9 @@ class _Writer:
                 entry["stamps_brought_back_s"] = self.assembler.stamps_moved_s
             if ended != "complete":
                 entry["why"] = ended
-            files.write_toml(self.folder / "run.toml", self._table)
+            # a start that was stated meanwhile, by a page or an editor, is kept
+            stated = {key: value for key, value in files.read_toml(self.folder / "run.toml").items() if key == "start"}
+            files.write_toml(self.folder / "run.toml", self._table | stated)
         return replace(result, faults=dict(events.tally))
 
 

@@ -247,3 +247,17 @@ def test_nothing_is_written_over_a_recording(tmp_path: Path) -> None:
     with pytest.raises(AcquisitionError, match="nothing is written over a recording"):
         record_frames(RIG, FRAMES.take(slice(70)), tmp_path / "run")
     assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == before
+
+
+def test_a_start_that_is_stated_while_it_records_is_kept(tmp_path: Path) -> None:
+    """By a page or an editor; the recording's end writes run.toml anew."""
+    folder = tmp_path / "run"
+
+    def state(_: BusSource, seconds: float) -> None:
+        path = folder / "run.toml"
+        files.write_toml(path, files.read_toml(path) | {"start": {"position_mm": [1.0, 2.0, 3.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}})
+
+    _, run, _ = record_frames(RIG, FRAMES, folder, meddle=state)
+    assert run.start is not None
+    assert run.start[:3].tolist() == [1.0, 2.0, 3.0]
+    assert files.read_toml(folder / "run.toml")["recording"][0]["ended"] == "complete"

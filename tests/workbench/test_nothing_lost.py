@@ -22,7 +22,7 @@ def test_what_was_typed_outlives_a_reload_and_the_button_back(tmp_path: Path) ->
         shown = "document.querySelector('form[data-command=init] [name=out]')?.value"
         page.evaluate("location.reload()")
         page.wait(f"document.readyState === 'complete' && {shown} === 'mine'")
-        page.wait("document.querySelector('[data-line]').textContent.includes(' mine ')")
+        page.wait("document.querySelector('[data-line]')?.textContent.includes(' mine ')")
         press(page, "form[data-command=init] button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
         page.evaluate("location.reload()")  # in the middle of the job
         page.wait("document.readyState === 'complete'")
