@@ -7,13 +7,13 @@ Each draw is a rig of six drums, zeroed anywhere within a count at the first sam
 zeros are known to 0.002 degrees and drawn so, and a motion of 2 s at 250 Hz. Squared errors are in units of the stated covariances.
 """
 
-import argparse
 import csv
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from adding_up import add_up, options
 from scipy.stats import binom, chi2
 
 from lmeasure import se3
@@ -105,26 +105,8 @@ def table(path: Path) -> str:
 
 def main() -> None:
     """Each draw is kept as soon as it is done."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--draws", type=int, default=100)
-    parser.add_argument("--out", type=Path, default=Path("power_on.csv"))
-    parser.add_argument("--table", type=Path)
-    parser.add_argument("--write", action="store_true")
-    asked = parser.parse_args()
-    if asked.table is None:
-        new = not asked.out.exists()
-        with asked.out.open("a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow([f.name for f in fields(Draw)])
-            for number in range(asked.first, asked.first + asked.draws):
-                writer.writerow(astuple(draw(number)))
-                file.flush()
-    text = table(asked.table or asked.out)
-    print(text)
-    if asked.write:
-        RESULTS.write_text(text, encoding="utf-8")
+    asked = options(__doc__, "draws", "power_on.csv").parse_args()
+    add_up(asked, (draw(number) for number in range(asked.first, asked.first + asked.draws)), table, RESULTS)
 
 
 if __name__ == "__main__":

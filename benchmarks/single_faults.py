@@ -9,7 +9,6 @@ turn. Detectable: some sample contradicts itself beyond the alarm's limit with a
 it does with any other channel left out. Rigs are those of the forward model, known exactly.
 """
 
-import argparse
 import csv
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from adding_up import add_up, options
 from numpy.typing import NDArray
 from scipy.stats import beta, chi2, ncx2
 
@@ -244,29 +244,11 @@ def _read(kind: Any, text: str) -> Any:
 
 def main() -> None:
     """Each fault is kept as soon as it is done."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "faults", "single_faults.csv")
     parser.add_argument("--rig", choices=RIGS, nargs="+", default=list(RIGS))
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--faults", type=int, default=100)
-    parser.add_argument("--out", type=Path, default=Path("single_faults.csv"))
-    parser.add_argument("--table", type=Path)
-    parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
-    if asked.table is None:
-        new = not asked.out.exists()
-        with asked.out.open("a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow([f.name for f in fields(Found)])
-            for number in range(asked.first, asked.first + asked.faults):
-                for name in asked.rig:
-                    found = study(name, number)
-                    writer.writerow([getattr(found, f.name) for f in fields(Found)])
-                    file.flush()
-    text = table(asked.table or asked.out)
-    print(text)
-    if asked.write:
-        RESULTS.write_text(text, encoding="utf-8")
+    numbers = range(asked.first, asked.first + asked.faults)
+    add_up(asked, (study(name, number) for number in numbers for name in asked.rig), table, RESULTS)
 
 
 if __name__ == "__main__":

@@ -229,3 +229,15 @@ class WidthEvidence:
             if self._short[bits] and self._least >= -full / 2 and self._most < full and self._most - self._least < full:
                 return bits
         return None
+
+
+def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:
+    """Per channel the mean count of the last rest less that of the first [counts]; empty unless all channels rest, within two counts, for
+    rest_s at both ends: the robot has not come back to the start, or was moving."""
+    first = counts.recorded[counts.time_s <= counts.time_s[0] + rest_s]
+    last = counts.recorded[counts.time_s >= counts.time_s[-1] - rest_s]
+    if len(first) < 3 or len(last) < 3 or np.isnan(first).any() or np.isnan(last).any():
+        return {}
+    if (np.ptp(first, axis=0) > 2).any() or (np.ptp(last, axis=0) > 2).any():
+        return {}
+    return dict(zip(counts.channels, (last.mean(axis=0) - first.mean(axis=0)).tolist(), strict=True))

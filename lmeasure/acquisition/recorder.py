@@ -27,7 +27,7 @@ from lmeasure.acquisition.growing_files import Appended, candump_lines, count_li
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Notice, Source
 from lmeasure.arrays import FloatArray
-from lmeasure.counts import Counts, read_counts, write_counts
+from lmeasure.counts import closure_counts, read_counts, write_counts
 from lmeasure.errors import AcquisitionError, LMeasureError, RecordedError
 from lmeasure.rig import Rig, read_rig, write_rig
 from lmeasure.run import SCHEMA
@@ -396,15 +396,3 @@ def _content(path: Path) -> bytes | None:
         return files.read_bytes(path)
     except LMeasureError:
         return b""
-
-
-def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:
-    """Per channel the mean count of the last rest less that of the first [counts]; empty unless all channels rest, within two counts, for
-    rest_s at both ends: the robot has not come back to the start, or was moving."""
-    first = counts.recorded[counts.time_s <= counts.time_s[0] + rest_s]
-    last = counts.recorded[counts.time_s >= counts.time_s[-1] - rest_s]
-    if len(first) < 3 or len(last) < 3 or np.isnan(first).any() or np.isnan(last).any():
-        return {}
-    if (np.ptp(first, axis=0) > 2).any() or (np.ptp(last, axis=0) > 2).any():
-        return {}
-    return dict(zip(counts.channels, (last.mean(axis=0) - first.mean(axis=0)).tolist(), strict=True))

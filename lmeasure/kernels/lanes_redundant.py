@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel, least_squares
-from lmeasure.kernels.angles import frame_at
-from lmeasure.kernels.cable import leaving, seen_at, vec
+from lmeasure.kernels import kernel, least_squares
+from lmeasure.kernels.cable import seen_at, vec
+from lmeasure.kernels.channel_lanes import arm_of, cable_rows, inclination_rows, swivel_rows, turned
 from lmeasure.kernels.lanes import (
     CHUNK,
     CLEAR_OF_SINGULAR,
@@ -32,22 +32,16 @@ from lmeasure.kernels.lanes import (
 )
 from lmeasure.kernels.lanes import _move as _move_to
 from lmeasure.kernels.layout import (
-    ANGLE_ZERO,
     ATTACHMENT,
-    BASE,
     CABLE,
     CHANGES,
-    ECCENTRIC_PHASE,
-    ECCENTRICITY,
-    GUIDE,
     KIND,
     POSE_COLUMNS,
-    RADIUS,
     SWIVEL,
 )
 from lmeasure.kernels.normal_lanes import FREE, PAIRS, factors, gather, inverse
 from lmeasure.kernels.screw import OK, copy, platform_size
-from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotation_matrix, scale, sub
+from lmeasure.kernels.vector import add, angle, cross, dot, norm, scale
 
 LEFT_MM = 1e-10
 """What a last step may leave: steps fall at least as fast as from the one before, by residuals over distances or by their squares."""
@@ -56,90 +50,6 @@ ROUGH_MM = 0.5
 STEP, FASTEST, RESIDUAL, CHI = POSE_COLUMNS, POSE_COLUMNS + 1, POSE_COLUMNS + 2, POSE_COLUMNS + 3  # rows of a tile behind the pose's
 MOVED = POSE_COLUMNS + 4  # six rows: the last step
 TILE_ROWS = MOVED + FREE
-TURN = 2.0 * math.pi
-
-
-@inline
-def _matrix(M: FloatArray, i: int) -> tuple[Vec3, Vec3, Vec3]:
-    """The rotation of a lane, kept by `_turned`."""
-    return (
-        (M[i], M[WIDTH + i], M[2 * WIDTH + i]),
-        (M[3 * WIDTH + i], M[4 * WIDTH + i], M[5 * WIDTH + i]),
-        (M[6 * WIDTH + i], M[7 * WIDTH + i], M[8 * WIDTH + i]),
-    )
-
-
-@inline
-def _arm(M: FloatArray, i: int, point: Vec3) -> Vec3:
-    A = _matrix(M, i)
-    return dot(A[0], point), dot(A[1], point), dot(A[2], point)
-
-
-@kernel
-def _turned(S: FloatArray, M: FloatArray) -> None:
-    """The lanes' rotation matrices, row by row, into M (9 WIDTH,)."""
-    for i in range(WIDTH):
-        A = rotation_matrix(_orientation(S, i))
-        M[i], M[WIDTH + i], M[2 * WIDTH + i] = A[0]
-        M[3 * WIDTH + i], M[4 * WIDTH + i], M[5 * WIDTH + i] = A[1]
-        M[6 * WIDTH + i], M[7 * WIDTH + i], M[8 * WIDTH + i] = A[2]
-
-
-@inline
-def _keep(a: FloatArray, i: int, weight: float, moment: Vec3, e: Vec3) -> None:
-    a[i], a[WIDTH + i], a[2 * WIDTH + i] = scale(weight, moment)
-    a[3 * WIDTH + i], a[4 * WIDTH + i], a[5 * WIDTH + i] = scale(weight, e)
-
-
-@kernel
-def _cable_rows(
-    S: FloatArray, M: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray
-) -> None:
-    """Weighted rows of a cable in every lane into a (6 WIDTH,), weighted residuals into r (WIDTH,); turns in units of 1/size."""
-    base, guide, point, radius = vec(c, BASE), vec(c, GUIDE), vec(c, ATTACHMENT), c[RADIUS]
-    by_size = 1.0 / size
-    for i in range(WIDTH):
-        arm = _arm(M, i, point)
-        s = leaving(sub(add(_place(S, i), arm), base), guide, radius)
-        _keep(a, i, weight, scale(by_size, cross(arm, s.e)), s.e)
-        r[i] = weight * (t[i] - (radius * s.phi + s.t))
-
-
-@kernel
-def _swivel_rows(
-    S: FloatArray, M: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray
-) -> None:
-    """The same of a swivel's encoder."""
-    base, point, zero, by_size = vec(c, BASE), vec(c, ATTACHMENT), c[ANGLE_ZERO], 1.0 / size
-    off_x, off_y = c[ECCENTRICITY] * math.cos(c[ECCENTRIC_PHASE]), c[ECCENTRICITY] * math.sin(c[ECCENTRIC_PHASE])
-    e0, e1 = frame_at(c)
-    for i in range(WIDTH):
-        arm = _arm(M, i, point)
-        d = sub(add(_place(S, i), arm), base)
-        x, y = dot(d, e0), dot(d, e1)
-        across = 1.0 / (x * x + y * y)
-        root = math.sqrt(across)
-        # sine and cosine of the angle less the phase of the eccentricity, times this
-        sine, cosine = root * (y * off_x - x * off_y), root * (x * off_x + y * off_y)
-        e = scale((1.0 + cosine) * across, sub(scale(x, e1), scale(y, e0)))
-        _keep(a, i, weight, scale(by_size, cross(arm, e)), e)
-        away = t[i] - (angle(y, x) + sine - zero)
-        r[i] = weight * (away - TURN * math.floor(away / TURN + 0.5))
-
-
-@kernel
-def _inclination_rows(M: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray) -> None:
-    """The same of an axis of an inclinometer."""
-    up, point, zero, by_size = vec(c, BASE), vec(c, ATTACHMENT), c[ANGLE_ZERO], 1.0 / size
-    for i in range(WIDTH):
-        axis = _arm(M, i, point)
-        across = cross(axis, up)
-        level = norm(across)
-        _keep(a, i, weight, scale(by_size / level, across), (0.0, 0.0, 0.0))
-        # within a quarter of a turn
-        lean = angle(dot(axis, up), level)
-        away = t[i] - (lean - (TURN if lean > math.pi else 0.0) - zero)
-        r[i] = weight * (away - TURN * math.floor(away / TURN + 0.5))
 
 
 @kernel
@@ -205,7 +115,7 @@ def _judge_channel(
         x1 = v04 * a0 + v14 * a1 + v24 * a2 + v34 * a3 + V[18 * WIDTH + i] * a4 + v45 * a5
         x2 = v05 * a0 + v15 * a1 + v25 * a2 + v35 * a3 + v45 * a4 + V[20 * WIDTH + i] * a5
         # of a channel that looks at no point only the turn counts
-        arm = scale(looks, _arm(M, i, point))
+        arm = scale(looks, arm_of(M, i, point))
         moved = add(scale(looks, (x0, x1, x2)), cross((w0, w1, w2), arm))
         moved = add(moved, scale(1.0 - looks, (w0, w1, w2)))
         squared = weight * weight * dot(moved, moved)
@@ -233,7 +143,7 @@ def _refine(
     (m + 1, WIDTH) keep rows and residuals, zero in the last row; rough: a start for others is enough."""
     m, before = cables.shape[0], 1e-7
     for step in range(1, PASSES + 1):
-        _turned(S, M)
+        turned(S, M)
         N[:] = 0.0
         for j in range(m):
             if weights[j] == 0.0:
@@ -241,11 +151,11 @@ def _refine(
                 continue
             t = T[j * WIDTH : (j + 1) * WIDTH]
             if cables[j, KIND] == CABLE:
-                _cable_rows(S, M, t, cables[j], weights[j], size, A[j], R[j])
+                cable_rows(S, M, t, cables[j], weights[j], size, A[j], R[j])
             elif cables[j, KIND] == SWIVEL:
-                _swivel_rows(S, M, t, cables[j], weights[j], size, A[j], R[j])
+                swivel_rows(S, M, t, cables[j], weights[j], size, A[j], R[j])
             else:
-                _inclination_rows(M, t, cables[j], weights[j], size, A[j], R[j])
+                inclination_rows(M, t, cables[j], weights[j], size, A[j], R[j])
         for j in range(0, m, 2):
             gather(A[j], R[j], A[j + 1], R[j + 1], N)
         _solve(N, S, size)

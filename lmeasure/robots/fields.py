@@ -29,6 +29,13 @@ Angle = Annotated[float, AfterValidator(_angle)]
 Small = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
+def named_once(kind: str, names: list[str]) -> None:
+    """ValueError for a name that several have."""
+    twice = next((n for n in names if names.count(n) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{kind}: the name {twice!r} is given twice")
+
+
 class Place(Strict):
     """A pose: of the first axis in the robot's base, or of the tool on the flange."""
 

@@ -20,7 +20,7 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.checked import Name, Strict
 from lmeasure.lcoordinate.pluecker import pluecker_rows
-from lmeasure.robots.fields import Length, Place
+from lmeasure.robots.fields import Length, Place, named_once
 from lmeasure.robots.model import Parameter
 
 LEGS = 6
@@ -185,10 +185,7 @@ class PlatformFile(Strict):
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
-        names = [leg.name for leg in self.leg]
-        twice = next((n for n in names if names.count(n) > 1), None)
-        if twice is not None:
-            raise ValueError(f"leg: the name {twice!r} is given twice")
+        named_once("leg", [leg.name for leg in self.leg])
         if self.kind == "hexapod" and len(self.leg) != LEGS:
             raise ValueError(f"leg: a hexapod has {LEGS}; kind = 'cables' may have more")
         for leg in self.leg:

@@ -12,7 +12,7 @@ from lmeasure import files
 from lmeasure.arrays import FloatArray
 from lmeasure.checked import Name, Strict, checked
 from lmeasure.errors import RobotError
-from lmeasure.robots.fields import Angle, Length, Place, Small
+from lmeasure.robots.fields import Angle, Length, Place, Small, named_once
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
 from lmeasure.robots.serial import SerialArm
@@ -143,10 +143,7 @@ class Robot(Strict):
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
-        names = [j.name for j in self.joint]
-        twice = next((n for n in names if names.count(n) > 1), None)
-        if twice is not None:
-            raise ValueError(f"joint: the name {twice!r} is given twice")
+        named_once("joint", [j.name for j in self.joint])
         for j in self.joint:
             low, high, unit = (j.min_deg, j.max_deg, "deg") if isinstance(j, Revolute) else (j.min_mm, j.max_mm, "mm")
             if not low < high:

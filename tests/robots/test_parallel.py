@@ -109,6 +109,9 @@ def test_robots_are_the_mechanisms_of_the_documents() -> None:
     kept = checked(file.model, file.limits, poses).all
     assert (kept != rotopod.checks(poses, RingLimits()).all).mean() < 0.01
     assert 20 < kept.sum() < 280
+    # however the legs are listed
+    other_way = ParallelFile.model_validate(file.model_dump(by_alias=True) | {"leg": [leg.model_dump() for leg in file.leg[::-1]]})
+    np.testing.assert_array_equal(checked(other_way.model, other_way.limits, poses).all, kept)
     points = 150.0 * np.array([[1.0, 2.0, 0.0], [-1.0, 2.0, 0.0], [-1.0, -2.0, 0.0], [1.0, -2.0, 0.0]])
     for name, arms in (("four-chains", None), ("four-chains-arms", np.array([100.0, 80.0]))):
         robot, chains = shipped(name).model, FourChains(points, 450.0, 194.79, arms, raised=(-1.0, -1.0))

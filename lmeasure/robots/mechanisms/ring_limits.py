@@ -74,17 +74,24 @@ def checked(
         to_base = np.arctan2(np.hypot(rods[..., 0], rods[..., 1]), rods[..., 2])
         along = np.einsum("...nc,...c->...n", rods, normals)
         to_platform = np.arctan2(np.linalg.norm(np.cross(rods, normals[..., None, :]), axis=-1), along)
-        chord = np.roll(feet, -1, axis=-2) - feet
-        to_mass = mass[..., None, :] - feet
-        left = chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0]
         return RingChecks(
             reached,
             _each((gap >= limits.least_gap - slack) & (gap <= limits.most_gap + slack)),
             _each(to_base <= limits.base_cone + slack),
             _each(to_platform <= limits.platform_cone + slack),
             near > limits.singular,
-            _each(left > 0.0),
+            stands(feet, mass),
         )
+
+
+def stands(feet: FloatArray, mass: FloatArray) -> BoolArray:
+    """(...) whether masses (..., 3) lie over the polygon of feet (..., n, 3), convex and taken in the order in which they stand round their
+    middle: left of all its sides."""
+    away = feet - feet.mean(axis=-2, keepdims=True)
+    order = np.argsort(np.arctan2(away[..., 1], away[..., 0]), axis=-1)
+    feet = np.take_along_axis(feet, order[..., None], axis=-2)
+    chord, to_mass = np.roll(feet, -1, axis=-2) - feet, mass[..., None, :] - feet
+    return _each(chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0] > 0.0)
 
 
 def _each(kept: BoolArray) -> BoolArray:

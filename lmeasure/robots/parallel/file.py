@@ -9,7 +9,7 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.checked import Name, Strict
 from lmeasure.errors import GeometryError
-from lmeasure.robots.fields import Angle, Length, Place
+from lmeasure.robots.fields import Angle, Length, Place, named_once
 from lmeasure.robots.mechanisms.jacobians import nearness
 from lmeasure.robots.parallel.kinds import KINDS
 from lmeasure.robots.parallel.limits import Limits
@@ -248,10 +248,7 @@ class ParallelFile(Strict):
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
-        names = [leg.name for leg in self.leg]
-        twice = next((n for n in names if names.count(n) > 1), None)
-        if twice is not None:
-            raise ValueError(f"leg: the name {twice!r} is given twice")
+        named_once("leg", [leg.name for leg in self.leg])
         equations = sum(2 if leg.type.startswith("radial") else 1 for leg in self.leg)
         if equations != EQUATIONS:
             raise ValueError(f"leg: {equations} equations hold the platform (two for each radial leg, one for any other); {EQUATIONS} do")

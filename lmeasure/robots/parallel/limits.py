@@ -1,6 +1,6 @@
 """What bounds a parallel robot's workspace besides its joints: carriages that meet, joints that bend, singular poses, weight that tips."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -11,7 +11,7 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.checked import Strict
 from lmeasure.robots.fields import Length
 from lmeasure.robots.mechanisms.jacobians import nearness
-from lmeasure.robots.mechanisms.ring_limits import gaps
+from lmeasure.robots.mechanisms.ring_limits import RingChecks, stands
 from lmeasure.robots.parallel.model import Parallel
 
 Cone = Annotated[float, Field(gt=0.0, le=180.0)]
@@ -36,28 +36,11 @@ class Limits(Strict):
 
 
 @dataclass(frozen=True)
-class Checks:
-    """(N,) whether each limit is kept; what is not reached keeps none."""
+class Checks(RingChecks):
+    """(N,) whether each limit is kept; what is not reached keeps none. Rods are legs, carriages their lower ends without a guide too."""
 
-    reached: BoolArray
-    """Every leg reaches, and the idle ones fit."""
     joints: BoolArray
     """Joint values within their limits."""
-    gaps: BoolArray
-    """Between neighbouring carriages."""
-    base_cone: BoolArray
-    """Legs to the base's z."""
-    platform_cone: BoolArray
-    """Legs to the platform's z."""
-    regular: BoolArray
-    """Away from singular poses."""
-    stands: BoolArray
-    """The centre of mass over the lower ends."""
-
-    @property
-    def all(self) -> BoolArray:
-        """(N,) all of them."""
-        return np.asarray(np.logical_and.reduce([getattr(self, f.name) for f in fields(self)]))
 
 
 def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
@@ -86,13 +69,13 @@ def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
         return np.asarray((np.degrees(np.arccos(np.clip(cos, -1.0, 1.0))) <= most + 1e-9).all(axis=1))
 
     return Checks(
-        reached,
-        reached & within,
-        _gaps(robot, limits, safe),
-        cone(np.broadcast_to([0.0, 0.0, 1.0], normal.shape), limits.base_cone_deg),
-        cone(normal, limits.platform_cone_deg),
-        reached & (nearness(robot.jacobians(there, safe).output, robot.units) > limits.singular),
-        every if limits.mass_mm is None else _stands(feet, se3.apply(there, np.tile(limits.mass_mm, (len(there), 1)))),
+        reached=reached,
+        joints=reached & within,
+        gaps=_gaps(robot, limits, safe),
+        base_cone=cone(np.broadcast_to([0.0, 0.0, 1.0], normal.shape), limits.base_cone_deg),
+        platform_cone=cone(normal, limits.platform_cone_deg),
+        regular=reached & (nearness(robot.jacobians(there, safe).output, robot.units) > limits.singular),
+        stands=every if limits.mass_mm is None else stands(feet, se3.apply(there, np.tile(limits.mass_mm, (len(there), 1)))),
     )
 
 
@@ -114,22 +97,16 @@ def own_roots(robot: Parallel, poses: FloatArray) -> FloatArray:
 
 
 def _gaps(robot: Parallel, limits: Limits, drives: FloatArray) -> BoolArray:
-    """Carriages one after the other round the guide, in the order of the legs."""
-    angles, joint = [], 0
-    for leg in robot.legs:
-        if leg.kind in RING:
-            angles.append(drives[:, joint] + leg.values[2])
-        joint += len(leg.of.drives)
-    kept = np.ones(len(drives), np.bool_)
-    if len(angles) < 2 or (limits.least_gap_deg is None and limits.most_gap_deg is None):
-        return kept
-    gap = np.degrees(gaps(np.stack(angles, axis=1)))
-    least, most = limits.least_gap_deg or 0.0, 180.0 if limits.most_gap_deg is None else limits.most_gap_deg
-    return np.asarray(((gap >= least - 1e-9) & (gap <= most + 1e-9)).all(axis=1))
-
-
-def _stands(feet: FloatArray, mass: FloatArray) -> BoolArray:
-    """Whether the mass lies left of every side of the polygon of feet (N, k, 3), in their order."""
-    chord, to_mass = np.roll(feet, -1, axis=1) - feet, mass[:, None] - feet
-    left = chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0]
-    return np.asarray((left > 0.0).all(axis=1))
+    """Carriages one after the other round the guide, in the order in which they stand at home, however the legs are listed."""
+    first = np.cumsum([0, *(len(leg.of.drives) for leg in robot.legs)])
+    at = [int(j) for j, leg in zip(first, robot.legs, strict=False) if leg.kind in RING]
+    if len(at) < 2 or (limits.least_gap_deg is None and limits.most_gap_deg is None):
+        return np.ones(len(drives), np.bool_)
+    zero = np.array([leg.values[2] for leg in robot.legs if leg.kind in RING])
+    order = np.argsort(np.mod(robot.home_joints[at] + zero, 2.0 * np.pi))
+    angles = (drives[:, at] + zero)[:, order]
+    gap = np.degrees(np.mod(np.roll(angles, -1, axis=1) - angles, 2.0 * np.pi))
+    least, most = limits.least_gap_deg or 0.0, 360.0 if limits.most_gap_deg is None else limits.most_gap_deg
+    # once round the guide: who has passed a neighbour goes round twice and more
+    kept = (gap >= least - 1e-9) & (gap <= most + 1e-9)
+    return np.asarray(kept.all(axis=1) & (gap.sum(axis=1) < 540.0))
