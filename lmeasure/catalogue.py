@@ -38,9 +38,17 @@ def texts(domain: str, language: str) -> Mapping[str, str]:
         return {str(message.id): str(message.string) for message in read_po(file, abort_invalid=True) if message.id}
 
 
+def plain(text: str) -> str:
+    """A text whose numbers below ten million have no power of ten: 4380, not 4.38e+03; its digits stay as they were rounded."""
+    return _POWER.sub(lambda found: f"{float(found[0]):.0f}", text) if "e+0" in text else text
+
+
+_POWER = re.compile(r"(?<![\w.])\d(?:\.\d+)?e\+0[1-6](?!\d)")
+
+
 def decimal(language: str, printed: str) -> str:
     """A printed number with the decimal mark of the language."""
-    return printed.replace(".", DECIMAL_MARK[language])
+    return plain(printed).replace(".", DECIMAL_MARK[language])
 
 
 class Writer(string.Formatter):

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from lmeasure.catalogue import Writer, decimal, retold, texts
+from lmeasure.catalogue import Writer, decimal, plain, retold, texts
 from lmeasure.findings import Finding, recognised
 
 PAGES, TOLD = "pages", "told"
@@ -36,6 +36,7 @@ class Say:
         """What a computation said; as it is where the language has no words for it."""
         if isinstance(text, Finding):
             return text.text(self.language)
+        text = plain(text)
         if self.language == "en" or not text:
             return text
         return self._known(text) or text

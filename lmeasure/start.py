@@ -1,6 +1,7 @@
 """Where a run starts: the [start] table of run.toml, a pose or the lengths of the cables there."""
 
 import math
+import re
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,12 +76,12 @@ def start_in(data: dict[str, Any]) -> Any | None:
 
 
 def stated_start(text: str) -> StatedStart:
-    """What a --start option states: numbers with commas, x, y, z [mm] and three angles in the rig's convention, or qx, qy, qz, qw, or a
-    file with a table start.
+    """What a --start option states: numbers with commas or blanks, x, y, z [mm] and three angles in the rig's convention, or qx, qy, qz,
+    qw, or a file with a table start.
 
     FileFormatError names the option or the file.
     """
-    parts, turns = text.split(","), {6: TYPED, 7: "quaternion_xyzw"}
+    parts, turns = re.split(r"\s*,\s*|\s+", text.strip()), {6: TYPED, 7: "quaternion_xyzw"}
     if len(parts) in turns:
         with suppress(ValueError):
             numbers = [float(part) for part in parts]

@@ -22,7 +22,7 @@ EVERY: list[tuple[Cause, str]] = [
     ),
     (
         finding("cause.wrapped", channel="a", key="max_speed_deg_s", limit=1e6),
-        "channel a may have wrapped unseen at max_speed_deg_s = 1e+06",
+        "channel a may have wrapped unseen at max_speed_deg_s = 1000000",
     ),
     (finding("cause.foreign.bits", channel="a", bits=16), "channel a shows a value that a counter of 16 bits does not have"),
     (finding("cause.foreign.codes", channel="a", codes=4096), "channel a shows a value that an encoder of 4096 codes does not have"),

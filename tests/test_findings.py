@@ -6,9 +6,11 @@ import string
 
 import pytest
 
-from lmeasure.catalogue import LANGUAGES, texts
-from lmeasure.findings import Finding, finding, from_stated, recognised
+from lmeasure.catalogue import LANGUAGES, plain, texts
+from lmeasure.certification.again import compare
+from lmeasure.findings import BEFORE, Finding, finding, from_stated, in_todays_words, recognised
 from lmeasure.report.words import UNITS
+from lmeasure.saying import Say
 
 STEP = "channel ch3 (cable c3) stepped by -200 counts (+2.400 mm) between 10.39 and 11.6 s"
 RUSSIAN = "канал ch3 (трос c3): скачок на -200 отсч. (+2,400 мм) между 10,39 и 11,6 с"
@@ -82,11 +84,11 @@ def values_in(text: str) -> set[tuple[str, str | None, str | None]]:
 
 
 FAULTS = (
-    "steps of a counter by 37 counts (0.45 mm) and more are seen, the acceleration of the motion itself, 1.11e+03 mm/s2, being the limit",
-    "steps of a counter by 370 counts (4.5 mm) and more are seen, the acceleration of the motion itself, 1.1e+03 mm/s2, being the limit; "
+    "steps of a counter by 37 counts (0.45 mm) and more are seen, the acceleration of the motion itself, 1110 mm/s2, being the limit",
+    "steps of a counter by 370 counts (4.5 mm) and more are seen, the acceleration of the motion itself, 1100 mm/s2, being the limit; "
     "it is sampled too slowly for its speed to show smaller ones",
     "steps of counters are not seen: no channel has four counts on end",
-    "steps of a counter by 37 counts (0.45 mm) and more are seen, the acceleration of the motion itself, 1.11e+03 mm/s2, being the limit; "
+    "steps of a counter by 37 counts (0.45 mm) and more are seen, the acceleration of the motion itself, 1110 mm/s2, being the limit; "
     "of ch2, ch3, without four counts on end, none are",
     "one cable to spare, 7 cables for 6 unknowns: that lengths contradict each other is seen, but not which of them is wrong",
     "2 cables to spare, 8 cables for 6 unknowns: one that contradicts the others is seen and left out",
@@ -116,3 +118,38 @@ def test_what_is_said_of_counters_is_said_in_russian(text: str) -> None:
     assert str(found) == text
     told = found.text("ru")
     assert not re.search(r"[a-z]{4,}", told.replace("`lmeasure calibrate`", "").replace("c1 or c2", "")), told
+
+
+@pytest.mark.parametrize("code", [code for code in texts("findings", "en") if code.endswith(BEFORE)])
+def test_texts_of_earlier_versions_are_known_and_have_words_of_today(code: str) -> None:
+    old = texts("findings", "en")[code].replace("{cables:d}", "6").replace("{unknowns:d}", "6")
+    found = recognised(old)
+    assert found is not None
+    assert found.code == code
+    assert re.search("[а-я]", found.text("ru"))
+    new = in_todays_words(old)
+    assert new != old
+    assert recognised(new) == finding(code.removesuffix(BEFORE), **found.values)
+    assert in_todays_words(new) == new
+    # a certificate that was sealed with it is not another one
+    sealed, today = ({"characteristics": [], "id": "", "figures_sha256": "", "notes": [note]} for note in (old, new))
+    named = [d.text for d in compare(sealed, today, exact=False)[0]]
+    assert not [text for text in named if text.startswith("notes")], named
+    assert any(d.text.startswith("notes") for d in compare(sealed, today | {"notes": ["all is well"]}, exact=False)[0])
+
+
+def test_large_numbers_have_no_power_of_ten() -> None:
+    limit = finding("steps.seen", counts=37.2, mm=0.45, mm_s2=4384.2)
+    assert "the motion itself, 4380 mm/s2, being" in str(limit)
+    assert "4380" in limit.text("ru")
+    assert (
+        plain("-1.234e+04 to 2e+06, 1e+09, 1.5e-05, x1e+03, 1.2e+031, 1e+00")
+        == "-12340 to 2000000, 1e+09, 1.5e-05, x1e+03, 1.2e+031, 1e+00"
+    )
+    assert Say("ru").number(12345.6, ".3g") == "12300"
+    assert Say().told("residuals of 1.11e+03 mm") == "residuals of 1110 mm"
+    # a trajectory written before, and a certificate's code beside such a text
+    old = "steps of a counter by 37 counts (0.45 mm) and more are seen, the acceleration of the motion itself, 4.38e+03 mm/s2, being the limit"  # noqa: E501
+    found = recognised(old)
+    assert found is not None
+    assert str(found) == str(limit)

@@ -12,6 +12,7 @@ from lmeasure.certification.characteristic import key_of
 from lmeasure.certification.environment import LIBRARIES
 from lmeasure.certification.method import METHOD, method_of
 from lmeasure.certification.printed import with_u95
+from lmeasure.findings import in_todays_words
 
 RELATIVE = 1e-6
 """Another processor or other versions may change the last digits: up to this part of the figure or of its U95, whichever is larger."""
@@ -101,7 +102,7 @@ def _alike(a: Any, b: Any) -> bool:
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(map(_alike, a, b))
     if isinstance(a, str) and isinstance(b, str):
-        one, other = _NUMBER.split(a), _NUMBER.split(b)
+        one, other = _NUMBER.split(in_todays_words(a)), _NUMBER.split(in_todays_words(b))
         return len(one) == len(other) and all(
             x == y or (i % 2 == 1 and _printed_alike(x, y)) for i, (x, y) in enumerate(zip(one, other, strict=True))
         )

@@ -16,7 +16,7 @@ from lmeasure.cli.faces import FACES, Face, told_of_compiling, with_bar
 from lmeasure.cli.help import Command
 from lmeasure.cli.words import retold, said
 from lmeasure.errors import LMeasureError, SettingsError
-from lmeasure.workflows.options import Written, flag_of, written
+from lmeasure.workflows.options import Written, flag_of, rows_of_numbers, written
 from lmeasure.workflows.settings import said_of
 
 if TYPE_CHECKING:
@@ -67,7 +67,9 @@ def command(name: str) -> Any:
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     made: Callable[..., None] = invoke
     alone.command(name, help=workflow.help, cls=Command)(made)
-    return typer.main.get_command(alone)
+    out: Any = typer.main.get_command(alone)
+    out.rows = rows_of_numbers(workflow.settings)
+    return out
 
 
 def place_holder(form: Written) -> str | None:

@@ -1,5 +1,7 @@
 """Help as it is printed: commands by the job that they belong to, options by their groups, whole sentences, in the reader's language."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import typer
@@ -53,7 +55,15 @@ class _InWords:
 
 
 class Command(_InWords, TyperCommand):
-    """A command whose help is in the reader's language, its options in their groups."""
+    """A command whose help is in the reader's language, its options in their groups; `rows` are those that take rows of numbers."""
+
+    rows: Mapping[str, int | None] = MappingProxyType({})
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The words that were typed; numbers in a row may have blanks between them."""
+        from lmeasure.workflows.options import with_commas
+
+        return super().parse_args(ctx, with_commas(args, self.rows))
 
 
 class Group(_InWords, TyperGroup):

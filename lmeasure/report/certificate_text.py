@@ -362,7 +362,7 @@ def phrase(certificate: dict[str, Any], text: str) -> str:
     """A text of the computation in the certificate's language: by the code that the certificate has for it; of one without codes by the
     texts that are known, else as it is."""
     entry = next((e for e in certificate.get("findings", []) if e["text"] == text), None)
-    found = recognised(text) if entry is None else from_stated(entry)
+    found = (None if entry is None else from_stated(entry)) or recognised(text)
     return visible(text if found is None else found.text(certificate["language"]))
 
 

@@ -16,6 +16,8 @@ from lmeasure.workflows.options import Option, command_line, options_of
 from lmeasure.workflows.settings import said_of
 
 HIDDEN = {"scheduler"}
+INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}}
+"""Options beside which another asks for the same: `start`."""
 """Options that would make this machine ask another one."""
 NOT_HERE = {"view", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
@@ -124,8 +126,7 @@ def fields(
     every = options_of(load(command).settings)
     labels = {flag: option.label for option in every for flag in option.flag.split("/") if flag.startswith("--")}
     for option in every:
-        # several values after one another have a text of their own beside them: `start`
-        if option.name in HIDDEN | set(ALWAYS.get(command, {})) or option.kind == "several":
+        if option.name in HIDDEN | INSTEAD.get(command, set()) | set(ALWAYS.get(command, {})):
             continue
         offers = offered(command, option.name, project)
         value = values.get(option.name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import CalibrationError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, RERUN, START, Asked, Distances, Names, Paths, Recording, distances, option
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, RERUN, START, Asked, Distances, Names, Paths, Recording, Start, distances, option
 
 if TYPE_CHECKING:
     from lmeasure.calibration import Calibration, Campaign
@@ -59,7 +59,10 @@ class Settings(Asked):
         ),
     ] = ()
     rig: Annotated[Path | None, option("Use this rig.toml instead of a run's own.")] = None
-    start: Annotated[str | None, option(f"About where a run began, instead of its own start: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    start: Annotated[
+        Start | None,
+        option(f"About where a run began, instead of its own start: {START}.", metavar="X,Y,Z,O,A,T|FILE"),
+    ] = None
     samples: Annotated[int, option("How many samples of a run, as far from each other as can be, calibrate.", ge=10, le=200)] = 40
     frame: Annotated[Literal["rig", "poses"], option("What holds the frame with --self: rig (nominal) or poses (reference).")] = "rig"
     u_position_mm: Annotated[

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, START, Asked, Distances, Paths, option
+from lmeasure.workflows.settings import LANGUAGE, START, Asked, Distances, Paths, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.interim import Checked
@@ -20,7 +20,7 @@ class Settings(Asked):
     ]
     out: Annotated[Path, option("Folder for check.json and check.html.", metavar="DIR")]
     rig: Annotated[Path | None, option("Use this rig.toml, with the calibration that it links, instead of the run's own.")] = None
-    start: Annotated[str | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    start: Annotated[Start | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     distance: Annotated[
         Distances,
         option(

@@ -7,6 +7,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Concatenate, Generic, ParamSpec, TypeVar, cast
 
+from lmeasure.catalogue import plain
 from lmeasure.errors import CancelledError
 from lmeasure.written import left_over, writing
 
@@ -79,7 +80,14 @@ def workflow(
             with writing(command, outputs, inputs) as written:
                 result = work(settings, *args, **more)
             left = left_over([*(path.parent for path in outputs), *folders])
-            return replace(result, files=(*written, *result.files), left_over=tuple(left))
+            return replace(
+                result,
+                summary=tuple(map(plain, result.summary)),
+                warnings=tuple(map(plain, result.warnings)),
+                failure=plain(result.failure),
+                files=(*written, *result.files),
+                left_over=tuple(left),
+            )
 
         return cast(Callable[Concatenate[Given, More], Result[Made]], run)
 

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, option
+from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Point, Quaternion, Recording, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.import_log import Imported
@@ -26,11 +26,9 @@ class Settings(Asked):
     rig: Annotated[Path | None, option("rig.toml; its [can] table says which frames carry the counters.")] = None
     out: Annotated[Path | None, option("Run folder to write.", metavar="RUN")] = None
     scan: Annotated[bool, option("List what the logs hold, and guess at the [can] table; nothing is written.", flag="--scan")] = False
-    start: Annotated[str | None, option(f"Start pose: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
-    position_mm: Annotated[
-        tuple[float, float, float] | None, option("Start position, with --quaternion-xyzw in place of --start.", metavar="X Y Z")
-    ] = None
-    quaternion_xyzw: Annotated[tuple[float, float, float, float] | None, option("Start orientation.", metavar="X Y Z W")] = None
+    start: Annotated[Start | None, option(f"Start pose: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    position_mm: Annotated[Point | None, option("Start position, with --quaternion-xyzw in place of --start.", metavar="X,Y,Z")] = None
+    quaternion_xyzw: Annotated[Quaternion | None, option("Start orientation.", metavar="X,Y,Z,W")] = None
     dbc: Annotated[Path | None, option("DBC file that names the counters; default the rig's.")] = None
     bus: Annotated[str | None, option("Read only this bus of the log.")] = None
     parquet: Annotated[bool, option("Write the counts as .parquet instead of .csv.")] = False

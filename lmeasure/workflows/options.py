@@ -2,13 +2,14 @@
 
 import types
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from annotated_types import Ge, Le
 
 from lmeasure.workflows.labels import label_of
-from lmeasure.workflows.settings import Separated, said_of, unit_of
+from lmeasure.workflows.settings import Pose, Separated, said_of, unit_of
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -29,14 +30,9 @@ class Written(NamedTuple):
 
 def written(field: "FieldInfo") -> Written:
     """How an option is written."""
-    annotation: Any = field.annotation
     default = field.default
-    optional = get_origin(annotation) in (Union, types.UnionType)
-    kind: Any = next(part for part in get_args(annotation) if part is not type(None)) if optional else annotation
-    marks = list(field.metadata)
-    if get_origin(kind) is Annotated:
-        kind, *inner = get_args(kind)
-        marks += inner
+    optional = get_origin(field.annotation) in (Union, types.UnionType)
+    kind, marks = _marks(field)
     separated = next((mark for mark in marks if isinstance(mark, Separated)), None)
     if separated is not None:
         default = None if field.is_required() or default is None else separated.written(default)
@@ -46,6 +42,58 @@ def written(field: "FieldInfo") -> Written:
     if get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis:
         return Written(get_args(kind)[0], not field.is_required(), True, None, ())
     return Written(kind, optional, False, default, ())
+
+
+def _marks(field: "FieldInfo") -> tuple[Any, list[Any]]:
+    """The type of an option, None apart, and what it is marked with."""
+    annotation: Any = field.annotation
+    one = next((part for part in get_args(annotation) if part is not type(None)), annotation)
+    kind: Any = one if get_origin(annotation) in (Union, types.UnionType) else annotation
+    marks = list(field.metadata)
+    if get_origin(kind) is Annotated:
+        kind, *inner = get_args(kind)
+        marks += inner
+    return kind, marks
+
+
+def rows_of_numbers(settings: "type[Asked]") -> dict[str, int | None]:
+    """How many numbers each option takes that is a row of them, by its flag; None where there may be any number."""
+    out: dict[str, int | None] = {}
+    for name, field in settings.model_fields.items():
+        for mark in _marks(field)[1]:
+            if isinstance(mark, Pose) or (type(mark) is Separated and mark.mark == ","):
+                out[flag_of(name, field)] = mark.count
+    return out
+
+
+def with_commas(words: Sequence[str], rows: Mapping[str, int | None]) -> list[str]:
+    """The words of a command line, in which a row of numbers may have blanks between them: `--position-mm 0 0 -5` as 0,0,-5."""
+    out: list[str] = []
+    i = 0
+    while i < len(words):
+        flag, given, first = words[i].partition("=")
+        i += 1
+        if words[i - 1] == "--":
+            return [*out, *words[i - 1 :]]
+        out.append(words[i - 1])
+        if flag not in rows:
+            continue
+        row = [first] if given else []
+        while i < len(words) and _are_numbers([*row, words[i]], rows[flag]):
+            row.append(words[i])
+            i += 1
+        if len(row) > 1:
+            out[-1] = f"{flag}={','.join(part.strip(',') for part in row)}"
+        elif row and not given:
+            out.append(row[0])
+    return out
+
+
+def _are_numbers(words: Sequence[str], most: int | None) -> bool:
+    parts = [part for word in words for part in word.strip(",").split(",")]
+    with suppress(ValueError):
+        return bool([float(part) for part in parts]) and (most is None or len(parts) <= most)
+    return False
 
 
 def flag_of(name: str, field: "FieldInfo") -> str:
@@ -64,7 +112,7 @@ def limits_of(field: "FieldInfo") -> tuple[float | None, float | None]:
 
 class Option(NamedTuple):
     """An option for a form: its name, what people call it, and what a field and a help text need. kind: flag, choice, list, path, whole,
-    number, text, or several for values that a command line takes one after the other."""
+    number, or text."""
 
     name: str
     label: str
@@ -89,8 +137,7 @@ def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
 def _option(module: str, name: str, field: "FieldInfo") -> Option:
     form, said = written(field), said_of(field)
     kinds = {bool: "flag", Path: "path", int: "whole", float: "number"}
-    other = "several" if get_origin(form.kind) is tuple else "text"
-    kind = "list" if form.repeated else "choice" if form.choices else kinds.get(form.kind, other)
+    kind = "list" if form.repeated else "choice" if form.choices else kinds.get(form.kind, "text")
     plain = form.default is None or field.is_required() or kind in ("flag", "list")
     default = "" if plain else f"{form.default:g}" if isinstance(form.default, float) else str(form.default)
     if kind == "flag" and form.default is True:

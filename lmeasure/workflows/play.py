@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from lmeasure.errors import CancelledError, GeometryError, LMeasureError, SettingsError
 from lmeasure.workflows.capture import Keys
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, Names, Paths, option
+from lmeasure.workflows.settings import Asked, Names, Paths, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.chains.played_cell import PlayedCell
@@ -32,7 +32,7 @@ class Settings(Asked):
         Path | None, option("Commands for `run`, as `program` writes them; else a motion of six stops.", metavar="commands.csv")
     ] = None
     at: Annotated[
-        str | None, option("Where the robot is at home, as --start of `record`; else the base frame's origin.", metavar="X,Y,Z,O,A,T")
+        Start | None, option("Where the robot is at home, as --start of `record`; else the base frame's origin.", metavar="X,Y,Z,O,A,T")
     ] = None
     rate_hz: Annotated[float, option("Samples a second.", ge=1, le=2000, unit="Hz")] = 200.0
     passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, option
+from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.run import RunHead
@@ -20,7 +20,7 @@ class Settings(Asked):
     out: Annotated[Path, option("Trajectory to write: .parquet, .csv, .tum for the poses alone, .mcap for ROS 2.")]
     rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own.")] = None
     start: Annotated[
-        str | None,
+        Start | None,
         option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE"),
     ] = None
     constraint: Annotated[str | None, option("What holds the tool where cables are too few: planar or vertical-axis.")] = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import CancelledError, GeometryError, RigError, TrajectoryError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, option
+from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.recorder import Progress as State
@@ -26,7 +26,7 @@ class Settings(Asked):
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
     out: Annotated[Path, option("Run folder to write.", metavar="RUN")]
     seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
-    start: Annotated[str | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    start: Annotated[Start | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     passage: Annotated[int, option("Which repetition of the motion; later ones join the same run folder.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False

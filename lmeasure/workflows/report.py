@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.catalogue import of_terminal
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import COLUMNS, LANGUAGE, START, U_POSITION, U_ROTATION, Asked, Paths, option
+from lmeasure.workflows.settings import COLUMNS, LANGUAGE, START, U_POSITION, U_ROTATION, Asked, Paths, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.accuracy.along import Along
@@ -27,7 +27,7 @@ class Settings(Asked):
     ]
     out: Annotated[Path, option("Folder for trajectory.html.", metavar="DIR")]
     rig: Annotated[Path | None, option("Use this rig.toml instead of the run's own; with a trajectory, draw it.")] = None
-    start: Annotated[str | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    start: Annotated[Start | None, option(f"Start pose instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     constraint: Annotated[str | None, option("What holds the tool of a run where cables are too few: planar or vertical-axis.")] = None
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None

@@ -1,6 +1,7 @@
 """What a command is asked: frozen models that say unit, range and help of every option once, for command lines, forms and scripts."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -118,18 +119,31 @@ class Separated:
         if not isinstance(value, str):
             return value
         try:
-            out = tuple(self.kind(part) for part in value.split(self.mark))
+            out = tuple(self.kind(part) for part in parts_of(value, self.mark))
         except ValueError:
             out = ()
         endless = self.finite and not all(map(math.isfinite, out))
         if not out or endless or (self.count is not None and len(out) != self.count):
             what = "whole numbers" if self.kind is int else "numbers"
-            raise ValueError(f"{value!r} is not {_COUNTS.get(self.count or 0, 'some')} {what} with {self.mark!r} between them")
+            between = f"{self.mark!r} or a blank" if self.mark == "," else f"{self.mark!r}"
+            raise ValueError(f"{value!r} is not {_COUNTS.get(self.count or 0, 'some')} {what} with {between} between them")
         return out
 
     def written(self, values: Any) -> str:
         """The text of a tuple."""
         return self.mark.join(v if isinstance(v, str) else f"{v:g}" for v in values)
+
+
+def parts_of(text: str, mark: str = ",") -> list[str]:
+    """What stands between the marks of a text; blanks do as well where the mark is a comma."""
+    return re.split(r"\s*,\s*|\s+", text.strip()) if mark == "," else text.split(mark)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Marks a text that may be the numbers of a pose, or something else."""
+
+    count: int = 7
 
 
 @dataclass(frozen=True)
@@ -202,6 +216,8 @@ Quaternion = Annotated[tuple[float, float, float, float], Separated(",", count=4
 UnitQuaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit), Separated(",", count=4)]
 Names = Annotated[tuple[str, ...], Words(",", str)]
 Recording = Annotated[Path, AfterValidator(_recording)]
+Start = Annotated[str, Pose()]
+"""A pose as text, or a file that has it."""
 START = "x,y,z in mm and three angles in the rig's convention, or x,y,z and qx,qy,qz,qw, or a file with it as table start"
 LANGUAGE = option("Language of what is to be read: en or ru; default that of the terminal (LANG).")
 RERUN = option("Also write a recording to look at with `lmeasure view`.", metavar="FILE.rrd")

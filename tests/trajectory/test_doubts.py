@@ -178,7 +178,7 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
     least = np.array([0.3, 0.6, 0.3, np.inf, 0.3, 0.3])
     said = unseen(scaled(2.0), Continuity((), (), (), 1234.0, least))
     assert str(said) == (
-        "steps of a counter by 100 counts (0.6 mm) and more are seen, the acceleration of the motion itself, 1.23e+03 mm/s2, being the "
+        "steps of a counter by 100 counts (0.6 mm) and more are seen, the acceleration of the motion itself, 1230 mm/s2, being the "
         "limit; of ch4, without four counts on end, none are"
     )
     assert "too slowly" not in str(unseen(cell(), found(least_mm=1.0)))

@@ -46,7 +46,7 @@ def parsed(name: str, words: list[str]) -> dict[str, Any]:
 @pytest.mark.parametrize("name", RUN)
 def test_a_form_and_its_command_line_say_the_same(name: str) -> None:
     """And the command line's own parser understands the same by it."""
-    options = [o for o in options_of(workflows.load(name).settings) if o.kind != "several"]
+    options = list(options_of(workflows.load(name).settings))
     model = workflows.load(name).settings
 
     @settings(max_examples=25)
@@ -80,9 +80,8 @@ def test_every_command_has_a_form_whose_fields_know_unit_range_and_help(name: st
     shown = card(name, Project(Path(), (Found("rig", "rig.toml"), Found("run", "run"))))
     fields = [*shown.first, *(field for _, fields in shown.more for field in fields)]
     settings = workflows.load(name).settings
-    assert {f.option.name for f in fields} | forms.HIDDEN | set(forms.ALWAYS.get(name, {})) >= {
-        o.name for o in options_of(settings) if o.kind != "several"
-    }
+    left_out = forms.HIDDEN | forms.INSTEAD.get(name, set()) | set(forms.ALWAYS.get(name, {}))
+    assert {f.option.name for f in fields} | left_out >= {o.name for o in options_of(settings)}
     for field in fields:
         assert field.option.help
         assert (field.option.minimum, field.option.maximum) == limits_of(settings.model_fields[field.option.name])

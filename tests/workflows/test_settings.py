@@ -16,6 +16,7 @@ from lmeasure.estimation.exchange import CRITERIA
 from lmeasure.report.certificate import Choices
 from lmeasure.trajectory.motion import HALF_WIDTH_S
 from lmeasure.workflows import COMMANDS, load
+from lmeasure.workflows.options import options_of, rows_of_numbers, with_commas
 from lmeasure.workflows.settings import Separated, Spans, Words, said_of, unit_of
 
 HERE = Path("here")
@@ -68,11 +69,11 @@ def test_units_and_ranges_are_told_also_where_the_stage_checks_them() -> None:
         ("calibrate", {"sead": 1}, "sead: unknown key 'sead'; did you mean 'seed'?"),
         ("plan-poses", {"poses": 0}, "poses: must be at least 1, is 0"),
         ("plan-poses", {"box": "0:1,0:1"}, "box: '0:1,0:1' is not X0:X1,Y0:Y1,Z0:Z1"),
-        ("plan-poses", {"passes": "1,x"}, "passes: '1,x' is not some whole numbers with ',' between them"),
+        ("plan-poses", {"passes": "1,x"}, "passes: '1,x' is not some whole numbers with ',' or a blank between them"),
         ("zone", {"x": "0:1"}, "x: '0:1' is not three numbers with ':' between them"),
         ("zone", {"quaternion": (1.0, 1.0, 0.0, 0.0)}, "quaternion: '1,1,0,0' is not a unit quaternion x,y,z,w"),
         ("certify", {"capability": 2.0}, "capability: must be at most 1, is 2.0"),
-        ("certify", {"tool_offset_mm": "0,0,nan"}, "tool_offset_mm: '0,0,nan' is not three numbers with ',' between them"),
+        ("certify", {"tool_offset_mm": "0,0,nan"}, "tool_offset_mm: '0,0,nan' is not three numbers with ',' or a blank between them"),
         ("certify", {"language": "de"}, "language: 'de' is not one of en, ru"),
         ("import", {"logs": ()}, "logs: must not be empty"),
         ("record", {"passage": 0}, "passage: must be at least 1, is 0"),
@@ -133,3 +134,37 @@ def test_defaults_are_those_of_the_stages() -> None:
     assert set(chosen.tests) < set(cube.tests)  # those of an hour
     assert asked("motion").half_width_s == HALF_WIDTH_S
     assert asked("place").generations == GENERATIONS
+
+
+@pytest.mark.parametrize(
+    ("command", "typed", "meant"),
+    [
+        ("import", "log.asc --position-mm 1 -2 3e2 two.asc", "log.asc --position-mm=1,-2,3e2 two.asc"),
+        ("import", "--position-mm 1 2 3 --quaternion-xyzw 0 0 0 1 log.asc", "--position-mm=1,2,3 --quaternion-xyzw=0,0,0,1 log.asc"),
+        ("import", "--position-mm 0,0,0 --start 1, 2, 3, 0, -90, 90 log.asc", "--position-mm 0,0,0 --start=1,2,3,0,-90,90 log.asc"),
+        ("import", "--position-mm=0 0 0 7 log.asc", "--position-mm=0,0,0 7 log.asc"),  # the fourth is another word
+        ("import", "--start run.toml 1 2", "--start run.toml 1 2"),
+        ("import", "--position-mm --scan 1 2", "--position-mm --scan 1 2"),
+        ("import", "-- --position-mm 1 2 3", "-- --position-mm 1 2 3"),
+        ("structure", "s.toml --lengths-mm 10 11 12 13 14 15 --out s.json", "s.toml --lengths-mm=10,11,12,13,14,15 --out s.json"),
+        ("zone", "--tilt-steps 3 4 --quaternion 0 0 0 1", "--tilt-steps 3 4 --quaternion=0,0,0,1"),
+        ("program", "--speeds 100 50 --tests pose path", "--speeds=100,50 --tests pose path"),
+        ("calibrate", "--solve position guide --start 0 0 0 0 0 0 1 5", "--solve position guide --start=0,0,0,0,0,0,1 5"),
+    ],
+)  # fmt: skip
+def test_numbers_in_a_row_may_have_blanks_between_them(command: str, typed: str, meant: str) -> None:
+    assert with_commas(typed.split(), rows_of_numbers(load(command).settings)) == meant.split()
+
+
+def test_every_row_of_numbers_takes_blanks() -> None:
+    """Each option whose place-holder has numbers with commas is among them."""
+    rows = {(name, flag) for name in COMMANDS for flag in rows_of_numbers(load(name).settings)}
+    assert len(rows) > 20
+    for name in COMMANDS:
+        for option in options_of(load(name).settings):
+            row = option.metavar.upper().split("|")[0].removesuffix("[,QX,QY,QZ,QW]").split(",")
+            assert (len(row) > 2 and max(map(len, row)) <= 2) <= ((name, option.flag) in rows), f"{name} {option.flag}"
+    assert Separated(",", count=3).parsed("0 -1.5  2") == Separated(",", count=3).parsed(" 0, -1.5 ,2 ") == (0.0, -1.5, 2.0)
+    for text in ("0 0", "0,,0", "0;0;0", ""):
+        with pytest.raises(ValueError, match="three numbers with ',' or a blank between them"):
+            Separated(",", count=3).parsed(text)
