@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from certificate_coverage import NoErrors, posed, trajectory_of
+from certificate_coverage import NoErrors, trajectory_of
+from erring_robot import posed
 from numpy.typing import NDArray
 
 from lmeasure.certification import Evaluation, Settings, evaluate

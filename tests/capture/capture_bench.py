@@ -11,12 +11,15 @@ import can
 import numpy as np
 
 from lmeasure.acquisition.decoders import counter_fields
+from lmeasure.acquisition.events import Event
 from lmeasure.acquisition.feed import frames_from_counts, send
 from lmeasure.acquisition.samples import Samples
 from lmeasure.arrays import FloatArray
+from lmeasure.capture.folder import open_folder
+from lmeasure.capture.session import Session, Settings
 from lmeasure.files import write_table
 from lmeasure.poses import pose_columns, poses_from_rows
-from lmeasure.rig import Rig, rig_from_dict, write_rig
+from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.simulation import Leg, campaign_at, cell_rig, scattered_poses, simulate_run, smooth_path
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -93,3 +96,50 @@ def on_bus(rig: Rig, counts: FloatArray, bus: dict[str, Any], begin: threading.E
     finally:
         done.set()
         thread.join()
+
+
+RIG = true_rig(2)
+POSES = some_poses(8)
+QUICK = Settings("rest", dwell_s=0.1, settle_s=0.05)
+
+
+def going(poses: FloatArray, dwell_s: float) -> Samples:
+    """The robot on its way through poses, counted from the first of `POSES`."""
+    return motion(RIG, poses, dwell_s, zero=POSES[0])
+
+
+class Bench:
+    """A session in a folder, what it said, and the robot before it."""
+
+    def __init__(self, folder: Path, settings: Settings = QUICK, **columns: Any) -> None:
+        self.folder, self.said, self._clock = folder, list[str](), 0.0
+        if not (folder / "rig.toml").exists():
+            write_inputs(folder, nominal_of(RIG), POSES, **columns)
+        self.begin(settings)
+
+    def begin(self, settings: Settings = QUICK) -> None:
+        rig = read_rig(self.folder / "rig.toml")
+        self.out = open_folder(self.folder / "cal", rig, rig.channels, 1, planned=self.folder / "planned.csv", beside={})
+        self.events: list[Event] = []
+        self.session = Session(self.out, settings, self.said.append)
+
+    def show(self, samples: Samples, piece: int = 7) -> None:
+        """The samples, some at a time as a bus gives them, on one clock."""
+        time_s = samples.time_s - samples.time_s[0] + self._clock
+        self._clock = float(time_s[-1]) + 1.0 / RATE_HZ
+        for i in range(0, len(time_s), piece):
+            self.session.feed(Samples(time_s[i : i + piece], samples.recorded[i : i + piece]))
+            self.session.look(self.events)
+
+    def at(self, pose: int, seconds: float = 0.3, off: FloatArray | float = 0.0) -> Samples:
+        """The robot at rest at one of the poses."""
+        recorded = going(POSES[[0, pose]], 0.0).recorded[-1]
+        n = int(seconds * RATE_HZ)
+        return Samples(np.arange(n) / RATE_HZ, np.tile(recorded + off, (n, 1)))
+
+    def heard(self, text: str) -> bool:
+        return any(text in line for line in self.said)
+
+    @property
+    def read(self) -> list[str]:
+        return [r.pose for r in self.out.readings]

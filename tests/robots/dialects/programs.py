@@ -1,7 +1,12 @@
 # ruff: noqa: E501  (lines are as controllers write them)
 """Programs as controllers hold them, of about 200 lines each, made for the tests: comments, loops, subroutines, several frames."""
 
+from pathlib import Path
+
 import numpy as np
+
+from lmeasure.robots.dialects.known import dialect_of
+from lmeasure.robots.dialects.program_text import Dialect, Listing, Source
 
 KRL_DATA = """\
 &ACCESS RVO
@@ -188,3 +193,11 @@ def about(axis: int, degrees: float) -> np.ndarray:
     out[i, i] = out[j, j] = c
     out[i, j], out[j, i] = -s, s
     return out
+
+
+def listed(name: str, sources: tuple[tuple[str, str], ...] | None = None) -> tuple[Dialect, Listing]:
+    """A program, one of these or of given names and texts, as its dialect reads it."""
+    files = tuple(Source(n, t) for n, t in (sources or ALL[name]))
+    dialect = dialect_of([Path(n) for n, _ in (sources or ALL[name])], files)
+    assert dialect.name == name
+    return dialect, dialect.read(files)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from programs import ALL, FANUC, KRL_DATA, KRL_SOURCE, RAPID, UR, about, homogeneous
+from programs import ALL, FANUC, KRL_DATA, KRL_SOURCE, RAPID, UR, about, homogeneous, listed
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
@@ -15,13 +15,6 @@ from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.dialects.known import dialect_of, opened
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Source, as_written, rewritten
-
-
-def of(name: str, sources: tuple[tuple[str, str], ...] | None = None) -> tuple[Dialect, Listing]:
-    files = tuple(Source(n, t) for n, t in (sources or ALL[name]))
-    dialect = dialect_of([Path(n) for n, _ in (sources or ALL[name])], files)
-    assert dialect.name == name
-    return dialect, dialect.read(files)
 
 
 def matrix(row: FloatArray) -> np.ndarray:
@@ -54,7 +47,7 @@ def quaternion(place: list[float], q: list[float]) -> np.ndarray:
 
 
 def test_what_krl_moves_to() -> None:
-    dialect, listing = of("krl")
+    dialect, listing = listed("krl")
     names = [t.name for t in listing.targets]
     assert sorted(names) == sorted(
         ["LIN of line 17", "CIRC of line 20", "CIRC of line 20", "LIN of line 30", "XP1", "XP2", "XHOME", "TAUGHT"]
@@ -86,7 +79,7 @@ def test_what_krl_moves_to() -> None:
 
 
 def test_what_rapid_moves_to() -> None:
-    dialect, listing = of("rapid")
+    dialect, listing = listed("rapid")
     listing = listing.stated({})
     grip = quaternion([0, 0, 120.5], [1, 0, 0, 0])
     fixture = quaternion([500, 0, 100], [0.707106781, 0, 0, 0.707106781]) @ quaternion([0, 10, 0], [1, 0, 0, 0])
@@ -115,7 +108,7 @@ def test_what_rapid_moves_to() -> None:
 
 
 def test_what_fanuc_moves_to() -> None:
-    dialect, listing = of("fanuc")
+    dialect, listing = listed("fanuc")
     stated = {"UF[1]": np.array([10.0, 20, 30, 0, 0, np.sqrt(0.5), np.sqrt(0.5)]), "UT[2]": np.array([0, 0, 100.0, 0, 0, 0, 1])}
     listing = listing.stated(stated)
     assert {t.name for t in listing.targets} == {"P[1]", "P[2]", "P[4]", "P[5]", "P[6]"}
@@ -138,11 +131,11 @@ def test_what_fanuc_moves_to() -> None:
     for part in ("L PR[7]: a position that is computed", "P[3]: is moved to with OFFSET", "P[7]: no motion goes to it", "P[8]: not taught"):
         assert any(part in line for line in said), (part, said)
     assert len(said) == 4
-    assert {t.name for t in of("fanuc")[1].stated({}).targets} == {"P[6]"}  # frames of a controller are in no listing
+    assert {t.name for t in listed("fanuc")[1].stated({}).targets} == {"P[6]"}  # frames of a controller are in no listing
 
 
 def test_what_ur_script_moves_to() -> None:
-    dialect, listing = of("ur-script")
+    dialect, listing = listed("ur-script")
     listing = listing.stated({})
 
     def vector(place: list[float], turn: list[float]) -> np.ndarray:
@@ -166,14 +159,14 @@ def test_what_ur_script_moves_to() -> None:
         assert any(part in line for line in said), (part, said)
     assert len(said) == 3
     without = UR.replace("set_tcp(p[0.0, 0.0, 0.1205, 0.0, 0.0, 0.0])", "set_tcp(measured)")
-    lost = of("ur-script", (("a.script", without),))[1].stated({})
+    lost = listed("ur-script", (("a.script", without),))[1].stated({})
     assert any("the frame set_tcp of a.script:3 is not stated" in str(u) for u in lost.unread)
 
 
 @pytest.mark.parametrize("name", sorted(ALL))
 def test_only_targets_change(name: str) -> None:
     """Every number that changed is one of a target's; the rest is the same, byte for byte. Read again, the targets are the new ones."""
-    dialect, listing = of(name)
+    dialect, listing = listed(name)
     assert len("".join(s.text for s in listing.sources).splitlines()) > 180
     rng = np.random.default_rng(5)
     new: dict[int, list[float]] = {}
@@ -212,7 +205,7 @@ def test_only_targets_change(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(ALL))
 def test_a_program_that_is_written_as_it_was_does_not_change(name: str) -> None:
-    dialect, listing = of(name)
+    dialect, listing = listed(name)
     same = {i: list(dialect.numbers(dialect.pose(t.values), t.values)) for i, t in enumerate(listing.targets) if not t.joints}
     assert rewritten(listing, dialect, same) == tuple(s.text for s in listing.sources)
 
@@ -221,7 +214,7 @@ def test_a_program_that_is_written_as_it_was_does_not_change(name: str) -> None:
 @given(st.sampled_from(sorted(ALL)), st.integers(0, 10**6))
 def test_numbers_and_poses_are_inverse(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    dialect, _ = of(name)
+    dialect, _ = listed(name)
     row = se3.pose(rng.uniform(-1000, 1000, 3), Rotation.random(random_state=rng))
     old = dialect.numbers(se3.displaced(row, rng.uniform(-1, 1, 6) * 0.01), [0.0] * 7).tolist()
     assert np.abs(se3.displacement(dialect.pose(dialect.numbers(row, old).tolist()), row)).max() < 1e-9
@@ -241,7 +234,7 @@ MOTIONS = {
 @pytest.mark.parametrize("name", sorted(MOTIONS))
 def test_targets_are_ordered_by_their_motions(name: str) -> None:
     """Not by where their numbers stand: data come before or behind all motions, and in another order."""
-    _, listing = of(name)
+    _, listing = listed(name)
     assert [t.name for t in sorted(listing.targets, key=lambda t: t.moved)] == MOTIONS[name]
 
 
@@ -258,7 +251,7 @@ def test_broken_programs_never_end_in_a_fault(name: str, seed: int) -> None:
     for _ in range(int(rng.integers(0, 6))):
         at = int(rng.integers(0, len(text)))
         text[at] = str(rng.choice(list("[]{}()\"'!;#=,:\n\x00*")))
-    dialect, listing = of(name, ((f"a{ENDS[name]}", "".join(text)),))
+    dialect, listing = listed(name, ((f"a{ENDS[name]}", "".join(text)),))
     values = {i: t.values for i, t in enumerate(listing.targets)}
     assert rewritten(listing, dialect, values) == ("".join(text),)
     assert all(u.line >= 1 and "\n" not in str(u) for u in listing.unread)
@@ -275,7 +268,7 @@ def test_broken_programs_never_end_in_a_fault(name: str, seed: int) -> None:
     ],
 )
 def test_tables(text: str, name: str, targets: int) -> None:
-    dialect, listing = of(name, (("a.csv", text),))
+    dialect, listing = listed(name, (("a.csv", text),))
     assert len(listing.targets) == targets
     target = listing.targets[0]
     if target.joints:
@@ -310,116 +303,3 @@ def test_which_dialect(tmp_path: Path) -> None:
         dialect_of([tmp_path / "a.src", tmp_path / "b.mod"], opened(paths))
     with pytest.raises(RobotError, match="'cobol' is none of krl, rapid"):
         dialect_of(paths, opened(paths), "cobol")
-
-
-KRL_CHANGED = """\
-DEF MAIN( )
-BAS(#BASE,1)
-$TOOL=TOOL_DATA[1]
-LIN PLAIN
-SPL SPLINED
-COPY = PLAIN
-CHANGED.Z = CHANGED.Z + 5
-LIN CHANGED
-GIVE(GIVEN)
-LIN GIVEN
-IF $IN[1] THEN
-  BAS(#BASE,2)
-  LIN INSIDE
-ENDIF
-LIN BEHIND
-BAS(#BASE,1)
-LOOP
-  LIN LOOPED
-  BAS(#BASE,2)
-ENDLOOP
-BAS(#BASE,1)
-SUB( )
-LIN AFTER
-$TOOL.Z = 130
-LIN TOOLED
-END
-DEF SUB( )
-LIN CALLED
-BAS(#BASE,3)
-END
-DEF GIVE(P :IN)
-LIN P
-END
-"""
-KRL_NAMES = "PLAIN", "SPLINED", "CHANGED", "GIVEN", "INSIDE", "BEHIND", "LOOPED", "CALLED", "AFTER", "TOOLED"
-RAPID_LAST = "[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
-RAPID_CHANGED = (
-    "MODULE M\n"
-    + "".join(f"VAR robtarget {n}:=[[1,2,{i}],{RAPID_LAST};\n" for i, n in enumerate(("pPlain", "pTaught", "pGiven", "pMoved")))
-    + 'PERS wobjdata wA:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\nPROC main()\n  MoveL pPlain,v100,fine,tool0;\n'
-    + "  IF x THEN pTaught.trans.z:=5; ENDIF\n  MoveL pTaught,v100,fine,tool0;\n  Sub pGiven,5;\n  MoveL pGiven,v100,fine,tool0;\n"
-    + "  wA.uframe.trans.x:=350;\n  MoveL pMoved,v100,fine,tool0\\WObj:=wA;\nENDPROC\nENDMODULE\n"
-)
-FANUC_CHANGED = FANUC.replace(":J P[1] 100% FINE    ;\n", ":J P[1] 100% FINE    ;\n  99:  P[2]=P[1]    ;\n")
-UR_CHANGED = """\
-def main():
-  a_p = p[0.7, 0.0, 0.3, 0.0, 3.1, 0.0]
-  b_p = p[0.7, 0.1, 0.3, 0.0, 3.1, 0.0]
-  b_p[2] = 0.4
-  set_tcp(p[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
-  movel(a_p)
-  movel(b_p)
-  if x > 1:
-    set_tcp(p[0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
-  else:
-    other()
-  end
-  movel(p[0.7, 0.2, 0.3, 0.0, 3.1, 0.0])
-end
-def other():
-  movel(p[0.7, 0.3, 0.3, 0.0, 3.1, 0.0])
-end
-"""
-
-
-def test_what_a_krl_program_changes_or_tells_in_several_frames_is_left() -> None:
-    data = "DEFDAT MAIN\n" + "".join(f"DECL E6POS {n}={{X 1,Y 2,Z {i},A 0,B 0,C 0}}\n" for i, n in enumerate(KRL_NAMES)) + "ENDDAT\n"
-    frames = {f"{kind}_DATA[{i}]": np.array([i, 0.0, 0, 0, 0, 0, 1]) for kind in ("BASE", "TOOL") for i in (1, 2, 3)}
-    listing = of("krl", (("main.src", KRL_CHANGED), ("main.dat", data)))[1].stated(frames)
-    told = {t.name: t.base for t in listing.targets}
-    assert told == {name: f"BASE_DATA[{i}]" for name, i in {"PLAIN": 1, "SPLINED": 1, "INSIDE": 2, "CALLED": 1, "AFTER": 3}.items()}
-    said = [str(u) for u in listing.unread]
-    for part in (
-        "CHANGED: is changed by the program in main.src:7",
-        "GIVEN: is passed to GIVE in main.src:9",
-        "BEHIND: moved to in several frames: BASE_DATA[1] / TOOL_DATA[1], BASE_DATA[2] / TOOL_DATA[1]",
-        "LOOPED: moved to in several frames",
-        "TOOLED: the frame $TOOL changed in line 24 is not stated",
-        "LIN P: is not declared here",
-    ):
-        assert any(part in line for line in said), (part, said)
-    assert len(said) == 6
-
-
-def test_what_a_rapid_program_changes_is_left() -> None:
-    listing = of("rapid", (("m.mod", RAPID_CHANGED),))[1].stated({})
-    assert [t.name for t in listing.targets] == ["pPlain"]
-    said = " ".join(str(u) for u in listing.unread)
-    for part in (
-        "pTaught: is changed by the program in m.mod:9",
-        "pGiven: is passed to Sub in m.mod:11",
-        "pMoved: the frame wa is not stated",
-    ):
-        assert part in said, (part, said)
-    displaced = RAPID_CHANGED.replace("PROC main()", "PROC main()\n  PDispSet shift;")
-    assert not of("rapid", (("m.mod", displaced),))[1].targets
-
-
-def test_what_a_ur_program_changes_or_tells_with_several_tools_is_left() -> None:
-    listing = of("ur-script", (("m.script", UR_CHANGED),))[1].stated({})
-    assert {t.name: t.tool.rpartition(":")[2] for t in listing.targets} == {"a_p": "5", "movel of line 16": "5"}
-    said = " ".join(str(u) for u in listing.unread)
-    assert "movel b_p: a target that is computed or set elsewhere" in said
-    assert "movel of line 13: moved to in several frames" in said
-
-
-def test_what_a_fanuc_program_changes_is_left() -> None:
-    listing = of("fanuc", (("p.ls", FANUC_CHANGED),))[1]
-    assert "P[2]" not in [t.name for t in listing.targets]
-    assert any("P[2]: is changed by the program in p.ls" in str(u) for u in listing.unread)

@@ -1,0 +1,121 @@
+"""Which tests are to see a fault in which file of the core, for `mutants.py`."""
+
+_ZONES = "pivoted or parameter or every_node or definitions or cannot_run or zero_pose"
+_COUNTERS = [
+    "tests/trajectory/test_counter_faults.py",
+    "tests/trajectory/test_redundant_faults.py",
+    "tests/test_docs.py::test_constants_are_those_of_the_program",
+]
+_SEALED = [
+    "tests/certification/test_iso_tests.py",
+    "tests/certification/test_paths.py",
+    "tests/certification/test_corners_and_weaves.py",
+    "tests/certification/test_method.py",
+    "tests/certification/test_evaluation.py",
+    "tests/certification/test_instants.py",
+    "-k",
+    "method_3 or test_evaluation or test_instants or test_iso_tests or corners_cut or at_its_corner or of_a_stroke",
+]
+_CHANNELS = [
+    "tests/observation/test_kinds.py",
+    "tests/observation/test_parameters.py",
+    "tests/observation/test_solver.py",
+    "tests/observation/test_runs_of_sensors.py",
+]
+_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging")]
+_STRAIGHT = ["tests/lcoordinate/test_straight.py", "-k", "not forty and not monodromy"]
+_KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
+_TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
+_EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
+_CAMPAIGNS = [
+    "tests/calibration/test_recover.py",
+    "tests/calibration/test_visits.py",
+    "-k",
+    "exact_poses or stated_pose or default or two_passes or visit",
+]
+CORE = {
+    "kernels/cable.py": ["tests/kernels/test_cable.py"],
+    "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
+    "kernels/screw.py": ["tests/kernels/test_screw.py", "tests/kernels/test_screw_covariances.py"],
+    "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "tiles_ or in_pieces or 75_degrees or short_dip or spoil"],
+    "kernels/least_squares.py": ["tests/observation/test_fast_paths.py", "-k", "few_samples or constrained"],
+    "kernels/zone.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],
+    "kernels/zone_rows.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],
+    "kernels/zone_lanes.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
+    "kernels/zone_linked.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
+    "kernels/zone_six.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
+    "kernels/zone_redundant.py": ["tests/accuracy/test_redundant_zone.py"],
+    "lcoordinate/singularity.py": ["tests/lcoordinate/test_singularity.py"],
+    "lcoordinate/architecture.py": ["tests/lcoordinate/test_architecture.py"],
+    "lcoordinate/certified.py": _STRAIGHT,
+    "lcoordinate/levers.py": ["tests/lcoordinate/test_levers.py"],
+    "lcoordinate/pluecker.py": ["tests/lcoordinate/test_links.py", "tests/lcoordinate/test_singularity.py"],
+    "lcoordinate/singular.py": ["tests/lcoordinate/test_links.py"],
+    "lcoordinate/starts.py": _STRAIGHT,
+    "lcoordinate/straight.py": _STRAIGHT,
+    "lcoordinate/structures.py": ["tests/lcoordinate/test_structures.py", "tests/lcoordinate/test_architecture.py"],
+    "lcoordinate/study.py": _STRAIGHT,
+    "lcoordinate/tetrahedra.py": _STRAIGHT,
+    "lcoordinate/workspace.py": ["tests/lcoordinate/test_workspace.py", "-k", "not led"],
+    "lcoordinate/intervals.py": ["tests/lcoordinate/test_flat.py"],
+    "lcoordinate/flat.py": ["tests/lcoordinate/test_flat.py"],
+    "lcoordinate/bounds.py": ["tests/lcoordinate/test_workspace.py"],
+    "lcoordinate/detour.py": ["tests/lcoordinate/test_workspace.py", "-k", "path or led"],
+    "estimation/least_squares.py": _ESTIMATED,
+    "estimation/fit.py": _ESTIMATED,
+    "estimation/elimination.py": _ESTIMATED,
+    "estimation/regions.py": [*_ESTIMATED, "tests/calibration/test_regions.py"],
+    "estimation/deletion.py": _ESTIMATED,
+    "estimation/robust.py": _ESTIMATED,
+    "estimation/explanations.py": _ESTIMATED,
+    "estimation/problem.py": _ESTIMATED,
+    "estimation/exchange.py": ["tests/estimation/test_exchange.py"],
+    "estimation/information.py": ["tests/estimation/test_exchange.py"],
+    "estimation/observability.py": ["tests/estimation/test_observability.py"],
+    "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
+    **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
+    "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
+    "calibration/residuals.py": _CAMPAIGNS,
+    "calibration/unknowns.py": _CAMPAIGNS,
+    "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
+    "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
+    "trajectory/exact.py": ["tests/test_taken_as_exact.py"],
+    "trajectory/steps.py": ["tests/trajectory/test_steps.py", *_COUNTERS],
+    "trajectory/continuity.py": ["tests/trajectory/test_continuity.py", *_COUNTERS],
+    "trajectory/standing.py": ["tests/trajectory/test_standing.py", *_COUNTERS],
+    "trajectory/doubts.py": ["tests/trajectory/test_doubts.py", *_COUNTERS],
+    "trajectory/redundancy.py": ["tests/trajectory/test_redundancy.py", *_COUNTERS],
+    "trajectory/consistency.py": ["tests/trajectory/test_schemes.py", *_COUNTERS],
+    "interpolation.py": ["tests/test_interpolation.py", "tests/trajectory/test_passes.py", "-k", "interpolation or between"],
+    "certification/iso9283_pose.py": ["tests/certification/test_iso9283.py"],
+    "certification/iso9283_path.py": ["tests/certification/test_iso9283.py"],
+    "certification/iso9283_time.py": ["tests/certification/test_iso9283.py"],
+    "certification/uncertainty.py": ["tests/certification/test_u95.py"],
+    "certification/verify.py": ["tests/certification/test_verify.py"],
+    "certification/again.py": ["tests/certification/test_verify.py"],
+    **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},
+    **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
+    "findings.py": ["tests/test_findings.py"],
+    "trajectory/pose_errors.py": [
+        "tests/trajectory/test_pose_errors.py",
+        "tests/certification/test_u95.py",
+        "tests/certification/test_method.py",
+        "-k",
+        "test_pose_errors or in_common or method_3",
+    ],
+    "acquisition/samples.py": ["tests/acquisition/test_samples.py"],
+    "accuracy/zone.py": ["tests/accuracy/test_zone.py", "-k", "not 60_degrees and not limit_of and not volume and not limits_asked"],
+}
+"""Files of the package, and the tests that are to see a fault in them."""
+
+_FEW = ["tests/accuracy/test_scan.py", "tests/accuracy/test_redundant_zone.py", "tests/accuracy/test_zone.py"]
+PLAIN = {
+    **{f"kernels/{name}.py": [*_FEW, "-k", "few or generalised or zero_pose or definitions"] for name in ("zone", "zone_rows")},
+    **{f"kernels/{name}.py": [*_FEW[:2], "-k", "few"] for name in ("zone_lanes", "zone_linked", "zone_six", "zone_redundant")},
+    "kernels/cable.py": ["tests/kernels/test_cable.py", "-k", "not on_its_axis"],
+    "kernels/counter.py": CORE["kernels/counter.py"],
+    "kernels/screw.py": ["tests/kernels/test_screw.py"],
+    "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "few_samples or 75_degrees_in"],
+    "kernels/least_squares.py": ["tests/observation/test_fast_paths.py", "-k", "few_samples"],
+}
+"""Tests of kernels that are short without compiling."""
