@@ -150,11 +150,13 @@ class Unwrapped:
     counts (n,) continuous, NaN where there is none; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign, went
     on;
     inferred_bits: the counter's width when it was not stated and its jumps are those of wraps, or None.
+    believed_rate: the rate [1/s] by which it may have gone in a pause, where the motion had to tell; None where it had not.
     """
 
     counts: FloatArray
     what: IntArray
     inferred_bits: int | None
+    believed_rate: float | None = None
 
 
 def unwrap(
@@ -163,14 +165,16 @@ def unwrap(
     *,
     max_rate: float,
     bits: int | None,
+    stated: bool = True,
     state: FloatArray | None = None,
     codes: int | None = None,
 ) -> Unwrapped:
     """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find what cannot be a motion; codes: how many values an
     absolute encoder has instead, 0 .. codes - 1, whose counts are whole turns off at most, wherever it was meanwhile.
 
-    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second. See `kernels.counter.follow`; a state is that
-    of `kernels.counter.resume`, and then nothing is inferred: a piece does not show the whole counter.
+    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second; stated: by somebody who knows, else what the
+    counter may have gone unseen is taken from the motion itself (`RateEvidence`). See `kernels.counter.follow`; a state is that of
+    `kernels.counter.resume`, and then nothing is inferred: a piece does not show the whole counter.
     """
     inferred = None
     if codes is not None:
@@ -186,9 +190,15 @@ def unwrap(
         seen = WidthEvidence(max_rate)
         seen.add(recorded, time_s)
         bits = inferred = seen.bits()
-    state = np.zeros(counter.STATE) if state is None else state
-    counts, what = counter.resume(recorded, time_s, max_rate, 0.0 if bits is None else 2.0**bits, state, _usual(time_s))
-    return Unwrapped(counts, what, inferred)
+    full = 0.0 if bits is None else 2.0**bits
+    if state is None:
+        state = np.zeros(counter.STATE)
+        if full and not stated:
+            rates = RateEvidence(max_rate, full)
+            rates.add(recorded, time_s)
+            state[counter.BELIEVED_AT] = rates.believed()
+    counts, what = counter.resume(recorded, time_s, max_rate, full, state, _usual(time_s))
+    return Unwrapped(counts, what, inferred, float(state[counter.BELIEVED_AT]) or None)
 
 
 def _usual(time_s: FloatArray) -> float:
@@ -229,6 +239,42 @@ class WidthEvidence:
             if self._short[bits] and self._least >= -full / 2 and self._most < full and self._most - self._least < full:
                 return bits
         return None
+
+
+class RateEvidence:
+    """What the recorded counts of a channel, given in pieces, tell of how fast it goes: max_rate [1/s] bounds it, the counter has `full`
+    values. Steps are taken the shorter way round: a drum that goes half its range from sample to sample has gone a quarter before."""
+
+    def __init__(self, max_rate: float, full: float) -> None:
+        self._rate, self._full = max_rate, full
+        self._longest = self._fastest = self._pause = 0.0
+        self._last: tuple[float, float] | None = None
+
+    def add(self, recorded: FloatArray, time_s: FloatArray) -> None:
+        """Look at the next piece: recorded (n,) with NaN gaps."""
+        seen = np.isfinite(recorded)
+        values, times = recorded[seen], time_s[seen]
+        if len(values) == 0:
+            return
+        if self._last is not None:
+            values, times = np.r_[self._last[0], values], np.r_[self._last[1], times]
+        self._last = float(values[-1]), float(times[-1])
+        pauses, usual = np.diff(times), _usual(time_s)
+        steps = np.abs(np.diff(values))
+        steps = np.minimum(steps % self._full, -steps % self._full)
+        pauses = np.maximum(pauses, usual)
+        self._pause = max(self._pause, float(pauses.max(initial=0.0)))
+        possible = steps <= self._rate * pauses + 1.0
+        usually = possible & (pauses <= counter.PAUSE * usual)
+        self._longest = max(self._longest, float(steps[usually].max(initial=0.0)))
+        self._fastest = max(self._fastest, float((steps[possible] / np.maximum(pauses[possible], 1e-12)).max(initial=0.0)))
+
+    def believed(self) -> float:
+        """The rate [1/s] by which the counter may have gone in a pause: twice the fastest that was seen, at least a tenth of the bound and
+        at most that; 0 where the bound itself leaves no doubt, or its steps are so long that the other way round may be the right one."""
+        if self._rate * self._pause + 1.0 < self._full / 2.0 or self._longest >= self._full / 4.0:
+            return 0.0
+        return min(self._rate, max(2.0 * self._fastest, self._rate / 10.0))
 
 
 def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:

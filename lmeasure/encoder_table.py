@@ -66,6 +66,11 @@ class AngleEncoder(Strict):
         return self.max_speed_deg_s / 360.0 * self.counts_per_revolution
 
     @property
+    def rate_stated(self) -> bool:
+        """Whether somebody said so."""
+        return "max_speed_deg_s" in self.model_fields_set
+
+    @property
     def scale(self) -> float:
         """Decoding factor, as drums have one."""
         return 1.0

@@ -23,7 +23,7 @@ from lmeasure.run import Run
 from lmeasure.shown import DataFrame, Shown, framed
 from lmeasure.status import WORDS, Status, words
 from lmeasure.unsolved import last_travel
-from lmeasure.unused_counts import Reasons, on_time_base, other_times, reasons_of
+from lmeasure.unused_counts import Reasons, on_time_base, other_times, rate_notes, reasons_of
 
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
@@ -269,6 +269,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     gone_on = np.full((n, m), np.nan)
     reasons: list[Reasons] = []
     notes: list[Finding] = []
+    believed: dict[str, dict[str, tuple[Drum | AngleEncoder, float]]] = {p.source: {} for p in run.passes}
     missed_mm = np.zeros((n, m))
     others: dict[int, OtherTimes | None] = {}
     skewed = any(p.u_time_s is not None for p in run.passes)
@@ -278,9 +279,19 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         counts = run.passes[c.passage - 1]
         drum = run.rig.counter(c)
         state = None if counters is None else counters[j]
-        counter = unwrap(counts.of(c.channel), counts.time_s, max_rate=drum.rate, bits=drum.counter_bits, state=state, codes=drum.codes)
+        counter = unwrap(
+            counts.of(c.channel),
+            counts.time_s,
+            max_rate=drum.rate,
+            bits=drum.counter_bits,
+            stated=drum.rate_stated,
+            state=state,
+            codes=drum.codes,
+        )
         if counter.inferred_bits is not None:
             notes.append(finding("counts.bits", source=counts.source, channel=c.channel, bits=counter.inferred_bits))
+        if counter.believed_rate is not None and state is None:
+            believed[counts.source][c.channel] = drum, counter.believed_rate
         values = counter.counts * drum.count_sign / drum.scale
         way = None if state is None else state[None, counter_kernels.STATE :]
         values += _lag(drum, values, way) if isinstance(drum, Drum) else -_play(drum, values, way)
@@ -298,6 +309,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
             u_time[:, j] = counts.u_time_s if c.passage == 1 else np.interp(time_s, counts.time_s, counts.u_time_s)
         if warm is not None:
             warm[:, j] = np.nan if counts.temperature_c is None else np.interp(time_s, counts.time_s, counts.temperature_c)
+    notes += [note for source, rates in believed.items() for note in rate_notes(source, rates)]
     cables, nothing = tuple(c.name for c in observed), np.zeros(n, np.int64)
     none, encoders = np.full(n, "", dtype=np.object_), m - len(run.rig.cable)
     whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on, encoders=encoders)

@@ -315,6 +315,14 @@ class Rig(Shown, Strict):
     def to_dict(self) -> dict[str, Any]:
         """The content of rig.toml, optional keys left out where they are not set."""
         data = self.model_dump(by_alias=True, exclude_none=True, mode="json")
+        # a limit that nobody stated would else be stated by the file
+        for point, table in zip(self.observation_point, data["observation_point"], strict=True):
+            if not point.drum.rate_stated:
+                del table["drum"]["max_cable_speed_mm_s"]
+        for kind, encoders in self._encoders().items():
+            for encoder, table in zip(encoders, data[kind], strict=True):
+                if not encoder.rate_stated:
+                    del table["max_speed_deg_s"]
         # rigs without encoders, and digests of them, do not have these keys
         return {key: value for key, value in data.items() if value or key not in self._encoders()}
 

@@ -171,6 +171,11 @@ class Drum(CableOnDrum):
         return self.max_cable_speed_mm_s / self.count_length_mm * self.scale
 
     @property
+    def rate_stated(self) -> bool:
+        """Whether somebody said so."""
+        return "max_cable_speed_mm_s" in self.model_fields_set
+
+    @property
     def per_count(self) -> float:
         """Length of a true count [mm]."""
         return self.count_length_mm

@@ -1,7 +1,8 @@
 """Why samples of a channel are not used: what its counter was seen to do, and what lies between the samples of a later pass."""
 
+from collections.abc import Mapping
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.causes import Cause
 from lmeasure.counts import Unwrapped
 from lmeasure.encoder_table import AngleEncoder
-from lmeasure.findings import finding
+from lmeasure.findings import Finding, finding
 from lmeasure.interpolation import OtherTimes
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.rig import Drum
@@ -38,10 +39,8 @@ Reasons = tuple[Reason, ...]
 
 def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time_s: FloatArray) -> Reasons:
     """Why samples of a channel, at times (n,), are not used."""
-    if isinstance(drum, Drum):
-        speed = {"key": "max_cable_speed_mm_s", "limit": drum.max_cable_speed_mm_s}
-    else:
-        speed = {"key": "max_speed_deg_s", "limit": drum.max_speed_deg_s}
+    speed = _speed(drum, drum.rate)
+    in_pauses = _speed(drum, counter.believed_rate or drum.rate)
     foreign = finding("cause.foreign.bits", channel=channel, bits=drum.counter_bits)
     if drum.codes is not None:
         foreign = finding("cause.foreign.codes", channel=channel, codes=drum.codes)
@@ -49,7 +48,7 @@ def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time
         Reason(counter.what == JUMPED, Status.JUMP, finding("cause.jumped", channel=channel, **speed)),
         Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, finding("cause.went_on", channel=channel)),
         Reason(counter.what == FOREIGN, Status.JUMP, foreign),
-        Reason(counter.what == UNSURE, Status.GAP, finding("cause.wrapped", channel=channel, **speed)),
+        Reason(counter.what == UNSURE, Status.GAP, finding("cause.wrapped", channel=channel, **in_pauses)),
         Reason(counter.what == EMPTY, Status.GAP, finding("cause.no_count", channel=channel)),
     ]
     if isinstance(drum, Drum) and drum.max_cable_acceleration_mm_s2 is not None:
@@ -58,6 +57,23 @@ def reasons_of(counter: Unwrapped, channel: str, drum: Drum | AngleEncoder, time
         slack = slack_samples(values, time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
         every.append(Reason(slack, Status.SLACK, finding("cause.slack", channel=channel, limit=limit)))
     return tuple(reason for reason in every if reason.mask.any())
+
+
+def rate_notes(source: str, believed: Mapping[str, tuple[Drum | AngleEncoder, float]]) -> list[Finding]:
+    """That rates [1/s] of the counters of these channels were taken from their motion: a note for each of the keys that nobody stated."""
+    found: dict[str, tuple[list[str], float]] = {}
+    for channel, (drum, rate) in believed.items():
+        key, limit = _speed(drum, rate).values()
+        channels, most = found.get(key, ([], 0.0))
+        found[key] = [*channels, channel], max(most, limit)
+    return [finding("counts.rate", source=source, channels=", ".join(c), key=key, limit=most) for key, (c, most) in found.items()]
+
+
+def _speed(drum: Drum | AngleEncoder, rate: float) -> dict[str, Any]:
+    """The key that bounds a counter's rate, and the value that it has for this one [1/s]."""
+    if isinstance(drum, Drum):
+        return {"key": "max_cable_speed_mm_s", "limit": rate * drum.count_length_mm / drum.scale}
+    return {"key": "max_speed_deg_s", "limit": rate * 360.0 / drum.counts_per_revolution}
 
 
 def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> BoolArray:

@@ -154,6 +154,26 @@ def test_after_a_long_pause_a_small_counter_is_unsure_for_good() -> None:
     assert (unwrap(k, t, max_rate=1e5, bits=16).what == FOLLOWED).all(), "a slower limit makes it sure"
 
 
+def test_a_limit_that_nobody_stated_is_taken_from_the_motion() -> None:
+    """16 bits at 25 Hz: 20 m/s could be more than half the range from sample to sample; the motion is slow."""
+    t = np.arange(400) / 25.0
+    k = 20000.0 * np.sin(t)
+    shown = (k.round() + 2**15) % 2**16 - 2**15
+    assert (unwrap(shown, t, max_rate=RATE, bits=16).what[1:] == UNSURE).all()
+    out = unwrap(shown, t, max_rate=RATE, bits=16, stated=False)
+    assert np.array_equal(out.counts, k.round())
+    assert (out.what == FOLLOWED).all()
+    assert out.believed_rate == pytest.approx(max(2.0 * 20000.0, RATE / 10.0), rel=0.01)
+    # a pause in which that speed goes half the range: unsure, by the same limit
+    for pause, sure in ((0.15, True), (0.3, False)):
+        late = t + pause * (t > 4.0)
+        assert (unwrap(shown, late, max_rate=RATE, bits=16, stated=False).what[-1] == FOLLOWED) == sure
+    # steps of more than a quarter of the range: which way round they went cannot be told
+    fast = (k.round() * 60 + 2**15) % 2**16 - 2**15
+    assert (unwrap(fast, t, max_rate=RATE, bits=16, stated=False).what[1:] == UNSURE).any()
+    assert unwrap(k.round(), t, max_rate=RATE, bits=32, stated=False).believed_rate is None
+
+
 def test_a_spike_is_a_jump_and_what_follows_is_good() -> None:
     k = np.arange(100.0) * 50
     for bits in (None, 16, 32):

@@ -149,7 +149,7 @@ def test_an_inferred_width_is_noted() -> None:
 
 
 def test_a_foreign_value_and_an_unsure_counter() -> None:
-    r = rig(counter_bits=16)
+    r = rig(counter_bits=16, max_cable_speed_mm_s=20000.0)
     recorded = np.zeros((6, 3))
     recorded[2, 0] = 70_000
     t = np.array([0, 0.001, 0.002, 0.003, 0.003 + 0.03, 0.034])

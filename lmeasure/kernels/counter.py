@@ -9,12 +9,15 @@ from lmeasure.kernels import inline, kernel
 
 FOLLOWED, EMPTY, JUMPED, UNSURE, FOREIGN, WENT_ON = range(6)
 RETURN_S = 0.1  # within which a jump back shows that the number was wrong and not the counter
-STATE = 9
+STATE = 10
 # what a counter's state holds: whether there is a sample; continuous and recorded count and time of the last one; the same of the last one
-# before its origin was lost; whether it is lost; whether it is unsure
-_ANY, _COUNT, _SEEN, _SEEN_TIME, _GOOD_COUNT, _GOOD, _GOOD_TIME, _LOST, _UNSURE = range(STATE)
-UNSURE_AT = _UNSURE
-"""Where a state has whether its counter is unsure."""
+# before its origin was lost; whether it is lost; whether it is unsure; the rate that is believed of it in a pause
+_ANY, _COUNT, _SEEN, _SEEN_TIME, _GOOD_COUNT, _GOOD, _GOOD_TIME, _LOST, _UNSURE, _BELIEVED = range(STATE)
+UNSURE_AT, BELIEVED_AT = _UNSURE, _BELIEVED
+"""Where a state has whether its counter is unsure, and the largest rate [1/s] that the motion itself makes believe of it, 0 for the one
+that bounds it."""
+PAUSE = 2.5
+"""Usual intervals: what is no longer is no pause."""
 
 
 @inline
@@ -42,7 +45,9 @@ def resume(
 ) -> tuple[FloatArray, IntArray]:
     """`follow` for the next piece of a recording; state (STATE,), zeros at its beginning, is moved on in place.
 
-    least_s: taken for the time between samples whose stamps are closer: a host that was busy stamps at once what came one by one.
+    least_s: taken for the time between samples whose stamps are closer: a host that was busy stamps at once what came one by one. Where the
+    state has a rate that the motion makes believe (`BELIEVED_AT`), only pauses, longer than PAUSE times least_s, make a counter unsure, and
+    by that rate.
     """
     n = len(recorded)
     counts, what = np.full(n, np.nan), np.full(n, EMPTY)
@@ -54,7 +59,8 @@ def resume(
             what[i] = FOREIGN
             continue
         step = shortest(x - state[_SEEN], full)
-        reach = max_rate * max(time_s[i] - state[_SEEN_TIME], least_s) + 1.0
+        pause = max(time_s[i] - state[_SEEN_TIME], least_s)
+        reach = max_rate * pause + 1.0
         if state[_ANY] == 0.0:
             counts[i] = shortest(x, full)
             what[i] = FOLLOWED
@@ -68,13 +74,16 @@ def resume(
                 possible = max_rate * max(away, least_s) + 1.0
                 if away <= RETURN_S and abs(back) <= possible:
                     state[_LOST] = 0.0
-                    base, step, reach = state[_GOOD_COUNT], back, possible
+                    base, step, pause = state[_GOOD_COUNT], back, max(away, least_s)
             target = base + step
             if state[_LOST] != 0.0:
                 what[i] = JUMPED if jumped else WENT_ON
             else:
                 # a way of half the range or more may as well have been the other way round
-                if full > 0.0 and reach >= 0.5 * full:
+                rate = max_rate
+                if state[_BELIEVED] > 0.0:
+                    rate = state[_BELIEVED] if pause > PAUSE * least_s else 0.0
+                if full > 0.0 and rate * pause + 1.0 >= 0.5 * full:
                     state[_UNSURE] = 1.0
                 what[i] = UNSURE if state[_UNSURE] != 0.0 else FOLLOWED
             counts[i] = x + (full * math.floor((target - x) / full + 0.5) if full > 0.0 else 0.0)

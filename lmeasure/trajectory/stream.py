@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.counts import Counts, WidthEvidence, read_counts_in_pieces
+from lmeasure.arrays import FloatArray
+from lmeasure.counts import Counts, RateEvidence, WidthEvidence, read_counts_in_pieces
 from lmeasure.findings import Finding, finding
+from lmeasure.kernels.counter import BELIEVED_AT
 from lmeasure.lengths import COUNTER_STATE, Lengths, lengths_from_counts
 from lmeasure.rig import Rig
 from lmeasure.run import Run, RunHead
@@ -18,8 +20,11 @@ from lmeasure.trajectory.prepared import prepare
 from lmeasure.trajectory.record import Summary, Trajectory
 from lmeasure.trajectory.runs import covered, with_evidence
 from lmeasure.trajectory.written import trajectory_writer
+from lmeasure.unused_counts import rate_notes
 
 Progress = Callable[[int, int], None]
+SURE_S = 86400.0
+"""A counter that no rate takes through half its range for as long is asked for nothing."""
 Each = Callable[[Counts, Lengths, Trajectory], None]
 """What is done with a piece of a run: its recorded counts, its lengths and its part of the trajectory."""
 
@@ -45,10 +50,12 @@ def reconstruct_stream(
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
-    counters = np.zeros((len(rig.observed), COUNTER_STATE))
+    fresh, told = _counters(head, rig)
+    notes += told
+    counters = fresh.copy()
     summary = Summary()
-    evidence = _evidence(head, rig)
-    pieces = partial(_pieces, head, rig)
+    evidence = _evidence(head, rig, fresh.copy())
+    pieces = partial(_pieces, head, rig, fresh)
     reconstruction, doubts = prepare(head, rig, pieces, doubts=evidence.doubts, source=str(head.counts[0]), constraint=constraint)
     evidence = replace(evidence, doubts=doubts)
     with trajectory_writer(out, covered(reconstruction.covers, evidence), angles) as write:
@@ -64,19 +71,38 @@ def reconstruct_stream(
     return summary
 
 
-def _evidence(head: RunHead, rig: Rig) -> Evidence:
+def _evidence(head: RunHead, rig: Rig, counters: FloatArray) -> Evidence:
     """What the whole run tells of its counters: a step may show only at the end of the file."""
-    finder, counters = EvidenceFinder(rig, head.recorded), np.zeros((len(rig.observed), COUNTER_STATE))
+    finder = EvidenceFinder(rig, head.recorded)
     for piece in read_counts_in_pieces(head.counts[0]):
         finder.add(lengths_from_counts(Run(rig, head.start, (piece,)), counters))
     return finder.found()
 
 
-def _pieces(head: RunHead, rig: Rig, doubts: Doubts) -> Iterator[Lengths]:
+def _pieces(head: RunHead, rig: Rig, fresh: FloatArray, doubts: Doubts) -> Iterator[Lengths]:
     """Lengths of one piece after the other, without what is in these doubts."""
-    counters = np.zeros((len(rig.observed), COUNTER_STATE))
+    counters = fresh.copy()
     for piece in read_counts_in_pieces(head.counts[0]):
         yield doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
+
+
+def _counters(head: RunHead, rig: Rig) -> tuple[FloatArray, list[Finding]]:
+    """(m, `COUNTER_STATE`) counters at the beginning of the file, with what the whole of it tells of their rates where that is asked."""
+    fresh, asked, believed = np.zeros((len(rig.observed), COUNTER_STATE)), {}, {}
+    for j, c in enumerate(rig.observed):
+        counter = rig.counter(c)
+        full = 0.0 if counter.counter_bits is None else 2.0**counter.counter_bits
+        if not counter.rate_stated and 0.0 < full / 2.0 < SURE_S * counter.rate:
+            asked[j] = RateEvidence(counter.rate, full)
+    for piece in read_counts_in_pieces(head.counts[0]) if asked else ():
+        for j, seen in asked.items():
+            seen.add(piece.of(rig.observed[j].channel), piece.time_s)
+    for j, seen in asked.items():
+        fresh[j, BELIEVED_AT] = seen.believed()
+        if fresh[j, BELIEVED_AT]:
+            c = rig.observed[j]
+            believed[c.channel] = rig.counter(c), float(fresh[j, BELIEVED_AT])
+    return fresh, rate_notes(str(head.counts[0]), believed)
 
 
 def _with_widths(head: RunHead) -> tuple[Rig, list[Finding]]:

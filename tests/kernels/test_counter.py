@@ -7,7 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, RETURN_S, STATE, UNSURE, WENT_ON, follow, resume, runs_on, shortest
+from lmeasure.kernels.counter import (
+    BELIEVED_AT,
+    EMPTY,
+    FOLLOWED,
+    FOREIGN,
+    JUMPED,
+    PAUSE,
+    RETURN_S,
+    STATE,
+    UNSURE,
+    WENT_ON,
+    follow,
+    resume,
+    runs_on,
+    shortest,
+)
 
 
 def nearest(step: float, full: int) -> float:
@@ -25,8 +40,8 @@ class Sample:
 class Reference:
     """A counter as its rules say it."""
 
-    def __init__(self, max_rate: float, full: int, least_s: float) -> None:
-        self.max_rate, self.full, self.least_s = max_rate, full, least_s
+    def __init__(self, max_rate: float, full: int, least_s: float, believed: float) -> None:
+        self.max_rate, self.full, self.least_s, self.believed = max_rate, full, least_s, believed
         self.seen: Sample | None = None
         self.good: Sample | None = None
         self.lost = self.unsure = False
@@ -55,7 +70,10 @@ class Reference:
         self.seen = Sample(x, time_s, since.count + nearest(x - since.recorded, self.full))
         if self.lost:
             return self.seen.count, JUMPED if jumped else WENT_ON
-        if self.full and self.way(since, time_s) >= self.full / 2:
+        pause = max(time_s - since.time_s, self.least_s)
+        if self.believed and pause <= PAUSE * self.least_s:
+            return self.seen.count, UNSURE if self.unsure else FOLLOWED
+        if self.full and (self.believed or self.max_rate) * pause + 1.0 >= self.full / 2:
             self.unsure = True
         return self.seen.count, UNSURE if self.unsure else FOLLOWED
 
@@ -67,8 +85,11 @@ class Reference:
     rate=st.sampled_from([50.0, 100.0]),
     least_s=st.sampled_from([0.0, 0.03]),
     cut=st.integers(0, 14),
+    believed=st.sampled_from([0.0, 25.0]),
 )
-def test_a_counter_is_what_its_rules_say(steps: list[tuple[int, float, int]], full: int, rate: float, least_s: float, cut: int) -> None:
+def test_a_counter_is_what_its_rules_say(
+    steps: list[tuple[int, float, int]], full: int, rate: float, least_s: float, cut: int, believed: float
+) -> None:
     x, t = 0, 10.0
     recorded, times = [], []
     for step, pause, kind in steps:
@@ -78,13 +99,14 @@ def test_a_counter_is_what_its_rules_say(steps: list[tuple[int, float, int]], fu
         other = {0: np.nan, 1: full + 0.0, 2: -full / 2 - 1.0} | dict.fromkeys((3, 4, 5), float(x % full)) if full else {0: np.nan}
         recorded.append(other.get(kind, float(shown)))
         times.append(t)
-    reference = Reference(rate, full, least_s)
+    reference = Reference(rate, full, least_s, believed)
     expected = [reference.next(a, b) for a, b in zip(recorded, times, strict=True)]
     values, time_s, state = np.array(recorded), np.array(times), np.zeros(STATE)
+    state[BELIEVED_AT] = believed
     parts = [resume(values[part], time_s[part], rate, float(full), state, least_s) for part in (slice(None, cut), slice(cut, None))]
     np.testing.assert_array_equal(np.concatenate([p[1] for p in parts]), [kind for _, kind in expected])
     np.testing.assert_array_equal(np.concatenate([p[0] for p in parts]), [count for count, _ in expected])
-    if least_s == 0.0:
+    if least_s == 0.0 and not believed:
         whole = follow(values, time_s, rate, float(full))
         np.testing.assert_array_equal(whole[0], [count for count, _ in expected])
         np.testing.assert_array_equal(whole[1], [kind for _, kind in expected])

@@ -1,6 +1,7 @@
 """A log reconstructed in pieces, from file to file, is the log reconstructed at once."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from cells import FloatArray, cell, motion, record, with_recorded
 
 from lmeasure import tables
 from lmeasure.errors import FileFormatError
-from lmeasure.rig import Rig
+from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run, read_run, read_run_head, write_run
 from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory
 
@@ -80,6 +81,24 @@ def test_a_width_that_is_not_stated_is_found_in_the_whole_file_first(kind: str, 
     write_trajectory(tmp_path / "whole.csv", whole)
     assert_alike(tmp_path / "pieces.csv", tmp_path / "whole.csv")
     assert any("16 bits" in note for note in map(str, summary.notes))
+    assert sorted(map(str, summary.notes)) == sorted(map(str, whole.notes))
+
+
+def test_a_speed_that_is_not_stated_is_taken_from_the_whole_file(tmp_path: Path) -> None:
+    """A pause that 20 m/s would fill with a whole range, and the motion's own speed does not."""
+    data = cell(16).to_dict()
+    for point in data["observation_point"]:
+        point["drum"].pop("max_cable_speed_mm_s", None)
+    rig, times = rig_from_dict(data), motion(N, reach_mm=520.0, tilt_rad=0.1)
+    run = record(rig, *times)
+    late = replace(run.passes[0], time_s=run.passes[0].time_s + 0.03 * (np.arange(N) > 600))
+    write_run(tmp_path / "run", replace(run, passes=(late,)))
+    summary = reconstruct_stream(read_run_head(tmp_path / "run"), tmp_path / "pieces.csv")
+    whole = reconstruct(read_run(tmp_path / "run"))
+    write_trajectory(tmp_path / "whole.csv", whole)
+    assert_alike(tmp_path / "pieces.csv", tmp_path / "whole.csv")
+    assert (whole.status == 0).all()
+    assert any("max_cable_speed_mm_s of ch1, ch2, ch3, ch4, ch5, ch6 is not stated" in note for note in map(str, summary.notes))
     assert sorted(map(str, summary.notes)) == sorted(map(str, whole.notes))
 
 
