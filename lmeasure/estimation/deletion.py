@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-from lmeasure.arrays import BoolArray, FloatArray, IntArray
+from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.estimation.fit import Fit
 from lmeasure.estimation.problem import Problem
 
@@ -115,20 +115,20 @@ def _told(information: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] |
     return values, vectors
 
 
-def deletion_squares(residuals: FloatArray, covariance: FloatArray, explained: FloatArray, used: BoolArray) -> FloatArray:
+def deletion_squares(residuals: FloatArray, covariance: FloatArray, explained: FloatArray, weight: FloatArray) -> FloatArray:
     """(n,) `Deletion.shift`'s square for groups of residuals (n, m) that correlate with no others: what all others say about each, with no
     matrix over all of them.
 
-    covariance (n, m, m) of the groups' own errors; explained (n, m, m): that of what the fit predicts of them; used (n,): whether the fit
-    has seen the group. r'(V - J C J')^-1 r is the square of the deletion residual in its own covariance: with r_d = V (V - J C J')^-1 r,
-    whose covariance is V (V - J C J')^-1 V.
+    covariance (n, m, m) of the groups' own errors; explained (n, m, m): that of what the fit predicts of them; weight (n,): with which the
+    fit has seen the group, as if its errors had the covariance V / weight; 0 not at all. In the eigenvectors of H = J C J' in units of V,
+    with eigenvalues h, the residuals from a fit without the group are r / (1 - w h), of variance 1 + h / (1 - w h).
     """
-    spread = covariance + np.where(used, -1.0, 1.0)[:, None, None] * explained
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    value, vector = np.linalg.eigh(root @ explained @ np.swapaxes(root, 1, 2))
     # a group that alone determines something leaves no residual to judge it by
-    value, vector = np.linalg.eigh(spread)
-    floor = LEFT * np.einsum("nii->ni", covariance).min(axis=1)[:, None]
-    white = np.einsum("nji,nj->ni", vector, residuals) / np.sqrt(np.maximum(value, floor))
-    return np.asarray((white**2).sum(axis=1))
+    left = np.maximum(1.0 - weight[:, None] * value, LEFT)
+    own = np.einsum("nji,njk,nk->ni", vector, root, residuals)
+    return np.asarray((own**2 / (left * (left + value))).sum(axis=1))
 
 
 def held_out(whole: Problem, theta: FloatArray, fit: Fit, rows: IntArray) -> tuple[FloatArray, FloatArray]:

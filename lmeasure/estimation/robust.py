@@ -7,14 +7,18 @@ median of all z, at least 1: the noise as stated. The biweight w = (1 - (t/c)^2)
 
 A weight is carried as a variance: the group's shifts get the independent variance s^2 (1/w - 1) with s^2 their stated one, on top of it.
 The covariance of the result is then that of a least squares with these variances, a little wider than without a robust loss, as it must be.
+
+Where residuals come in blocks that correlate with no others the weights divide the blocks instead, and `trust` says what an equation of
+weighted blocks is worth.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
+import scipy.integrate
 import scipy.stats
 
 from lmeasure.arrays import FloatArray, IntArray
@@ -74,14 +78,12 @@ def _reweighted(
     base = np.diag(weighted(np.zeros(count)).covariance(found.theta))
     stated = np.array([base[group.rows].mean() if len(group.rows) else base.mean() for group in groups])
     for _ in range(ROUNDS):
-        deletion, z = Deletion(found), np.full(count, np.nan)
-        for i, group in enumerate(groups):
-            judged = deletion.shift(group.columns, float(variance[i]))
-            if judged is not None:
-                z[i] = _normal_deviate(judged.square, judged.freedom)
+        deletion = Deletion(found)
+        judged = [deletion.shift(group.columns, float(v)) for group, v in zip(groups, variance, strict=True)]
+        square = np.array([np.nan if one is None else one.square for one in judged])
+        z = normal_deviates(square, np.array([1 if one is None else one.freedom for one in judged]))
         scale = max(1.0, float(np.nanmedian(np.repeat(z, members))) / scipy.stats.norm.ppf(0.75)) if np.isfinite(z).any() else 1.0
-        t = np.where(np.isfinite(z), z, 0.0) / (scale * BIWEIGHT)
-        weight = np.where(t < 1.0, (1.0 - np.minimum(t, 1.0) ** 2) ** 2, 0.0).clip(EXCLUDED)
+        weight = biweights(np.where(np.isfinite(z), z, 0.0) / scale).clip(EXCLUDED)
         variance = stated * np.minimum(scale**2 * (1.0 / weight - 1.0), 1.0 / EXCLUDED)
         change = float(np.abs(weight - weights.weight).max())
         weights, problem = Weights(weight, scale), weighted(variance)
@@ -91,8 +93,52 @@ def _reweighted(
     return (problem, found, weights), variance
 
 
-def _normal_deviate(square: float, freedom: int) -> float:
-    """The |z| of a standard normal variable that is as improbable as a chi-squared with that many degrees of freedom."""
-    probability = float(scipy.stats.chi2.sf(square, freedom))
+def normal_deviates(square: FloatArray, freedom: IntArray) -> FloatArray:
+    """The |z| of standard normal variables that are as improbable as chi-squared values with those degrees of freedom."""
+    probability = scipy.stats.chi2.sf(square, freedom)
     # beyond doubles' reach the degrees of freedom hardly matter
-    return float(scipy.stats.norm.isf(probability / 2)) if probability > 1e-280 else math.sqrt(square)
+    return np.where(probability > 1e-280, scipy.stats.norm.isf(np.maximum(probability, 1e-280) / 2.0), np.sqrt(square))
+
+
+def biweights(deviate: FloatArray) -> FloatArray:
+    """Tukey's weight of normal deviates |z| in standard deviations, 0 from `BIWEIGHT` on."""
+    return np.asarray((1.0 - np.minimum(deviate / BIWEIGHT, 1.0) ** 2) ** 2)
+
+
+@cache
+def scatter(freedom: int) -> float:
+    """Weighted mean square of a component, in its variance, where nothing is wrong: E[w d^2] / (m E[w]), d^2 chi-squared with m degrees of
+    freedom. By it a weighted scatter becomes a variance."""
+
+    def mean(power: int) -> float:
+        def part(d: float) -> float:
+            weight = biweights(normal_deviates(np.array([d * d]), np.array([freedom])))[0]
+            return float(weight * d**power * 2.0 * d * scipy.stats.chi2.pdf(d * d, freedom))
+
+        return float(scipy.integrate.quad(part, 0.0, 12.0, limit=200)[0])
+
+    return mean(2) / (freedom * mean(0))
+
+
+def trust(square: FloatArray, freedom: IntArray, weight: FloatArray, told: float) -> float:
+    """What a least squares with weighted blocks is worth, in the information that it seems to have: 1.04 where nothing is wrong.
+
+    square (n,): d^2 of every block with m components, freedom (n,), of which weight (n,) follows; told: how many unknowns they determine.
+    The sandwich of an equation sum w(d) J' V^-1 r = 0 (Huber and Ronchetti, Robust Statistics, 2009, 6.3 and 7.6) is, with means over all
+    components, b / (a^2 n) times (J' V^-1 J / n)^-1, a = E[w + d w'/m], b = E[w^2 d^2/m], both times 1 + told/n var(w + d w'/m)/a^2 for few
+    of them. A least squares with weights states 1 / (n E[w]) instead. Which blocks have lost their weight stays in its normal equations:
+    where all blocks of one kind are bad, what only they tell is told by nothing.
+    """
+    d, m = np.sqrt(square), freedom.astype(np.float64)
+    z = normal_deviates(square, freedom)
+    share = np.minimum(z / BIWEIGHT, 1.0)
+    # two-sided tails are equal, and so are their changes: how z goes with d
+    steepness = 2.0 * d * scipy.stats.chi2.pdf(square, freedom) / np.maximum(2.0 * scipy.stats.norm.pdf(z), 1e-300)
+    slope = weight - d / m * 4.0 * share / BIWEIGHT * (1.0 - share**2) * steepness
+    a, mean = float(np.average(slope, weights=m)), float(np.average(weight, weights=m))
+    expected = np.array([scatter(int(k)) for k in freedom])
+    # errors smaller than stated make nothing better than stated
+    size = min(float((weight @ square) / (weight @ (m * expected))), 1.0)
+    b = float((weight**2) @ square / m.sum()) / size
+    few = 1.0 + told / m.sum() * float(np.average((slope - a) ** 2, weights=m)) / a**2
+    return a**2 / (b * mean * few**2)

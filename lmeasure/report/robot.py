@@ -11,13 +11,15 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.report import html
 from lmeasure.report.words import axes, unit
-from lmeasure.robots.identify import Identified
+from lmeasure.robots.identify import HALF, Identified
 from lmeasure.robots.workspace import Workspace
 from lmeasure.saying import ENGLISH, Say
 
 ARROWS = 0.1
 """Of the measured places' extent: length at which the largest error is drawn."""
 BEFORE, AFTER = "#d55e00", "#0072b2"
+MOST_NAMED = 40
+"""Rows with their weights; all of them are in identified.json."""
 
 
 def write_robot_page(
@@ -35,6 +37,7 @@ def write_robot_page(
         body += _by_joint(found, np.flatnonzero(used), after, say)
     if over is not None:
         body += _workspace(over, record["workspace"], say, with_code=not (record["learning_curve"] or used.any()))
+    body += _weights(found, say)
     body += _worth(record["worth_freeing"], say)
     if record["unobservable"]:
         texts = "".join(f"<li>{html.text(say.told(u['text']))}</li>" for u in record["unobservable"])
@@ -140,6 +143,32 @@ def _by_joint(found: Identified[Any], rows: Any, after: FloatArray, say: Say) ->
         html.figure(figure, "joints", first=False, language=say.language),
         html.table(header, mean),
     ]
+
+
+def _weights(found: Identified[Any], say: Say) -> list[str]:
+    """How the weights of all rows spread, and rows that count for less than half, those that count least first."""
+    if found.settings.weights != "biweight":
+        return []
+    weight, errors = found.weight, np.linalg.norm(found.errors_mm(), axis=1)
+    few = np.flatnonzero(weight < HALF)
+    few = few[np.argsort(weight[few], kind="stable")][:MOST_NAMED]
+    figure = go.Figure(go.Histogram(x=weight, xbins={"start": 0.0, "end": 1.05, "size": 0.05}, marker_color=AFTER))
+    figure.update_layout(xaxis_title=say("weight"), yaxis_title=say("rows"), height=320)
+    about = say(
+        "{rows:.1f} of {all} rows: each counts by Tukey's biweight of what all others say of it.", rows=weight.sum(), all=len(weight)
+    )
+    parts = [
+        html.heading(say("Weights of rows")),
+        html.paragraph(about),
+        html.figure(figure, "weights", first=False, language=say.language),
+    ]
+    if not len(few):
+        return parts
+    rows = [
+        (found.rows.names[i], say.number(weight[i], ".2g"), "" if np.isnan(errors[i]) else say.number(errors[i], ".4f"))
+        for i in few.tolist()
+    ]
+    return [*parts, html.table((say("row"), say("weight"), say("off, mm")), rows)]
 
 
 def _workspace(over: Workspace, told: dict[str, Any], say: Say, *, with_code: bool) -> list[str]:

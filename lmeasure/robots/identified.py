@@ -60,6 +60,7 @@ def record(
         "schema": SCHEMA,
         "robot": found.nominal.name,
         "freed": list(found.settings.free),
+        "weights": found.settings.weights,
         "parameters": parameters,
         "covariance": fit.covariance[: unknowns.asked, : unknowns.asked].tolist(),
         "base": _pose(state.base),
@@ -69,6 +70,7 @@ def record(
         "noise": {"position_mm": found.noise.position_mm if found.tells_noise else None, "rotation_deg": _rotation_noise(found)},
         "equations": fit.equations,
         "freedom": fit.freedom,
+        "rows": float(found.weight.sum()),
         "unobservable": [{"direction": s.direction, "text": s.text, "finding": s.said.stated()} for s in silent],
         "residuals": _residuals(found),
         "held_out": None if held is None else _held_out(held),
@@ -105,6 +107,8 @@ def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Not
     lines = []
     if len(after):
         lines.append(f"{found.kept.sum()} rows; errors {before.mean():.4f} mm before, {after.mean():.4f} after, in the mean")
+    if found.settings.weights == "biweight":
+        lines.append(f"weighed by Tukey's biweight: they count as {found.weight.sum():.1f} rows")
     lines.append(f"freed: {', '.join(found.settings.free)}")
     told = determined(found.fit)[: len(found.fit.problem.unknowns.own)]
     lines.append(f"{told.sum()} of {len(told)} parameters determined by the measurements, the others held by their nominal values")
@@ -136,9 +140,10 @@ def _rotation_noise(found: Identified[Any]) -> float | None:
 def _residuals(found: Identified[Any]) -> list[dict[str, Any]]:
     rows, errors = found.rows, found.errors_mm()
     lengths = found.fit.problem.unknowns.residuals(found.fit.x, rows)[:, 3]
-    out = []
+    out, weight = [], found.weight
     for i, name in enumerate(rows.names):
         one: dict[str, Any] = {"name": name, "target": rows.targets[rows.target_of[i]], "used": bool(found.kept[i])}
+        one["weight"] = float(weight[i])
         one |= {"mm": errors[i].tolist()} if rows.placed[i] else {"length_mm": float(lengths[i])}
         out.append(one)
     return out

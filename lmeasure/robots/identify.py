@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic
+from typing import Generic, Literal
 
 import numpy as np
 from scipy.stats import chi2, t
@@ -12,12 +12,13 @@ from lmeasure.accuracy.radius import radii_95
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
 from lmeasure.estimation.deletion import deletion_squares
+from lmeasure.findings import finding
 from lmeasure.robots.frame_start import find_frames
 from lmeasure.robots.measurements import LENGTH, POSITION, Measurements, measured, named_alike, repeated
 from lmeasure.robots.noted import Noted, noted
 from lmeasure.robots.parallel.leg_start import legs_at
 from lmeasure.robots.parallel.model import Parallel
-from lmeasure.robots.problem import LEAST_MM, Fit, Noise, Problem, with_noise
+from lmeasure.robots.problem import LEAST_MM, Fit, Noise, Problem, solved, weighted, with_noise
 from lmeasure.robots.unknowns import R, State, Unknowns
 from lmeasure.shown import DataFrame, Shown, framed
 
@@ -32,6 +33,8 @@ LEAST_SPARE = 2.0
 """Residuals beyond what they determine, with which they tell how exact robot and instrument are."""
 LEAST_POSES = 8
 """Measured with their orientation, from which on a mechanism's legs are fitted one by one to begin with."""
+HALF = 0.5
+"""Of a row: weight below which it is named. Of all rows: what their weights must leave."""
 ENOUGH = 30
 """Rows from which on it is told in which directions errors lie."""
 LINKS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -49,11 +52,13 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Settings:
-    """free: families of parameters, see `FAMILIES`; outliers: whether rows that the others contradict are set aside; seed: of starts."""
+    """free: families of parameters, see `FAMILIES`; outliers: whether rows that the others contradict are set aside; weights: whether the
+    others count alike, or each by Tukey's biweight of what all others say of it; seed: of starts."""
 
     free: tuple[str, ...] = ("links",)
     outliers: bool = True
     seed: int = 0
+    weights: Literal["cut", "biweight"] = "cut"
     own_noise: bool = True
     """Whether the robot errs beyond what is stated of the measurements; not where poses of both are stated."""
 
@@ -90,6 +95,14 @@ class Identified(Shown, Generic[R]):
         return framed({"name": unknowns.names, "value": unknowns.values(self.fit.x), "u": u})
 
     @property
+    def weight(self) -> FloatArray:
+        """(N,) with which every row counts, from 0 to 1."""
+        out = self.kept.astype(np.float64)
+        if self.fit.problem.weight is not None:
+            out[self.kept] = self.fit.problem.weight
+        return out
+
+    @property
     def noise(self) -> Noise:
         """What the robot itself adds."""
         return self.fit.problem.noise
@@ -102,10 +115,11 @@ class Identified(Shown, Generic[R]):
     @property
     def shape(self) -> FloatArray:
         """(3, 3) how errors of places lie in the instrument's frame, of trace 3: robots err more about some axes than about others."""
-        errors = self.errors_mm()[self.kept & self.rows.placed]
+        used = self.kept & self.rows.placed
+        errors = self.errors_mm()[used]
         if len(errors) < ENOUGH:
             return np.eye(3)
-        spread = errors.T @ errors
+        spread = (errors * self.weight[used, None]).T @ errors
         return np.asarray(3.0 * spread / np.trace(spread))
 
     def errors_mm(self) -> FloatArray:
@@ -145,7 +159,7 @@ def family(name: str) -> str:
 def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> Identified[R]:
     """Find the robot's parameters with the frames it stands and is measured in, of which nothing need be known.
 
-    RobotError where there are too few rows to find where the robot stands. What the rows cannot tell keeps its nominal value and the
+    RobotError where there are too few rows to find where the robot stands, or their weights leave too few. What the rows cannot tell keeps its nominal value and the
     uncertainty of that.
     """
     settings = settings or Settings()
@@ -160,9 +174,12 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     fit = with_noise(problem, _begun(robot, unknowns, problem.rows))
     if settings.outliers:
         fit, used = _without_outliers(fit, rows, kept, used)
+    if settings.weights == "biweight":
+        fit, used = _weighed(fit, rows, kept, used)
     findings += _outlying(fit, rows, kept, used)
     nominal = State(robot, frames.base, frames.targets, frames.stations)
     found = Identified(robot, fit, rows, used, (), nominal, settings)
+    findings += _doubted(found)
     if not fit.converged:
         findings.append(noted("not_converged", "not_converged"))
     if not settings.own_noise and chi2.sf(fit.chi2, fit.freedom) < MISFIT:
@@ -298,7 +315,7 @@ def _distances(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatA
     known = rows.known
     covariance = replace(problem, rows=rows).blocks
     explained = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) * (known[:, :, None] & known[:, None, :])
-    return deletion_squares(residuals, covariance, explained, used), np.asarray(known.sum(axis=1))
+    return deletion_squares(residuals, covariance, explained, used.astype(np.float64)), np.asarray(known.sum(axis=1))
 
 
 def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> tuple[Fit[R], BoolArray]:
@@ -318,6 +335,37 @@ def _without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: Bo
         used = now
         fit = with_noise(replace(fit.problem, rows=rows.of(np.flatnonzero(used))), fit.theta)
     return fit, used
+
+
+def _weighed(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> tuple[Fit[R], BoolArray]:
+    """The fit with all rows weighed, begun with those used, and which keep a weight. RobotError where there is not enough to weigh, or the
+    weights leave too little."""
+    of = np.flatnonzero(kept)
+    if fit.spare < LEAST_SPARE:
+        raise RobotError(
+            f"{fit.equations} measured values are used up by what they determine: nothing tells how much each row is to count; measure more "
+            "poses, or let all count alike"
+        )
+    fit = weighted(solved(replace(fit.problem, rows=rows.of(of), weight=used[of].astype(np.float64)), fit.theta))
+    weight = fit.problem.weight
+    assert weight is not None
+    if fit.spare < LEAST_SPARE or weight.sum() < HALF * len(of):
+        raise RobotError(
+            f"weights leave {weight.sum():.1f} of {len(of)} rows, too few: they contradict each other, and which of them are right cannot be told"
+        )
+    used = np.zeros(len(rows), np.bool_)
+    used[of[weight > 0.0]] = True
+    return solved(replace(fit.problem, rows=rows.of(np.flatnonzero(used)), weight=weight[weight > 0.0]), fit.theta), used
+
+
+def _doubted(found: Identified[R]) -> list[Noted]:
+    """Rows that count for less than half, those that count least first."""
+    weight = found.weight
+    few = np.flatnonzero(found.kept & (weight < HALF))
+    rows = tuple(
+        finding("identify.row_weight", row=found.rows.subject(i), weight=float(weight[i])) for i in few[np.argsort(weight[few])].tolist()
+    )
+    return [noted("down-weighted", "down_weighted", value=float(len(few)), count=len(few), rows=rows)] if len(few) else []
 
 
 def _outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> list[Noted]:

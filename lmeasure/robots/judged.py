@@ -8,9 +8,10 @@ from scipy.stats import chi2
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.estimation.deletion import fall_test
+from lmeasure.estimation.robust import scatter
 from lmeasure.robots.frame_start import Frames
 from lmeasure.robots.identify import FAMILIES, Identified, Prediction, family, predict
-from lmeasure.robots.problem import Fit, Problem, with_noise
+from lmeasure.robots.problem import Fit, Problem, solved, weighted, with_noise
 from lmeasure.robots.unknowns import R, Unknowns
 
 FOLDS = 5
@@ -26,8 +27,8 @@ MOST_ROWS = 500
 class HeldOut:
     """Errors (k,) [mm] and u95 (k,) at rows (k,) that were held out in turn.
 
-    misfit: rms of the errors in units of what was stated of them, 1 at least: a model that lacks something fits its own rows better than
-    others, the more the farther these lie apart. u95_mm is widened by it, as are predictions of an identification that knows it.
+    misfit: rms of the errors in units of what was stated of them, rows counted by their weights, 1 at least: a model that lacks something
+    fits its own rows better than others, the more the farther these lie apart. u95_mm is widened by it, as are predictions of an identification that knows it.
     """
 
     rows: IntArray
@@ -61,7 +62,7 @@ def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut
     order = np.random.default_rng(seed).permutation(rows)
     parts = np.array_split(order, folds)
     other = np.flatnonzero(found.kept & ~found.rows.placed)
-    least = found.fit.equations * (1.0 - 1.0 / folds)
+    least = found.fit.counted * (1.0 - 1.0 / folds)
     if len(rows) < 2 * folds or least < _unknown(found.fit) + 6:
         return None
     errors, radii, squares = np.empty(len(order)), np.empty(len(order)), np.empty(len(order))
@@ -73,7 +74,11 @@ def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut
         at = [place[int(row)] for row in part]
         errors[at], radii[at] = error, predicted.u95_mm
         squares[at] = error**2 / np.einsum("nii->n", predicted.covariance)
-    misfit = max(1.0, float(np.sqrt(squares.mean())))
+    weight = found.weight[order]
+    # what weights take from the errors of a robot of which nothing is wrong is no fit
+    if found.fit.problem.weight is not None:
+        squares = squares / np.array([scatter(int(m)) for m in found.rows.known[order].sum(axis=1)])
+    misfit = max(1.0, float(np.sqrt(np.average(squares, weights=weight))))
     return HeldOut(order, errors, misfit * radii, misfit)
 
 
@@ -106,7 +111,7 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
             theta[i] = fit.theta[inside[p.name]]
     frames = len(fit.theta) - len(inside)
     theta[len(every) :] = fit.theta[len(inside) :] if frames else theta[len(every) :]
-    problem = Problem(wide, fit.problem.rows, fit.problem.noise)
+    problem = Problem(wide, fit.problem.rows, fit.problem.noise, weight=fit.problem.weight, trust=fit.problem.trust)
     residuals, jacobian = problem.whitened(problem.linearised(theta))
     prior = 1.0 / (wide.width / wide.size) ** 2
     now = np.array([p.name in inside for p in every] + [True] * frames)
@@ -147,11 +152,15 @@ def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> in
 
 
 def _unknown(fit: Fit[R]) -> float:
-    return fit.equations - fit.freedom
+    return fit.counted - fit.freedom
 
 
 def _refitted(found: Identified[R], rows: IntArray) -> Identified[R]:
-    fit = with_noise(replace(found.fit.problem, rows=found.rows.of(rows)), found.fit.theta)
+    problem = replace(found.fit.problem, rows=found.rows.of(rows))
+    if problem.weight is None:
+        fit = with_noise(problem, found.fit.theta)
+    else:
+        fit = weighted(solved(replace(problem, weight=found.weight[rows]), found.fit.theta))
     kept = np.zeros(len(found.rows), np.bool_)
     kept[rows] = True
     return replace(found, fit=fit, kept=kept)

@@ -12,7 +12,9 @@ import numpy as np
 
 from lmeasure import estimation
 from lmeasure.arrays import FloatArray
+from lmeasure.estimation.deletion import deletion_squares
 from lmeasure.estimation.normal_equations import Optimum, optimum
+from lmeasure.estimation.robust import EXCLUDED, biweights, normal_deviates, scatter, trust
 from lmeasure.robots.measurements import POSITION, ROTATION, Measurements
 from lmeasure.robots.unknowns import R, Unknowns
 
@@ -20,6 +22,9 @@ LEAST_MM, LEAST_RAD = 1e-6, 1e-9
 """Least noise where none is stated: exact numbers are weighed as rounded to a nanometre."""
 ROUNDS = 12
 SETTLED = 1e-3
+WEIGHT_ROUNDS = 40
+NORMAL_MEDIAN = 0.6745
+"""Of |z|."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,10 @@ class Problem(estimation.Problem, Generic[R]):
     noise: Noise
     own_noise: bool = True
     """Whether the noise is looked for in the residuals, or as it is."""
+    weight: FloatArray | None = None
+    """(N,) by which rows count, `estimation.robust.biweights` of what all others say of them; None: all alike."""
+    trust: float = 1.0
+    """What the weighted rows are worth together (`estimation.robust.trust`)."""
     parameters: estimation.Parameters = field(init=False, compare=False, repr=False)
     """The unknowns as changes, about nothing."""
 
@@ -72,8 +81,13 @@ class Problem(estimation.Problem, Generic[R]):
         """(e, e)."""
         known = self.rows.known
         row, component = np.nonzero(known)
-        of = self.blocks[row[:, None], component[:, None], component[None, :]]
+        of = self.blocks[row[:, None], component[:, None], component[None, :]] / np.maximum(self.counts, EXCLUDED)[row][:, None]
         return np.where(row[:, None] == row[None, :], of, 0.0)
+
+    @property
+    def counts(self) -> FloatArray:
+        """(N,) how much the rows' information counts."""
+        return np.ones(len(self.rows)) if self.weight is None else self.trust * self.weight
 
     @cached_property
     def blocks(self) -> FloatArray:
@@ -86,11 +100,11 @@ class Problem(estimation.Problem, Generic[R]):
     @cached_property
     def _whitening(self) -> FloatArray:
         """(N, 6, 6), or (N, 6, 1) where no component is correlated with another."""
-        C = self.blocks
+        C, root = self.blocks, np.sqrt(self.counts)[:, None, None]
         variance = np.einsum("nii->ni", C)
         if np.count_nonzero(C) == variance.size:
-            return np.asarray(1.0 / np.sqrt(variance)[:, :, None])
-        return np.linalg.inv(np.linalg.cholesky(C))
+            return np.asarray(root / np.sqrt(variance)[:, :, None])
+        return np.asarray(root * np.linalg.inv(np.linalg.cholesky(C)))
 
     def linearised(self, theta: FloatArray) -> "Linear":
         """What the unknowns predict at theta (p,) and near it."""
@@ -124,9 +138,15 @@ class Fit(Optimum[Linear], Generic[R]):
     problem: Problem[R]
 
     @property
+    def counted(self) -> float:
+        """Residuals, each as much as the weight of its row."""
+        weight = self.problem.weight
+        return float(self.equations) if weight is None else float(weight @ self.problem.rows.known.sum(axis=1))
+
+    @property
     def spare(self) -> float:
-        """Residuals less what they determine."""
-        return self.equations - self.told
+        """The same less what they determine."""
+        return self.counted - self.told
 
     @property
     def freedom(self) -> float:
@@ -159,6 +179,36 @@ def with_noise(problem: Problem[R], start: FloatArray) -> Fit[R]:
     return fit
 
 
+def weighted(fit: Fit[R]) -> Fit[R]:
+    """The optimum with every row weighed by Tukey's biweight of what all others say of it, begun with the weights that the fit has.
+
+    Weights and the robot's noise are found together. Judged first by the median of all rows, which half of them may spoil: a noise that
+    was found with bad rows among the others would hide them.
+    """
+    components = fit.problem.rows.known.sum(axis=1)
+    seen, middle = components > 0, 1.0
+    for again in range(WEIGHT_ROUNDS):
+        square = distances(fit)
+        z = normal_deviates(square[seen], components[seen])
+        middle = float(np.median(z)) / NORMAL_MEDIAN if not again else 1.0
+        weight = np.zeros(len(components))
+        weight[seen] = biweights(z / middle)
+        before = fit.problem.weight
+        problem = replace(fit.problem, weight=weight, trust=trust(square[seen], components[seen], weight[seen], fit.told))
+        problem = replace(problem, noise=_noise(replace(fit, problem=problem))) if problem.own_noise else problem
+        fit = solved(problem, fit.theta, fit.at)
+        if before is not None and np.abs(weight - before).max() < SETTLED:
+            break
+    return fit
+
+
+def distances(fit: Fit[R]) -> FloatArray:
+    """(N,) squared distance of each row's residual, in a fit without it, from nothing in its own covariance."""
+    problem, known = fit.problem, fit.problem.rows.known
+    explained = fit.at.jacobian @ fit.covariance @ np.swapaxes(fit.at.jacobian, 1, 2) * (known[:, :, None] & known[:, None, :])
+    return deletion_squares(np.where(known, fit.at.residuals, 0.0), problem.blocks, explained, problem.counts)
+
+
 def _noise(fit: Fit[R]) -> Noise:
     """Moments: a component's residual has the variance (stated + robot's)(1 - leverage)."""
     problem = fit.problem
@@ -168,17 +218,23 @@ def _noise(fit: Fit[R]) -> Noise:
     explained[known] = ((jacobian @ fit.covariance) * jacobian).sum(axis=1)
     total = np.einsum("nii->ni", problem.blocks)
     stated = np.einsum("nii->ni", problem.rows.covariance)
+    counts = problem.counts[:, None]
+    # what is left of a component that is used up to determine the unknowns tells nothing of noise
+    share = explained / total
+    left = np.clip((1.0 - counts * share) * (1.0 - counts * share + share), 1e-3, 1.0)
+    weight, of_normal = np.ones(len(known)), np.ones(len(known))
+    if problem.weight is not None:
+        weight, of_normal = problem.weight, np.array([scatter(int(m)) if m else 1.0 for m in known.sum(axis=1)])
     out = []
     for own, least in ((POSITION, LEAST_MM), (ROTATION, LEAST_RAD)):
-        of = problem.rows.known[:, own]
+        of = known[:, own]
         if not of.any():
             out.append(least)
             continue
-        r, c, v = fit.at.residuals[:, own][of], stated[:, own][of], total[:, own][of]
-        # what is left of a component that is used up to determine the unknowns tells nothing of noise
-        left = np.clip(1.0 - explained[:, own][of] / v, 1e-3, 1.0)
-        weight = 1.0 / v**2
-        out.append(max(float(weight @ (r**2 - c * left)) / float(weight @ left), 0.0) ** 0.5)
+        r, c, v, spared = fit.at.residuals[:, own][of], stated[:, own][of], total[:, own][of], left[:, own][of]
+        times, normal = (np.broadcast_to(x[:, None], of.shape)[of] for x in (weight, of_normal))
+        times = times / v**2
+        out.append(max(float(times @ (r**2 / normal - c * spared)) / float(times @ spared), 0.0) ** 0.5)
         if not c.all():
             out[-1] = max(out[-1], least)
     return Noise(out[0], out[1])

@@ -45,6 +45,12 @@ class Settings(Asked):
     u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
     keep_outliers: Annotated[bool, option("Use rows that the others contradict, too.")] = False
+    weights: Annotated[
+        Literal["cut", "biweight"],
+        option(
+            "How rows count that the others contradict: set aside or as all others, or each by Tukey's biweight of what the others say."
+        ),
+    ] = "cut"
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     seed: Annotated[int, option("Seed of starts, folds and random sets.", ge=0)] = 0
 
@@ -77,6 +83,10 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     if unknown:
         known = ", ".join((*FAMILIES, "harmonics"))
         raise SettingsError("free", f"{unknown[0]!r} is nothing that can be freed; known: {known}")
+    if settings.keep_outliers and settings.weights == "biweight":
+        raise SettingsError(
+            "keep_outliers", "with --weights biweight every row has the weight that the others leave it; state one of the two"
+        )
     out, columns = settings.out, columns_of(settings.columns)
     robot = nominal(settings.robot, settings.tip)
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
@@ -91,12 +101,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     mend = mended(robot, rows, settings.seed)
     progress(0.2, "identifying")
     families = tuple(dict.fromkeys(("links", *(("harmonics",) if settings.harmonics else ()), *settings.free)))
-    chosen = Chosen(families, not settings.keep_outliers, settings.seed)
-    if settings.free or settings.harmonics:
-        found = identify(mend.robot.model, mend.rows, chosen)
-    else:
-        found = identify_with_choice(mend.robot.model, mend.rows, chosen)
+    chosen = Chosen(families, not settings.keep_outliers, settings.seed, weights=settings.weights)
     try:
+        if settings.free or settings.harmonics:
+            found = identify(mend.robot.model, mend.rows, chosen)
+        else:
+            found = identify_with_choice(mend.robot.model, mend.rows, chosen)
         check_foreign(found)
     except RobotError as error:
         raise RobotError(f"{settings.measurements}: robot {robot.name!r}: {error}") from None

@@ -177,6 +177,7 @@ LABELS = {
     "u_rotation_deg": "Uncertainty of a rotation (k = 1)",
     "uncertainty": "Method of uncertainty",
     "web": "In a browser",
+    "weights": "How rows count",
     "within_mm": "Allowed contradiction",
     "workbench.folder": "Project folder",
     "workers": "Threads",

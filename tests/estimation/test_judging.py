@@ -11,7 +11,7 @@ from problems import Line, Readings
 from lmeasure.estimation import fit
 from lmeasure.estimation.deletion import Deletion, held_out
 from lmeasure.estimation.explanations import Evidence, Explained, Explanation, embedded, evidence, explained, improbable, settled
-from lmeasure.estimation.robust import EXCLUDED, Group, _normal_deviate, robust_fit
+from lmeasure.estimation.robust import EXCLUDED, Group, normal_deviates, robust_fit
 
 FloatArray = NDArray[np.float64]
 
@@ -157,11 +157,11 @@ def test_a_robust_loss_takes_back_the_group_that_is_wrong() -> None:
 
 
 def test_a_misfit_is_told_by_the_normal_deviate_as_improbable() -> None:
-    assert _normal_deviate(4.0, 1) == pytest.approx(2.0)
-    for freedom in (2, 3, 7):
-        assert 2.0 * scipy.stats.norm.sf(_normal_deviate(9.0, freedom)) == pytest.approx(scipy.stats.chi2.sf(9.0, freedom))
-    # beyond doubles' reach
-    assert _normal_deviate(1e6, 3) == pytest.approx(1000.0)
+    # the last beyond doubles' reach
+    square, freedom = np.array([4.0, 9.0, 9.0, 9.0, 1e6]), np.array([1, 2, 3, 7, 3])
+    deviate = normal_deviates(square, freedom)
+    assert deviate[[0, -1]] == pytest.approx([2.0, 1000.0])
+    assert 2.0 * scipy.stats.norm.sf(deviate[1:4]) == pytest.approx(scipy.stats.chi2.sf(9.0, freedom[1:4]))
 
 
 @dataclass(frozen=True)

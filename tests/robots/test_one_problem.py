@@ -68,7 +68,7 @@ def test_shared_errors_as_unknowns_and_in_a_dense_covariance_are_the_same() -> N
     start = one.problem.unknowns.start
     frames = Frames(start.base, start.targets, start.stations, 0.0, np.ones(len(rows), np.bool_))
     unknowns = Unknowns(start.robot, one.problem.unknowns.freed, frames, own)
-    problem = Correlated(unknowns, own, one.problem.noise, False, rows.systematic[rows.known])
+    problem = Correlated(unknowns, own, one.problem.noise, False, shared=rows.systematic[rows.known])
     dense = estimation.fit(problem, problem.start, prior_everywhere=True)
     asked = one.problem.unknowns.asked
     u = np.sqrt(np.diag(one.covariance))[:asked]
