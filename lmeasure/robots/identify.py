@@ -159,8 +159,8 @@ def family(name: str) -> str:
 def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> Identified[R]:
     """Find the robot's parameters with the frames it stands and is measured in, of which nothing need be known.
 
-    RobotError where there are too few rows to find where the robot stands, or their weights leave too few. What the rows cannot tell keeps its nominal value and the
-    uncertainty of that.
+    RobotError where there are too few rows to find where the robot stands, or their weights leave too few. What the rows
+    cannot tell keeps its nominal value and the uncertainty of that.
     """
     settings = settings or Settings()
     rows, findings = _reached(robot, rows)
@@ -343,15 +343,16 @@ def _weighed(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) 
     of = np.flatnonzero(kept)
     if fit.spare < LEAST_SPARE:
         raise RobotError(
-            f"{fit.equations} measured values are used up by what they determine: nothing tells how much each row is to count; measure more "
-            "poses, or let all count alike"
+            f"{fit.equations} measured values are used up by what they determine: nothing tells how much each row is to count; measure "
+            "more poses, or let all count alike"
         )
     fit = weighted(solved(replace(fit.problem, rows=rows.of(of), weight=used[of].astype(np.float64)), fit.theta))
     weight = fit.problem.weight
     assert weight is not None
     if fit.spare < LEAST_SPARE or weight.sum() < HALF * len(of):
         raise RobotError(
-            f"weights leave {weight.sum():.1f} of {len(of)} rows, too few: they contradict each other, and which of them are right cannot be told"
+            f"weights leave {weight.sum():.1f} of {len(of)} rows, too few: they contradict each other, and which of them are right cannot "
+            "be told"
         )
     used = np.zeros(len(rows), np.bool_)
     used[of[weight > 0.0]] = True

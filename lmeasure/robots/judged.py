@@ -28,7 +28,8 @@ class HeldOut:
     """Errors (k,) [mm] and u95 (k,) at rows (k,) that were held out in turn.
 
     misfit: rms of the errors in units of what was stated of them, rows counted by their weights, 1 at least: a model that lacks something
-    fits its own rows better than others, the more the farther these lie apart. u95_mm is widened by it, as are predictions of an identification that knows it.
+    fits its own rows better than others, the more the farther these lie apart. u95_mm is widened by it, as are predictions
+    of an identification that knows it.
     """
 
     rows: IntArray
