@@ -1,6 +1,6 @@
 """The workbench's live page over hours: from a frame on the bus to its figures on the screen, and what grows meanwhile.
 
-`python benchmarks/workbench_live.py [--minutes 60] [--rate 1000]` plays six channels on a bus of this machine, records them from the page
+`python benchmarks/workbench_live.py [--minutes 60] [--rate 1000] [--kept rows.csv]` plays six channels on a bus of this machine, records them from the page
 in a headless Chromium, and looks every few seconds at the median that the page states and at the memory of the server, the recorder and
 the browser. It prints how they end, their slopes over the second half, and whether the recorder lost anything.
 """
@@ -24,7 +24,8 @@ from browser import Page, opened  # noqa: E402
 
 from lmeasure.counts import read_counts  # noqa: E402
 from lmeasure.rig import write_rig  # noqa: E402
-from lmeasure.simulation import cell_rig  # noqa: E402
+from lmeasure.simulation import cell_rig
+from lmeasure.workbench.forms import own_bus  # noqa: E402
 
 EVERY_S = 5.0
 MB = 2**20
@@ -57,8 +58,8 @@ def heap(page: Page) -> float:
     return float(page.call("Runtime.getHeapUsage")["usedSize"]) / MB
 
 
-def measure(folder: Path, minutes: float, rate_hz: float) -> dict[str, Any]:
-    """The table of what was seen, and what the recorder says in the end."""
+def measure(folder: Path, minutes: float, rate_hz: float, kept: Path | None = None) -> dict[str, Any]:
+    """The table of what was seen, kept in a file as it grows, and what the recorder says in the end."""
     write_rig(folder / "rig.toml", cell_rig(0))
     with served(folder) as address, opened(address, folder / ".profile") as page:
         base, token = address.split("/?token=")
@@ -71,22 +72,25 @@ def measure(folder: Path, minutes: float, rate_hz: float) -> dict[str, Any]:
         def begin(command: str, **settings: Any) -> int:
             return int(ask("/api/jobs", {"command": command, "settings": settings})["number"])
 
-        bus = "udp_multicast:239.74.200.9"
+        bus = own_bus(folder)
         cell = begin("play", rig="rig.toml", bus=bus, rate_hz=rate_hz)
         until(lambda: "cell" in ask(f"/jobs/{cell}/last")["last"], 180.0)
         job = begin("record", rig="rig.toml", bus=bus, out="run", start="0,0,0,90,-90,0")
         until(lambda: ask(f"/jobs/{job}/last")["last"].get("live", {}).get("samples", 0) > 100, 180.0)
         page.go(f"{base}/jobs/{job}")
         rows = []
-        server, recorder = processes("workbench\0" + str(folder)), processes("--out\0run")
+        server = processes("workbench\0" + str(folder))
+        recorder = [int(json.loads((folder / f".workbench/jobs/{job:04}/asked.json").read_text())["process"])]
         begun = time.monotonic()
         while time.monotonic() - begun < 60.0 * minutes:
-            if not any(o["moves"] for o in [ask(f"/jobs/{cell}/last")["last"]["cell"]]):
+            if not ask(f"/jobs/{cell}/last")["last"]["cell"]["moves"]:
                 ask(f"/api/jobs/{cell}", {"line": "run"})
             time.sleep(EVERY_S)
             median = page.evaluate("document.getElementById('live-screen').textContent")
             memory = [sum(map(resident, pids)) for pids in (server, recorder, processes(str(folder / ".profile")))]
             rows.append([time.monotonic() - begun, float(median) if median != "–" else np.nan, *memory, heap(page)])
+            if kept is not None:
+                np.savetxt(kept, rows, "%.3f", ",", header="seconds,frame_to_screen_ms,server_mb,recorder_mb,browser_mb,scripts_mb", comments="")
         last = ask(f"/jobs/{job}/last")["last"]["live"]
         with urlopen(Request(f"{base}/api/jobs/{job}", method="DELETE", headers={"Authorization": f"Bearer {token}"})):
             pass
@@ -101,9 +105,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--kept", type=Path, help="a .csv that the table is written to while it grows")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        told = measure(Path(name), asked.minutes, asked.rate)
+        told = measure(Path(name), asked.minutes, asked.rate, asked.kept)
     rows, last = told["rows"], told["last"]
     print(f"{told['samples']} samples in {told['seconds']:.0f} s ({told['samples'] / told['seconds']:.0f}/s of {asked.rate:g} asked)")
     print(f"frames lost {last['lost']}, samples with an empty cell {told['gaps']}, faults {last['faults'] or 'none'}")
@@ -111,7 +116,8 @@ def main() -> None:
     half = rows[len(rows) // 2 :]
     for j, what in enumerate(("server", "recorder", "browser", "scripts of the page"), 2):
         slope = np.polyfit(half[:, 0], half[:, j], 1)[0] * 3600.0 if len(half) > 2 else np.nan
-        print(f"{what:20s} {rows[0, j]:8.1f} MB at first, {rows[-1, j]:8.1f} in the end, {slope:+8.2f} MB/h over the second half")
+        at = " ".join(f"{rows[i, j]:8.1f}" for i in (0, len(rows) // 2, -1))
+        print(f"{what:20s} {at} MB at first, in the middle, in the end; {slope:+8.2f} MB/h over the second half")
 
 
 if __name__ == "__main__":

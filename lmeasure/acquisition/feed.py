@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
 """Data lengths a frame can have."""
 
-LATE = 0.5
-"""Of the time between two rows, by which a row may come early after one that came late."""
+CLOSEST = 0.5
+"""Of the time between two rows: no two come closer to each other, where those behind a late one catch up."""
+BEHIND_S = 0.5
+"""How late a row may be for those behind it to catch up: a machine that slept does not hurry."""
 
 _places = itertools.count()
 
@@ -82,22 +84,31 @@ def send(frames: Frames, bus: "can.BusABC", *, paced: bool, stop: threading.Even
     return sent
 
 
-def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: "can.BusABC", *, rate_hz: float, due: float) -> float:
-    """Send rows of counts (n, m) one by one at the rate, a SYNC and its answers each, the first at `due` by time.perf_counter; when the one
-    behind them is due.
+class Pace:
+    """When rows are due, from now on, so many a second; now and sleep are the clock."""
 
-    Where the machine has kept this program waiting the next row is late, and not two of them come at once: no drum turns as fast.
-    """
-    messages = list(messages_from_frames(frames_from_counts(np.arange(len(rows)) / rate_hz, rows, fields, sync_id)))
+    def __init__(self, rate_hz: float, now: Callable[[], float] = time.perf_counter, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._period, self._now, self._sleep = 1.0 / rate_hz, now, sleep
+        self._due = self._sent = now()
+
+    def wait(self) -> None:
+        """Until the next row is due. Where the machine has kept this program waiting, rows come at up to twice the rate until they are in
+        time again: over a minute they are as many as were asked for, and no drum seems to turn twenty times as fast."""
+        ahead = max(self._due, self._sent + CLOSEST * self._period) - self._now()
+        if ahead > 0:
+            self._sleep(ahead)
+        self._sent = self._now()
+        self._due = max(self._due + self._period, self._sent - BEHIND_S)
+
+
+def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: "can.BusABC", pace: Pace) -> None:
+    """Send rows of counts (n, m) one by one when they are due, a SYNC and its answers each."""
+    messages = list(messages_from_frames(frames_from_counts(np.arange(len(rows), dtype=np.float64), rows, fields, sync_id)))
     per = len(messages) // len(rows)
     for k in range(len(rows)):
-        wait = due - time.perf_counter()
-        if wait > 0:
-            time.sleep(wait)
+        pace.wait()
         for message in messages[k * per : (k + 1) * per]:
             bus.send(message)
-        due = max(due, time.perf_counter() - LATE / rate_hz) + 1.0 / rate_hz
-    return due
 
 
 def virtual_place() -> str:

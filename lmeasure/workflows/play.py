@@ -1,6 +1,5 @@
 """A simulated cell that speaks on a bus and does what it is told."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -63,7 +62,7 @@ def run(
     """Play until nobody types any more, or without keys until Ctrl-C. say takes lines for a person, keys gives what the person types, show
     is told of the cell."""
     from lmeasure.acquisition.decoders import counter_fields
-    from lmeasure.acquisition.feed import play
+    from lmeasure.acquisition.feed import Pace, play
     from lmeasure.acquisition.session import options_from_text
     from lmeasure.acquisition.sources import bus_opener
     from lmeasure.rig import read_rig
@@ -79,7 +78,7 @@ def run(
     if bus.recv(SILENT_S) is not None:
         bus.shutdown()
         raise LMeasureError(f"{settings.bus}: somebody speaks there already, such as another simulated cell; end it, or choose another bus")
-    rows, due = 0, time.perf_counter()
+    rows, pace = 0, Pace(settings.rate_hz)
     at_once = max(1, round(AT_ONCE_S * settings.rate_hz))
     say(f"{rig.name} speaks on {settings.bus}, {settings.rate_hz:g} samples/s of {', '.join(f.channel for f in fields)}")
     try:
@@ -92,7 +91,7 @@ def run(
                 progress(0.0, "playing")
             except CancelledError:
                 break
-            due = play(cell.take(at_once), fields, rig.can_table.sync_id, bus, rate_hz=settings.rate_hz, due=due)
+            play(cell.take(at_once), fields, rig.can_table.sync_id, bus, pace)
             rows += at_once
     finally:
         bus.shutdown()

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lmeasure.acquisition.feed import record_feed
+from lmeasure.acquisition.feed import BEHIND_S, CLOSEST, Pace, record_feed
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import rig_from_dict
@@ -62,3 +62,24 @@ def test_a_missing_count_is_not_sent() -> None:
     recorded[1, 2] = np.nan
     with pytest.raises(AcquisitionError, match="sample 1: has no count"):
         record_feed(rig, Counts(np.arange(3.0), rig.channels, recorded))
+
+
+def test_rows_behind_a_late_one_catch_up_and_never_come_all_at_once() -> None:
+    """By a clock of its own, whose sleep is late now and then: as many rows as were asked for; after a long sleep, not those of the sleep."""
+    now, late = 0.0, {100: 0.02, 101: 0.004, 3000: 20.0}
+
+    def sleep(seconds: float) -> None:
+        nonlocal now
+        now += seconds + late.get(len(sent), 0.0)
+
+    sent: list[float] = []
+    pace = Pace(1000.0, lambda: now, sleep)
+    for _ in range(6000):
+        pace.wait()
+        sent.append(now)
+    apart = np.diff(sent)
+    assert apart.min() >= CLOSEST / 1000.0 - 1e-9
+    assert apart.max() >= 20.0
+    np.testing.assert_allclose([sent[99], sent[300], sent[2999]], [0.099, 0.300, 2.999], atol=1e-9)
+    # half a second of the sleep is caught up with, twice as fast
+    assert sent[-1] - sent[3000] == pytest.approx(2.998 - BEHIND_S, abs=1e-6)
