@@ -1,8 +1,9 @@
 """The workbench's live page over hours: from a frame on the bus to its figures on the screen, and what grows meanwhile.
 
-`python benchmarks/workbench_live.py [--minutes 60] [--rate 1000] [--kept rows.csv]` plays six channels on a bus of this machine, records them from the page
-in a headless Chromium, and looks every few seconds at the median that the page states and at the memory of the server, the recorder and
-the browser. It prints how they end, their slopes over the second half, and whether the recorder lost anything.
+`python benchmarks/workbench_live.py [--minutes 60] [--rate 1000] [--kept rows.csv]` plays six channels on a bus of this machine, records
+them from the page in a headless Chromium, and looks every few seconds at the median that the page states and at the memory of the server,
+the recorder and the browser. It prints how they are at first, in the middle and in the end, their slopes over the second half, and whether
+the recorder lost anything.
 """
 
 import argparse
@@ -24,10 +25,11 @@ from browser import Page, opened  # noqa: E402
 
 from lmeasure.counts import read_counts  # noqa: E402
 from lmeasure.rig import write_rig  # noqa: E402
-from lmeasure.simulation import cell_rig
+from lmeasure.simulation import cell_rig  # noqa: E402
 from lmeasure.workbench.forms import own_bus  # noqa: E402
 
 EVERY_S = 5.0
+COLUMNS = ("seconds", "frame_to_screen_ms", "server_mb", "recorder_mb", "browser_mb", "scripts_mb")
 MB = 2**20
 
 
@@ -90,7 +92,9 @@ def measure(folder: Path, minutes: float, rate_hz: float, kept: Path | None = No
             memory = [sum(map(resident, pids)) for pids in (server, recorder, processes(str(folder / ".profile")))]
             rows.append([time.monotonic() - begun, float(median) if median != "–" else np.nan, *memory, heap(page)])
             if kept is not None:
-                np.savetxt(kept, rows, "%.3f", ",", header="seconds,frame_to_screen_ms,server_mb,recorder_mb,browser_mb,scripts_mb", comments="")
+                np.savetxt(
+                    kept, rows, "%.3f", ",", header="seconds,frame_to_screen_ms,server_mb,recorder_mb,browser_mb,scripts_mb", comments=""
+                )
         last = ask(f"/jobs/{job}/last")["last"]["live"]
         with urlopen(Request(f"{base}/api/jobs/{job}", method="DELETE", headers={"Authorization": f"Bearer {token}"})):
             pass

@@ -47,10 +47,10 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
     with state_line(keys) as (say, show):
 
         def ask(step: "Step") -> str:
-            words = said("{text}, then press Enter", text=retold(step.text))
-            say(f"{step.number}/{step.of} {words}")
-            if events.asked():
-                events.tell("asked", text=words, number=step.number, of=step.of, act=step.act)
+            text = retold(step.text)
+            say(f"{step.number}/{step.of} " + said("{text}, then press Enter", text=text))
+            if events.asked():  # a page has a button for it
+                events.tell("asked", text=text, number=step.number, of=step.of, act=step.act)
             while not (lines := keys.typed()):
                 if keys.gone:
                     raise typer.Abort

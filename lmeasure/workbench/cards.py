@@ -62,11 +62,12 @@ FIRST = {
     "play": ("rig", "poses", "commands", "exchange"),
     "scan": ("bus", "seconds"),
     "record": ("rig", "bus", "out", "seconds", "start"),
-    "plan-poses": ("rig", "out", "poses"),
-    "capture": ("rig", "poses", "bus", "out", "by"),
+    "drum": ("measurements", "rig", "out"),
+    "plan-poses": ("rig", "out", "poses", "box", "tilt_deg", "u_position_mm", "u_rotation_deg"),
+    "capture": ("rig", "poses", "bus", "out", "by", "u_position_mm", "u_rotation_deg", "u_repeatability_mm"),
     "calibrate": ("folder", "out", "solve", "hold_out"),
     "zone": ("rig", "out", "report", "limit_deg", "u95_mm", "x", "y", "z"),
-    "place": ("task", "out"),
+    "place": ("rig", "task", "out"),
     "import": ("logs", "rig", "out", "start", "scan"),
     "reconstruct": ("run", "out"),
     "report": ("run", "out"),
@@ -117,6 +118,8 @@ VERBS = {
     "import": "Import",
     "certify": "Certify",
     "verify": "Verify",
+    "drum": "Work them out",
+    "place": "Search",
 }
 NEEDS = {
     "check": ("rig", "There is no rig yet: begin one on the page Rig."),
@@ -132,6 +135,7 @@ NEEDS = {
 }
 ONWARD = {
     "init": (("/rig", "Put in its dimensions"),),
+    "drum": (("/rig?file={out}", "Look at the rig"), ("/check", "Connect and check")),
     "demo": (("/?tour=1", "Take the tour"), ("/zone", "Zone and place"), ("/robot", "Robot and certificate")),
     "simulate": (
         ("/run/calibrate?folder={out}/calibration", "Find the observation points"),
@@ -142,7 +146,7 @@ ONWARD = {
     "capture": (("/calibrate#calibrate", "Find the observation points"),),
     "calibrate": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"),),
     "zone": (("/run/program?zone={out}", "Its largest cube as a test program"), ("/live", "Live"), ("/runs", "Runs")),
-    "place": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"),),
+    "place": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"), ("/rig?file={out}/rig.toml", "Look at the rig")),
     "record": (("/run/reconstruct?run={out}", "Reconstruct the trajectory"),),
     "import": (("/start/{out}", "Start pose"), ("/run/reconstruct?run={out}", "Reconstruct the trajectory")),
     "reconstruct": (

@@ -63,6 +63,7 @@ SUGGESTED = {
     ("import", "out"): "+runs/run",
     ("simulate", "out"): "+runs/simulated",
     ("plan-poses", "out"): "+calibration/planned.csv",
+    ("plan-poses", "poses"): "20",
     ("capture", "out"): "+calibration/poses",
     ("calibrate", "out"): "+calibration/rig",
     ("zone", "out"): "+zones/zone.nc",
@@ -80,7 +81,7 @@ SUGGESTED = {
     ("structure", "out"): "+structure.json",
 }
 """What a page fills in; after + a name that must be free."""
-TAKEN = {("play", "poses"), ("play", "commands")}
+TAKEN = {("play", "poses"), ("play", "commands"), ("plan-poses", "rig")}
 """What is not required, and taken where the project has it."""
 _SPLIT = re.compile(r"[,;=:\s]")
 _FLAG = re.compile(r"--[a-z][a-z0-9-]*")

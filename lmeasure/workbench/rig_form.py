@@ -1,9 +1,10 @@
-"""The rig file as a form: one field per value that the file states, and back, with the file's comments and order kept."""
+"""The rig file as a form, and those of its drums and of where its points may be put: one field per value that the file states, and back,
+with the file's comments and order kept."""
 
 import copy
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,10 +39,33 @@ HELP = {
     "groove_pitch_mm": "Axial travel in a turn; positive when paying out lengthens it.",
     "count_length_mm": "Cable of one count: a full wind's length over its counts.",
     "counts_per_revolution": "Counts of the encoder in one turn of the drum.",
+    "fixed_pulley_radius_mm": "Caliper over the groove's bottom, halved, plus half the cable.",
+    "centre_distance_mm": "Between the axes of drum and fixed pulley, square to them.",
+    "pulley_plane_mm": "Along the drum's axis, from its end face to the middle plane of the fixed pulley.",
+    "cable_end_mm": "From the same end face to where the cable is fastened.",
+    "full_wind_counts": "Counts that wind the cable up from its end until it is taut to the robot at the zero pose.",
     "count_sign": "1 when counts grow as cable is paid out, else -1; the self-test tells.",
 }
 _NUMBER = re.compile(r"\d+")
 FIXED = ("schema", "assumed", "calibration")
+
+
+def _drums(content: dict[str, Any], name: str) -> object:
+    from lmeasure.checked import checked
+    from lmeasure.drum import DrumsFile
+
+    return checked(content, DrumsFile, name)
+
+
+def _placement(content: dict[str, Any], name: str) -> object:
+    from lmeasure.accuracy.placement import Placement
+    from lmeasure.checked import checked
+
+    return checked(content, Placement, name)
+
+
+KINDS: dict[str, Callable[[dict[str, Any], str], object]] = {"rig": rig_from_dict, "drum": _drums, "placement": _placement}
+"""Files that have a form, by the middle of their schema, and what refuses a content that is none."""
 LARGEST = 2_000_000
 
 
@@ -61,14 +85,15 @@ class Leaf(NamedTuple):
 def read(path: Path) -> tuple[Any, str]:
     """The document and the digest of the file, by which a change by others is seen."""
     if path.stat().st_size > LARGEST:
-        raise OutsideError(f"{path.name}: too large for a rig file")
+        raise OutsideError(f"{path.name}: too large for such a file")
     document = files.read_toml(path)
     return document, digest(path)
 
 
-def is_rig(path: Path) -> bool:
-    """Whether a file says that it is a rig."""
-    return path.suffix == ".toml" and path.is_file() and schema_of(path) == "rig"
+def kind_of(path: Path) -> str:
+    """Which of KINDS a file says that it is; empty for none."""
+    kind = schema_of(path) if path.suffix == ".toml" and path.is_file() else ""
+    return kind if kind in KINDS else ""
 
 
 def digest(path: Path) -> str:
@@ -89,7 +114,7 @@ def parts(document: Mapping[str, Any]) -> list[tuple[str, list[Leaf]]]:
         if isinstance(value, list):
             for i, one in enumerate(value):
                 if isinstance(one, dict):
-                    name = str(one.get("name", one.get("channel", i + 1)))
+                    name = str(next((one[known] for known in ("name", "channel", "point") if known in one), i + 1))
                     out.append((f"{key.replace('_', ' ')} {name}", list(_leaves(one, f"{key}.{i}.", guesses, name))))
         elif isinstance(value, dict):
             out.append((key, list(_leaves(value, f"{key}.", guesses, key))))
@@ -162,14 +187,14 @@ def _put(content: Any, way: list[str], value: Any) -> None:
 
 
 def save(path: Path, form: Mapping[str, str]) -> list[str]:
-    """Write what the form says into the file; complaints, all at once, where it would be no rig, and then nothing is written."""
+    """Write what the form says into the file; complaints, all at once, where it would not be what it is, and then nothing is written."""
     document, now = read(path)
     if form.get("_digest") != now:
         return [f"{path.name} was changed meanwhile by somebody else; load the page again"]
     content, wrong = filled(document, form)
     if not wrong:
         try:
-            rig_from_dict(content, path.name)
+            KINDS[schema_of(path)](content, path.name)
         except LMeasureError as error:
             wrong = list(error.lines)
     if not wrong and content != dict(document):

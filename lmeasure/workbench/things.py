@@ -2,7 +2,7 @@
 
 import re
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -23,6 +23,11 @@ from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.uploads import take_in
 
 LARGEST_TEXT = 200_000
+BELOW: tuple[tuple[str, str, Callable[[str], dict[str, str]]], ...] = (
+    ("drum", "drum", lambda file: {"measurements": file}),
+    ("placement", "place", lambda file: {"task": file}),
+)
+"""The command that takes a file of a kind, and how it is told of it."""
 
 
 async def raw(request: Request) -> Response:
@@ -71,7 +76,7 @@ def _uses(here: str, path: Path) -> list[tuple[str, str]]:
     if (path / "certificate.json").is_file():
         return [(f"/run/verify?{urlencode({'bundle': here})}", "Verify a certificate")]
     if path.name == "rig.toml" or path.suffix == ".toml":
-        return [(f"/rig?{urlencode({'file': here})}", "Rig")] if rig_form.is_rig(path) else []
+        return [(f"/rig?{urlencode({'file': here})}", "Change its values")] if rig_form.kind_of(path) else []
     if path.suffix in (".parquet", ".tum", ".mcap") or (path.suffix == ".csv" and _head(path).startswith("time_s,x_mm")):
         return [(f"/trajectory/{here}", "Look at it over time")]
     if path.suffix in (".blf", ".asc", ".mf4", ".trc", ".log"):
@@ -112,17 +117,24 @@ async def rig(request: Request) -> Response:
     complaints: list[str] = []
     typed: dict[str, str] = {}
     rigs = project.of("rig")
+    others = (*project.of("drums"), *project.of("placement"))
     file = request.query_params.get("file", rigs[0] if rigs else "")
     if request.method == "POST":
         typed = {key: values[-1] for key, values in (await form_of(request)).items()}
         file = typed.get("_file", "")
     begin = card("init", project, page="rig")
-    values: dict[str, Any] = {"title": "Rig", "lead": "Every dimension of the instrument, in plain files.", "rigs": rigs, "file": ""}
+    values: dict[str, Any] = {
+        "title": "Rig",
+        "lead": "Every dimension of the instrument, in plain files.",
+        "rigs": (*rigs, *others),
+        "file": "",
+    }
     values |= {"cards": [begin], "made": [], "saved": request.query_params.get("saved") == "1", "complaints": complaints}
     if file:
         try:
             path = inside(bench.folder, file)
-            if not path.is_file() or path.suffix != ".toml":
+            kind = rig_form.kind_of(path)
+            if not kind:
                 raise OutsideError(f"{file}: is no rig of the project")
             if request.method == "POST":
                 complaints += rig_form.save(path, typed)
@@ -135,7 +147,8 @@ async def rig(request: Request) -> Response:
             (name, [leaf._replace(value=typed.get(leaf.key, leaf.value)) for leaf in leaves]) for name, leaves in rig_form.parts(document)
         ]
         values |= {"file": file, "parts": shown, "digest": digest, "links": "calibration" in document}
-        values |= {"drawing": _drawing(), "cards": []}
+        below = [card(command, project, page="rig", told=told(file)) for of, command, told in BELOW if of == kind]
+        values |= {"drawing": _drawing(), "kind": kind, "cards": below}
     return page(request, "rig.html", 422 if complaints else 200, **values)
 
 

@@ -65,7 +65,7 @@ def test_a_missing_count_is_not_sent() -> None:
 
 
 def test_rows_behind_a_late_one_catch_up_and_never_come_all_at_once() -> None:
-    """By a clock of its own, whose sleep is late now and then: as many rows as were asked for; after a long sleep, not those of the sleep."""
+    """By a clock whose sleep is late now and then: as many rows as were asked for; after a long sleep, not those of the sleep."""
     now, late = 0.0, {100: 0.02, 101: 0.004, 3000: 20.0}
 
     def sleep(seconds: float) -> None:

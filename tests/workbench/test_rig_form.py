@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from bench import client
 
+from lmeasure import workflows
 from lmeasure.rig import read_rig
 from lmeasure.simulation import cell_rig
 from lmeasure.templates import TEMPLATES, Answers, rig_of, rig_text
@@ -115,3 +116,27 @@ def test_a_coarse_zone_is_the_zone_on_its_grid(tmp_path: Path) -> None:
         ]
         < 0.2 * told["zone_volume_mm3"]
     )
+
+
+def test_drums_and_the_task_of_a_placement_have_forms_too(tmp_path: Path) -> None:
+    """With the command that takes them below; what would be none of them is not written."""
+    init = workflows.load("init")
+    init.run(init.settings.model_validate({"out": tmp_path, "template": "six-cables"}))
+    with client(tmp_path) as asked:
+        for name, key, text, wrong, command in (
+            ("drums.toml", "drum.1.centre_distance_mm", "181.5", "-3", "drum"),
+            ("placement.toml", "mount.0.low_mm.2", "1700.5", "1e9", "place"),
+        ):
+            page = asked.get(f"/rig?file={name}").text
+            assert f'name="{key}"' in page
+            assert f'data-command="{command}"' in page
+            assert 'id="scene"' not in page
+            lines = (tmp_path / name).read_text().splitlines()
+            form = typed(tmp_path / name) | {"_file": name}
+            refused = asked.post("/rig", data=form | {key: wrong})
+            assert refused.status_code == 422, name
+            assert (tmp_path / name).read_text().splitlines() == lines
+            assert asked.post("/rig", data=form | {key: text}).status_code == 303
+            after = (tmp_path / name).read_text().splitlines()
+            (changed,) = (b for a, b in zip(lines, after, strict=True) if a != b)
+            assert text in changed

@@ -34,9 +34,9 @@ function follow(number) {
     progress: (e) => { at('progress').value = e.fraction; at('doing').textContent = e.text; },
     compiling: (e) => { at('doing').textContent = `${words.compiling ?? 'compiling'} ${e.text}`; },
     said: (e) => line(e.text, 'said'),
-    typed: (e) => { line(`> ${e.text}`, 'typed'); at('asked').hidden = true; },
+    typed: (e) => { line(`> ${e.text}`, 'typed'); at('asked').hidden = true; at('typing').classList.remove('question'); },
     state: (e) => { at('now').hidden = false; at('now').textContent = e.text; at('typing').hidden = false; },
-    asked: (e) => { at('asked').hidden = false; at('asked').textContent = e.of ? `${e.number}/${e.of}  ${e.text}` : e.text; at('typing').hidden = false; },
+    asked: (e) => { at('typing').classList.add('question'); at('asked').hidden = false; at('asked').textContent = e.of ? `${e.number}/${e.of}  ${e.text}` : e.text; at('typing').hidden = false; },
     end: () => { source.close(); location.reload(); },
   };
   const source = new EventSource(`/jobs/${number}/events`);
@@ -91,5 +91,5 @@ if (rig) {
     for (const unit of rig.querySelectorAll('.unit')) if (/mm\]|in\]/.test(unit.textContent)) unit.textContent = inches.checked ? '[in]' : '[mm]';
   });
   rig.addEventListener('submit', () => { if (inches.checked) inches.click(); });
-  import('/static/scene.js').then((module) => module.draw(document.getElementById('scene'), rig));
+  if (document.getElementById('scene')) import('/static/scene.js').then((module) => module.draw(document.getElementById('scene'), rig));
 }

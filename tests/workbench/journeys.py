@@ -1,0 +1,238 @@
+"""The ways of a mechanic and of an engineer through the workbench, from an empty folder, by what a mouse and a keyboard do alone: no
+address is typed, no script of a page is called. `python benchmarks/workbench_journeys.py` walks them against the clock and keeps
+pictures."""
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from browser import LOOK, Page
+from clicks import ENDED, fill, now
+
+READY = "document.readyState === 'complete' && !!document.body"
+Told = Callable[[str, Page], None]
+"""Told after each step what was done, on the page that shows it."""
+
+
+def tap(page: Page, selector: str, then: str) -> None:
+    """Press the mouse on what a selector finds, once it is there, and wait."""
+    page.wait(f"{READY} && !!document.querySelector({json.dumps(selector)})")
+    page.click(selector)
+    page.wait(f"{then} && {READY}")
+
+
+def to(page: Page, path: str) -> None:
+    """Go to a page by the row of links above all pages."""
+    tap(page, f"header nav a[href='{path}']", f"location.pathname === '{path}'")
+
+
+def again(page: Page) -> None:
+    """Load the page anew, as F5 does."""
+    page.evaluate("window.before = true")
+    page.call("Page.reload")
+    page.wait(f"window.before === undefined && {READY}")
+
+
+def begun(page: Page, command: str, **values: str) -> None:
+    """Fill in a command's form, load the page anew in the middle of it, and press its button; what was typed is still there."""
+    form = f"form[data-command='{command}']"
+    page.wait(f"{READY} && !!document.querySelector({json.dumps(form)})")
+    page.evaluate(f"for (const e of document.querySelectorAll({json.dumps(form + ' details')})) e.open = true")
+    fill(page, form, **values)
+    again(page)
+    typed = [f"document.querySelector({json.dumps(f'{form} [name={name}]')}).value === {json.dumps(v)}" for name, v in values.items()]
+    page.wait(" && ".join(["true", *typed]))
+    tap(page, f"{form} button.go", "location.pathname.startsWith('/jobs/')")
+
+
+def done(page: Page) -> None:
+    """Load the page of a job anew while it works, and wait until it has ended well."""
+    again(page)
+    page.wait(f"{ENDED} && {READY}", seconds=550.0)
+    state, told = page.evaluate("[document.getElementById('job').dataset.state, document.querySelector('main').innerText]")
+    assert state == "done", told
+
+
+def onward(page: Page, part: str) -> None:
+    """Press the button, on the page of a job that is done, that leads on to an address."""
+    tap(page, f".after a[href*='{part}']", f"(location.pathname + location.search + location.hash).includes('{part}')")
+
+
+def looked(page: Page) -> list[str]:
+    """What is wrong with how the page looks, and with what it said."""
+    return [*page.evaluate(LOOK), *(error for error in page.errors if "404" not in error)]
+
+
+ASKED = "(e => e && !e.hidden ? e.textContent : '')(document.getElementById('asked'))"
+WANTED = "(b => b && !b.hidden ? b.textContent : '')(document.getElementById('cell-asked'))"
+STANDS = "document.getElementById('cell-at')?.textContent.startsWith('stands')"
+
+
+def self_test(page: Page, *, reload_at: int) -> str:
+    """Do what a self-test asks, by the buttons of the simulated cell; the state in which it ends. At a step the page is loaded anew."""
+    seen, steps, end = "", 0, time.monotonic() + 550.0
+    while not now(page, ENDED):
+        assert time.monotonic() < end, now(page, "document.querySelector('main').innerText")
+        asked = str(now(page, ASKED) or "")
+        if asked and asked != seen:
+            steps += 1
+            if steps == reload_at:
+                again(page)
+                page.wait(f"{ASKED} === {json.dumps(asked)}")
+            if now(page, WANTED):
+                page.click("#cell-asked")
+                page.wait("document.getElementById('cell').dataset.moves === 'true'")
+                page.wait("document.getElementById('cell').dataset.moves === 'false'")
+            seen = asked
+            page.click("[data-type='']:not([data-asked])")
+            page.wait(f"{ASKED} !== {json.dumps(asked)} || {ENDED}", seconds=60.0)
+        time.sleep(0.05)
+    page.wait(READY)
+    return str(page.evaluate("document.getElementById('job').dataset.state"))
+
+
+def captured(page: Page, *, reload_at: int) -> None:
+    """Send the robot to each pose that is wanted; the first is read by its button, the others as they rest. With so many read the page
+    is loaded anew."""
+    goal, end = "", time.monotonic() + 550.0
+    while not now(page, ENDED):
+        assert time.monotonic() < end, (goal, now(page, "document.querySelector('main').innerText"))
+        asked = str(now(page, WANTED) or "")
+        read = now(page, "document.querySelectorAll('#capture-poses .read').length") or 0
+        if asked and asked != goal:
+            if read == reload_at:
+                again(page)
+                page.wait(f"document.querySelectorAll('#capture-poses .read').length === {read} && {WANTED} === {json.dumps(asked)}")
+            page.click("#cell-asked")
+            goal = asked
+            if read == 0:
+                page.wait(f"{STANDS} && document.querySelector('#capture-lamp.still') !== null")
+                page.click("[data-type='']:not([data-asked])")
+        time.sleep(0.05)
+    page.wait(READY)
+    assert page.evaluate("document.getElementById('job').dataset.state") == "done", page.evaluate(
+        "document.querySelector('main').innerText"
+    )
+
+
+def mechanic(page: Page, told: Told, *, poses: int = 20, exchange: str = "ch2,ch5") -> None:
+    """From an empty folder to a calibrated rig in its zone, with its points placed anew: dimensions put in, drums worked out, poses
+    planned, a cell played whose plugs are exchanged, found and mended, poses captured."""
+    tap(page, "a.button[href='/rig']", "location.pathname === '/rig'")
+    begun(page, "init")
+    done(page)
+    told("a rig is begun", page)
+    onward(page, "/rig")
+    fill(page, "#rig-form", **{"observation_point.0.position_mm.2": "2025"})
+    again(page)
+    page.wait("document.getElementById('observation_point.0.position_mm.2').value === '2025'")
+    page.wait("document.getElementById('scene-zone').textContent.includes('m³')")
+    tap(page, "#rig-form button.go", "location.search.includes('saved')")
+    told("its dimensions", page)
+    tap(page, "nav.inside a[href='/rig?file=drums.toml']", "location.search === '?file=drums.toml'")
+    fill(page, "#rig-form", **{"drum.0.centre_distance_mm": "181.5"})
+    again(page)
+    page.wait("document.getElementById('drum.0.centre_distance_mm').value === '181.5'")
+    tap(page, "#rig-form button.go", "location.search.includes('saved')")
+    begun(page, "drum")
+    done(page)
+    told("its drums", page)
+    to(page, "/calibrate")
+    begun(page, "plan-poses", poses=str(poses), box="-200:200,-200:200,-200:200")
+    done(page)
+    told("poses are planned", page)
+    to(page, "/check")
+    begun(page, "play", exchange=exchange)
+    page.wait("document.querySelectorAll('#cell-cables button').length === 6", seconds=180.0)
+    again(page)
+    told("a cell is played", page)
+    to(page, "/check")
+    begun(page, "check")
+    first = self_test(page, reload_at=4)
+    told("plugs are found exchanged" if exchange else "the self-test", page)
+    if exchange:
+        assert first == "failed", page.evaluate("document.querySelector('main').innerText")
+        assert page.evaluate("document.querySelectorAll('.cables .red').length") == 2
+        onward(page, "rig=rig-checked.toml")
+        begun(page, "check", write="")
+        assert self_test(page, reload_at=3) == "done", page.evaluate("document.querySelector('main').innerText")
+        told("the mended rig is checked", page)
+    onward(page, "/calibrate")
+    checked = {"rig": "rig-checked.toml"} if exchange else {}
+    begun(page, "capture", u_position_mm="0.02", u_rotation_deg="0.003", u_repeatability_mm="0", **checked)
+    captured(page, reload_at=2)
+    told("poses are captured", page)
+    onward(page, "/calibrate")
+    begun(page, "calibrate")
+    done(page)
+    told("calibrated", page)
+    onward(page, "/run/zone")
+    begun(page, "zone", x="-200:200:100", y="-200:200:100", z="-200:200:100")
+    done(page)
+    told("its zone", page)
+    to(page, "/zone")
+    begun(page, "place", rig="calibration/rig/rig.toml", generations="5")
+    done(page)
+    told("its points placed anew", page)
+    onward(page, "/run/zone")
+    begun(page, "zone", x="-200:200:100", y="-200:200:100", z="-200:200:100")
+    done(page)
+    told("the zone of the placed rig", page)
+
+
+def engineer(page: Page, told: Told, project: Path) -> Path:
+    """From an empty folder to a signed certificate of a simulated robot, verified; the zip of the certificate that was dropped."""
+    import shutil
+
+    from clicks import choose
+
+    tap(page, ".tour button.go", "location.pathname.startsWith('/jobs/')")
+    done(page)
+    told("a cell, its robot and its campaign are simulated", page)
+    to(page, "/calibrate")
+    begun(page, "calibrate", folder="cell/campaign", out="calibrated")
+    done(page)
+    told("calibrated", page)
+    onward(page, "/run/zone")
+    begun(page, "zone")
+    done(page)
+    told("its zone", page)
+    onward(page, "/run/program")
+    begun(page, "program", tests="pose,path")
+    done(page)
+    told("a test program", page)
+    to(page, "/runs")
+    begun(page, "reconstruct", run="cell/run", out="trajectory.parquet")
+    done(page)
+    told("the trajectory", page)
+    onward(page, "/run/report")
+    begun(page, "report")
+    done(page)
+    told("its page", page)
+    to(page, "/robot")
+    begun(page, "key", out="lab.key")
+    done(page)
+    onward(page, "/run/certify")
+    begun(
+        page,
+        "certify",
+        key="lab.key",
+        out="certificates/first",
+        trajectory="trajectory.parquet",
+        run="cell/run",
+        program="cell/program.toml",
+    )
+    done(page)
+    told("a certificate, signed", page)
+    onward(page, "/run/verify")
+    begun(page, "verify")
+    done(page)
+    told("verified", page)
+    packed = Path(shutil.make_archive(str(project.parent / "mine"), "zip", project / "certificates" / "first"))
+    to(page, "/robot")
+    choose(page, "#packed", packed)
+    tap(page, "form[action='/verify'] button.go", "location.pathname.startsWith('/jobs/')")
+    done(page)
+    told("verified as a zip that was dropped", page)
+    return packed

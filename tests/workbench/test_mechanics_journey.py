@@ -1,0 +1,49 @@
+"""The mechanic's whole job by clicks alone, over a real bus to a simulated cell; the same files by hand."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+from bench import client, served
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from browser import opened
+from journeys import looked, mechanic
+from test_engineers_journey import by_hand
+
+
+@pytest.mark.slow
+@pytest.mark.live
+def test_a_mechanic_from_nothing_to_a_calibrated_rig_with_its_points_placed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every page loaded anew in the middle. What a person or a bus has said is taken over by hand, all else is made again."""
+    project, hand = tmp_path / "project", tmp_path / "hand"
+    with served(project) as address, opened(address, tmp_path / ".profile") as page:
+        wrong: list[str] = []
+        mechanic(page, lambda what, shown: wrong.extend(f"{what}: {text}" for text in looked(shown)), poses=12)
+        assert wrong == []
+        assert {request.split("/")[2] for request in page.requests if request.startswith("http")} == {address.split("/")[2]}
+    with client(project) as asked:
+        jobs = list(reversed(asked.get("/api/jobs").json()["jobs"]))
+    assert [job["command"] for job in jobs] == [
+        *("init", "drum", "plan-poses", "play", "check", "check", "capture", "calibrate", "zone", "place", "zone")
+    ]
+    hand.mkdir()
+    monkeypatch.chdir(hand)
+    (hand / "calibration").mkdir()
+    (hand / "zones").mkdir()
+    shutil.copy(project / "rig-checked.toml", hand)
+    shutil.copytree(project / "calibration" / "poses", hand / "calibration" / "poses")
+    for job in jobs:
+        if job["command"] not in ("play", "check", "capture"):
+            by_hand([job["line"]], monkeypatch)
+        if job["command"] == "init":
+            # two dimensions, as an editor would
+            for name, before, after in (("rig.toml", "2020.0]", "2025]"), ("drums.toml", "distance_mm = 180.0", "distance_mm = 181.5")):
+                text = (hand / name).read_text(encoding="utf-8")
+                assert before in text
+                (hand / name).write_text(text.replace(before, after, 1), encoding="utf-8")
+    files = [path.relative_to(hand) for path in sorted(hand.rglob("*")) if path.is_file()]
+    assert len(files) > 20
+    for file in files:
+        assert (project / file).read_bytes() == file.read_bytes(), file
