@@ -101,7 +101,7 @@ class Pace:
         self._due = max(self._due + self._period, self._sent - BEHIND_S)
 
 
-def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: "can.BusABC", pace: Pace) -> None:
+def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: "can.BusABC", *, pace: Pace) -> None:
     """Send rows of counts (n, m) one by one when they are due, a SYNC and its answers each."""
     messages = list(messages_from_frames(frames_from_counts(np.arange(len(rows), dtype=np.float64), rows, fields, sync_id)))
     per = len(messages) // len(rows)

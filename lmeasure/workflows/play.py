@@ -91,7 +91,7 @@ def run(
                 progress(0.0, "playing")
             except CancelledError:
                 break
-            play(cell.take(at_once), fields, rig.can_table.sync_id, bus, pace)
+            play(cell.take(at_once), fields, rig.can_table.sync_id, bus, pace=pace)
             rows += at_once
     finally:
         bus.shutdown()
