@@ -82,8 +82,10 @@ def self_test(page: Page, *, reload_at: int) -> str:
                 page.wait(f"{ASKED} === {json.dumps(asked)}")
             if now(page, WANTED):
                 page.click("#cell-asked")
-                page.wait("document.getElementById('cell').dataset.moves === 'true'")
-                page.wait("document.getElementById('cell').dataset.moves === 'false'")
+                page.wait("document.querySelector('#lines .moves, #lines .unwanted') !== null")
+                before = ""
+                while before != (before := str(now(page, "document.getElementById('lines').innerText"))):
+                    time.sleep(0.4)
             seen = asked
             page.click("[data-type='']:not([data-asked])")
             page.wait(f"{ASKED} !== {json.dumps(asked)} || {ENDED}", seconds=60.0)

@@ -25,7 +25,6 @@ if (cell) {
   });
   const name = (button) => { button.textContent = `${button.dataset.cable}: ${button.classList.contains('out') ? cell.dataset.let : cell.dataset.pull}`; };
   const show = (told) => {
-    cell.dataset.moves = told.moves;
     at('cell-at').textContent = `${told.moves ? cell.dataset.goes : cell.dataset.stands} ${told.at}: ${told.pose.map((v) => v.toFixed(2)).join(', ')}`;
     rows(at('cell-cables'), told.cables.length, () => { const b = make('button'); b.type = 'button'; return b; })
       .forEach((b, i) => { if (b.dataset.cable !== told.cables[i]) { b.dataset.cable = told.cables[i]; name(b); } });
