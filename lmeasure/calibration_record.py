@@ -78,6 +78,15 @@ class SolvedEffect(_Record):
     found: bool
 
 
+class ShownEffect(_Record):
+    """An effect of a channel that was looked for in the residuals, and the size from which it is named with a probability of 80 %."""
+
+    effect: str
+    channel: str
+    size: Annotated[Number, Field(gt=0)]
+    unit: str
+
+
 class Finding(_Record):
     """Something the reader must know; code is one of a short list, text is one line."""
 
@@ -133,6 +142,8 @@ class CalibrationRecord(Shown, _Record):
     """Dimensions that were not solved, and whose uncertainty is in that of the parameters."""
     effects: tuple[SolvedEffect, ...] = ()
     """Physical effects that were solved for, and what the counts say of each."""
+    effects_shown: tuple[ShownEffect, ...] = ()
+    """Physical effects that were looked for in the residuals."""
     temperature_c: Number | None = None
     """Mean temperature of the counts; None where it was not stated."""
     taken_as_exact: tuple[dict[str, Any], ...] = ()

@@ -13,8 +13,9 @@
 
 Each is one to two columns that may be added to the residuals; what they would take of chi-squared, against what the rest leaves, is an F
 test (`estimation.deletion`), whose probability is multiplied by the number of effects tried (Bonferroni): under `CHANCE` one is named,
-which a campaign without any does by chance no more often. Those that come within odds of a hundred of it are named with it. Nothing is
-corrected.
+which a campaign without any does by chance no more often. Those that come within odds of a hundred of it are named with it. Then the rest
+are tried again on what it leaves, and so on. Nothing is corrected. How large an effect must be to be named follows from the noncentral F
+distribution.
 """
 
 import math
@@ -22,22 +23,29 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.optimize
+import scipy.stats
 
 from lmeasure.arrays import FloatArray
+from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.unknowns import Model
-from lmeasure.calibration_record import Finding
+from lmeasure.calibration_record import Finding, ShownEffect
 from lmeasure.effects import Zero
-from lmeasure.estimation import Fit
-from lmeasure.estimation.deletion import Deletion
+from lmeasure.estimation import Fit, Parameters, fit
+from lmeasure.estimation.deletion import MIN_FREEDOM, Deletion
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.layout import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, COUNT_LENGTH, GUIDE_XYZ
 from lmeasure.observation.cable_effects import ECCENTRICITY, OFFSET, RUN_OUT
+from lmeasure.observation.parameters import solved_parameters
 from lmeasure.observation.wrap import arms, span
 from lmeasure.rig import Cable, Turned
 from lmeasure.unsolved import Unsolved, Variable
 
 CHANCE = 0.01
 NEAR = math.log(100.0)
+POWER = 0.8
+MOST = 8
+"""Effects that are named of one campaign: more is no matter of single parts."""
 LEAST_TRAIL = 0.02
 """Of the radius: a pulley around which hardly any cable goes is turned by next to nothing."""
 ASK = {RUN_OUT.key: "run-out", ECCENTRICITY.key: "eccentricity", OFFSET.key: "offset"}
@@ -59,29 +67,79 @@ class Effect:
     """How many of the components are its size; None: all."""
 
 
-def named_effects(model: Model, found: Fit) -> list[Finding]:
-    """The effects that a fit's residuals ask for, in words: none or one, and those that are not told apart from it."""
-    deletion, tested = Deletion(found), []
-    for effect in effects(model, found.theta):
-        judged = deletion.shift(effect.columns)
+def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownEffect, ...]]:
+    """The effects that a fit's residuals ask for, in words, one after the other, each with those that are not told apart from it; and how
+    large each effect must be to be named with `POWER`."""
+    deletion, tried = Deletion(found), list(effects(model, found.theta))
+    shown = tuple(s for effect in tried if (s := _shown(deletion, effect, len(tried))))
+    out: list[Finding] = []
+    unsolved: list[Effect] = []
+    while len(out) < MOST:
+        tested = sorted(_tested(deletion, tried), key=lambda pair: pair[0])
+        best = tested[0][0] + math.log(len(tested)) if tested else 0.0
+        if best > math.log(CHANCE) or not tested:
+            break
+        near = [effect for log_p, effect in tested if log_p <= tested[0][0] + NEAR]
+        said = [f"{effect.kind} of {effect.channel} ({_size(deletion, effect)})" for effect in near[:4]]
+        text = (
+            f"what is left of the residuals follows the law of {', '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(tested)} "
+            "effects tried; nothing was corrected"
+        )
+        solvable = ":" in near[0].key
+        if near[0].key:
+            text += f"; look at it, or --solve {near[0].key}" if solvable else f"; state {near[0].key}"
+        out.append(Finding(code="effect", channel=near[0].channel, text=text, value=math.exp(best)))
+        # the next is looked for in what this one leaves: solved for where it can be, for a large one bends the fit
+        if solvable:
+            model, found = _with(model, found, near[0].key)
+        else:
+            unsolved.append(near[0])
+        deletion, gone = Deletion(found), {(effect.kind, effect.channel) for effect in unsolved}
+        for effect in unsolved:
+            deletion = deletion.freed(effect.columns)
+        tried = [effect for effect in effects(model, found.theta) if (effect.kind, effect.channel) not in gone]
+    return out, shown
+
+
+def _with(model: Model, found: Fit, solve: str) -> tuple[Model, Fit]:
+    """The fit that solves for something more."""
+    known, campaign = model.parameters, model.campaign
+    more = [p for p in solved_parameters(campaign.rig, campaign.cables, (solve,)) if p.name not in known.names]
+    nominal = np.array([p.value for p in more])
+    wider = Parameters(
+        (*known.names, *(p.name for p in more)), np.r_[known.nominal, nominal], np.r_[known.width, [p.prior_u for p in more]]
+    )
+    wide = model_of(campaign, wider, tuple(model.free.tolist()), model.frame).with_noise(model.noise)
+    start = np.r_[found.theta[: model.own], nominal, found.theta[model.own :]]
+    return wide, fit(wide, start, prior_everywhere=found.prior_everywhere)
+
+
+def _tested(deletion: Deletion, tried: list[Effect]) -> Iterator[tuple[float, Effect]]:
+    """Logarithms of the probabilities that chance takes as much of chi-squared."""
+    for effect in tried:
+        judged = deletion.added(effect.columns)
         test = deletion.test(judged.square, judged.freedom) if judged else None
         if test:
-            tested.append((test[1], effect))
-    if not tested:
-        return []
-    tested.sort(key=lambda pair: pair[0])
-    best = tested[0][0] + math.log(len(tested))
-    if best > math.log(CHANCE):
-        return []
-    near = [effect for log_p, effect in tested if log_p <= tested[0][0] + NEAR]
-    said = [f"{effect.kind} of {effect.channel} ({_size(deletion, effect)})" for effect in near[:4]]
-    text = (
-        f"what is left of the residuals follows the law of {', '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(tested)} "
-        "effects tried; nothing was corrected"
-    )
-    if near[0].key:
-        text += f"; look at it, or --solve {near[0].key}" if ":" in near[0].key else f"; state {near[0].key}"
-    return [Finding(code="effect", channel=near[0].channel, text=text, value=math.exp(best))]
+            yield test[1], effect
+
+
+def _shown(deletion: Deletion, effect: Effect, tried: int) -> ShownEffect | None:
+    """The size at which the F test passes `CHANCE` with `POWER`, the mean over its components' directions; None where nothing tells it."""
+    judged, left = deletion.added(effect.columns), deletion.freedom
+    if judged is None or left - judged.freedom < MIN_FREEDOM:
+        return None
+    information = deletion.information(effect.columns)
+    q = len(information) if effect.sized is None else effect.sized
+    # what the components that are no size could make up for tells nothing
+    mixed, others = information[:q, q:], information[q:, q:]
+    information = information[:q, :q] - mixed @ np.linalg.pinv(others, hermitian=True) @ mixed.T
+    mean = float(np.trace(information)) / q
+    if not mean > 0.0:
+        return None
+    law = judged.freedom, left - judged.freedom
+    limit = scipy.stats.f.isf(CHANCE / tried, *law)
+    needed = scipy.optimize.brentq(lambda x: scipy.stats.ncf.sf(limit, *law, x) - POWER, 1e-3, 1e5)
+    return ShownEffect(effect=effect.kind, channel=effect.channel, size=math.sqrt(needed / mean) * effect.per_unit, unit=effect.unit)
 
 
 def effects(model: Model, theta: FloatArray) -> Iterator[Effect]:

@@ -123,7 +123,8 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *begun.gross, *misfits]
     # by the stated noise: what explains residuals as noise would hide the law that they follow
-    findings += [] if begun.gross else named_effects(begun.model, begun.first)
+    named, shown = ([], ()) if begun.gross else named_effects(begun.model, begun.first)
+    findings += named
     findings += shape_findings(campaign, model.parameters, found, begun.points, searched=begun.searched)
     if where.bend > BENT and not len(found.silent):
         text = (
@@ -152,6 +153,7 @@ def _calibrated(campaign: Campaign, settings: Settings, progress: Progress | Non
             "warnings": (*record.warnings, *open_directions, *warm, *unknown_temperature(campaign)),
             "taken_as_exact": tuple(t.row() for t in taken),
             "effects": solved_effects(model, found, estimated=explained.estimated),
+            "effects_shown": shown,
             "coarse": tuple(
                 coarse_entry(p.name, channel, i, s) for p in begun.points for channel, both in p.coarse.items() for i, s in enumerate(both)
             ),

@@ -6,6 +6,7 @@ residuals as the fit sees them, and the block of P for some residuals tells how 
 a prior on every direction P = (V + J J^T)^-1, J in prior widths: then the prior disagrees too.
 """
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,11 +64,46 @@ class Deletion:
             self._seen = self._P @ fit.residuals
             # what of the residuals the fit could take away and did not: none at an optimum
             self._astray = fit.residuals - fit.V @ self._seen
+        self._chi2, self._freedom = fit.chi2, fit.freedom
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of what is left."""
+        return self._freedom
 
     def test(self, fall: float, freedom: int) -> tuple[float, float] | None:
         """F statistic and log probability of a fall of chi-squared bought with some degrees of freedom; a common noise level cancels. None
         where too few are left."""
-        return fall_test(fall, freedom, self._fit.chi2 - fall, self._fit.freedom - freedom)
+        return fall_test(fall, freedom, self._chi2 - fall, self._freedom - freedom)
+
+    def added(self, columns: FloatArray) -> Shift | None:
+        """By how much chi-squared would fall if what columns (e, c) add to the residuals were solved for as well, and how many of them the
+        rest can tell. None where it tells nothing of them."""
+        stiffness, pull = self._whitened(columns)
+        return Shift(float(pull @ pull), stiffness.shape[1]) if stiffness.shape[1] else None
+
+    def information(self, columns: FloatArray) -> FloatArray:
+        """(c, c) of the sizes of columns (e, c), all else being solved for: the noncentrality of `added` for sizes d is d' I d."""
+        return np.asarray(columns.T @ self._P @ columns)
+
+    def freed(self, columns: FloatArray) -> "Deletion":
+        """The same of a fit that solves for columns (e, c) too."""
+        out = copy.copy(self)
+        stiffness, pull = self._whitened(columns)
+        out._P = self._P - stiffness @ stiffness.T
+        out._seen = self._seen - stiffness @ pull
+        out._chi2, out._freedom = self._chi2 - float(pull @ pull), self._freedom - len(pull)
+        return out
+
+    def _whitened(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(e, k) P C W and (k,) W' C' P r, W making them orthonormal where the fit leaves anything of columns C (e, c)."""
+        own = np.linalg.norm(columns, axis=0)
+        unit = columns / np.where(own > 0.0, own, 1.0)
+        seen = self._P @ unit
+        values, vectors = np.linalg.eigh(unit.T @ seen)
+        kept = values > 1e-9 * float(np.trace(self._P))
+        W = vectors[:, kept] / np.sqrt(values[kept])
+        return np.asarray(seen @ W), np.asarray(W.T @ (unit.T @ self._seen))
 
     def step(self, column: FloatArray) -> tuple[float, float] | None:
         """What would have to be taken from residuals along a column (e,), and by how much chi-squared would fall; None where

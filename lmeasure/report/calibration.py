@@ -24,7 +24,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
         *_silence(record, say),
         html.heading(say("Residuals")),
         html.paragraph(say("Measured less modelled change of each cable since its zero pose.")),
-        html.figure(residuals_figure(record, say), "residuals", first=False, language=language),
+        html.figure(residuals_figure(record, calibration.campaign.rig, say), "residuals", first=False, language=language),
         *_predicted(calibration, say),
         *_validation(record, say),
         *_observability(record, say),
@@ -45,6 +45,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
             ),
         ),
         *_effects(record, say),
+        *_effects_shown(record, say),
         *_dimensions(record, say),
         *_ranges(record, say),
         *_robust(record, say),
@@ -129,6 +130,27 @@ def _effects(record: CalibrationRecord, say: Say) -> list[str]:
             )
         ),
         html.table((say("point"), say("effect"), say("size"), "u", say("unit"), "p", say("bits"), ""), rows),
+    ]
+
+
+def _effects_shown(record: CalibrationRecord, say: Say) -> list[str]:
+    """How large physical effects must be to be named."""
+    kinds: dict[tuple[str, str], list[float]] = {}
+    for e in record.effects_shown:
+        kinds.setdefault((e.effect, e.unit), []).append(e.size)
+    if not kinds:
+        return []
+    number = say.number
+    rows = ((say.told(kind), number(min(own), ".2g"), number(max(own), ".2g"), say.told(unit)) for (kind, unit), own in kinds.items())
+    return [
+        html.heading(say("Physical effects that the residuals would show")),
+        html.paragraph(
+            say(
+                "How large each must be to be named in the warnings with a probability of 80 %, of the channel that shows it best and of the "
+                "one that shows it least. What is far larger than such things are is not told by these poses."
+            )
+        ),
+        html.table((say("effect"), say("best"), say("least"), say("unit")), rows),
     ]
 
 

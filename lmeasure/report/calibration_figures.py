@@ -7,18 +7,25 @@ import plotly.graph_objects as go
 from lmeasure.calibration import Calibration
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.kernels.cable import wrap_geometry
+from lmeasure.observation.parameters import ENCODER_ZERO
 from lmeasure.report import html
 from lmeasure.report.words import axes
+from lmeasure.rig import Rig, Turned
 from lmeasure.saying import ENGLISH, Say
 
 
-def residuals_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
-    """Residual of each channel at each reference pose."""
+def residuals_figure(record: CalibrationRecord, rig: Rig | None, say: Say = ENGLISH) -> go.Figure:
+    """Residual of each channel at each reference pose; the rig tells which are angles, without it the zeros that were solved."""
     figure = go.Figure()
+    encoders = {p.name.removesuffix(f".{ENCODER_ZERO}") for p in record.parameters if p.name.endswith(f".{ENCODER_ZERO}")}
+    if rig is not None:
+        encoders = {o.channel for o in rig.observed if isinstance(o, Turned)}
+    angles = any(r.channel in encoders for r in record.residuals)
     for channel in Counter(r.channel for r in record.residuals):
         own = [r for r in record.residuals if r.channel == channel]
         figure.add_scatter(x=[r.pose for r in own], y=[r.mm for r in own], mode="markers", name=html.label(channel))
-    axes_of = {"xaxis": {"title": say("reference pose"), "type": "category"}, "yaxis": {"title": say("residual, mm; of angles, mrad")}}
+    title = say("residual, mm; of angles, mrad") if angles else say("residual, mm")
+    axes_of = {"xaxis": {"title": say("reference pose"), "type": "category"}, "yaxis": {"title": title}}
     return figure.update_layout(height=420, margin={"t": 20}, **axes_of)
 
 

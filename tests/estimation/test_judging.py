@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from problems import Line, Readings
 
 from lmeasure.estimation import fit
-from lmeasure.estimation.deletion import Deletion, held_out
+from lmeasure.estimation.deletion import Deletion, fall_test, held_out
 from lmeasure.estimation.explanations import Evidence, Explained, Explanation, embedded, evidence, explained, improbable, settled
 from lmeasure.estimation.robust import EXCLUDED, Group, normal_deviates, robust_fit
 
@@ -90,6 +90,33 @@ def test_a_shift_is_tested_as_by_solving_for_it() -> None:
     again = Deletion(fit(wide, wide.start)).shift(column, 0.5)
     assert again is not None
     assert again.square == pytest.approx(fall, rel=1e-6)
+
+
+def test_what_is_freed_is_solved_for_by_the_rest() -> None:
+    """Against regressions with one column more, and with two."""
+    data = readings(4)
+    problem = Line(replace(data, y=data.y + np.where(GROUPS == 6, 0.3, 0.0) + np.where(GROUPS == 2, 0.2, 0.0)))
+    found, one, two = fit(problem, problem.start), columns(6), np.hstack([columns(2), 3.0 * columns(2)])
+    deletion = Deletion(found)
+
+    def rest(*more: FloatArray) -> float:
+        A = np.hstack([problem.jacobian(found.theta), *more])
+        return float(np.sum((problem.readings.y - A @ np.linalg.lstsq(A, problem.readings.y)[0]) ** 2)) / 0.1**2
+
+    added, freed = deletion.added(one), deletion.freed(one)
+    assert added is not None
+    assert (added.freedom, freed.freedom) == (1, 27)
+    assert added.square == pytest.approx(rest() - rest(one))
+    after = freed.added(two)
+    assert after is not None
+    # both columns are one law
+    assert after.freedom == 1
+    assert after.square == pytest.approx(rest(one) - rest(one, two[:, :1]))
+    assert freed.test(after.square, 1) == pytest.approx(fall_test(after.square, 1, rest(one, two[:, :1]), 26))
+    assert freed.added(one) is None
+    # what a column of unit size leaves: its variance when it is solved for
+    J = np.hstack([problem.jacobian(found.theta), one])
+    assert 1.0 / deletion.information(one)[0, 0] == pytest.approx(np.linalg.inv(J.T @ J)[-1, -1] * 0.1**2)
 
 
 def test_before_anything_is_fitted_groups_do_not_speak_about_each_other() -> None:
