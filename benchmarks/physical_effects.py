@@ -6,9 +6,9 @@
 Each draw is a cell of its own, 24 poses in its work space known to 0.01 mm, a nominal rig off by up to 3 mm and 0.5 degrees, and one
 observation point with one effect, whose counts the machine makes (`simulation.machine`, which shares no formula with the solvers); of even
 draws at the size below, of odd ones at a tenth to the whole of it. `none` has no effect, `two` and `three` have as many, of different
-points, of kinds that can be told from places. Passed: its own F test is beyond the limit; named: it is among those that are named; wrong: something
-is named, and it is not. What is solved for is the one effect of the one point, and of `nothing` each kind of all six points, with none planted.
-Errors of lengths and places are those of a run elsewhere in the work space, in units of the least-squares bound there.
+points, of kinds that can be told from places. Passed: its own F test is beyond the limit; named: it is among those that are named;
+wrong: something is named, and it is not. What is solved for is the one effect of the one point, and of `nothing` each kind of all six
+points, with none planted. Errors of lengths and places are those of a run elsewhere in the work space, in units of the least-squares bound.
 """
 
 import csv
@@ -238,8 +238,8 @@ def solved(at: Drawn, out: Draw) -> Draw:
             V[point, point] += (count[point] * KINDS[kind].size * at.share) ** 2 / 3.0
         expected.append(float(np.trace(W @ V @ W.T)))
     planted = KINDS[kind].size * at.share
-    left = max(chi2.isf(CHANCE, len(C_of(C, elsewhere, kind)[0])), 0.0)
-    own_C = C_of(C, elsewhere, kind)
+    left = max(chi2.isf(CHANCE, len(covariance_of(C, elsewhere, kind)[0])), 0.0)
+    own_C = covariance_of(C, elsewhere, kind)
     along = own_C.shape[0] ** -0.5 * np.ones(own_C.shape[0]) * planted
     power = float(ncx2.sf(left, len(own_C), along @ np.linalg.solve(own_C, along)))
     return replace(
@@ -250,7 +250,7 @@ def solved(at: Drawn, out: Draw) -> Draw:
     )  # fmt: skip
 
 
-def C_of(C: FloatArray, model: Model, kind: str) -> FloatArray:
+def covariance_of(C: FloatArray, model: Model, kind: str) -> FloatArray:
     """(q, q) of the effect's own values."""
     keys = ("run_out", "eccentricity", "pulley_radius", "swivel", "backlash", "scale", "pitch", "oversize")
     which = [i for i, n in enumerate(model.parameters.names) if any(k in n for k in keys)]
@@ -338,9 +338,10 @@ def _solved(every: list[Draw]) -> Iterator[str]:
         if not own:
             continue
         power = np.array([d.solved_power for d in own])
+        spread = 3.3 * np.sqrt(np.sum(power * (1.0 - power)))
         ratio = [np.sqrt(np.mean([getattr(d, a) for d in own]) / np.mean([getattr(d, b) for d in own])) for a, b in PAIRS]
         yield (
-            f"| {kind} | {sum(d.found for d in own)} of {len(own)} | {power.sum():.0f} +- {3.3 * np.sqrt(np.sum(power * (1 - power))):.0f} | "
+            f"| {kind} | {sum(d.found for d in own)} of {len(own)} | {power.sum():.0f} +- {spread:.0f} | "
             f"{np.median([d.bits for d in own]):.1f} | {ratio[0]:.3f} | {ratio[1]:.3f} | {ratio[2]:.3f} |"
         )
 

@@ -146,8 +146,8 @@ def _effects_shown(record: CalibrationRecord, say: Say) -> list[str]:
         html.heading(say("Physical effects that the residuals would show")),
         html.paragraph(
             say(
-                "How large each must be to be named in the warnings with a probability of 80 %, of the channel that shows it best and of the "
-                "one that shows it least. What is far larger than such things are is not told by these poses."
+                "How large each must be to be named in the warnings with a probability of 80 %, of the channel that shows it best and of "
+                "the one that shows it least. What is far larger than such things are is not told by these poses."
             )
         ),
         html.table((say("effect"), say("best"), say("least"), say("unit")), rows),
