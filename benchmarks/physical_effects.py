@@ -138,11 +138,11 @@ class Drawn:
             self.true = with_effect(self.true, point, name, KINDS[name].size * self.share, rng)
         self.poses = scattered_poses(POSES, (HALF_MM,) * 3, TILT, HOME, rng=rng)
         made = campaign_at(self.true, self.poses, rng, u_position_mm=U_MM, nominal_shift_mm=3.0, nominal_shift_deg=0.5)
-        points = tuple(
+        owners = tuple(
             p.model_copy(update={"drum": q.drum, "pulley_radius_mm": q.pulley_radius_mm})
             for p, q in zip(made.nominal.observation_point, self.plain.observation_point, strict=True)
         )
-        nominal = made.nominal.model_copy(update={"observation_point": points})
+        nominal = made.nominal.model_copy(update={"observation_point": owners})
         self.campaign = Campaign(nominal, made.measured, self.true.cable, made.recorded, np.zeros(6, np.int64))
 
     def model(self, *solve: str) -> Model:
