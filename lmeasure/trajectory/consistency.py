@@ -1,8 +1,8 @@
 """Whether the cables of a run agree, and which of them to leave out.
 
 With more cables than unknowns every sample is a test: chi-squared of the contradictions, everything that the lengths share in its
-covariance (`trajectory.redundancy`). An alarm is one that a sound run of so many samples has once in a thousand runs (Bonferroni). Alarms
-of a run are one question: which cable, left out, explains them? A set of cables explains alarms when the others agree at all of them
+covariance (`trajectory.redundancy`). An alarm is one that a sound run of so many samples has once in a thousand runs (Bonferroni; that its
+samples' roundings are alike where it is slow makes it rarer), by the law that rounding has (`contradictions`). Alarms of a run are one question: which cable, left out, explains them? A set of cables explains alarms when the others agree at all of them
 together, at 1e-3; it is left out when no other set of its size does. Where several explain them, or none, nobody can tell which is wrong
 and the samples are inconsistent. With one cable too many that is always so, for any one of them explains anything.
 
@@ -35,6 +35,8 @@ JUDGED = 40
 """Alarms by which explanations are judged, the strongest among them."""
 APART_S = 1.0
 """Without an alarm, between alarms that are explained one by one where nothing explains them all."""
+WORTH = 0.05
+"""Chance, by the normal law, of the largest contradiction of some channels from which the law of their rounding is worked out."""
 AGREES = 2.0
 """Standard uncertainties within which a cable agrees."""
 SHOWS = (3.0, 30.0)
@@ -51,6 +53,8 @@ BACK_MM = 0.05
 """Standard uncertainty of an error up to which redundant cables prove an origin."""
 MOST_EPOCHS = 2**17
 """Kept of a run: of a longer one, of several neighbours the one that contradicts itself most."""
+SUSPECT = 1e-4
+"""Chance, by an upper bound of chi-squared and the normal law, from which a sample's contradictions are worked out to be compared."""
 ON_THE_WAY = 2000
 """Epochs by which a run is followed to its alarms."""
 ROUNDS = 40
@@ -82,6 +86,7 @@ class Consistency:
         self._rig, self._redundancy, self._solve = rig, redundancy, solve
         self._epochs, self._samples = epochs, max(samples, 1)
         self._settled = np.zeros(len(epochs), np.bool_)
+        self._limits: dict[bytes, float] = {}
 
     def judged(self, before: Doubts) -> Doubts:
         """What is in doubt of the run: before, and beside it what its cables say of each other."""
@@ -89,14 +94,15 @@ class Consistency:
         for _ in range(ROUNDS):
             poses = self._solve(self._epochs.change_mm)
             parities = self._redundancy.parities(self._epochs, poses)
-            alarms = self._alarms(parities)
+            alarms = self._alarms(parities, poses)
             if not len(alarms):
                 break
             every += self._doubts(alarms, parities)
         else:
             # so many faults one after the other: whatever still contradicts itself is nobody's
-            parities = self._redundancy.parities(self._epochs, self._solve(self._epochs.change_mm))
-            alarms = self._alarms(parities)
+            poses = self._solve(self._epochs.change_mm)
+            parities = self._redundancy.parities(self._epochs, poses)
+            alarms = self._alarms(parities, poses)
             every += self._inconsistent((), alarms, parities) if len(alarms) else []
         notes = list(before.notes)
         every, proved = self._proved(every)
@@ -105,11 +111,22 @@ class Consistency:
         new = [d for d in every if all(d is not old for old in before.every)]
         return Doubts(tuple(sorted(every, key=lambda d: (d.after_s, d.cable))), (*notes, *_notes(self._rig, new)))
 
-    def _alarms(self, parities: Parities) -> IntArray:
-        """Epochs that contradict themselves and are not settled."""
-        chance = chi2.sf(parities.chi_squared, np.maximum(parities.freedom, 1))
-        wrong = (parities.freedom > 0) & (chance < SIGNIFICANCE / self._samples)
-        return np.asarray(np.flatnonzero(wrong & ~self._settled))
+    def _alarms(self, parities: Parities, poses: FloatArray) -> IntArray:
+        """Epochs, at poses (n, 7), that contradict themselves and are not settled."""
+        chi, open_ = parities.chi_squared, (parities.freedom > 0) & ~self._settled
+        wrong = np.zeros(len(chi), np.bool_)
+        for used in np.unique(parities.used[open_], axis=0):
+            mine = open_ & (parities.used == used).all(axis=1)
+            if chi2.sf(chi[mine].max(), used.sum() - len(self._redundancy.free)) < WORTH:
+                wrong[mine] = chi[mine] > self._limit(used, np.flatnonzero(mine), poses)
+        return np.asarray(np.flatnonzero(wrong))
+
+    def _limit(self, used: BoolArray, epochs: IntArray, poses: FloatArray) -> float:
+        """Of chi-squared of these channels, at these epochs or any of them before."""
+        key = used.tobytes()
+        if key not in self._limits:
+            self._limits[key] = self._redundancy.chance(self._epochs.at(epochs), poses[epochs], used).limit(SIGNIFICANCE / self._samples)
+        return self._limits[key]
 
     def _doubts(self, alarms: IntArray, parities: Parities) -> list[Doubt]:
         """What becomes of alarms: all of them by one explanation, else the first of them by one."""
@@ -157,14 +174,19 @@ class Consistency:
         best = poses[1 + int(np.argmax(chances))]
         known = np.where(np.isfinite(best), best, poses[0])
         filled = [np.where(np.isfinite(at), at, known) for at in poses[1:]]
-        return [
+        chances = [
             chance if np.isfinite(at).all() else self._chance(epochs, cables, full)
             for cables, at, full, chance in zip(sets, poses[1:], filled, chances, strict=True)
         ]
+        standing = [k for k, chance in enumerate(chances) if chance >= HARDLY]
+        if len(standing) > 1:
+            for k in standing:
+                chances[k] = self._chance(epochs, sets[k], filled[k], rounded=True)
+        return chances
 
-    def _chance(self, epochs: Epochs, cables: tuple[int, ...], poses: FloatArray) -> float:
-        """Of contradictions as large without these cables, at poses (n, 7), by all epochs together and by the worst alone (Bonferroni);
-        -1 where no pose is known."""
+    def _chance(self, epochs: Epochs, cables: tuple[int, ...], poses: FloatArray, *, rounded: bool = False) -> float:
+        """Of contradictions as large without these cables, at poses (n, 7), by all epochs together and by the worst alone (Bonferroni), by
+        the normal law or, rounded, by that of rounding, which is never above it but takes longer; -1 where no pose is known."""
         known = np.isfinite(poses[:, 0])
         if not known.any():
             return -1.0
@@ -173,7 +195,10 @@ class Consistency:
         used[:, list(cables)] = False
         together, alone, freedom = self._redundancy.jointly(epochs, poses, used)
         n = len(poses)
-        return float(2.0 * min(chi2.sf(together, freedom * n), chi2.sf(alone.max(), freedom) * n))
+        worst = chi2.sf(alone.max(), freedom)
+        if rounded:
+            worst = min(worst, self._redundancy.chance(epochs, poses, used[0]).above(alone.max()))
+        return float(2.0 * min(chi2.sf(together, freedom * n), worst * n))
 
     def _followed(self, cables: tuple[int, ...], wanted: IntArray) -> tuple[IntArray, FloatArray]:
         """Epochs on the way to the wanted ones, these among them, and their poses (k, 7) without these cables."""
@@ -299,8 +324,8 @@ def _notes(rig: Rig, every: list[Doubt]) -> list[Finding]:
 class EpochFinder:
     """Collects the epochs of a run that is given in pieces."""
 
-    def __init__(self, redundancy: Redundancy, significance: float = SIGNIFICANCE) -> None:
-        self._redundancy, self._significance = redundancy, significance
+    def __init__(self, redundancy: Redundancy) -> None:
+        self._redundancy = redundancy
         self._pieces: list[Epochs] = []
         self._scores: list[FloatArray] = []
         self.samples = 0
@@ -310,7 +335,7 @@ class EpochFinder:
         self.samples += len(epochs)
         freedom = np.maximum(np.isfinite(epochs.change_mm).sum(axis=1) - len(self._redundancy.free), 1)
         with np.errstate(invalid="ignore"):
-            suspect = ~(chi2.sf(chi_squared, freedom) >= self._significance / self.samples) & np.isfinite(poses[:, 0])
+            suspect = ~(chi2.sf(chi_squared, freedom) >= SUSPECT) & np.isfinite(poses[:, 0])
         score = np.where(np.isfinite(chi_squared), 0.0, np.inf)
         rows = np.flatnonzero(suspect)
         if len(rows):

@@ -21,7 +21,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.errors import TrajectoryError
 from lmeasure.roots import symmetric_root
-from lmeasure.trajectory.redundancy import Epochs
+from lmeasure.trajectory.redundancy import Epochs, repeats
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.sources import Told
 
@@ -91,16 +91,6 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
     told = Told(mean, _mixed(C, o), total, freedom, poses, C)
     reconstruction.use(told)
     return told
-
-
-def repeats(readings: FloatArray) -> FloatArray:
-    """(n, m) how many samples on end show the reading of each sample of (n, m)."""
-    out = np.ones(readings.shape)
-    for column, counted in zip(readings.T, out.T, strict=True):
-        ends = np.flatnonzero(np.append(column[1:] != column[:-1], True))
-        length = np.diff(ends, prepend=-1)
-        counted[:] = np.repeat(length, length)
-    return out
 
 
 def _mixed(C: FloatArray, o: int) -> FloatArray:

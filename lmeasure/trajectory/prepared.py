@@ -11,9 +11,10 @@ from lmeasure.lengths import Lengths
 from lmeasure.rig import Cable, Rig
 from lmeasure.run import Run, RunHead
 from lmeasure.status import Status
-from lmeasure.trajectory.consistency import collected, consistent
+from lmeasure.trajectory.consistency import IN_TIME, collected, consistent
 from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.origins import learn
+from lmeasure.trajectory.other_origins import moved
 from lmeasure.trajectory.passes import Alignment
 from lmeasure.trajectory.power_on import find_start
 from lmeasure.trajectory.redundancy import Epochs
@@ -23,6 +24,7 @@ from lmeasure.trajectory.slips import Slip, slip
 from lmeasure.trajectory.sources import PassClock
 
 STEPPED = "origin.stepped"
+LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
 SLIPS = 8
 """Found one after the other."""
 
@@ -71,7 +73,7 @@ def prepare(
     if reconstruction.redundancy is None:
         return reconstruction, found
     reconstruction.use(None)
-    found = _restored(reconstruction, found)
+    found = _moved(reconstruction, _restored(reconstruction, found), pieces)
     for _ in range(SLIPS):
         reconstruction.use(None)
         epochs = collected(reconstruction, pieces(found))[0]
@@ -85,11 +87,16 @@ def prepare(
             break
         reconstruction.use(None)
         again = any(cable == slipped.channel for cable, _, _ in reconstruction.budget.restored)
-        if slipped.others or reconstruction.budget.absolute[slipped.channel] or again:
+        gradually = None
+        if not (slipped.others or reconstruction.budget.absolute[slipped.channel] or again):
+            gradually = moved(reconstruction, epochs.without(_wrong(found, reconstruction)), slipped.channel)
+        if gradually is None or np.isinf(gradually.after_s):
             found = _with(found, slipped, rig)
         else:
-            reconstruction.budget.restore(slipped.channel, slipped.after_s)
-            found = _meanwhile(found, slipped, rig)
+            after_s = max(slipped.after_s, gradually.after_s)
+            reconstruction.budget.restore(slipped.channel, after_s)
+            why = _said(slipped.channel, gradually.by, gradually.u, rig)
+            found = _meanwhile(found, slipped.channel, min(slipped.from_s, gradually.from_s), after_s, why)
     if reconstruction.budget.restored:
         # what goes on must agree with the others there
         after = consistent(reconstruction, pieces(found), found)
@@ -139,16 +146,64 @@ def _told(reconstruction: Reconstruction) -> list[Finding]:
     return out
 
 
-def _meanwhile(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
-    """The doubts and one of the time within which the channel slipped, nobody knows when exactly."""
-    new = Doubt(slipped.channel, slipped.from_s, slipped.after_s, Status.INCONSISTENT, _said(slipped, rig))
+def _moved(reconstruction: Reconstruction, doubts: Doubts, pieces: Pieces) -> Doubts:
+    """The doubts, without those of drums that contradicted the others and go on from another origin but for the time within which they
+    came to it."""
+    budget = reconstruction.budget
+    restored = {cable for cable, _, _ in budget.restored}
+    seen = (Status.INCONSISTENT, Status.ORIGIN_LOST)
+    wrong = {d.cable for d in doubts.every if d.status in seen and d.cable != EVERY and not budget.absolute[d.cable]}
+    for j in sorted(wrong - restored):
+        # who else is wrong tells nothing of this one
+        others = replace(doubts, every=tuple(d for d in doubts.every if d.cable != j))
+        epochs = collected(reconstruction, pieces(others))[0]
+        found = moved(reconstruction, epochs.without(sorted(wrong - restored - {j})), j)
+        if found is None:
+            continue
+        name = reconstruction.rig.observed[j].name
+        if np.isinf(found.after_s):
+            doubts = _since(doubts, j, name, found.from_s)
+        else:
+            budget.restore(j, found.after_s)
+            why = _said(j, found.by, found.u, reconstruction.rig)
+            notes = tuple(note for note in doubts.notes if not (note.code in LEFT_OUT and note.values.get("cable") == name))
+            doubts = _meanwhile(replace(others, notes=notes), j, found.from_s, found.after_s, why)
+    return doubts
+
+
+def _since(doubts: Doubts, cable: int, name: str, from_s: float) -> Doubts:
+    """The doubts, the last one of a cable that is left out to the end from the time on at which it began to err."""
+    last = next((d for d in doubts.every if d.cable == cable and np.isinf(d.until_s) and d.after_s > from_s), None)
+    if last is None:
+        return doubts
+    within = [d for d in doubts.every if d.cable == cable and d.after_s >= from_s]
+    every = [d for d in doubts.every if d not in within] + [replace(last, after_s=from_s)]
+    notes = []
+    for note in doubts.notes:
+        if (
+            note.code in LEFT_OUT
+            and note.values["cable"] == name
+            and any(note.values["begin"].values.get("s") == d.after_s for d in within)
+        ):
+            if note.values["end"].code != "time.end":
+                continue
+            note = finding(note.code, **{**note.values, "begin": finding("time.at", s=from_s)})
+        notes.append(note)
+    return replace(doubts, every=tuple(sorted(every, key=lambda d: (d.after_s, d.cable))), notes=tuple(notes))
+
+
+def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, said: Finding) -> Doubts:
+    """The doubts and one of the time within which a channel slipped, nobody knows when exactly."""
+    if not after_s > from_s:
+        return doubts
+    new = Doubt(cable, from_s, after_s, Status.INCONSISTENT, said)
     return replace(doubts, every=tuple(sorted((*doubts.every, new), key=lambda d: (d.after_s, d.cable))))
 
 
-def _said(slipped: Slip, rig: Rig) -> Finding:
-    if isinstance(rig.observed[slipped.channel], Cable):
-        return finding("slip.length", mm=slipped.by, u_mm=slipped.u)
-    return finding("slip.angle", deg=float(np.degrees(slipped.by)), u_deg=float(np.degrees(slipped.u)))
+def _said(channel: int, by: float, u: float, rig: Rig) -> Finding:
+    if isinstance(rig.observed[channel], Cable):
+        return finding("slip.length", mm=by, u_mm=u)
+    return finding("slip.angle", deg=float(np.degrees(by)), u_deg=float(np.degrees(u)))
 
 
 def _with(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
@@ -160,7 +215,7 @@ def _with(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
         note = finding("channels.contradict", **when, said=said)
     else:
         cable, o = slipped.channel, observed[slipped.channel]
-        said = _said(slipped, rig)
+        said = _said(cable, slipped.by, slipped.u, rig)
         kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
         note = finding("channel.left_out", **when, what=finding(f"channel.{kind}", name=o.name), said=said)
     new = Doubt(cable, slipped.from_s, np.inf, Status.INCONSISTENT, said)

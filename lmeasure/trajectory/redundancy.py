@@ -22,10 +22,13 @@ from lmeasure.kernels.layout import CABLE, KIND
 from lmeasure.kernels.screw import platform_size
 from lmeasure.lengths import Lengths, changes_from_counts
 from lmeasure.trajectory.budget import Budget
+from lmeasure.trajectory.contradictions import ChanceOfContradiction, chance_of
 from lmeasure.trajectory.sources import Situation
 
 CHUNK = 2048  # samples whose systematic errors are in memory at once
 TURN = 2.0 * np.pi
+PLACES = 4
+"""Samples of a run, spread over it, at which the chance of contradictions is worked out."""
 UNCONTROLLED = 1e-6
 """Of a cable's variance that the others must be able to show."""
 
@@ -147,6 +150,32 @@ class Redundancy:
         weight = np.where(uncontrolled[:, :, None] | uncontrolled[:, None, :], 0.0, weight)
         return Parities(residual, used, weight, np.maximum(used.sum(axis=1) - len(self.free), 0))
 
+    def error_of(
+        self, j: int, epochs: Epochs, poses: FloatArray, used: BoolArray, *, offsets: FloatArray, apart_from: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(n,) each: what channel j reads too much by the others at poses (n, 7) that these tell [mm, rad], what of its standard uncertainty
+        is a sample's own, and what samples have in common without the last variables of the run's; NaN where nothing controls it. Readings
+        are too large by offsets (n, m) or (1, m)."""
+        n, m = epochs.change_mm.shape
+        error, own, common = np.full((3, n), np.nan)
+        for begin in range(0, n, CHUNK):
+            part = np.flatnonzero(np.isfinite(poses[begin : begin + CHUNK, 0]) & used[begin : begin + CHUNK, j]) + begin
+            at, mine = epochs.at(part), used[part]
+            readings = at.gone_on_mm - np.broadcast_to(offsets, (n, m))[part]
+            basis, shared = self.basis(poses[part], mine), self.shared(at, poses[part], mine)
+            shared = shared[:, :, : shared.shape[2] - apart_from]
+            rounding = np.where(mine, at.variance_mm2 / self.unit**2, 1.0)
+            within = np.swapaxes(basis, 1, 2) @ self._covariance(at, shared, mine) @ basis
+            weight = basis @ np.linalg.solve(within, np.swapaxes(basis, 1, 2))
+            row, diagonal = weight[:, j], weight[:, j, j]
+            known = mine[:, j] & (diagonal * rounding[:, j] >= UNCONTROLLED)
+            diagonal = np.where(known, diagonal, np.nan)
+            residual = np.where(mine, self.residuals(poses[part], readings), 0.0) / self.unit
+            error[part] = np.einsum("nm,nm->n", row, residual) / diagonal * self.unit[j]
+            own[part] = np.sqrt((row**2 * rounding * mine).sum(axis=1)) / diagonal * self.unit[j]
+            common[part] = np.sqrt((np.einsum("nm,nmk->nk", row, shared) ** 2).sum(axis=1)) / diagonal * self.unit[j]
+        return error, own, common
+
     def weighed(self, basis: FloatArray, residual: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n, m) residuals and (n, m, m) their weights by variances (n, m) of their own, in the units of the basis (n, m, r)."""
         own = basis * (variance / self.unit**2)[:, :, None]
@@ -171,28 +200,54 @@ class Redundancy:
         own = np.where(used, epochs.variance_mm2 / self.unit**2, 1.0)
         return np.asarray(shared @ np.swapaxes(shared, 1, 2) + own[:, :, None] * np.eye(own.shape[1]))
 
+    def chance(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> ChanceOfContradiction:
+        """Of contradictions of the channels used (m,) where nothing is wrong, at any of n epochs at poses (n, 7)."""
+        some = np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), PLACES)).round().astype(np.intp))
+        epochs, poses = epochs.at(some), poses[some]
+        every = np.broadcast_to(used, (len(some), len(used)))
+        towards = np.swapaxes(_without_unused(self.basis(poses, every), every), 1, 2)
+        rounding = np.minimum(epochs.variance_mm2, self._budget.variance)
+        own = [np.sqrt(np.where(used, v, 0.0))[:, None, :] / self.unit for v in (rounding, epochs.variance_mm2 - rounding)]
+        shared, uniform = towards @ self.shared(epochs, poses, every), np.array(self._budget.uniform, dtype=np.bool_)
+        U = np.concatenate([towards * own[0], shared[:, :, uniform]], axis=2)
+        V = np.concatenate([towards * own[1], shared[:, :, ~uniform]], axis=2)
+        root = np.linalg.cholesky(U @ np.swapaxes(U, 1, 2) + V @ np.swapaxes(V, 1, 2))
+        return chance_of(np.linalg.solve(root, U), np.linalg.solve(root, V))
+
     def jointly(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> tuple[float, FloatArray, int]:
-        """Chi-squared of all epochs together, whose systematic errors are one draw, each epoch's own (n,), and the degrees of freedom of an
-        epoch; the same cables are used at all of them."""
-        basis = self.basis(poses, used)
-        basis = basis[:, :, : int(used[0].sum()) - len(self.free)] if used.all() else _without_unused(basis, used)
+        """Chi-squared of all epochs together, whose systematic errors are one draw, and so is the rounding of a count that stands, each
+        epoch's own (n,), and the degrees of freedom of an epoch; the same cables are used at all of them."""
+        basis = _without_unused(self.basis(poses, used), used)
         residual = np.where(used, self.residuals(poses, epochs.gone_on_mm), 0.0) / self.unit
         parity = np.einsum("njr,nj->nr", basis, residual)
         shared = np.swapaxes(basis, 1, 2) @ self.shared(epochs, poses, used)
-        own = np.swapaxes(basis, 1, 2) @ (np.where(used, epochs.variance_mm2 / self.unit**2, 0.0)[:, :, None] * basis)
+        variance = np.where(used, epochs.variance_mm2 / self.unit**2, 0.0)
+        own, lasting = (np.swapaxes(basis, 1, 2) @ (v[:, :, None] * basis) for v in (variance, variance * repeats(epochs.gone_on_mm)))
         n, r = parity.shape
         each = shared @ np.swapaxes(shared, 1, 2) + own
         alone = np.einsum("nr,nr->n", parity, np.linalg.solve(each, parity[:, :, None])[:, :, 0])
         flat = shared.reshape(n * r, -1)
         covariance = flat @ flat.T
         for i in range(n):
-            covariance[i * r : (i + 1) * r, i * r : (i + 1) * r] += own[i]
+            covariance[i * r : (i + 1) * r, i * r : (i + 1) * r] += lasting[i]
         return float(parity.ravel() @ np.linalg.solve(covariance, parity.ravel())), np.asarray(alone), r
+
+
+def repeats(readings: FloatArray) -> FloatArray:
+    """(n, m) how many samples on end show the reading of each sample of (n, m)."""
+    out = np.ones(readings.shape)
+    for column, counted in zip(readings.T, out.T, strict=True):
+        ends = np.flatnonzero(np.append(column[1:] != column[:-1], True))
+        length = np.diff(ends, prepend=-1)
+        counted[:] = np.repeat(length, length)
+    return out
 
 
 def _without_unused(basis: FloatArray, used: BoolArray) -> FloatArray:
     """The part of bases (n, m, m - f) without the unit vectors of cables that are not used, the same at all n."""
     unused = np.flatnonzero(~used[0])
+    if not len(unused):
+        return basis
     kept = basis.shape[2] - len(unused)
     # what is orthogonal, within the basis, to its rows of the unused cables
     rows = np.swapaxes(basis[:, unused, :], 1, 2)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import FloatArray
-from lmeasure.trajectory.origins import CHUNK, chosen, repeats
-from lmeasure.trajectory.redundancy import Epochs
+from lmeasure.trajectory.origins import CHUNK, chosen
+from lmeasure.trajectory.redundancy import Epochs, repeats
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.sources import Told
 

@@ -1,5 +1,6 @@
 """Channels that slip in runs of six drums and six swivels: what is told of them, and poses that are as good as is stated."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -144,3 +145,29 @@ def test_drums_alone_are_not_searched_for_slips(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("lmeasure.trajectory.prepared.slip", searched)
     found = reconstruct(read_run(AUTHORITY / "eight-run"))
     assert (found.status == Status.OK).all()
+
+
+@pytest.mark.parametrize(("by", "samples"), [(8, 1), (60, 25), (500, 25), (500, 400)])
+def test_a_drum_that_slips_little_by_little_is_left_out_meanwhile_and_goes_on(by: int, samples: int) -> None:
+    """Seen at once or only by the other channels: before the slip and behind it the drum is used, and the poses are as good as stated."""
+    slipping = np.rint(by * np.clip((np.arange(len(TIME_S)) - 699) / samples, 0.0, 1.0))
+    found = reconstruct(faulty("ch3", slipping))
+    assert (found.status == 0).all()
+    assert stated_errors(found).max() < 3.5
+    assert set(found.cable[:600]) == {""}
+    left_out = np.array([str(cause).startswith("without it") for cause in found.cause])
+    assert left_out[700 : 700 + samples].sum() >= samples - 1
+    assert not left_out[700 + samples + 150 :].any()
+    (note,) = (str(note) for note in found.notes if "went on from another origin" in str(note))
+    told = re.search(r"by \+([\d.]+) mm \(standard uncertainty ([\d.e-]+) mm\)", note)
+    assert told is not None
+    assert abs(float(told[1]) - 0.01196 * by) < 4.0 * float(told[2]) + 0.0005 * by
+
+
+def test_a_drum_that_slips_to_the_end_is_left_out_from_the_beginning_of_it() -> None:
+    slipping = np.rint(200.0 * np.clip((np.arange(len(TIME_S)) - 699) / 790.0, 0.0, 1.0))
+    found = reconstruct(faulty("ch3", slipping))
+    assert set(found.cable[705:]) == {"c3"}
+    assert set(found.cable[:650]) == {""}
+    assert stated_errors(found).max() < 3.5
+    assert any(re.match(r"from 2\.7\d* s to the end: cable c3 does not follow", str(note)) for note in found.notes)

@@ -1,0 +1,145 @@
+"""From when to when a channel came to read from another origin, as a counter does that jumped, or slipped little by little.
+
+The others tell the poses, and what they share with the channel in question: by them it errs by e at every sample, with a variance of its
+own (rounding) and one that neighbours have in common (calibration). A channel that slipped errs by one constant up to some sample and by
+another one from a later sample on: behind that it can be used again, from an origin that the run tells. When the one ended and the other
+began is told by the likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung comes
+back to the constant it had; one that still errs otherwise at the end of the run goes on from none.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.trajectory.origins import learn
+from lmeasure.trajectory.redundancy import Epochs
+from lmeasure.trajectory.screw_method import Reconstruction
+
+BEYOND = 4.0
+"""Standard uncertainties by which no sample, and no mean of a few, differs from the constant."""
+FEW = 25
+"""Samples of such a mean."""
+LEAST = 50
+"""Samples, and for so long, that a constant lasts."""
+LEAST_S = 0.2
+APART = 4.0
+"""Standard uncertainties by which the two constants differ."""
+LIKELY = 16.0
+"""Chi-squared by which a ramp is worse than the best one at most."""
+ENDS = 24
+"""Places of either end of a ramp that are tried at once, again and again between those that are likely."""
+MOST = 2048
+"""Samples, or means of neighbours, by which they are tried."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Behind from_s a channel began to read otherwise, and behind after_s [s] it reads too much by so much more than before [mm, rad]; u its
+    standard uncertainty. Infinite and NaN where it does not come to another constant in time."""
+
+    from_s: float
+    after_s: float
+    by: float
+    u: float
+
+
+def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | None:
+    """Of channel j, by a reconstruction that has learned nothing and the epochs of its run; None where it does not go on from another
+    origin. The reconstruction has learned nothing afterwards."""
+    redundancy = reconstruction.redundancy
+    assert redundancy is not None
+    told = learn(reconstruction, epochs.without([j]))
+    offsets = reconstruction.budget.offsets(epochs.time_s)
+    poses = reconstruction.solve_from_told(epochs.without([j]).change_mm - offsets)
+    used = np.isfinite(epochs.change_mm)
+    used[:, j] = np.isfinite(epochs.gone_on_mm[:, j])
+    o = 0 if told is None else len(told.mean)
+    error, own, common = redundancy.error_of(j, epochs, poses, used, offsets=offsets, apart_from=o)
+    reconstruction.use(None)
+    seen = np.flatnonzero(used[:, j] & np.isfinite(error) & np.isfinite(poses[:, 0]))
+    if len(seen) < 2 * LEAST:
+        return None
+    e, own, common, time_s = error[seen], own[seen], common[seen], epochs.time_s[seen]
+    first, last = _ramp(e, 1.0 / (own**2 + common**2))
+    # a ramp is not all that a channel may have done in between
+    constant = _lasts(e, own, common), len(e) - _lasts(e[::-1], own[::-1], common[::-1])
+    if constant[0] <= constant[1]:
+        first, last = min(first, constant[0]), max(last, constant[1])
+    least = [int(np.searchsorted(since, LEAST_S)) for since in (time_s - time_s[0], time_s[-1] - time_s[::-1])]
+    if first < max(LEAST, least[0]) or not _constant(e[:first], own[:first], common[:first]):
+        return None
+    if len(e) - last < max(LEAST, least[1]) or not _constant(e[last:], own[last:], common[last:]):
+        return Moved(float(time_s[first - 1]), np.inf, np.nan, np.nan)
+    (before, u_before), (behind, u_behind) = (_mean(e[part], own[part], common[part]) for part in (slice(first), slice(last, None)))
+    by, u = behind - before, float(np.hypot(u_before, u_behind))
+    if abs(by) < APART * u:
+        return None
+    return Moved(float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), by, u)
+
+
+def _ramp(e: FloatArray, weight: FloatArray) -> tuple[int, int]:
+    """Of n errors with weights (n,): how many of the first, and from which on the last, lie beside every ramp between two constants that is
+    likely."""
+    n = len(e)
+    firsts, lasts = (0, n), (0, n)
+    while True:
+        begins, ends = (np.unique(np.linspace(*within, ENDS).round().astype(np.intp)) for within in (firsts, lasts))
+        begin, end = (values.ravel() for values in np.meshgrid(begins, ends, indexing="ij"))
+        good = end >= begin
+        begin, end = begin[good], end[good]
+        chi = _beside(e, weight, begin, end)
+        likely = chi <= chi.min() + LIKELY
+        new = []
+        for values, chosen in ((begins, begin[likely]), (ends, end[likely])):
+            k = np.searchsorted(values, [chosen.min(), chosen.max()])
+            new.append((int(values[max(k[0] - 1, 0)]), int(values[min(k[1] + 1, len(values) - 1)])))
+        if (new[0], new[1]) == (firsts, lasts) or (len(begins) == firsts[1] - firsts[0] + 1 and len(ends) == lasts[1] - lasts[0] + 1):
+            return int(begin[likely].min()), int(end[likely].max())
+        firsts, lasts = new[0], new[1]
+
+
+def _beside(e: FloatArray, weight: FloatArray, begin: IntArray, end: IntArray) -> FloatArray:
+    """(k,) chi-squared of n errors beside ramps from one constant, up to sample begin (k,), to another, from sample end (k,) on, less that
+    of the errors."""
+    inside = slice(int(begin.min()), int(end.max()))
+    starts = np.arange(inside.start, inside.stop, max(1, -(-(inside.stop - inside.start) // MOST)))
+    blocks = np.concatenate([[0], starts[starts > 0], [inside.stop] if inside.stop < len(e) else []]).astype(np.intp)
+    blocks = np.unique(blocks)
+    w, we = np.add.reduceat(weight, blocks), np.add.reduceat(weight * e, blocks)
+    at = 0.5 * (blocks + np.append(blocks[1:], len(e)) - 1.0)
+    s = np.clip((at - begin[:, None] + 1.0) / (end - begin + 1.0)[:, None], 0.0, 1.0)
+    s[:, at < inside.start], s[:, at >= inside.stop] = 0.0, 1.0
+    A, B, C = (w * (1.0 - s) ** 2).sum(axis=1), (w * s * (1.0 - s)).sum(axis=1), (w * s**2).sum(axis=1)
+    p, q = (we * (1.0 - s)).sum(axis=1), (we * s).sum(axis=1)
+    determinant = A * C - B * B
+    sound = determinant > 1e-12 * A * C
+    gain = (C * p * p - 2.0 * B * p * q + A * q * q) / np.where(sound, determinant, 1.0)
+    return np.asarray(-np.where(sound, gain, we.sum() ** 2 / w.sum()))
+
+
+def _lasts(e: FloatArray, own: FloatArray, common: FloatArray) -> int:
+    """How many of the first of n errors are one constant."""
+    good, bad = 0, len(e) + 1
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if _constant(e[:middle], own[:middle], common[:middle]):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def _constant(e: FloatArray, own: FloatArray, common: FloatArray) -> bool:
+    """Whether errors (n,) are one, neither single ones nor the mean of the last few differing from it."""
+    mean = _mean(e, own, common)[0]
+    single: bool = bool((np.abs(e - mean) <= BEYOND * np.hypot(own, common)).all())
+    few = slice(max(0, len(e) - FEW), None)
+    u = float(np.hypot(own[few].mean() / np.sqrt(len(e[few])), common[few].mean()))
+    return single and bool(abs(e[few].mean() - mean) <= BEYOND * u)
+
+
+def _mean(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[float, float]:
+    weight = 1.0 / (own**2 + common**2)
+    mean = float((weight * e).sum() / weight.sum())
+    return mean, float(np.sqrt(1.0 / (1.0 / own**2).sum() + common.min() ** 2))
