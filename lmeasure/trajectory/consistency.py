@@ -2,7 +2,8 @@
 
 With more cables than unknowns every sample is a test: chi-squared of the contradictions, everything that the lengths share in its
 covariance (`trajectory.redundancy`). An alarm is one that a sound run of so many samples has once in a thousand runs (Bonferroni; that its
-samples' roundings are alike where it is slow makes it rarer), by the law that rounding has (`contradictions`). Alarms of a run are one question: which cable, left out, explains them? A set of cables explains alarms when the others agree at all of them
+samples' roundings are alike where it is slow makes it rarer), by the law that rounding has (`contradictions`). Alarms of a run are one
+question: which cable, left out, explains them all? A set of cables explains alarms when the others agree at all of them
 together, at 1e-3; it is left out when no other set of its size does. Where several explain them, or none, nobody can tell which is wrong
 and the samples are inconsistent. With one cable too many that is always so, for any one of them explains anything.
 

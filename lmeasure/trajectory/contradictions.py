@@ -1,15 +1,17 @@
 """How large the contradictions of sound readings become by chance, rounding being uniform and not normal.
 
-A sample's parities, brought to unit covariance, are y = U u + V v with u uniform, of unit variance (the rounding of every reading, where
-within a count its counter was zeroed), v normal (calibration, clocks, ...), and U U^T + V V^T = 1 (d, d). Of chi-squared = |y|^2 the mean is
-d, but its tail is shorter than the normal law's: sums of a few uniforms end. With g normal (d,), E exp(lambda |y|^2) = E exp(sqrt(2 lambda)
-g.y): so the moments' generating function of chi-squared follows from that of y, averaged over directions theta of the sphere,
+A sample's parities, brought to unit covariance, are y = U u + V v with u uniform, of unit variance (the rounding of every reading, and
+where within a count its counter was zeroed), v normal (calibration, clocks, ...), and U U^T + V V^T = 1 (d, d). Of chi-squared = |y|^2 the
+mean is d, but its tail is shorter than the normal law's: sums of a few uniforms end. With g normal (d,), E exp(lambda |y|^2) =
+E exp(sqrt(2 lambda) g.y): so the generating function of the moments of chi-squared follows from that of y, averaged over directions theta
+of the sphere,
 
     B(t) = mean over theta of exp(sum_j log(sinh(s_j)/s_j) + t^2 |V^T theta|^2 / 2),   s_j = sqrt(3) t (U^T theta)_j
     E exp(lambda chi2) = 2^(1 - d/2) / Gamma(d/2) (2 lambda)^(-d/2) integral of t^(d-1) B(t) exp(-t^2 / (4 lambda)) dt
 
 and the chance of a larger one from its logarithm K by the saddlepoint formula of Lugannani and Rice (1980) in the form of
-Barndorff-Nielsen (1986), divided by what the same formula gives for the normal law, whose chance is known: so it is exact where nothing is uniform.
+Barndorff-Nielsen (1986), divided by what the same formula gives for the normal law, whose chance is known: so it is exact where nothing
+is uniform.
 """
 
 from dataclasses import dataclass

@@ -35,8 +35,8 @@ MOST = 2048
 
 @dataclass(frozen=True)
 class Moved:
-    """Behind from_s a channel began to read otherwise, and behind after_s [s] it reads too much by so much more than before [mm, rad]; u its
-    standard uncertainty. Infinite and NaN where it does not come to another constant in time."""
+    """Behind from_s a channel began to read otherwise, and behind after_s [s] it reads too much by so much more than before [mm, rad], of
+    standard uncertainty u. Infinite and NaN where it does not come to another constant in time."""
 
     from_s: float
     after_s: float

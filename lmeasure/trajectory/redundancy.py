@@ -153,9 +153,9 @@ class Redundancy:
     def error_of(
         self, j: int, epochs: Epochs, poses: FloatArray, used: BoolArray, *, offsets: FloatArray, apart_from: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(n,) each: what channel j reads too much by the others at poses (n, 7) that these tell [mm, rad], what of its standard uncertainty
-        is a sample's own, and what samples have in common without the last variables of the run's; NaN where nothing controls it. Readings
-        are too large by offsets (n, m) or (1, m)."""
+        """(n,) each: what channel j reads too much by the others at poses (n, 7) that these tell [mm, rad], what of its uncertainty is a
+        sample's own, and what samples have in common without the last variables of the run; NaN where nothing controls it. Readings are
+        too large by offsets (n, m) or (1, m)."""
         n, m = epochs.change_mm.shape
         error, own, common = np.full((3, n), np.nan)
         for begin in range(0, n, CHUNK):

@@ -21,9 +21,9 @@ from lmeasure.cli import app
 from lmeasure.lengths import length_residuals, span_lengths
 from lmeasure.run import read_run
 from lmeasure.trajectory import read_trajectory, reconstruct
-from lmeasure.trajectory.redundancy import repeats
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.prepared import prepared
+from lmeasure.trajectory.redundancy import repeats
 
 
 def copied(name: str, tmp_path: Path) -> Path:
