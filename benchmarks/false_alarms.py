@@ -21,17 +21,17 @@ RUNS = (0.5, 0.1, 0.01)
 
 def study(name: str, cells: int) -> str:
     """The table of a rig."""
-    of_samples, of_runs, limits = np.zeros((2, len(SAMPLES))), np.zeros((2, len(RUNS))), []
+    of_samples, of_runs, limits = np.zeros((2, len(SAMPLES))), np.zeros((2, len(RUNS))), np.zeros((2, cells))
     for number in range(cells):
         at = Cell(name, number)
         m = len(at.per_count)
         chi = at.redundancy.parities(at.epochs, at.poses).chi_squared
         rounded = at.redundancy.chance(at.epochs, at.poses, np.ones(m, np.bool_))
-        for k, limit in enumerate((lambda chance, d=m - 6: float(chi2.isf(chance, d)), rounded.limit)):
+        for k, limit in enumerate((chi2(m - 6).isf, rounded.limit)):
             of_samples[k] += [(chi > limit(chance)).sum() for chance in SAMPLES]
             of_runs[k] += [chi.max() > limit(chance / len(TIME_S)) for chance in RUNS]
-        limits.append((chi2.isf(1e-3 / len(TIME_S), m - 6), rounded.limit(1e-3 / len(TIME_S))))
-    n, normal, own = cells * len(TIME_S), *np.mean(limits, axis=0)
+            limits[k, number] = limit(1e-3 / len(TIME_S))
+    n, (normal, own) = cells * len(TIME_S), limits.mean(axis=1)
     lines = [f"## {name}: {cells} runs of {len(TIME_S)} samples", "", "| of | stated | normal law | rounding | consistent up to |"]
     lines.append("|---|---|---|---|---|")
     for k, chance in enumerate(SAMPLES):
