@@ -200,7 +200,8 @@ def main(arguments: list[str]) -> NoReturn:
     except OSError as error:
         sys.exit(f"run.py: {error.filename or ROOT}: {error.strerror or error}")
     except KeyboardInterrupt:
-        sys.exit("run.py: interrupted; the next call begins the set-up again")
+        say("interrupted; the next call begins the set-up again")
+        sys.exit(130)
 
 
 if __name__ == "__main__":

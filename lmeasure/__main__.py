@@ -1,5 +1,22 @@
-"""`python -m lmeasure`."""
+"""`python -m lmeasure` and the `lmeasure` command. Ctrl-C ends in one line from the first moment on, before anything else is loaded."""
 
-from lmeasure.cli import program
+import os
+import sys
+from typing import NoReturn
 
-program()
+INTERRUPTED = 130
+
+
+def program() -> NoReturn:
+    """The command line in a process of its own."""
+    try:
+        from lmeasure.cli import program as begun
+
+        begun()
+    except KeyboardInterrupt:
+        print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr, flush=True)
+        os._exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    program()

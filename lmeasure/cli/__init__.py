@@ -15,6 +15,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from lmeasure.cli import interrupts
 from lmeasure.cli.help import Group, wrong_use
 from lmeasure.cli.words import said
 from lmeasure.errors import CancelledError, LMeasureError, OverwriteError, SettingsError, shortened
@@ -95,26 +96,29 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a letter gets the rest
             stream.reconfigure(errors="replace" if stream is sys.stdout else "backslashreplace")
-    try:
-        code = app(standalone_mode=False)
-        _end(code if isinstance(code, int) else 0, str(CancelledError()) if code == INTERRUPTED else "")
-    except typer.TyperException as error:
-        print(wrong_use(error), file=sys.stderr)
-        _end(error.exit_code, told=" ".join(error.format_message().split()))
-    except (CancelledError, typer.Abort):
-        _end(INTERRUPTED, str(CancelledError()))
-    except (OverwriteError, SettingsError) as error:
-        _end(WRONG_USE, *error.lines)
-    except LMeasureError as error:
-        _end(NO_ANSWER, *error.lines)
-    except MemoryError as error:
-        _end(NO_ANSWER, said("this machine's memory is not enough for what was asked: {error}", error=error))
-    except OSError as error:
-        if error.errno not in FULL or error.filename is not None:
+    with interrupts.noted():
+        try:
+            code = app(standalone_mode=False)
+            _end(code if isinstance(code, int) else 0, str(CancelledError()) if code == INTERRUPTED else "")
+        except typer.TyperException as error:
+            print(wrong_use(error), file=sys.stderr)
+            _end(error.exit_code, told=" ".join(error.format_message().split()))
+        except (CancelledError, typer.Abort, KeyboardInterrupt):  # the last before the parser watches for it
+            _end(INTERRUPTED, str(CancelledError()))
+        except (OverwriteError, SettingsError) as error:
+            _end(WRONG_USE, *error.lines)
+        except LMeasureError as error:
+            _end(NO_ANSWER, *error.lines)
+        except MemoryError as error:
+            _end(NO_ANSWER, said("this machine's memory is not enough for what was asked: {error}", error=error))
+        except OSError as error:
+            if error.errno not in FULL or error.filename is not None:
+                _unforeseen(error)
+            _end(NO_ANSWER, said("standard output cannot be written: {error}", error=error.strerror))
+        except Exception as error:
+            if interrupts.came():  # while something was being loaded, which is now half there
+                _end(INTERRUPTED, str(CancelledError()))
             _unforeseen(error)
-        _end(NO_ANSWER, said("standard output cannot be written: {error}", error=error.strerror))
-    except Exception as error:
-        _unforeseen(error)
 
 
 def _unforeseen(error: Exception) -> NoReturn:

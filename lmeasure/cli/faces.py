@@ -9,6 +9,7 @@ import typer
 
 from lmeasure import compiling
 from lmeasure.cli import events
+from lmeasure.cli.interrupts import heeded
 from lmeasure.cli.terminal import TypedLines, columns, fitted, state_line
 from lmeasure.cli.words import retold, said
 from lmeasure.errors import CancelledError, SettingsError
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 def with_bar(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
     """Under a progress bar."""
     with bar(workflow.name) as progress:
-        return workflow.run(settings, progress)
+        return workflow.run(settings, heeded(progress))
 
 
 def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
@@ -123,7 +124,7 @@ def beginning(workflow: "Workflow", settings: "Any") -> "Result[Any]":
 def with_stages(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
     """With a line for each stage."""
     with stages() as progress:
-        return workflow.run(settings, progress)
+        return workflow.run(settings, heeded(progress))
 
 
 def in_browser(workflow: "Workflow", settings: "Any") -> "Result[Any]":

@@ -173,11 +173,11 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
             shown.until(": ")
             time.sleep(0.5)
             shown.type(answer)
-        shown.until("положение 1 (1 из 3)")
+        shown.until("поза 1 (1 из 3)")
         shown.until("покой")
         shown.type("\r")
         shown.until("считано: по")
-        shown.until("положение 2 (2 из 3)")
+        shown.until("поза 2 (2 из 3)")
         person.do("pose 2 (2 of 3)")
         shown.until("движение")
         shown.until("покой")
@@ -185,12 +185,12 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
         shown.type("tak")  # what is typed stands at the end of the line that is renewed, and can be mended
         shown.until("> tak")
         shown.type("\x7f\x7fake\r")
-        shown.until("положение 3 (3 из 3)")
+        shown.until("поза 3 (3 из 3)")
         shown.type("undo\r")
-        shown.until("отменено: считывание положения 2; осталось 1")
-        shown.until("положение 2 (2 из 3)", times=2)
+        shown.until("отменено: считывание позы 2; осталось 1")
+        shown.until("поза 2 (2 из 3)", times=2)
         shown.type("\r")
-        shown.until("положение 3 (3 из 3)", times=2)
+        shown.until("поза 3 (3 из 3)", times=2)
         os.kill(shown.process.pid, signal.SIGINT)  # what Ctrl-C sends
         assert shown.close() == 1
         assert shown.modes() == shown.begun

@@ -54,7 +54,7 @@ def test_what_is_said_of_a_circle() -> None:
     assert float(told["Length of the path"].split()[0]) == pytest.approx(200 * np.pi, rel=5e-3)
     assert np.nanmax(np.abs(found.rotation_deg - np.column_stack([np.zeros((2001, 2)), np.linspace(0, 90, 2001)]))) < 1e-6
     russian = dict(summary(found, "ru"))
-    assert russian["С известным положением"] == "1951 (97,5 %)"
+    assert russian["С известной позой"] == "1951 (97,5 %)"
 
 
 def test_a_million_samples_are_thinned_and_no_fault_is_hidden() -> None:
