@@ -7,9 +7,7 @@ question: which cable, left out, explains them all? A set of cables explains ala
 together, at 1e-3; it is left out when no other set of its size does. Where several explain them, or none, nobody can tell which is wrong
 and the samples are inconsistent. With one cable too many that is always so, for any one of them explains anything.
 
-From when and until when: an alarm comes late where an error grows, and an error that stays hides wherever the geometry does not show it. So
-a doubt reaches back to the last samples, and on to the first, at which every cable in question is seen to agree, by a standard uncertainty
-that would show the error it has at the alarms. Where none explains the alarms the whole run is in doubt.
+`trajectory.spans` says from when and until when. Where none explains the alarms the whole run is in doubt.
 """
 
 from collections.abc import Callable, Iterable
@@ -27,6 +25,7 @@ from lmeasure.status import Status
 from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.redundancy import Epochs, Parities, Redundancy
 from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.spans import spans
 
 SIGNIFICANCE = 1e-3
 """Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted."""
@@ -38,18 +37,8 @@ APART_S = 1.0
 """Without an alarm, between alarms that are explained one by one where nothing explains them all."""
 WORTH = 0.05
 """Chance, by the normal law, of the largest contradiction of some channels from which the law of their rounding is worked out."""
-AGREES = 2.0
-"""Standard uncertainties within which a cable agrees."""
-SHOWS = (3.0, 30.0)
-"""Times its standard uncertainty a cable's error must be, half of what it is at the alarms within these bounds, for an agreement to speak
-against it."""
 PROVES = 5.0
 """Standard uncertainties within which a cable's error must be everywhere, and within half of them where it is known best, to be none."""
-AGAIN_S = 0.1
-AGAIN = 5
-"""Samples, and for so long, a cable must agree again."""
-MOSTLY = 0.8
-"""Of those samples: one of twenty lies beyond two standard uncertainties."""
 BACK_MM = 0.05
 """Standard uncertainty of an error up to which redundant cables prove an origin."""
 MOST_EPOCHS = 2**17
@@ -217,7 +206,7 @@ class Consistency:
         parities = self._redundancy.parities(self._epochs, poses, used)
         error, u = (values[:, cable] for values in parities.errors)
         out = []
-        for first, last in self._spans(alarms, error[:, None], u[:, None]):
+        for first, last in spans(self._epochs.time_s, alarms, error[:, None], u[:, None]):
             after, until = self._between(first, last)
             within = (self._epochs.time_s > after) & (self._epochs.time_s <= until) & np.isfinite(u)
             told = np.flatnonzero(within)
@@ -244,9 +233,9 @@ class Consistency:
             said = finding("contradiction.among", cables=" or ".join(names))
         error, u = parities.errors
         chosen = list(cables) or list(range(m))
-        spans = self._spans(alarms, error[:, chosen], u[:, chosen], forever=not cables)
+        found = spans(self._epochs.time_s, alarms, error[:, chosen], u[:, chosen]) if cables else [(0, len(error) - 1)]
         out = []
-        for first, last in spans:
+        for first, last in found:
             after, until = self._between(first, last)
             out.append(Doubt(EVERY, after, until, Status.INCONSISTENT, said))
             self._settled |= (self._epochs.time_s > after) & (self._epochs.time_s <= until)
@@ -256,32 +245,6 @@ class Consistency:
         """Times behind the epoch before the first and up to the last, or to the end."""
         time_s = self._epochs.time_s
         return float(time_s[first - 1]) if first > 0 else -np.inf, float(time_s[last]) if last < len(time_s) - 1 else np.inf
-
-    def _spans(self, alarms: IntArray, error: FloatArray, u: FloatArray, *, forever: bool = False) -> list[tuple[int, int]]:
-        """First and last epochs of the doubts about cables with errors and uncertainties (n, q), from the alarms on."""
-        n = len(error)
-        told = np.where(np.isfinite(u[alarms]), np.abs(error[alarms]), 0.0)
-        size = np.quantile(told, 0.9, axis=0) if len(alarms) else np.zeros(error.shape[1])
-        shows = np.clip(0.5 * (told / u[alarms]).max(axis=0, initial=0.0), *SHOWS)
-        agrees: BoolArray = np.all((np.abs(error) <= AGREES * u) & (shows * u <= size), axis=1)
-        time_s, number = self._epochs.time_s, np.cumsum(agrees)
-        out: list[tuple[int, int]] = []
-        for alarm in alarms.tolist():
-            if out and alarm <= out[-1][1]:
-                continue
-            # several channels may err so that for a while no single one seems to
-            before = np.flatnonzero(agrees[:alarm]) if not forever else np.empty(0, np.int64)
-            first = int(before[-1]) + 1 if len(before) else 0
-            last = n - 1
-            if not forever:
-                for begin in np.flatnonzero(agrees[alarm:]) + alarm:
-                    end = int(np.searchsorted(time_s, time_s[begin] + AGAIN_S))
-                    end = min(max(end, begin + AGAIN - 1), n - 1)
-                    if number[end] - number[begin] + 1 >= MOSTLY * (end - begin + 1) and end - begin + 1 >= min(AGAIN, n - begin):
-                        last = int(begin) - 1
-                        break
-            out.append((first, max(last, alarm)))
-        return out
 
     def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[Finding, Finding]]:
         """Doubts less those of lost origins that the other cables prove right, and what to say of these instead."""

@@ -57,6 +57,25 @@ def test_two_channels_that_err_one_after_the_other_are_each_left_out() -> None:
     assert position_error(trajectory.poses, motion(3000, rate_hz=250.0)[1]).max() < 0.03
 
 
+def test_two_channels_that_err_at_once_are_measured_by_the_others() -> None:
+    """Of nine cables, by less than a step that their motion would show: exactly as long as they do, and by what they do."""
+    counts = {"c3": 12.0, "c7": -10.0}
+    run = record(rig_of([*EIGHT, ("B1", "P3")]), *motion(900, rate_hz=250.0))
+    recorded = run.passes[0].recorded.copy()
+    recorded[300:600, [2, 6]] += list(counts.values())
+    trajectory = reconstruct(with_recorded(run, recorded))
+    assert [set(trajectory.cable[part]) for part in (slice(300), slice(300, 600), slice(600, None))] == [{""}, {"c3, c7"}, {""}]
+    said = [
+        re.match(r"from (\S+) s to (\S+) s: cable (c[37]) does not .* by up to (\S+) mm .*uncertainty (\S+) mm", str(note))
+        for note in trajectory.notes
+    ]
+    found = [one for one in said if one is not None]
+    assert [(float(one[1]), float(one[2]), one[3]) for one in found] == [(299 / 250, 599 / 250, "c3"), (299 / 250, 599 / 250, "c7")]
+    for one in found:
+        assert abs(float(one[4]) - 0.012 * counts[one[3]]) < 4.0 * float(one[5]) < 0.1
+    assert position_error(trajectory.poses, motion(900, rate_hz=250.0)[1]).max() < 0.03
+
+
 def test_without_two_cables_the_covariance_is_that_of_the_others(tmp_path: Path) -> None:
     run = record(rig_of(EIGHT), *motion(400, rate_hz=250.0))
     recorded = run.passes[0].recorded.copy()
