@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -126,7 +127,8 @@ def _table(path: Path, here: str) -> Iterator[Found]:
         if not path.name.startswith("pass"):
             yield Found("trajectory", here)
         return
-    names = {name.strip() for name in _head(path).split("\n", 1)[0].split(",")}
+    # as they are read: a mark of other editors before the first, semicolons or tabs between them
+    names = {name.strip().strip('"') for name in re.split("[,;\t]", _head(path).removeprefix("\ufeff").split("\n", 1)[0])}
     if {"time_s", "x_mm", "y_mm", "z_mm"} <= names:
         yield Found("trajectory", here)
     elif {"pose", "x_mm"} <= names:

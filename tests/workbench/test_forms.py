@@ -121,3 +121,11 @@ def test_names_for_what_is_written_are_free(tmp_path: Path) -> None:
     (tmp_path / "zones").mkdir()
     (tmp_path / "zones" / "zone.nc").write_text("")
     assert forms.suggested("zone", "out", look_at(tmp_path)) == "zones/zone-2.nc"
+
+
+def test_tables_are_found_as_they_are_read(tmp_path: Path) -> None:
+    """Commas, semicolons, tabs, quoted names, the mark of Windows editors: what the commands read is offered to them."""
+    heads = {"trajectory": "time_s,x_mm,y_mm,z_mm", "poses": 'pose;"x_mm";y_mm;z_mm', "measurements": "\ufeffname\tjoint_1_deg\tx_mm"}
+    for kind, head in heads.items():
+        (tmp_path / f"{kind}.csv").write_text(head + "\n", encoding="utf-8")
+    assert {(one.kind, one.path) for one in look_at(tmp_path).found} == {(kind, f"{kind}.csv") for kind in heads}
