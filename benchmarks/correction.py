@@ -1,16 +1,19 @@
 """Simulated robots corrected: measured, identified, told corrected joint values, measured again; improvement and what is left.
 
-    python benchmarks/correction.py [--robots 200] [--kinds generic6,generic7,gough]
+    python benchmarks/correction.py [--robots 200] [--kinds generic6,generic7,gough] [--keep FILE] [--seconds S]
 
 Every parameter of the links errs by 0.3 mm and 0.5 mrad, of a hexapod every point and length by 0.3 mm; the robot repeats to 0.02 mm in
-each coordinate, the instrument adds 0.01 mm. Identified from 100 places alone, or with orientations known to 0.02 degrees besides; 40
-others, 10 of a hexapod, are visited 30 times each, before and after correction. AP is the distance of the mean from where
-the nominal robot would be, seen from where the robot was found to stand. Its floor is what repeatability over the root of the cycles and
-what is not known of the robot leave: the mean of |N(0, covariance)| of both together. Writes benchmarks/results/correction.md.
+each coordinate, the instrument adds 0.01 mm. Identified from 100 poses, each visited once or 30 times as a certificate's poses are, from
+places alone or with orientations known to 0.02 degrees besides; 40 others, 10 of a hexapod, are visited 30 times each, before and after
+correction. AP is the distance of the mean from where the nominal robot would be, seen from where the robot was found to stand. Two floors:
+what repeatability and the instrument leave over the root of the cycles, were the robot known; and the same with what the identification
+says that it does not know: the mean of |N(0, covariance)|. Improvement is AP before over after, of each robot. --keep and --seconds run it
+in pieces. Writes benchmarks/results/correction.md.
 """
 
 import argparse
 import itertools
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from pieces import Pieces
 
 from lmeasure import se3
 from lmeasure.robots.correction import Limits, correct
@@ -33,6 +37,8 @@ PLACE_MM, TILT_RAD = 120.0, 0.25
 """Of a hexapod, about its home pose."""
 TURN_RAD = np.radians(0.02)
 REPEAT_MM, INSTRUMENT_MM, ROWS, CYCLES = 0.02, 0.01, 100, 30
+NOISE_MM = math.hypot(REPEAT_MM, INSTRUMENT_MM)
+"""Of one visit, in each coordinate."""
 TARGETS = {"generic6": 40, "generic7": 40, "gough": 10}
 BASE = np.array([1000.0, 50.0, -30.0, 0.0, 0.0, np.sin(0.6), np.cos(0.6)])
 TOOL = np.array([10.0, 20.0, 150.0, 0.0, 0.0, 0.0, 1.0])
@@ -52,8 +58,9 @@ def joints_of(nominal: Any, rng: np.random.Generator, count: int) -> np.ndarray:
     return np.asarray(middle + rng.uniform(-reach, reach, (count, len(low))))
 
 
-def one(name: str, seed: int, oriented: bool) -> tuple[float, float, float, int, int, int]:
-    """Mean AP before, after, and its floor [mm]; targets corrected, refused, and how many within u95 of single visits."""
+def one(name: str, seed: int, oriented: bool, visits: int) -> list[float]:
+    """Mean AP before, after, and its floor with what is not known of the robot [mm]; targets corrected, refused, and how many within u95
+    of single visits."""
     rng, nominal = np.random.default_rng([seed, len(name)]), any_shipped(name).model
     true = nominal.moved(np.array([rng.normal() * SIZES.get(p.name.rpartition(".")[2], 0.0) for p in nominal.parameters]))
 
@@ -64,9 +71,9 @@ def one(name: str, seed: int, oriented: bool) -> tuple[float, float, float, int,
         return poses(q)[:, :3]
 
     q = joints_of(nominal, rng, ROWS)
-    noise = float(np.hypot(REPEAT_MM, INSTRUMENT_MM))
-    place = seen(q) + rng.normal(0.0, noise, (ROWS, 3))
-    turned = se3.displaced(poses(q), np.column_stack([rng.normal(0.0, TURN_RAD, (ROWS, 3)), np.zeros((ROWS, 3))]))[:, 3:]
+    place = seen(q) + rng.normal(0.0, NOISE_MM / math.sqrt(visits), (ROWS, 3))
+    turns = rng.normal(0.0, TURN_RAD / math.sqrt(visits), (ROWS, 3))
+    turned = se3.displaced(poses(q), np.column_stack([turns, np.zeros((ROWS, 3))]))[:, 3:]
     rows = measured(q, place, turned if oriented else None)
     found = identify(nominal, rows, Settings())
     targets = joints_of(nominal, rng, TARGETS[name])
@@ -75,47 +82,50 @@ def one(name: str, seed: int, oriented: bool) -> tuple[float, float, float, int,
     targets, solved = targets[kept], np.array([c.joints for c in done])[kept]
     base, tool = found.state.base, found.state.targets[0]
     wanted = se3.compose(se3.compose(base, nominal.forward(targets)), np.broadcast_to(tool, (len(targets), 7)))[:, :3]
-    mean = rng.normal(0.0, noise / np.sqrt(CYCLES), (2, len(targets), 3))
+    mean = rng.normal(0.0, NOISE_MM / math.sqrt(CYCLES), (2, len(targets), 3))
     before, after = (np.linalg.norm(seen(p) + m - wanted, axis=1) for p, m in zip((targets, solved), mean, strict=True))
     told = predict(found, solved)
     own = told.covariance - (found.noise.position_mm**2) * found.shape * found.misfit**2
-    spread = own + noise**2 / CYCLES * np.eye(3)
+    spread = own + NOISE_MM**2 / CYCLES * np.eye(3)
     draws = np.einsum("nij,knj->kni", np.linalg.cholesky(spread + 1e-12 * np.eye(3)), rng.normal(size=(400, len(targets), 3)))
     floor = np.linalg.norm(draws, axis=2).mean()
-    single = np.linalg.norm(seen(solved) + rng.normal(0.0, noise, (len(targets), 3)) - wanted, axis=1)
-    return float(before.mean()), float(after.mean()), float(floor), int(kept.sum()), int((~kept).sum()), int((single < told.u95_mm).sum())
+    # where one visit of the means that were measured would lie: of single visits as stated
+    single = np.linalg.norm(seen(solved) + rng.normal(0.0, NOISE_MM / math.sqrt(visits), (len(targets), 3)) - wanted, axis=1)
+    counts = int(kept.sum()), int((~kept).sum()), int((single < told.u95_mm).sum())
+    return [float(before.mean()), float(after.mean()), float(floor), *counts]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", type=int, default=200)
     parser.add_argument("--kinds", default="generic6,generic7,gough")
+    parser.add_argument("--keep", type=Path, help="file for what has run, to go on from")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="when to stop, with --keep")
     asked = parser.parse_args()
-    robots = asked.robots
-    command = f"`python benchmarks/correction.py --robots {robots}`"
-    header = ["robot", "measured", "robots", "AP before", "after", "floor, mm", "after / floor", "improvement: least, 5, 50, 95 %, most"]
-    header += ["refused", "in u95"]
+    known, robots = Pieces(asked.keep, asked.seconds), asked.robots
+    bare = NOISE_MM / math.sqrt(CYCLES) * math.sqrt(8.0 / math.pi)  # the mean of |N(0, s^2 I)| in space
+    header = ["robot", "measured", "visits", "AP before", "after", "floor, mm", "after / floor", "with what is not known", "after / that"]
+    header += ["improvement: least, 5, 50, 95 %, most", "refused", "in u95"]
     lines = [
         "# Corrected robots",
         "",
-        f"{command}: {ROWS} poses measured, 40 others (of a hexapod 10) corrected, per robot; `gough` is a hexapod.",
+        f"`python benchmarks/correction.py --robots {robots}`: of each kind, by places alone and with orientations, {robots} robots; "
+        f"{ROWS} poses measured, 40 others (of a hexapod 10) corrected, visited 30 times each. `gough` is a hexapod.",
         "",
+        f"| {' | '.join(header)} |",
+        "|---" * len(header) + "|",
     ]
-    lines += [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
-    for name, oriented in itertools.product(asked.kinds.split(","), (False, True)):
-        rows = np.array([one(name, seed, oriented) for seed in range(robots)])
-        before, after, floor, kept, refused, inside = rows.T
-        ratio = before / after
-        share = inside.sum() / kept.sum()
-        cells = [name, "places and orientations" if oriented else "places", str(robots), f"{before.mean():.3f}", f"{after.mean():.4f}"]
-        cells += [f"{floor.mean():.4f}", f"{after.mean() / floor.mean():.2f}"]
-        cells += [", ".join(f"{v:.0f}" for v in np.quantile(ratio, (0.0, 0.05, 0.5, 0.95, 1.0)))]
-        cells += [f"{100 * refused.sum() / (refused + kept).sum():.1f} %", f"{100 * share:.1f} %"]
+    for name, oriented, visits in itertools.product(asked.kinds.split(","), (False, True), (1, CYCLES)):
+        rows = [known(f"{name} {oriented} {visits} {seed}", lambda key=(name, seed, oriented, visits): one(*key)) for seed in range(robots)]
+        before, after, floor, kept, refused, inside = np.array(rows).T
+        cells = [name, "places and orientations" if oriented else "places", str(visits), f"{before.mean():.3f}", f"{after.mean():.4f}"]
+        cells += [f"{bare:.4f}", f"{after.mean() / bare:.2f}", f"{floor.mean():.4f}", f"{after.mean() / floor.mean():.2f}"]
+        cells += [", ".join(f"{v:.0f}" for v in np.quantile(before / after, (0.0, 0.05, 0.5, 0.95, 1.0)))]
+        cells += [f"{100 * refused.sum() / (refused + kept).sum():.1f} %", f"{100 * inside.sum() / kept.sum():.1f} %"]
         lines.append(f"| {' | '.join(cells)} |")
         print(lines[-1], flush=True)
-    if asked.kinds != parser.get_default("kinds"):
-        return
-    RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if asked.kinds == parser.get_default("kinds"):
+        RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Errors after correction without a model and with one: a real UR5 by folds, and simulated arms with a map of their errors.
 
-    python benchmarks/error_map.py [--robots 100] [--write]
+    python benchmarks/error_map.py [--robots 100] [--write] [--keep FILE] [--seconds S]
 
 The UR5's 1,000 poses (datasets/ur5) stand in five folds, or in random sets of fewer. Of the poses left out it is predicted by how much the
 robot is off: what is left of that is how far a corrected robot would be from where it was sent. `none`: the errors as they were measured,
@@ -8,10 +8,12 @@ less the frame that fits best; `model`: as `lmeasure identify` finds it; `map`: 
 the joint angles have in the nominal robot. The stated radius is to hold 95 % of what is left. What a map refuses counts as refused.
 
 Simulated arms: generic6 with 0.3 mm and 0.5 mrad on every parameter of the links, scattered poses within 500 mm and 0.25 rad about one,
-0.02 mm noise; 40 others of the middle part.
+0.02 mm noise; 40 others of the middle part, and 40 that lie 0 to 250 mm outside the measured region, which a map is to refuse. --keep and
+--seconds run it in pieces.
 """
 
 import argparse
+import math
 import os
 from pathlib import Path
 
@@ -24,6 +26,7 @@ import numpy as np
 import scipy.spatial.transform
 import scipy.stats
 from numpy.typing import NDArray
+from pieces import Pieces
 
 from lmeasure import se3
 from lmeasure.robots.choosing import identify_with_choice
@@ -78,7 +81,7 @@ def line(first: str, method: str, left: FloatArray, radius: FloatArray | None) -
     return out
 
 
-def real() -> list[str]:
+def real(known: Pieces) -> list[str]:
     joints, poses, errors = ur5()
     places = poses[:, :3] + errors
     turn, _ = scipy.spatial.transform.Rotation.align_vectors(places - places.mean(axis=0), poses[:, :3] - poses[:, :3].mean(axis=0))
@@ -89,47 +92,63 @@ def real() -> list[str]:
         parts = np.array_split(order, FOLDS) if size == 800 else [order[size : size + LATER]]
         train = [np.setdiff1d(order, part) if size == 800 else order[:size] for part in parts]
         for method in ("model", "map"):
-            each = [
-                by_model(joints, places, own, part) if method == "model" else by_map(poses, errors, own, part)
-                for own, part in zip(train, parts, strict=True)
-            ]
+            each = []
+            for k, (own, part) in enumerate(zip(train, parts, strict=True)):
+                given = (joints, places) if method == "model" else (poses, errors)
+                by = by_model if method == "model" else by_map
+                each.append(known(f"ur5 {size} {method} {k}", lambda by=by, g=given, a=own, b=part: plain(by(*g, a, b))))
             left, radius = (np.concatenate(values) for values in zip(*each, strict=True))
             lines.append(line(f"{size}{', five folds' * (size == 800)}", method, left, radius))
     return lines
 
 
-def simulated(robots: int) -> list[str]:
+def plain(values: tuple[FloatArray, ...]) -> list[list[float]]:
+    return [v.tolist() for v in values]
+
+
+def arm(seed: int, points: int) -> list[list[float]]:
+    """Of one simulated arm at 40 poses within the region: errors before, what the map leaves (NaN where it refuses) and its radius; and
+    which of 40 places outside it refuses, with how far off it would have been there."""
     nominal = shipped("generic6").model
     middle = nominal.forward(NEAR[None])[0]
     size = np.array([0.3 if p.unit == "mm" else 5e-4 for p in nominal.parameters])
-    ends = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
-    size *= [p.name.rpartition(".")[2] in ends for p in nominal.parameters]
+    size *= [p.name.rpartition(".")[2] in ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg") for p in nominal.parameters]
+    rng = np.random.default_rng([SEED, seed, points])
+    true = nominal.moved(rng.normal(size=len(size)) * size)
+    reach = np.repeat([[1.0], [0.8]], [points, 40], axis=0)
+    moves = reach * rng.uniform(-1.0, 1.0, (points + 40, 6)) * np.repeat([TILT_RAD, HALF_MM], 3)
+    beyond = rng.uniform(-1.0, 1.0, (40, 6)) * np.repeat([TILT_RAD, HALF_MM], 3)
+    axis = rng.integers(3, 6, 40)
+    beyond[np.arange(40), axis] = rng.choice([-1.0, 1.0], 40) * rng.uniform(1.0, 2.0, 40) * HALF_MM
+    poses = se3.displaced(middle, np.concatenate([moves, beyond]))
+    ways = [nominal.inverse(p) for p in poses]
+    joints = np.array([w[np.argmin(np.abs(w - NEAR).max(axis=1))] if len(w) else np.full(6, np.nan) for w in ways])
+    there = ~np.isnan(joints).any(axis=1)
+    assert there[: points + 40].all()
+    errors = np.full((len(poses), 3), np.nan)
+    errors[there] = (true.forward(joints[there]) - poses[there])[:, :3]
+    noisy = errors + rng.normal(0.0, NOISE_MM, errors.shape)
+    off, radius = by_map(poses, noisy, np.arange(points), np.arange(points, points + 40))
+    outside, _ = by_map(poses[there], noisy[there], np.arange(points), np.arange(points + 40, there.sum()))
+    return plain((np.linalg.norm(errors[points : points + 40], axis=1), off, radius, np.isnan(outside).astype(float)))
+
+
+def simulated(robots: int, known: Pieces) -> list[str]:
     lines = [HEADER[0].format("points"), HEADER[1]]
     for points in POINTS:
-        before, left, radius, one = [], [], [], []
-        for seed in range(robots):
-            rng = np.random.default_rng([SEED, seed, points])
-            true = nominal.moved(rng.normal(size=len(size)) * size)
-            reach = np.repeat([[1.0], [0.8]], [points, 40], axis=0)
-            moves = reach * rng.uniform(-1.0, 1.0, (points + 40, 6)) * np.repeat([TILT_RAD, HALF_MM], 3)
-            poses = se3.displaced(middle, moves)
-            ways = [nominal.inverse(p) for p in poses]
-            joints = np.array([w[np.argmin(np.abs(w - NEAR).max(axis=1))] for w in ways])
-            errors = (true.forward(joints) - poses)[:, :3]
-            noisy = errors + rng.normal(0.0, NOISE_MM, errors.shape)
-            off, r = by_map(poses, noisy, np.arange(points), np.arange(points, points + 40))
-            before += list(np.linalg.norm(errors[points:], axis=1))
-            left += list(off)
-            radius += list(r)
+        every = [known(f"arm {points} {seed}", lambda key=(seed, points): arm(*key)) for seed in range(robots)]
+        before, left, radius, refused = (np.concatenate(part) for part in zip(*every, strict=True))
+        lines += [line(str(points), "none", before, None), line(str(points), "map", left, radius)]
+        one = []
+        for seed, (_, off, r, _) in enumerate(every):
             there = np.flatnonzero(~np.isnan(off))
             if len(there):
-                pick = there[int(rng.integers(len(there)))]
-                one.append(bool(off[pick] <= r[pick]))
-        lines.append(line(str(points), "none", np.array(before), None))
-        lines.append(line(str(points), "map", np.array(left), np.array(radius)))
+                pick = there[int(np.random.default_rng([SEED, seed]).integers(len(there)))]
+                one.append(off[pick] <= r[pick])
         p = scipy.stats.binomtest(sum(one), len(one), 0.95).pvalue
         lines.append(f"| {points} | one pose of each robot | | | | | {100 * np.mean(one):.1f} (two-sided p {p:.2g}) | |")
-        print(lines[-1], flush=True)
+        lines.append(f"| {points} | map, at places outside | | | | | | {100 * np.mean(refused):.1f} |")
+        print(*lines[-2:], sep="\n", flush=True)
     return lines
 
 
@@ -137,13 +156,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", type=int, default=100)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--keep", type=Path, help="file for what has run, to go on from")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="when to stop, with --keep")
     asked = parser.parse_args()
-    parts = [("A real UR5", real()), (f"{asked.robots} simulated arms for each number of points", simulated(asked.robots))]
+    known, robots = Pieces(asked.keep, asked.seconds), asked.robots
+    parts = [(f"{robots} simulated arms for each number of points", simulated(robots, known)), ("A real UR5", real(known))]
     if asked.write:
-        head = (
-            f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {asked.robots} --write`\n"
-        )
-        RESULTS.write_text(head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), encoding="utf-8")
+        head = f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {robots} --write`\n"
+        tables = "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in reversed(parts))
+        RESULTS.write_text(head + tables, encoding="utf-8")
 
 
 if __name__ == "__main__":
