@@ -15,6 +15,7 @@ import argparse
 import itertools
 import math
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +117,7 @@ def main() -> None:
         "|---" * len(header) + "|",
     ]
     for name, oriented, visits in itertools.product(asked.kinds.split(","), (False, True), (1, CYCLES)):
-        rows = [known(f"{name} {oriented} {visits} {seed}", lambda key=(name, seed, oriented, visits): one(*key)) for seed in range(robots)]
+        rows = [known(f"{name} {oriented} {visits} {seed}", partial(one, name, seed, oriented, visits)) for seed in range(robots)]
         before, after, floor, kept, refused, inside = np.array(rows).T
         cells = [name, "places and orientations" if oriented else "places", str(visits), f"{before.mean():.3f}", f"{after.mean():.4f}"]
         cells += [f"{bare:.4f}", f"{after.mean() / bare:.2f}", f"{floor.mean():.4f}", f"{after.mean() / floor.mean():.2f}"]

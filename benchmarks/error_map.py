@@ -15,6 +15,8 @@ Simulated arms: generic6 with 0.3 mm and 0.5 mrad on every parameter of the link
 import argparse
 import math
 import os
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -96,7 +98,7 @@ def real(known: Pieces) -> list[str]:
             for k, (own, part) in enumerate(zip(train, parts, strict=True)):
                 given = (joints, places) if method == "model" else (poses, errors)
                 by = by_model if method == "model" else by_map
-                each.append(known(f"ur5 {size} {method} {k}", lambda by=by, g=given, a=own, b=part: plain(by(*g, a, b))))
+                each.append(known(f"ur5 {size} {method} {k}", partial(plainly, by, *given, own, part)))
             left, radius = (np.concatenate(values) for values in zip(*each, strict=True))
             lines.append(line(f"{size}{', five folds' * (size == 800)}", method, left, radius))
     return lines
@@ -104,6 +106,10 @@ def real(known: Pieces) -> list[str]:
 
 def plain(values: tuple[FloatArray, ...]) -> list[list[float]]:
     return [v.tolist() for v in values]
+
+
+def plainly(by: Callable[..., tuple[FloatArray, ...]], *given: FloatArray | NDArray[np.int64]) -> list[list[float]]:
+    return plain(by(*given))
 
 
 def arm(seed: int, points: int) -> list[list[float]]:
@@ -136,7 +142,7 @@ def arm(seed: int, points: int) -> list[list[float]]:
 def simulated(robots: int, known: Pieces) -> list[str]:
     lines = [HEADER[0].format("points"), HEADER[1]]
     for points in POINTS:
-        every = [known(f"arm {points} {seed}", lambda key=(seed, points): arm(*key)) for seed in range(robots)]
+        every = [known(f"arm {points} {seed}", partial(arm, seed, points)) for seed in range(robots)]
         before, left, radius, refused = (np.concatenate(part) for part in zip(*every, strict=True))
         lines += [line(str(points), "none", before, None), line(str(points), "map", left, radius)]
         one = []

@@ -10,7 +10,7 @@ import numpy as np
 from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-from lmeasure.robots.correction import Correction, Limits, correct, fits, in_keep_out, ways
+from lmeasure.robots.correction import Correction, Limits, correct, fits, in_keep_out, ways, whole_turns
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewritten
 from lmeasure.robots.identified_robot import IdentifiedRobot
 from lmeasure.shown import DataFrame, Shown, framed
@@ -129,10 +129,18 @@ def _joints(
             return None, f"{len(target.values)} joint values; the robot has {len(low)}"
         joints = _of_joints(target, dialect, robot)
         return (joints, "") if ((joints >= low - 1e-9) & (joints <= high + 1e-9)).all() else (None, "beyond the limits of the joints")
+    if target.near:
+        if len(target.near) != len(low):
+            return None, f"{len(target.near)} joint values are stated beside it; the robot has {len(low)}"
+        last = np.where(robot.nominal.sliding, target.near, np.array(target.near) * dialect.joint_size)
     flange = se3.compose(listing.frames[target.base], dialect.pose(target.values))
     found = ways(robot.nominal, se3.compose(flange, se3.inverse(listing.frames[target.tool])), last)
     if not len(found):
         return None, "out of the nominal robot's reach"
+    if target.flags:
+        # a configuration may tell whole turns: those nearest to the target before are not always meant
+        every = [q for way in found for q in whole_turns(robot.nominal, way)]
+        found = np.array(sorted(every, key=lambda q: 0.0 if last is None else float(np.abs(q - last).max())))
     fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q)]
     if not fitting:
         return None, f"none of its {len(found)} ways has the configuration that it states"

@@ -5,6 +5,8 @@ Corrected joint values q* solve found(q*) = nominal(q) by Newton's method from q
 controller go to them is nominal(q*). What is left is how well the robot is known and how well it repeats.
 """
 
+import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -112,13 +114,23 @@ def ways(nominal: RobotModel, flange: FloatArray, near: FloatArray | None) -> Fl
     return np.asarray(turned[np.argsort(np.abs(away).max(axis=1), kind="stable")])
 
 
+def whole_turns(nominal: RobotModel, joints: FloatArray) -> FloatArray:
+    """(k, n) joint values that differ from (n,) by whole turns of turning joints, all that the limits allow."""
+    low, high = nominal.limits
+    every = []
+    for value, least, most, slides in zip(joints, low, high, nominal.sliding, strict=True):
+        first, last = math.ceil((least - value) / (2.0 * math.pi) - 1e-12), math.floor((most - value) / (2.0 * math.pi) + 1e-12)
+        every.append([value] if slides else [value + 2.0 * math.pi * turn for turn in range(first, last + 1)])
+    return np.array(list(itertools.product(*every))).reshape(-1, len(joints))
+
+
 def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray) -> bool:
     """Whether joint values (n,) are those that a target's configuration says, as far as it can be told of this robot.
 
     krl: bit i of T is set where axis i + 1 is negative; bit 0 of S behind the first axis, bit 1 with the elbow up. rapid: cf1, cf4, cf6
     are the quarters of axes 1, 4, 6, floor(q / 90 degrees); cfx 4 and more behind the first axis, odd where axis 5 is negative. fanuc:
-    whole turns of axes 1, 4, 6, T in front of the first axis, U with the elbow up; of N and F it is not known which way axis 5 counts.
-    Where the arm stands is told of elbow arms with a spherical wrist alone.
+    whole turns of axes 4, 5, 6 or 1, 4, 6, as the controller is set ($TURN_AXIS), T in front of the first axis, U with the elbow up; of N
+    and F it is not known which way axis 5 counts. Where the arm stands is told of elbow arms with a spherical wrist alone.
     """
     if not isinstance(robot, SerialRobot) or robot.sliding.any() or len(joints) != 6:
         return True
@@ -132,7 +144,9 @@ def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: Floa
         wrist = bool(flags["cfx"] & 1) == bool(q[4] < 0.0) or abs(q[4]) < 1e-6
         return quarters and (arm is None or ((flags["cfx"] >= 4) == arm[0] and wrist))
     if dialect == "fanuc" and "turn1" in flags:
-        turns = all(int(np.round(q[i] / 360.0)) == flags[f"turn{k}"] for k, i in ((1, 0), (2, 3), (3, 5)))
+        whole = np.sign(q) * ((np.abs(q) + 180.0) // 360.0)
+        stated = [flags[f"turn{k}"] for k in (1, 2, 3)]
+        turns = any(np.array_equal(whole[list(axes)], stated) for axes in ((3, 4, 5), (0, 3, 5)))
         return turns and (arm is None or (not bool(flags["front"]), bool(flags["up"])) == arm)
     return True
 

@@ -1,7 +1,8 @@
 """FANUC TP listings (.ls): positions P[n] of group 1 in user frames and tools; CONFIG is read, not changed.
 
 X, Y, Z in mm and W, P, R in degrees: R = Rz(R) Ry(P) Rx(W). Frames are `UF[n]` and `UT[n]`; UF 0 is the robot's own. A position that a
-motion takes with an offset, or that is not taught (asterisks), is left.
+motion takes with an offset, along with a moving workpiece or with a tool that stands still, that is not taught (asterisks), or whose
+extended axes are not at 0, is left, and so are those in frames that the program sets.
 """
 
 import math
@@ -12,18 +13,19 @@ from dataclasses import replace
 import numpy as np
 
 from lmeasure.robots.dialects.euler import of_angles
-from lmeasure.robots.dialects.program_text import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing
+from lmeasure.robots.dialects.program_text import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, closing, wrong
 
 POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
 _POSITION = re.compile(r"^[ \t]*P\[\s*(\d+)[^\]]*\]\s*(?=\{)", re.M)
-_MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCA])\s+(.*?);", re.M | re.S)
+_MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCAS])\s+(.*?);", re.M | re.S)
 _NAMED = re.compile(r"\b(PR?)\[\s*([^\]:]*)[^\]]*\]")
-_BY_DIFFERENCE = re.compile(r"\b(Offset|Tool_Offset|INC|VOFFSET|TRACK)\b", re.I)
+_BY_DIFFERENCE = re.compile(r"\b(Offset|Tool_Offset|INC|VOFFSET|TRACK|COORD|RTCP)\b", re.I)
 _ASSIGNED = re.compile(r"^[ \t]*\d*\s*:\s*P\[\s*(\d+)[^\]]*\]\s*=", re.M)
+_SET_FRAME = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME|UTOOL)\s*\[\s*(\w+)[^\]]*\]\s*=", re.M)
 _FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
 _CURRENT = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME_NUM|UTOOL_NUM)\s*=\s*(\w+)", re.M)
-_FIELD = re.compile(rf"\b([XYZWPR]|J[1-6])\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
-_CONFIG = re.compile(r"CONFIG\s*:\s*'([NF])\s*([UD])?\s*([TB])\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*'")
+_FIELD = re.compile(rf"\b([XYZWPR]|[JE]\d)\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
+_CONFIG = re.compile(r"CONFIG\s*:\s*'([NF])\s*(?:[LR]\s*)?([UD])?\s*([TB])\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*'")
 _pose, _numbers = of_angles("fanuc-wpr")
 
 
@@ -60,6 +62,7 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
                 first.setdefault(int(number), m.start(2) + register.start())
     current = {"UF": {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UFRAME_NUM"}}
     current["UT"] = {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UTOOL_NUM"}
+    set_here = {f"{m[1][:2]}[{m[2]}]": source.line(m.start(1)) for m in _SET_FRAME.finditer(text, *body)}
     changed = {int(m[1]): source.line(m.start(1)) for m in _ASSIGNED.finditer(text, *body)}
     for m in _POSITION.finditer(text, *positions):
         number, end = int(m[1]), closing(text, m.end(), "{}")
@@ -76,8 +79,11 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
             leave(m.start(), f"{name}: is moved to with {', '.join(differences)}")
         else:
             found = _target(k, source, name, (m.end(), end), current)
+            frame = next((f for f in (found.base, found.tool) if f in set_here), "") if isinstance(found, Target) else ""
             if isinstance(found, str):
                 leave(m.start(), f"{name}: {found}")
+            elif frame and not found.joints:
+                leave(m.start(), f"{name}: its frame {frame} is set by the program in {source.name}:{set_here[frame]}")
             else:
                 targets.append(replace(found, moved=(k, first[number])))
 
@@ -94,14 +100,22 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
     for m in _FIELD.finditer(text, start, stop):
         if m[2].startswith("*"):
             return "not taught"
-        if (m[3] or ("mm" if m[1] in "XYZ" else "deg")) != ("mm" if m[1] in "XYZ" else "deg"):
+        unit = "mm" if m[1] in "XYZ" else "deg"
+        if m[3] and m[3] != unit and m[1][0] != "E":
             return f"{m[1]} in {m[3]}"
+        if m[1] in fields:
+            return f"{m[1]} stated twice"
         fields[m[1]] = (float(m[2]), m.span(2))
     joints = "J1" in fields
     wanted = AXES if joints else POSE
     missing = [key for key in wanted if key not in fields]
     if missing:
         return f"{', '.join(missing)} not stated"
+    if why := wrong([v for v, _ in fields.values()]):
+        return why
+    out = [key for key in fields if key[0] == "E" and fields[key][0]]
+    if out and not joints:
+        return f"{out[0]} is at {fields[out[0]][0]:g}: where robot and workpiece then are is not known"
     frames = {}
     for m in _FRAME.finditer(text, start, stop):
         own = m[2] if m[2].isdigit() else next(iter(current[m[1]])) if len(current[m[1]]) == 1 else ""
@@ -111,6 +125,8 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
     if set(frames) != {"UF", "UT"} and not joints:
         return "UF and UT not stated"
     config = _CONFIG.search(text, start, stop)
+    if config is None and not joints and text.find("CONFIG", start, stop) >= 0:
+        return "a CONFIG of another kind"
     flags = {} if config is None else {"flip": int(config[1] == "F"), "up": int(config[2] != "D"), "front": int(config[3] == "T")}
     flags |= {} if config is None else {f"turn{i}": int(config[3 + i]) for i in (1, 2, 3)}
     values, spans = zip(*(fields[key] for key in wanted), strict=True)

@@ -1,25 +1,27 @@
-"""In which frames a program's motions are carried out, whichever ways it goes: conditions, loops and subroutines are followed, all at once.
+"""In which frames a program's motions are carried out, whichever ways it goes: conditions, loops, jumps and subroutines, all at once.
 
 What holds at a place is a set of states, each what the program may have set last. A branch leaves what any of its ways leaves, a loop what
-none, one or many rounds leave, a call what the subroutine leaves of what it was called with. A motion with several states is in several
-frames. Jumps and interrupts are not followed.
+none, one or many rounds leave or what it is left with in the middle, a label what any jump to it brings, a call what the subroutine leaves
+of what it was called with. A motion with several states is in several frames, one without any is never made. Interrupts are not followed.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from typing import Literal
 
 State = tuple[str, ...]
 States = frozenset[State]
+NONE: States = frozenset()
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that a program does at a place. begin: of the subroutine `name`; branch, else, loop, close: of a block, else with `whole`
-    where nothing is left beside it; set: `change` of the state; call: of `name`; move: asked for."""
+    """Something that a program does at a place. begin, finish: of the subroutine `name`, which may stand in another; branch, else, loop,
+    close: of a block, else with `whole` where nothing is left beside it; exit, next: of the loop that it stands in; return: of the
+    subroutine; jump, label: of that `name`; set: `change` of the state; call: of `name`; move: asked for."""
 
     place: int
-    kind: Literal["begin", "branch", "else", "loop", "close", "set", "call", "move"]
+    kind: Literal["begin", "finish", "branch", "else", "loop", "close", "exit", "next", "return", "jump", "label", "set", "call", "move"]
     name: str = ""
     change: Callable[[State], State] | None = None
     whole: bool = False
@@ -32,32 +34,55 @@ class _Block:
     whole: bool = False
 
 
+_Body = list[Event | _Block]
+
+
+@dataclass
+class _Flow:
+    """What is known so far, which only grows: states that subroutines are entered and left with, that jumps bring to a subroutine's labels,
+    and that motions are made in; of the loop that is gone through, what it is left with and begun again with."""
+
+    entry: dict[str, States]
+    leaves: dict[str, States]
+    seen: dict[int, States]
+    jumps: dict[tuple[str, str], States] = field(default_factory=dict)
+    exits: States = NONE
+    again: States = NONE
+
+    def sizes(self) -> list[int]:
+        return [len(s) for known in (self.entry, self.leaves, self.jumps, self.seen) for s in known.values()]
+
+
 def states(events: Iterable[Event], start: State) -> dict[int, States]:
     """States in which the motions at their places may be made; subroutines that nothing calls begin in `start`."""
     bodies = _bodies(events)
-    called = {e.name for body in bodies.values() for e in _all(body) if e.kind == "call"}
-    entry = {name: frozenset() if name in called else frozenset({start}) for name in bodies}
-    leaves: dict[str, States] = dict.fromkeys(bodies, frozenset())
-    seen: dict[int, States] = {}
+    every = [e for body in bodies.values() for e in _all(body)]
+    called = {e.name for e in every if e.kind == "call"}
+    entry = {name: NONE if name in called else frozenset({start}) for name in bodies}
+    flow = _Flow(entry, dict.fromkeys(bodies, NONE), {e.place: NONE for e in every if e.kind == "move"})
     while True:
-        before = dict(entry), dict(leaves)
+        before = flow.sizes()
         for name, body in bodies.items():
-            leaves[name] |= _after(body, entry[name], entry, leaves, seen=seen)
-        if (entry, leaves) == before:
+            end = _after(body, flow.entry[name], flow, name)
+            flow.leaves[name] |= end
+        if flow.sizes() == before:
             # what is only called from itself, or never reached, begins anyhow
-            lost = [name for name, states in entry.items() if not states]
+            lost = [name for name, found in flow.entry.items() if not found]
             if not lost:
-                return seen
-            entry[lost[0]] = frozenset({start})
+                return flow.seen
+            flow.entry[lost[0]] = frozenset({start})
 
 
-def _bodies(events: Iterable[Event]) -> dict[str, list["Event | _Block"]]:
+def _bodies(events: Iterable[Event]) -> dict[str, _Body]:
     """Events and blocks of each subroutine; what stands in none is of that without a name."""
-    bodies: dict[str, list[Event | _Block]] = {"": []}
-    here, open_blocks = bodies[""], list[tuple[_Block, list[Event | _Block]]]()
+    bodies: dict[str, _Body] = {"": []}
+    here, open_blocks, outer = bodies[""], list[tuple[_Block, _Body]](), list[tuple[_Body, list[tuple[_Block, _Body]]]]()
     for event in events:
         if event.kind == "begin":
+            outer.append((here, open_blocks))
             here, open_blocks = bodies.setdefault(event.name, []), []
+        elif event.kind == "finish":
+            here, open_blocks = outer.pop() if outer else (bodies[""], [])
         elif event.kind in ("branch", "loop"):
             block = _Block(event.kind, [[]])
             here.append(block)
@@ -75,7 +100,7 @@ def _bodies(events: Iterable[Event]) -> dict[str, list["Event | _Block"]]:
     return bodies
 
 
-def _all(body: Iterable["Event | _Block"]) -> Iterable[Event]:
+def _all(body: _Body) -> Iterable[Event]:
     for one in body:
         if isinstance(one, Event):
             yield one
@@ -84,25 +109,45 @@ def _all(body: Iterable["Event | _Block"]) -> Iterable[Event]:
                 yield from _all(way)
 
 
-def _after(
-    body: Iterable["Event | _Block"], states: States, entry: dict[str, States], leaves: Mapping[str, States], *, seen: dict[int, States]
-) -> States:
-    """What a body leaves of these states; `seen` and `entry` grow."""
+def _after(body: _Body, states: States, flow: _Flow, name: str) -> States:
+    """What a body of the subroutine `name` leaves of these states; `flow` grows."""
     for one in body:
-        if isinstance(one, _Block) and one.kind == "loop":
-            while True:
-                round_ = states | _after(one.ways[0], states, entry, leaves, seen=seen)
-                if round_ == states:
-                    break
-                states = round_
-        elif isinstance(one, _Block):
-            ends = [_after(way, states, entry, leaves, seen=seen) for way in one.ways]
-            states = frozenset().union(*ends, *(() if one.whole else (states,)))
+        if isinstance(one, _Block):
+            states = _after_loop(one, states, flow, name) if one.kind == "loop" else _after_branch(one, states, flow, name)
         elif one.kind == "set" and one.change is not None:
             states = frozenset(one.change(s) for s in states)
-        elif one.kind == "call" and one.name in entry:
-            entry[one.name] |= states
-            states = leaves[one.name]
+        elif one.kind == "call" and one.name in flow.entry:
+            flow.entry[one.name] |= states
+            states = flow.leaves[one.name] if states else NONE
         elif one.kind == "move":
-            seen[one.place] = seen.get(one.place, frozenset()) | states
+            flow.seen[one.place] |= states
+        elif one.kind == "label":
+            states |= flow.jumps.get((name, one.name), NONE)
+        elif one.kind in ("exit", "next", "return", "jump"):
+            if one.kind == "exit":
+                flow.exits |= states
+            elif one.kind == "next":
+                flow.again |= states
+            elif one.kind == "return":
+                flow.leaves[name] |= states
+            else:
+                flow.jumps[name, one.name] = flow.jumps.get((name, one.name), NONE) | states
+            states = NONE
+    return states
+
+
+def _after_branch(block: _Block, states: States, flow: _Flow, name: str) -> States:
+    ends = [_after(way, states, flow, name) for way in block.ways]
+    return NONE.union(*ends, *(() if block.whole else (states,)))
+
+
+def _after_loop(block: _Block, states: States, flow: _Flow, name: str) -> States:
+    outside, flow.exits, flow.again = (flow.exits, flow.again), NONE, NONE
+    while True:
+        end = _after(block.ways[0], states, flow, name)
+        before, states = states, states | end | flow.again
+        if states == before:
+            break
+    states |= flow.exits
+    flow.exits, flow.again = outside
     return states

@@ -35,10 +35,10 @@ def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "")
         if len(found) != 1 or "" in found:
             raise RobotError(f"{', '.join(map(str, paths))}: the names do not say one dialect; state --dialect {' or '.join(NAMES)}")
         name = found.pop()
-        first = sources[0].text.split("\n", 1)[0].lower()
+        first = tables.header_line(sources[0].text).lower()
         if name == "csv" and not any(c in first for c in ("_mm", "_deg")):
             name = "robodk"
     if name not in NAMES:
         raise RobotError(f"dialect {name!r} is none of {', '.join(NAMES)}")
     fixed = {"krl": krl.DIALECT, "rapid": rapid.DIALECT, "fanuc": fanuc.DIALECT, "ur-script": ur_script.DIALECT, "robodk": tables.ROBODK}
-    return fixed[name] if name in fixed else tables.plain(sources[0].text.split("\n", 1)[0])
+    return fixed[name] if name in fixed else tables.plain(tables.header_line(sources[0].text))

@@ -4,6 +4,7 @@ A dialect never guesses. A position is a target where the program moves to it as
 states; everything else that holds or moves to a position is listed with its line and left as it is.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,11 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
+from lmeasure.conventions import MAX_LENGTH_MM
 from lmeasure.errors import shortened
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 Span = tuple[int, int]
+UNIT = 1e-3
+"""By which the length of a quaternion may differ from 1: programs have four decimals and more."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,8 @@ class Unread:
 class Target:
     """A position of a program. values: its numbers as written, in the dialect's units, spans their places in the source; joints: whether
     they are joint values; base, tool: names of the frames that it is told in, of `Listing.frames`; flags: of its configuration, by name;
-    moved: source and place of the first motion to it, which need not stand where the target does."""
+    moved: source and place of the first motion to it, which need not stand where the target does; near: joint values in the dialect's units
+    that the program states beside a pose, the way to which is the nearest to them."""
 
     name: str
     source: int
@@ -60,6 +65,7 @@ class Target:
     tool: str = ""
     flags: Mapping[str, int] = field(default_factory=dict)
     moved: tuple[int, int] = (0, 0)
+    near: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,6 +184,15 @@ def pieces(text: str, span: Span, separator: str = ",") -> list[Span]:
         else:
             depth += (text[i] in "([{") - (text[i] in ")]}")
     return out
+
+
+def wrong(values: Sequence[float], quaternion: Sequence[float] = ()) -> str:
+    """Why numbers are those of no target, empty where they may be: one that no robot reaches, or a quaternion that is not of length 1."""
+    for value in values:
+        if not abs(value) <= MAX_LENGTH_MM:
+            return f"a number that no robot has: {value:g}"
+    length = math.sqrt(sum(q * q for q in quaternion)) if len(quaternion) else 1.0
+    return "" if abs(length - 1.0) <= UNIT else f"a quaternion of length {length:.4g}, not 1"
 
 
 def pose(position_mm: Sequence[float], turn: Rotation) -> FloatArray:

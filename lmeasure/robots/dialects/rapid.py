@@ -1,7 +1,8 @@
 """ABB RAPID (.mod, .prg): robtarget and jointtarget with wobjdata and tooldata; confdata is read, not changed.
 
-Read: declared targets and literals in Move and Trigg instructions. A work object is uframe times oframe and stands still; a tool is held
-by the robot. Numbers of an orientation are q1 (the scalar), q2, q3, q4.
+Read: declared targets and literals in Move and Trigg instructions, of several of one name the one that the routine or module knows. A work
+object is uframe times oframe and stands still; a tool is held by the robot. Numbers of an orientation are q1 (the scalar), q2, q3, q4.
+Poses with external axes elsewhere than at 0 are left.
 """
 
 import math
@@ -26,15 +27,25 @@ from lmeasure.robots.dialects.program_text import (
     masked,
     pieces,
     pose,
+    wrong,
 )
+from lmeasure.robots.dialects.scopes import EVERYWHERE, Point, Points, Region
 
-_DECLARED = re.compile(r"\b(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I)
+_DECLARED = re.compile(
+    r"\b((?:LOCAL\s+|TASK\s+)?)(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I
+)
+_MODULE = re.compile(r"\bMODULE\b.*?\bENDMODULE\b", re.I | re.S)
+_ROUTINE = re.compile(r"\b(PROC|FUNC|TRAP)\b.*?\bEND\1\b", re.I | re.S)
 _MOVE = re.compile(r"\b(Move(?:Abs)?(?:J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?:J|L|C)|Search(?:L|C))\b\s*", re.I)
 _ASSIGNED = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.M | re.I)
-_GIVEN = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s+([^;:=]*);", re.M | re.I)
+_GIVEN = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*(\w+)(?=[ \t]+(?!:=)([^;]*);)", re.M | re.I)
 _DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.I)
-_WORDS = "constpersvarlocaltaskmodulesysmoduleprocfunctraprecordaliasreturnraiseexitretrytrynext"
-_BOTH = ("movec", "triggc", "searchc")
+_WORDS = re.compile(
+    r"const|pers|var|local|task|(sys)?module|proc|func|trap|record|alias|return|raise|exit|retry|trynext|(else|end)?if|else|(end)?(for|while|test)"
+    r"|case|default|error|undo|backward|goto"
+)
+UNUSED = 9e8
+"""An external axis that is not there is at 9E9."""
 
 
 def read(sources: Sequence[Source]) -> Listing:
@@ -46,11 +57,9 @@ class _Reader:
     def __init__(self, sources: Sequence[Source]) -> None:
         self.sources = tuple(sources)
         self.plain = [masked(s.text, "!") for s in sources]
-        self.points: dict[str, tuple[int, str, str, Span]] = {}
+        self.points = Points()
         self.frames: dict[str, FloatArray] = {"wobj0": np.array(IDENTITY), "tool0": np.array(IDENTITY)}
-        self.used: dict[str, set[tuple[str, str]]] = {}
-        self.first: dict[str, tuple[int, int]] = {}
-        self.changed: dict[str, str] = {}
+        self.stated: set[str] = set()
         self.targets: list[Target] = []
         self.unread: list[Unread] = []
 
@@ -63,16 +72,16 @@ class _Reader:
         for k, text in enumerate(self.plain):
             for m in _MOVE.finditer(text):
                 self._moved(k, m)
-        for key, (k, name, _, span) in self.points.items():
-            used = self.used.get(key, set())
+        for point in self.points:
+            k, name, used = point.source, point.name, point.used
             if not used:
-                self._leave(k, span[0], f"{name}: no motion goes to it as it stands")
-            elif key in self.changed:
-                self._leave(k, span[0], f"{name}: {self.changed[key]}")
+                self._leave(k, point.span[0], f"{name}: no motion goes to it as it stands")
+            elif point.changed:
+                self._leave(k, point.span[0], f"{name}: {point.changed}")
             elif len(used) > 1:
-                self._leave(k, span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
+                self._leave(k, point.span[0], f"{name}: moved to in several frames: {', '.join(sorted(' / '.join(u) for u in used))}")
             else:
-                self._take(k, name, span, next(iter(used)))
+                self._take(k, name, point.span, next(iter(used)), point.first or (k, point.span[0]))
         return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
 
     def _changed(self, k: int, text: str) -> None:
@@ -82,33 +91,50 @@ class _Reader:
             self._mark(k, m[1], m.start(1), "is changed by the program")
             self.frames.pop(m[1].lower(), None)
         for m in _GIVEN.finditer(text):
-            if not _MOVE.match(m[1]) and m[1].lower() not in _WORDS:
+            at_once = m[1].upper() == "IF" and not re.search(r"\bTHEN\b", m[2], re.I) and not _MOVE.search(m[2])
+            if at_once or not (_MOVE.match(m[1]) or _WORDS.fullmatch(m[1].lower())):
                 for word in re.findall(r"\w+", m[2]):
                     self._mark(k, word, m.start(1), f"is passed to {m[1]}")
-        displaced = _DISPLACED.search(text)
-        for name in self.points if displaced else ():
-            assert displaced is not None
-            if self.points[name][2] == "robtarget":
-                self._mark(k, name, displaced.start(), f"a displacement may be on, by {displaced[1]}")
+        for point in self.points:
+            displaced = self._displacement()
+            if displaced and point.kind == "robtarget":
+                point.changed = point.changed or displaced
+
+    def _displacement(self) -> str:
+        for k, text in enumerate(self.plain):
+            m = _DISPLACED.search(text)
+            if m:
+                return f"a displacement may be on, by {m[1]} in {self.sources[k].name}:{self.sources[k].line(m.start())}"
+        return ""
 
     def _mark(self, k: int, name: str, place: int, why: str) -> None:
-        if name.lower() in self.points:
-            self.changed.setdefault(name.lower(), f"{why} in {self.sources[k].name}:{self.sources[k].line(place)}")
+        point = self.points.at(name, k, place)
+        if point is not None:
+            point.changed = point.changed or f"{why} in {self.sources[k].name}:{self.sources[k].line(place)}"
 
     def _declared(self, k: int, m: re.Match[str]) -> None:
-        text, kind, name = self.plain[k], m[1].lower(), m[2]
+        text, kind, name = self.plain[k], m[2].lower(), m[3]
         span = m.end(), closing(text, m.end(), "[]")
         if span[1] < 0:
             self._leave(k, m.start(), f"{name}: a list that is not closed")
-        elif m[3]:
+        elif m[4]:
             self._leave(k, m.start(), f"{name}: an array of {kind}")
         elif kind in ("robtarget", "jointtarget"):
-            self.points[name.lower()] = (k, name, kind, span)
+            self.points.add(Point(name, k, kind, span, self._region(k, m)))
         else:
             self._stated(k, kind, name, span)
 
+    def _region(self, k: int, m: re.Match[str]) -> Region:
+        """Where a declaration is known: its routine, or, where it is local, its module, or everywhere."""
+        around = [_ROUTINE, _MODULE] if "LOCAL" in m[1].upper() else [_ROUTINE]
+        for kind in around:
+            for block in kind.finditer(self.plain[k]):
+                if block.start() < m.start() < block.end():
+                    return ((k, *block.span()),)
+        return EVERYWHERE
+
     def _stated(self, k: int, kind: str, name: str, span: Span) -> None:
-        """A tool or a work object; where it cannot be read, or moves, targets in it are left for want of it."""
+        """A tool or a work object; where it cannot be read, moves, or is stated twice, targets in it are left for want of it."""
         text = self.plain[k]
         parts = pieces(text, (span[0] + 1, span[1]))
         words = [text[slice(*p)].upper() for p in parts]
@@ -120,69 +146,89 @@ class _Reader:
         if not held:
             self._leave(k, span[0], f"{name}: {'a tool that stands still' if kind == 'tooldata' else 'a work object that moves'}")
         elif not found or any(f is None for f in found):
-            self._leave(k, span[0], f"{name}: a frame that is no list of numbers")
+            self._leave(k, span[0], f"{name}: a frame that is no list of numbers, or no orientation")
+        elif name.lower() in self.stated:
+            self._leave(k, span[0], f"{name}: is declared more than once")
+            self.frames.pop(name.lower(), None)
         else:
             total = np.array(IDENTITY)
             for one in found:
                 assert one is not None
                 total = se3.compose(total, one)
             self.frames[name.lower()] = total
+        self.stated.add(name.lower())
 
     def _frame(self, k: int, span: Span) -> FloatArray | None:
-        values = self._lists(k, span)
-        return None if values is None or [len(v) for v in values[:2]] != [3, 4] else _pose([v for part in values[:2] for v, _ in part])
+        lists = self._lists(k, span)
+        if lists is None or [len(v) for v in lists[:2]] != [3, 4]:
+            return None
+        values = [v for part in lists[:2] for v, _ in part]
+        return None if wrong(values, values[3:]) else _pose(values)
 
     def _moved(self, k: int, m: re.Match[str]) -> None:
-        text, move = self.plain[k], m[1]
+        text, move = self.plain[k], m[1].lower()
         end = text.find(";", m.end())
         if end < 0:
-            self._leave(k, m.start(), f"{move}: an instruction that is not closed")
+            self._leave(k, m.start(), f"{m[1]}: an instruction that is not closed")
             return
-        arguments = [p for p in pieces(text, (m.end(), end)) if text[p[0] : p[1]]]
-        plain = [p for p in arguments if text[p[0]] != "\\"]
-        targets = plain[: 2 if move.lower() in _BOTH else 1]
-        rest = text[m.end() : end]
-        tools = [re.match(r"\w+", text[slice(*p)]) for p in plain[-1:]]
-        tool = tools[0][0].lower() if tools and tools[0] and len(plain) > len(targets) else ""
-        wobj = re.search(r"\\\s*WObj\s*:=\s*(\w+)", rest, re.I)
-        frames = (wobj[1].lower() if wobj else "wobj0"), tool
+        plain = [p for p in pieces(text, (m.end(), end)) if text[p[0] : p[1]] and text[p[0]] != "\\"]
+        if move.startswith("search"):
+            # a signal and the target that takes what was found stand before where it moves to
+            for start, stop in plain[:2]:
+                self._mark(k, text[start:stop], start, "is searched for")
+            plain = plain[2:]
+        targets = plain[: 2 if move.startswith(("movec", "triggc", "searchc")) else 1]
+        # to, speed, (trigger,) (zone,) tool; what follows the tool are signals
+        tool = len(targets) + (1 if move.startswith("search") else 3 if move.startswith("trigg") else 2)
+        word = re.match(r"\w+", text[slice(*plain[tool])]) if len(plain) > tool else None
+        wobj = re.search(r"\\\s*WObj\s*:=\s*(\w+)(\s*\{)?", text[m.end() : end], re.I)
+        frames = (wobj[1].lower() + (wobj[2] or "") if wobj else "wobj0"), (word[0].lower() if word else "")
         for start, stop in targets:
-            operand = re.sub(r"\\.*", "", text[start:stop]).strip()
-            if operand.startswith("[") and any(_DISPLACED.search(t) for t in self.plain):
-                self._leave(k, start, f"{move} of line {self.sources[k].line(start)}: a displacement may be on")
+            line = f"{m[1]} of line {self.sources[k].line(start)}"
+            operand = re.sub(r"(?<=[\w\]])\s*\\.*", "", text[start:stop], flags=re.S).strip()
+            point = self.points.at(operand, k, start)
+            if operand.startswith("[") and (why := self._displacement()):
+                self._leave(k, start, f"{line}: {why}")
             elif operand.startswith("["):
-                self._take(k, f"{move} of line {self.sources[k].line(start)}", (start, start + len(operand) - 1), frames)
-            elif operand.lower() in self.points:
-                self.first.setdefault(operand.lower(), (k, start))
-                self.used.setdefault(operand.lower(), set()).add(("wobj0", "tool0") if move.lower().startswith("moveabs") else frames)
+                self._take(k, line, (start, start + len(operand) - 1), frames, (k, start))
+            elif point is not None:
+                point.use({("wobj0", "tool0") if move.startswith("moveabs") else frames}, (k, start))
             elif re.fullmatch(r"\w+", operand):
-                self._leave(k, start, f"{move} {operand}: is not declared here")
+                self._leave(k, start, f"{m[1]} {operand}: is not declared here with its values")
             else:
-                self._leave(k, start, f"{move} {operand}: a target that is computed")
+                self._leave(k, start, f"{m[1]} {text[start:stop]}: a target that is computed")
 
-    def _take(self, k: int, name: str, span: Span, frames: tuple[str, str]) -> None:
-        values = self._lists(k, span)
-        if values is None:
+    def _take(self, k: int, name: str, span: Span, frames: tuple[str, str], moved: tuple[int, int]) -> None:
+        lists = self._lists(k, span)
+        if lists is None:
             self._leave(k, span[0], f"{name}: a list with what is no number")
             return
-        shape = [len(v) for v in values]
-        place, moved = self.sources[k].line(span[0]), self.first.get(name.lower(), (k, span[0]))
+        place, shape = self.sources[k].line(span[0]), [len(v) for v in lists]
+        own = [v for part in lists[:-1] for v, _ in part]
+        out = [v for v, _ in lists[-1] if v and abs(v) < UNUSED] if lists else []
         if shape == [6, 6]:
-            numbers, spans = zip(*values[0], strict=True)
-            self.targets.append(Target(name, k, place, True, numbers, spans, *frames, moved=moved))
-        elif shape == [3, 4, 4, 6]:
-            numbers, spans = zip(*values[0], *values[1], strict=True)
-            flags = dict(zip(("cf1", "cf4", "cf6", "cfx"), (int(v) for v, _ in values[2]), strict=True))
-            self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags, moved))
-        else:
+            numbers, spans = zip(*lists[0], strict=True)
+            if why := wrong(own):
+                self._leave(k, span[0], f"{name}: {why}")
+            else:
+                self.targets.append(Target(name, k, place, True, numbers, spans, *frames, moved=moved))
+        elif shape != [3, 4, 4, 6]:
             self._leave(k, span[0], f"{name}: neither a robtarget nor a jointtarget")
+        elif why := wrong(own, own[3:7]):
+            self._leave(k, span[0], f"{name}: {why}")
+        elif out:
+            self._leave(k, span[0], f"{name}: an external axis is at {out[0]:g}: where robot and workpiece then are is not known")
+        else:
+            numbers, spans = zip(*lists[0], *lists[1], strict=True)
+            flags = dict(zip(("cf1", "cf4", "cf6", "cfx"), (int(v) for v, _ in lists[2]), strict=True))
+            self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags, moved))
 
     def _lists(self, k: int, span: Span) -> list[list[tuple[float, Span]]] | None:
         """Lists of numbers within a list, with their places; None where anything else stands there."""
         text = self.plain[k]
         out = []
         for start, stop in pieces(text, (span[0] + 1, closing(text, span[0], "[]"))):
-            if not text[start:stop].startswith("["):
+            if not text[start:stop].startswith("[") or closing(text, start, "[]") != stop - 1:
                 return None
             inner = []
             for part in pieces(text, (start + 1, stop - 1)):

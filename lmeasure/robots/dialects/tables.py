@@ -17,10 +17,12 @@ from scipy.spatial.transform import Rotation
 from lmeasure.arrays import FloatArray
 from lmeasure.conventions import CONVENTIONS, QUATERNION_COLUMNS
 from lmeasure.robots.dialects.euler import of_angles
-from lmeasure.robots.dialects.program_text import IDENTITY, Dialect, Listing, Source, Span, Target, Unread, pose
+from lmeasure.robots.dialects.program_text import IDENTITY, NUMBER, Dialect, Listing, Source, Span, Target, Unread, pose, wrong
 
 PLACE = ("x_mm", "y_mm", "z_mm")
 ROBODK_PLACE, ROBODK_TURN = ("x", "y", "z"), ("rx", "ry", "rz")
+BOM = "\xef\xbb\xbf"
+"""Of UTF-8, a character a byte."""
 _JOINT = re.compile(r"joint_\d+_deg|j\d+")
 
 
@@ -38,45 +40,70 @@ def _cells(text: str, start: int, stop: int, separator: str) -> list[Span]:
     return out
 
 
+def header_line(text: str) -> str:
+    """The first line that is neither blank nor a remark, nor a spreadsheet's word for its separator; empty where there is none."""
+    lines = text.removeprefix(BOM).split("\n")
+    return next((line for line in lines if not _passed_over(line)), "")
+
+
+def _passed_over(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith("#") or line.lower().startswith("sep=")
+
+
+def _column(word: str) -> str:
+    """The name of a column, without the unit behind it in brackets where that is the one that is taken for granted."""
+    name = word.strip().lower()
+    plain = re.fullmatch(r"(.+?)\s*[\[(](mm|deg|\xb0|\xc2\xb0)[\])]", name)
+    return plain[1] if plain and (plain[2] == "mm") == (plain[1] in ROBODK_PLACE) else name
+
+
 def _read(sources: Sequence[Source], turn: tuple[str, ...], place: tuple[str, ...]) -> Listing:
     targets: list[Target] = []
     unread: list[Unread] = []
     for k, source in enumerate(sources):
-        text, at, header = source.text, 0, None
-        if text.startswith("\xef\xbb\xbf"):
-            at = 3
-        separator = max(",;\t", key=lambda c: text[at:].split("\n", 1)[0].count(c))
-        for raw in text[at:].split("\n"):
-            start, stop = at, at + len(raw)
-            at = stop + 1
-            if not raw.strip() or raw.lstrip().startswith("#"):
-                continue
-            cells = _cells(text, start, stop, separator)
-            words = [text[slice(*c)] for c in cells]
-            if header is None:
-                header = [w.strip().lower() for w in words]
-                continue
-            row = dict(zip(header, cells, strict=False))
-            joints = [h for h in header if _JOINT.fullmatch(h)]
-            posed = all(c in row for c in (*place, *turn))
-            wanted = [*place, *turn] if posed else joints
-            called = next((text[slice(*row[key])] for key in ("name", "target") if key in row), "")
-            name = called or f"row {len(targets) + len(unread) + 1}"
-            if not wanted:
-                unread.append(Unread(source.name, source.line(start), f"{name}: neither {', '.join((*place, *turn))} nor joint values"))
-                continue
-            if len(cells) != len(header):
-                unread.append(Unread(source.name, source.line(start), f"{name}: {len(cells)} cells under {len(header)} columns"))
-                continue
-            spans = tuple(row[c] for c in wanted)
-            try:
-                values = tuple(float(text[slice(*s)].replace(",", ".")) for s in spans)
-            except ValueError:
-                unread.append(Unread(source.name, source.line(start), f"{name}: a cell that is no number"))
-                continue
-            base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
-            targets.append(Target(name, k, source.line(start), not posed, values, spans, base, tool, moved=(k, start)))
+        _rows(k, source, turn, place, targets=targets, unread=unread)
     return Listing(tuple(sources), tuple(targets), {}, tuple(unread), {"base": np.array(IDENTITY), "tool": np.array(IDENTITY)})
+
+
+def _rows(k: int, source: Source, turn: tuple[str, ...], place: tuple[str, ...], *, targets: list[Target], unread: list[Unread]) -> None:
+    text, header = source.text, list[str]()
+    at = len(BOM) if text.startswith(BOM) else 0
+    separator = max(",;\t", key=header_line(text).count)
+    wanted, posed, number = list[str](), False, 0
+    for raw in text[at:].split("\n"):
+        start, at = at, at + len(raw) + 1
+        if _passed_over(raw):
+            continue
+        cells = _cells(text, start, at - 1, separator)
+        if not header:
+            header = [_column(text[slice(*c)]) for c in cells]
+            posed = all(c in header for c in (*place, *turn))
+            wanted = [*place, *turn] if posed else [h for h in header if _JOINT.fullmatch(h)]
+            continue
+        number += 1
+        row = dict(zip(header, cells, strict=False))
+        called = next((text[slice(*row[key])] for key in ("name", "target") if key in row), "")
+        name, line = called or f"row {number}", source.line(start)
+        spans = tuple(row[c] for c in wanted if c in row)
+        words = [text[slice(*s)] for s in spans]
+        if separator != ",":
+            words = [word.replace(",", ".") for word in words]
+        values = tuple(float(w) for w in words if re.fullmatch(NUMBER, w))
+        why = ""
+        if not wanted:
+            why = f"neither {', '.join((*place, *turn))} nor joint values"
+        elif twice := [c for c in wanted if header.count(c) > 1]:
+            why = f"two columns {twice[0]}"
+        elif len(cells) != len(header):
+            why = f"{len(cells)} cells under {len(header)} columns"
+        elif len(values) < len(wanted):
+            why = "a cell that is no number"
+        why = why or wrong(values, values[3:] if posed and turn == QUATERNION_COLUMNS else ())
+        if why:
+            unread.append(Unread(source.name, line, f"{name}: {why}"))
+            continue
+        base, tool = (text[slice(*row[c])] if c in row else c for c in ("base", "tool"))
+        targets.append(Target(name, k, line, not posed, values, spans, base, tool, moved=(k, start)))
 
 
 def _of_quaternion(values: Sequence[float]) -> FloatArray:
@@ -89,8 +116,8 @@ def _to_quaternion(row: FloatArray, old: Sequence[float]) -> FloatArray:
 
 
 def plain(header: str) -> Dialect:
-    """The dialect of a table whose first line this is: which columns of an orientation it has."""
-    words = {w.strip(' "\r').lower() for w in re.split(r"[,;\t]", header.removeprefix("\xef\xbb\xbf"))}
+    """The dialect of a table whose header this is: which columns of an orientation it has."""
+    words = {w.strip(' "\r').lower() for w in re.split(r"[,;\t]", header)}
     if set(QUATERNION_COLUMNS) <= words:
         return Dialect(
             "csv", partial(_read, turn=QUATERNION_COLUMNS, place=PLACE), _of_quaternion, _to_quaternion, math.radians(1.0), (6, 12, 9)
