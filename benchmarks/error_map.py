@@ -89,7 +89,7 @@ def real(known: Pieces) -> list[str]:
     turn, _ = scipy.spatial.transform.Rotation.align_vectors(places - places.mean(axis=0), poses[:, :3] - poses[:, :3].mean(axis=0))
     as_is = np.linalg.norm(places - places.mean(axis=0) - turn.apply(poses[:, :3] - poses[:, :3].mean(axis=0)), axis=1)
     lines = [HEADER[0].format("measured"), HEADER[1], line("", "none", as_is, None)]
-    for size in (*SIZES, 800):
+    for size in (800, *SIZES):
         order = np.random.default_rng([SEED, size]).permutation(len(joints))
         parts = np.array_split(order, FOLDS) if size == 800 else [order[size : size + LATER]]
         train = [np.setdiff1d(order, part) if size == 800 else order[:size] for part in parts]
@@ -99,8 +99,11 @@ def real(known: Pieces) -> list[str]:
                 given = (joints, places) if method == "model" else (poses, errors)
                 by = by_model if method == "model" else by_map
                 each.append(known(f"ur5 {size} {method} {k}", partial(plainly, by, *given, own, part)))
+            each = [one for one in each if one is not None]
+            if not each:
+                continue
             left, radius = (np.concatenate(values) for values in zip(*each, strict=True))
-            lines.append(line(f"{size}{', five folds' * (size == 800)}", method, left, radius))
+            lines.append(line(f"{size}{f', {len(each)} of five folds' * (size == 800)}", method, left, radius))
     return lines
 
 
@@ -143,6 +146,9 @@ def simulated(robots: int, known: Pieces) -> list[str]:
     lines = [HEADER[0].format("points"), HEADER[1]]
     for points in POINTS:
         every = [known(f"arm {points} {seed}", partial(arm, seed, points)) for seed in range(robots)]
+        every = [one for one in every if one is not None]
+        if not every:
+            continue
         before, left, radius, refused = (np.concatenate(part) for part in zip(*every, strict=True))
         lines += [line(str(points), "none", before, None), line(str(points), "map", left, radius)]
         one = []
@@ -166,10 +172,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=math.inf, help="when to stop, with --keep")
     asked = parser.parse_args()
     known, robots = Pieces(asked.keep, asked.seconds), asked.robots
-    parts = [(f"{robots} simulated arms for each number of points", simulated(robots, known)), ("A real UR5", real(known))]
+    parts = [("A real UR5", real(known)), (f"{robots} simulated arms for each number of points", simulated(robots, known))]
     if asked.write:
         head = f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {robots} --write`\n"
-        tables = "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in reversed(parts))
+        tables = "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts)
         RESULTS.write_text(head + tables, encoding="utf-8")
 
 

@@ -1,7 +1,6 @@
 """Long studies in pieces: what has run is kept line by line in a file, and the next start goes on from there."""
 
 import json
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 
 
 class Pieces:
-    """Results by their keys, of a file of JSON lines, or of nothing without one; `seconds` after it was made it ends the program."""
+    """Results by their keys, of a file of JSON lines, or of nothing without one; nothing new is begun `seconds` after it was made."""
 
     def __init__(self, path: Path | None, seconds: float) -> None:
         self.path, self.until = path, time.monotonic() + seconds
@@ -17,10 +16,10 @@ class Pieces:
         self.known: dict[str, Any] = dict(json.loads(line) for line in lines)
 
     def __call__(self, key: str, run: Callable[[], Any]) -> Any:
-        """What is known of the key, or what `run` gives of it now: plain numbers and lists."""
+        """What is known of the key, or what `run` gives of it now, plain numbers and lists; None where the time is over."""
         if key not in self.known:
             if time.monotonic() > self.until:
-                sys.exit(f"{len(self.known)} results are in {self.path}: start again to go on")
+                return None
             self.known[key] = run()
             if self.path is not None:
                 with self.path.open("a", encoding="utf-8") as out:

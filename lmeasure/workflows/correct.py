@@ -88,8 +88,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Corrected]":
         raise SettingsError("programs", "two files of one name would be written to one")
     if (settings.identified is None) == (settings.map is None):
         raise SettingsError("identified", "state a folder of `lmeasure identify`, or --map with measured errors, one of the two")
-    correcting = _by_model(settings) if settings.identified is not None else _by_map(settings)
     listing, dialect = _listing(settings)
+    correcting = _by_model(settings) if settings.identified is not None else _by_map(settings)
     progress(0.2, "correcting")
     found, lines = correcting(listing, dialect)
     progress(0.9, "writing")

@@ -17,8 +17,8 @@ NONE: States = frozenset()
 @dataclass(frozen=True)
 class Event:
     """Something that a program does at a place. begin, finish: of the subroutine `name`, which may stand in another; branch, else, loop,
-    close: of a block, else with `whole` where nothing is left beside it; exit, next: of the loop that it stands in; return: of the
-    subroutine; jump, label: of that `name`; set: `change` of the state; call: of `name`; move: asked for."""
+    close: of a block, else with `whole` where nothing is left beside it, loop where only an exit ends it; exit, next: of the loop that it
+    stands in; return: of the subroutine; jump, label: of that `name`; set: `change` of the state; call: of `name`; move: asked for."""
 
     place: int
     kind: Literal["begin", "finish", "branch", "else", "loop", "close", "exit", "next", "return", "jump", "label", "set", "call", "move"]
@@ -84,7 +84,7 @@ def _bodies(events: Iterable[Event]) -> dict[str, _Body]:
         elif event.kind == "finish":
             here, open_blocks = outer.pop() if outer else (bodies[""], [])
         elif event.kind in ("branch", "loop"):
-            block = _Block(event.kind, [[]])
+            block = _Block(event.kind, [[]], event.whole)
             here.append(block)
             open_blocks.append((block, here))
             here = block.ways[-1]
@@ -148,6 +148,6 @@ def _after_loop(block: _Block, states: States, flow: _Flow, name: str) -> States
         before, states = states, states | end | flow.again
         if states == before:
             break
-    states |= flow.exits
+    states = flow.exits if block.whole else states | flow.exits
     flow.exits, flow.again = outside
     return states

@@ -24,8 +24,12 @@ NAMES = ("krl", "rapid", "fanuc", "ur-script", "csv", "robodk")
 
 
 def opened(paths: Sequence[Path]) -> tuple[Source, ...]:
-    """The files of a program, a character a byte."""
-    return tuple(Source(path.name, files.read_bytes(path).decode("latin-1")) for path in paths)
+    """The files of a program, a character a byte; RobotError for one of two bytes a character."""
+    sources = tuple(Source(path.name, files.read_bytes(path).decode("latin-1")) for path in paths)
+    for path, source in zip(paths, sources, strict=True):
+        if "\0" in source.text[:1000]:
+            raise RobotError(f"{path}: no text of a controller: it has NUL bytes, as UTF-16 has; save it as plain text")
+    return sources
 
 
 def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "") -> Dialect:

@@ -178,7 +178,9 @@ class _Reader:
                 self._take(f"{kind} of line {self.sources[k].line(start)}", k, (start, end), frames, (k, start))
                 continue
             point = self.points.at(name, k, start)
-            if word is None or re.match(r"\s*[:\[.]", operand[word.end() :]):
+            if operand.startswith("{") and end < 0:
+                self._leave(k, start, f"{kind}: an aggregate that is not closed")
+            elif word is None or re.match(r"\s*[:\[.]", operand[word.end() :]):
                 self._leave(k, start, f"{kind} {operand.strip()}: a target that is computed")
             elif point is None:
                 self._leave(k, start, f"{kind} {name}: is not declared here with its values")

@@ -109,4 +109,4 @@ def _block(place: int, word: str, name: str) -> Event:
         return Event(place, "else", whole=word != "CASE")
     if word.startswith("END") or word == "UNTIL":
         return Event(place, "close")
-    return Event(place, "branch" if word in ("IF", "SWITCH") else "loop")
+    return Event(place, "branch" if word in ("IF", "SWITCH") else "loop", whole=word == "LOOP")

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -159,12 +160,19 @@ def masked(text: str, comment: str, quotes: str = '"') -> str:
 
 def closing(text: str, start: int, pair: str) -> int:
     """Where the bracket that opens at start is closed, or -1."""
-    depth = 0
-    for i in range(start, len(text)):
-        depth += (text[i] == pair[0]) - (text[i] == pair[1])
-        if depth == 0:
-            return i
-    return -1
+    return _closed(text, pair).get(start, -1)
+
+
+@lru_cache(maxsize=64)
+def _closed(text: str, pair: str) -> dict[int, int]:
+    """Where each bracket of a text is closed: once for all, for programs may be long."""
+    out, opened = {}, list[int]()
+    for m in re.finditer(f"[{re.escape(pair)}]", text):
+        if m[0] == pair[0]:
+            opened.append(m.start())
+        elif opened:
+            out[opened.pop()] = m.start()
+    return out
 
 
 def numbers_in(text: str, span: Span) -> list[tuple[float, Span]]:

@@ -41,7 +41,7 @@ _ASSIGNED = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s*(?:\{[^}]*\}
 _GIVEN = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*(\w+)(?=[ \t]+(?!:=)([^;]*);)", re.M | re.I)
 _DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.I)
 _WORDS = re.compile(
-    r"const|pers|var|local|task|(sys)?module|proc|func|trap|record|alias|return|raise|exit|retry|trynext|(else|end)?if|else|(end)?(for|while|test)"
+    r"const|pers|var|local|task|sysmodule|(end)?(module|proc|func|trap|record)|alias|return|raise|exit|retry|trynext|(else|end)?if|else|(end)?(for|while|test)"
     r"|case|default|error|undo|backward|goto"
 )
 UNUSED = 9e8

@@ -123,7 +123,8 @@ class _Reader:
                 events.append(Event(place, "begin", m["def"]))
             elif word in ("if", "while"):
                 inside.append(False)
-                events.append(Event(place, "branch" if word == "if" else "loop"))
+                ever = re.match(r"\s*\(?\s*True\s*\)?\s*:", self.text[m.end() :][:40]) is not None
+                events.append(Event(place, "branch") if word == "if" else Event(place, "loop", whole=ever))
             elif word in ("elif", "else"):
                 events.append(Event(place, "else", whole=word == "else"))
             elif word == "end":
