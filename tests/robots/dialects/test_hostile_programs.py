@@ -2,6 +2,7 @@
 """What may stand in a program without being what it looks like: it is named with its line, and never guessed."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -138,16 +139,16 @@ def test_how_a_program_is_written_down_does_not_matter(name: str, change: str) -
     texts = {file: (FOLDER / file).read_bytes().decode("latin-1") for file in WHOLE[name]}
     plain = {file: text.replace("\r\n", "\n") for file, text in texts.items()}
     remark = {"krl": "; PTP XHOME", "rapid": "! MoveL pFirst", "fanuc": "", "ur-script": "# movej(home_q)"}.get(name, "# x_mm")
-    made = {
+    made: dict[str, Callable[[str], str]] = {
         "ends": lambda t: t if "\r" in texts[WHOLE[name][0]] else t.replace("\n", "\r\n"),
-        "blanks": lambda t: re.sub(r"\n", "  \n", t) if name not in ("csv", "robodk") else t.replace("\n", " \n"),
+        "blanks": lambda t: t.replace("\n", "  \n"),
         "tabs": lambda t: re.sub(r"(?m)^ +", lambda m: "\t" * len(m[0]), t),
         "mark": lambda t: "\xef\xbb\xbf" + t.removeprefix("\xef\xbb\xbf"),
         "case": lambda t: {"krl": t.lower(), "rapid": t.upper()}.get(name, t),
         "remarks": lambda t: t.replace("\n", f"\n{remark}\n") if remark else t,
-    }[change]
+    }
     # names are told as they are written: of RAPID in capitals here
-    before, after = (str(known(name, each)) for each in (texts, {file: made(text) for file, text in plain.items()}))
+    before, after = (str(known(name, each)) for each in (texts, {file: made[change](text) for file, text in plain.items()}))
     assert (after.lower(), len(after)) == (before.lower(), len(before))
 
 
@@ -161,13 +162,13 @@ def test_broken_bytes_never_end_in_a_fault_and_are_never_guessed(name: str, seed
     rng = np.random.default_rng(seed)
     texts = {}
     for file in WHOLE[name]:
-        text = list((FOLDER / file).read_bytes().decode("latin-1"))
-        first = int(rng.integers(0, len(text))) if rng.random() < 0.5 else 0
-        text = text[first : first + int(rng.integers(1, 6000))]
+        signs = list((FOLDER / file).read_bytes().decode("latin-1"))
+        first = int(rng.integers(0, len(signs))) if rng.random() < 0.5 else 0
+        signs = signs[first : first + int(rng.integers(1, 6000))]
         for _ in range(int(rng.integers(0, 8))):
-            place = int(rng.integers(0, len(text)))
-            text[place] = str(rng.choice(MARKS)) if rng.random() < 0.7 else ""
-        texts[ENDS[name] if len(WHOLE[name]) == 1 else file] = "".join(text)
+            place = int(rng.integers(0, len(signs)))
+            signs[place] = str(rng.choice(MARKS)) if rng.random() < 0.7 else ""
+        texts[ENDS[name] if len(WHOLE[name]) == 1 else file] = "".join(signs)
     try:
         dialect, listing = listed(name, tuple(texts.items()))
     except AssertionError:  # a table whose header is gone is of the other kind
