@@ -1,12 +1,11 @@
 """The check as a whole: from a run to closures, agreement and a verdict with a stated rate of false alarms."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from lmeasure.arrays import FloatArray
 from lmeasure.calibration.known_lengths import Distance
 from lmeasure.catalogue import decimal, texts
 from lmeasure.interim.closures import Closure, closures
@@ -14,7 +13,8 @@ from lmeasure.interim.moved import Cause, Verdict, agreement
 from lmeasure.interim.stops import Stops, find_stops
 from lmeasure.run import Run
 from lmeasure.shown import DataFrame, Shown, framed
-from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.passes import Alignment, align
+from lmeasure.trajectory.prepared import prepared
 from lmeasure.trajectory.screw_method import Reconstruction
 
 ASSUMED_MM = 0.05
@@ -73,16 +73,15 @@ class Checked(Shown):
 
 
 def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limits | None = None) -> Checked:
-    """Check an instrument by a run of it. TrajectoryError where the run has no start, too few stops, or names that are none of its places;
-    raises what `Reconstruction` raises."""
+    """Check an instrument by a run of it, which begins where it says or where absolute encoders tell. TrajectoryError where neither is so, of
+    too few stops, or names that are none of its places; raises what `prepared` raises."""
     limits = limits or Limits()
-    start: FloatArray = run.known_start
     aligned = align(run)
-    reconstruction = Reconstruction(
-        run.rig, start, run.calibration, u_start=run.u_start, clocks=aligned.clocks, temperature_c=run.temperature_c
-    )
-    budget, lengths = reconstruction.budget, aligned.lengths
-    stops = find_stops(budget, lengths, run.passes[0].source, limits.near_mm)
+    reconstruction = _reconstruction(run, aligned)
+    budget, lengths, redundancy = reconstruction.budget, aligned.lengths, reconstruction.redundancy
+    lengths = replace(lengths, change_mm=lengths.change_mm - budget.offsets(lengths.time_s))
+    zero = None if redundancy is None else redundancy.zero
+    stops = find_stops(budget, lengths, run.passes[0].source, limits.near_mm, zero=zero)
     n, m = stops.readings.shape
     repeatability = ASSUMED_MM if limits.repeatability_mm is None else limits.repeatability_mm
     counts = np.nan_to_num(stops.counts)
@@ -107,6 +106,16 @@ def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limit
         if told is None:
             notes.append("six")
     return Checked(run.rig.name, stops, found, told, limit, tuple(notes))
+
+
+def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
+    """Of a run: where its start is stated, before the run has told anything of its origins."""
+    if run.start is None:
+        if not any(run.rig.counter(o).codes is not None for o in run.rig.observed):
+            # says what to do
+            _ = run.known_start
+        return prepared(aligned)[0]
+    return Reconstruction(run.rig, run.start, run.calibration, u_start=run.u_start, clocks=aligned.clocks, temperature_c=run.temperature_c)
 
 
 def as_dict(found: Checked) -> dict[str, Any]:

@@ -8,7 +8,7 @@ named where no other comes near: their remaining chi-squared, with twice their d
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -22,6 +22,7 @@ from lmeasure.kernels.layout import BY_ANGLE_ZERO, BY_ATTACHMENT, BY_BASE, BY_SC
 from lmeasure.rig import Cable, Turned
 from lmeasure.trajectory.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.sources import UNKNOWN_MM
 
 APART = 9.2
 """Twice the logarithm of odds of a hundred."""
@@ -60,12 +61,17 @@ def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Ver
     redundancy = reconstruction.redundancy
     if redundancy is None:
         return None
-    parities = _Parities(reconstruction, redundancy, stops)
-    total = float(parities.y @ parities.y)
-    probability = float(scipy.stats.chi2.sf(total, len(parities.y)))
+    budget, told = reconstruction.budget, reconstruction.budget.told
+    # what the run told of its origins is not held against the run: they are uncertain as they were before
+    readings = stops.readings + budget.offsets(stops.begin_s)
+    budget.use(None)
+    parities = _Parities(reconstruction, redundancy, replace(stops, readings=readings))
+    total, freedom = float(parities.y @ parities.y), parities.freedom
+    probability = float(scipy.stats.chi2.sf(total, freedom))
     causes = sorted(parities.causes(alarm), key=lambda c: c.rest)
     named = tuple(c for c in causes if c.rest < causes[0].rest + APART) if probability < alarm and causes else ()
-    return Verdict(total, len(parities.y), probability, tuple(causes), named)
+    budget.use(told)
+    return Verdict(total, freedom, probability, tuple(causes), named)
 
 
 class _Parities:
@@ -87,10 +93,15 @@ class _Parities:
         residual = np.where(used, redundancy.residuals(stops.poses, readings), 0.0) / redundancy.unit
         own = variance / redundancy.unit**2
         shared = self._seen(redundancy.shared(epochs, stops.poses, used) * redundancy.unit[:, None])
+        # nothing is known of a start that nobody stated: it takes as many degrees of freedom
+        origins = np.abs(budget.origin_lengths(stops.begin_s)).max(axis=(0, 1), initial=0.0)
+        anywhere = shared[:, shared.shape[1] - len(origins) :][:, origins > UNKNOWN_MM / 2.0]
+        self.start_known = not anywhere.shape[1]
         V = scipy.linalg.block_diag(*(b.T @ (own[i][:, None] * b) for i, b in enumerate(self._basis))) + shared @ shared.T
         self._L = np.linalg.cholesky(V)
         y = np.concatenate([b.T @ r for b, r in zip(self._basis, residual, strict=True)])
         self.y = scipy.linalg.solve_triangular(self._L, y, lower=True)
+        self.freedom = len(self.y) - int(np.linalg.matrix_rank(anywhere))
 
     def _seen(self, errors: FloatArray) -> FloatArray:
         """(f, q) parities by errors (n, m, q) of readings [mm, rad]."""
@@ -135,6 +146,8 @@ class _Parities:
                 yield "encoder", o.name, "deg", float(np.degrees(1.0)), np.where(alone, g[:, :, BY_ANGLE_ZERO], 0.0)[:, :, None]
             elif isinstance(o, Cable):
                 yield "drum", o.from_point, "%", 100.0, np.where(alone, g[:, :, BY_SCALE], 0.0)[:, :, None]
+        if not self.start_known:
+            return
         begun = np.where(since[:, None], cable_kernels.span_rows(rows, budget.start), 0.0)
         yield "start", "start pose", "mm", 1.0, np.broadcast_to(begun, (len(stops), *begun.shape))
 

@@ -50,9 +50,9 @@ class Stops:
         return np.flatnonzero(self.place == place)
 
 
-def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float) -> Stops:
+def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *, zero: FloatArray | None = None) -> Stops:
     """The stops of a run from its lengths; two are of one place where the tool's origin and its turn differ by less than near_mm, a turn
-    at `SIZE_MM`.
+    at `SIZE_MM`. zero (m,): what of a span readings do not show, where that is not what there was at the start.
 
     TrajectoryError where the run stands still less than twice, or no pose has its readings.
     """
@@ -63,7 +63,7 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float) ->
     rests = finder.rests()
     if len(rests) < 2:
         raise TrajectoryError(f"{source}: stands still {len(rests)} time(s); a check needs stops at which it does, 0.2 s or longer")
-    path = Path(budget)
+    path = Path(budget, zero)
     n, m = len(rests), lengths.change_mm.shape[1]
     readings, counts, poses = np.full((n, m), np.nan), np.full((n, m), np.nan), np.empty((n, 7))
     travel = last_travel(np.where(np.isfinite(lengths.counts), lengths.counts, 0.0), 1.0 / rig.scales(rig.observed))
@@ -87,12 +87,12 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float) ->
 class Path:
     """Poses of a run, each from the one before, by weighted least squares of all channels that were read."""
 
-    def __init__(self, budget: Budget) -> None:
+    def __init__(self, budget: Budget, zero: FloatArray | None = None) -> None:
         self._rows = budget.scheme.rows
         self._weight = 1.0 / np.sqrt(budget.length_variance)
         self._angles = self._rows[:, KIND] != CABLE
         begun = span_lengths(self._rows, budget.start[None])[0]
-        self._zero = np.where(budget.absolute, 0.0, begun)
+        self._zero = np.where(budget.absolute, 0.0, begun) if zero is None else zero
 
     def residual(self, reading: FloatArray, pose: FloatArray) -> FloatArray:
         """(m,) readings (m,) less those at a pose (7,)."""

@@ -150,3 +150,31 @@ def test_what_is_no_check_is_refused() -> None:
     short = replace(run, passes=tuple(replace(p, time_s=p.time_s[:20], recorded=p.recorded[:20]) for p in run.passes))
     with pytest.raises(TrajectoryError, match=r"stands still \d time"):
         check_instrument(short, (), LIMITS)
+
+
+def test_a_run_that_begins_nobody_knows_where_is_checked_as_one_with_a_start() -> None:
+    """Absolute encoders tell the start: closures are the same, and what moved is named; of the freedom the start takes six."""
+    rig = true_rig()
+    run, _ = run_of(rig, 1)
+    known, found = check_instrument(run, (), LIMITS), check_instrument(replace(run, start=None), (), LIMITS)
+    assert found.passed
+    assert [c.name for c in found.closures] == [c.name for c in known.closures]
+    for here, there in zip(found.closures, known.closures, strict=True):
+        assert abs(here.value_mm - there.value_mm) < 0.01
+        assert here.u95_mm == pytest.approx(there.u95_mm, rel=0.05)
+    assert found.agreement is not None
+    assert known.agreement is not None
+    assert found.agreement.freedom == known.agreement.freedom - 6
+    np.testing.assert_allclose(found.stops.poses[:, :3], known.stops.poses[:, :3], atol=0.3)
+    assert not any(c.kind == "start" for c in found.agreement.causes)
+    place = rig.point("B3").position_mm
+    moved = with_values(rig, {"B3.x_mm": place[0] + 0.7})
+    off = check_instrument(replace(run_of(moved, 2)[0], start=None), (), LIMITS)
+    assert off.disagrees
+    assert ("point", "B3") in {(c.kind, c.name) for c in off.causes}
+
+
+def test_a_run_without_start_and_absolute_encoders_says_what_to_state() -> None:
+    run, _ = run_of(true_rig(swivels=False), 1, swivels=False)
+    with pytest.raises(TrajectoryError, match=r"start pose of this run is not known.*state \[start\]"):
+        check_instrument(replace(run, start=None), (), LIMITS)
