@@ -13,6 +13,8 @@ from lmeasure.interim.moved import Cause, Verdict, agreement
 from lmeasure.interim.stops import Stops, find_stops
 from lmeasure.run import Run
 from lmeasure.shown import DataFrame, Shown, framed
+from lmeasure.trajectory.consistency import collected
+from lmeasure.trajectory.origins import learn
 from lmeasure.trajectory.passes import Alignment, align
 from lmeasure.trajectory.prepared import prepared
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -73,8 +75,8 @@ class Checked(Shown):
 
 
 def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limits | None = None) -> Checked:
-    """Check an instrument by a run of it, which begins where it says or where absolute encoders tell. TrajectoryError where neither is so, of
-    too few stops, or names that are none of its places; raises what `prepared` raises."""
+    """Check an instrument by a run of it, which begins where it says or where absolute encoders tell. TrajectoryError where neither is so,
+    of too few stops, or names that are none of its places; raises what `prepared` raises."""
     limits = limits or Limits()
     aligned = align(run)
     reconstruction = _reconstruction(run, aligned)
@@ -114,7 +116,11 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
         if not any(run.rig.counter(o).codes is not None for o in run.rig.observed):
             # says what to do
             _ = run.known_start
-        return prepared(aligned)[0]
+        found = prepared(aligned)[0]
+        # by all channels: what one of them has against the others is what the check is about
+        found.use(None)
+        learn(found, collected(found, [aligned.lengths])[0])
+        return found
     return Reconstruction(run.rig, run.start, run.calibration, u_start=run.u_start, clocks=aligned.clocks, temperature_c=run.temperature_c)
 
 

@@ -59,7 +59,7 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
     known = np.zeros(len(epochs), np.bool_)
     C: FloatArray = np.eye(len(budget.sources))
     total, freedom, poses = np.nan, 0, np.full((len(epochs), 7), np.nan)
-    o = len(mean)
+    o, whole = len(mean), np.zeros(len(budget.sources))
     for _ in range(ROUNDS):
         changes = epochs.change_mm - columns @ mean
         poses = reconstruction.solve_from_told(changes)
@@ -84,11 +84,12 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
             total += float(np.einsum("nm,nmp,np->", r, P, r))
             freedom += int(np.maximum(used.sum(axis=1) - len(redundancy.free), 0).sum())
         C = np.asarray(np.linalg.inv(information))
-        new = (C @ towards)[-o:]
+        whole = np.asarray(C @ towards)
+        new = whole[-o:]
         step, mean = np.abs(new - mean), new
         if (step <= SETTLED * np.sqrt(np.diag(C)[-o:])).all():
             break
-    told = Told(mean, _mixed(C, o), total, freedom, poses, C)
+    told = Told(mean, _mixed(C, o), total, freedom, poses, C, whole[:-o])
     reconstruction.use(told)
     return told
 

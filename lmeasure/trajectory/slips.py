@@ -1,9 +1,10 @@
 """Whether a channel slipped in a run whose origins were found: too little for any single sample to show, but all of them together do.
 
-Suppose one channel j reads b too much behind a time t. By the weights P of the samples (`origins`) its score is s = sum (P r)_j over the
-samples behind t; what b has in common with all that the run shares, C, leaves it the information I = sum P_jj - g^T C g with
-g = sum (L^T P)_j. Then s^2/I is chi-squared of one degree of freedom where nothing slipped, whatever channel and time are asked about
-(Baarda's data snooping, 1968, with a step as the error).
+Suppose one channel j reads b too much behind a time t. By the weights P of the samples (`origins`) its score is
+s = sum (P (r - L y))_j over the samples behind t, with y what the run says of calibration, drums and the like: it is applied to no pose,
+and left in the readings it would pass for steps. What b has in common with all that the run shares, C, leaves it the information
+I = sum P_jj - g^T C g with g = sum (L^T P)_j. Then s^2/I is chi-squared of one degree of freedom where nothing slipped, whatever channel
+and time are asked about (Baarda's data snooping, 1968, with a step as the error).
 """
 
 from dataclasses import dataclass
@@ -59,6 +60,7 @@ def slip(reconstruction: Reconstruction, epochs: Epochs, told: Told) -> Slip | N
         P = np.where(used[:, :, None] & used[:, None, :], P, 0.0)
         score[out], own[out] = np.einsum("nmp,np->nm", P, r), np.einsum("nmm->nm", P)
         common[out] = P @ redundancy.shared(at, there, used)
+        score[out] -= common[out, :, : len(told.aside)] @ told.aside
     behind, information, g = (_behind(values) for values in (score, own, common))
     left = information - np.einsum("nmk,kl,nml->nm", g, told.covariance, g)
     enough = left > LEAST * information.max(axis=0, initial=1e-300)

@@ -16,6 +16,7 @@ from lmeasure.interim import Checked, Distance, Limits, check_instrument
 from lmeasure.interim.check import verdict_text
 from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.observation.parameters import with_values
+from lmeasure.pipeline import reconstruct
 from lmeasure.poses import Poses
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
@@ -150,6 +151,19 @@ def test_what_is_no_check_is_refused() -> None:
     short = replace(run, passes=tuple(replace(p, time_s=p.time_s[:20], recorded=p.recorded[:20]) for p in run.passes))
     with pytest.raises(TrajectoryError, match=r"stands still \d time"):
         check_instrument(short, (), LIMITS)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_what_a_calibration_leaves_uncertain_passes_for_no_slip(stated: bool) -> None:
+    """Runs by a calibrated rig: all samples `ok`, no channel said to have slipped, and errors as stated."""
+    run, poses = run_of(true_rig(), 2)
+    found = reconstruct(run if stated else replace(run, start=None))
+    assert (found.status == 0).all()
+    assert not any("slipped" in str(note) for note in found.notes)
+    error = se3.displacement(found.poses, poses)
+    square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.random + found.systematic), error)
+    # 0.1 and 99.9 % of six degrees of freedom
+    assert 0.38 < np.median(square) < 22.5
 
 
 def test_a_run_that_begins_nobody_knows_where_is_checked_as_one_with_a_start() -> None:
