@@ -1,7 +1,8 @@
 """Where a run begins whose start nobody stated: the poses that its absolute channels allow.
 
 Six or more angles of absolute encoders at one sample tell the pose but for a few assemblies; all are looked for from many places and
-orientations. Which of them it was the motion tells: with each the origins of the other channels are found (`origins`), and one with which
+orientations. Fewer tell it with the changes of the other channels over a motion (`over_motion`), as they do where six stand nearly
+singular. Which of them it was the motion tells: with each the origins of the other channels are found (`origins`), and one with which
 the run contradicts itself was not it. What is left over are assemblies that the data cannot tell apart.
 """
 
@@ -11,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import GeometryError, TrajectoryError
 from lmeasure.kernels import least_squares
 from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL
@@ -19,6 +20,7 @@ from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.run import known
 from lmeasure.trajectory.origins import LOOSE_RAD, learn
+from lmeasure.trajectory.over_motion import SAMPLES, Begun, starts
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -33,6 +35,10 @@ ALIKE_MM, ALIKE_RAD = 1.0, 1e-3
 WORSE = 40.0
 """By how much more chi-squared a run is contradicted that began otherwise, times that of a degree of freedom where the model is off."""
 LISTED = 8
+TOLD_MM = 10.0
+"""Standard uncertainty, in its worst direction, of a start that `over_motion.SAMPLES` samples tell; all of a run tell it better."""
+NOTHING_MM = 1000.0
+STATE = "state [start] in run.toml, or give it to `reconstruct` by --start"
 BEGINNINGS = (1.0, 0.5, 0.25, 0.12)
 """Shares of a run by which its start is judged, the first in which it does not contradict itself."""
 SOUND = 3.0
@@ -52,18 +58,23 @@ def absolute_channels(rig: Rig) -> FloatArray:
 
 
 def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
-    """The first sample at which enough absolute channels are read; TrajectoryError where there is none."""
+    """The first sample at which enough absolute channels are read, of fewer the first with most channels; TrajectoryError where there is
+    none or nothing to spare."""
     usable = np.isfinite(absolute_channels(rig))
     if not usable.any():
         return int(known(None, source, rig)[0])
-    seen = np.isfinite(lengths.change_mm[:, usable]).sum(axis=1)
+    read = np.isfinite(lengths.change_mm)
+    seen, every = read[:, usable].sum(axis=1), read.sum(axis=1)
     enough = np.flatnonzero(seen >= len(FREEDOMS))
-    if not len(enough):
+    if len(enough):
+        return int(enough[0])
+    most, of_all = int(seen.max(initial=0)), int(every[seen > 0].max(initial=0))
+    if not most or of_all <= len(FREEDOMS):
         raise TrajectoryError(
-            f"{source}: the start pose of this run is not known, and of its absolute channels {int(seen.max(initial=0))} can be read at "
-            f"once: {len(FREEDOMS)} are needed; state [start] in run.toml, or give it to `reconstruct` by --start"
+            f"{source}: the start pose of this run is not known, and of its absolute channels {most} can be read at once, with {of_all} "
+            f"channels in all: {len(FREEDOMS)} absolute ones are needed, or one and {len(FREEDOMS) + 1} in all over a motion; {STATE}"
         )
-    return int(enough[0])
+    return int(np.flatnonzero((seen > 0) & (every == of_all))[0])
 
 
 def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int = 0) -> tuple[FloatArray, bool]:
@@ -115,7 +126,11 @@ def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstru
     used = np.isfinite(zero_u) & np.isfinite(lengths.change_mm[i])
     resolution = np.array([rig.counter(o).per_count for o in rig.observed]) / np.sqrt(12.0)
     u = np.hypot(resolution, np.nan_to_num(zero_u))
-    poses, _ = assemblies(rows[used], lengths.change_mm[i, used], u[used])
+    poses = np.empty((0, 7))
+    if used.sum() >= len(FREEDOMS):
+        poses, _ = assemblies(rows[used], lengths.change_mm[i, used], u[used])
+    if not len(poses):
+        poses = _over_motion(rows, lengths, i, u, np.isfinite(zero_u), source)
     if rig.side is not None and len(poses):
         from lmeasure.assemblies import by_side
 
@@ -154,6 +169,33 @@ def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstru
             f"{listed}; state [start] in run.toml, or side in the rig file"
         )
     return left[0]
+
+
+def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usable: BoolArray, source: str) -> FloatArray:
+    """(k, 7) poses at sample i that fit the readings of the run behind it, channels rows (m, columns) with standard uncertainties u (m,),
+    those that are usable (m,) absolute."""
+    changes = lengths.change_mm[i:]
+    every: list[Begun] = []
+    for share in BEGINNINGS:
+        last = max(int(share * (len(changes) - 1)), 1)
+        some = np.unique(np.linspace(0, last, min(SAMPLES, last + 1)).round().astype(np.intp))
+        found = starts(rows, changes[some], np.where(usable, u, np.sqrt(2.0) * u), usable)
+        if not every or (found and found[0].chi_squared <= SOUND * found[0].freedom):
+            every = found
+        if every and every[0].chi_squared <= SOUND * every[0].freedom:
+            break
+    if not every:
+        return np.empty((0, 7))
+    best = every[0]
+    least = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0)
+    if least > TOLD_MM:
+        told = f"tells it to {least:.3g} mm only" if least < NOTHING_MM else "does not tell it"
+        raise TrajectoryError(
+            f"{source}: the start pose of this run is not known, and its motion from {lengths.time_s[i]:.6g} s on, with "
+            f"{int(usable.sum())} of its channels absolute, {told}: move the tool farther, or turn it; {STATE}"
+        )
+    limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
+    return np.array([begun.pose for begun in every if begun.chi_squared <= limit])
 
 
 def _standing(tried: list[tuple[Reconstruction, Told | None]]) -> list[Reconstruction]:

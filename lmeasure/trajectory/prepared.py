@@ -18,7 +18,7 @@ from lmeasure.trajectory.other_origins import moved
 from lmeasure.trajectory.passes import Alignment
 from lmeasure.trajectory.power_on import find_start
 from lmeasure.trajectory.redundancy import Epochs
-from lmeasure.trajectory.reliability import of_run, said
+from lmeasure.trajectory.reliability import of_run, said, said_apart
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.slips import Slip, slip
 from lmeasure.trajectory.sources import PassClock
@@ -107,7 +107,7 @@ def prepare(
             learn(reconstruction, epochs)
         found = replace(found, notes=(*found.notes, *_told(reconstruction)))
     reliable = of_run(reconstruction, epochs)
-    reconstruction.reliability = None if reliable is None else said(reconstruction, reliable)
+    reconstruction.reliability = () if reliable is None else (said(reconstruction, reliable), said_apart(reconstruction, reliable))
     return reconstruction, found
 
 

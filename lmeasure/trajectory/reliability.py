@@ -138,3 +138,20 @@ def said(reconstruction: Reconstruction, found: Reliability) -> Finding:
     if length:
         return finding("reliability.length", **about, **pair, mm=size)
     return finding("reliability.angle", **about, **pair, deg=float(np.degrees(size)))
+
+
+def said_apart(reconstruction: Reconstruction, found: Reliability) -> Finding:
+    """In a line: of every channel the smallest fault that a sample tells apart from one of any other, at the best and the worst of them."""
+    told = []
+    for o, sizes in zip(reconstruction.rig.observed, found.apart.T, strict=True):
+        seen = sizes[~np.isnan(sizes)]
+        if not np.isfinite(seen).any():
+            told.append(finding("reliability.apart.never", channel=o.name))
+            continue
+        kind, unit, per = ("length", "mm", 1.0) if isinstance(o, Cable) else ("angle", "deg", float(np.degrees(1.0)))
+        size = {f"least_{unit}": float(seen.min()) * per}
+        if np.isinf(seen).any():
+            told.append(finding(f"reliability.apart.{kind}.partly", channel=o.name, **size))
+        else:
+            told.append(finding(f"reliability.apart.{kind}", channel=o.name, **size, **{f"most_{unit}": float(seen.max()) * per}))
+    return finding("reliability.apart", alpha=100.0 * ALPHA, power=100.0 * POWER, channels=tuple(told))

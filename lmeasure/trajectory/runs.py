@@ -62,8 +62,7 @@ def with_evidence(
     """A piece of a run's trajectory with what the run tells of its own counts: notes, causes of `ok` samples that hang on counts that are
     suspected, and what does not close in the systematic covariances."""
     unseen = () if evidence.unseen is None else (evidence.unseen,)
-    reliable = () if reconstruction.reliability is None else (reconstruction.reliability,)
-    said = (*evidence.doubts.notes, *evidence.notes, *unseen, said_of_redundancy(reconstruction), *reliable)
+    said = (*evidence.doubts.notes, *evidence.notes, *unseen, said_of_redundancy(reconstruction), *reconstruction.reliability)
     trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(run.recorded), *said))
     if evidence.sound:
         return trajectory

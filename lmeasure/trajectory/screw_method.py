@@ -95,8 +95,8 @@ class Reconstruction:
         )
         self.covers = self.budget.covers
         self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
-        self.reliability: Finding | None = None
-        """Of the run, in a line (`trajectory.reliability`), once it is prepared."""
+        self.reliability: tuple[Finding, ...] = ()
+        """Of the run, in lines (`trajectory.reliability`), once it is prepared."""
         self._state = self._new_state(self.start)
         self._many = False
         self._travelled = np.zeros((len(self.scheme.rows), 2))

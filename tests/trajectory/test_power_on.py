@@ -1,6 +1,7 @@
 """Runs whose start nobody stated: absolute encoders of swivels tell it, through the command that a user calls."""
 
 import json
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -18,8 +19,10 @@ from typer.testing import CliRunner
 
 from lmeasure import se3
 from lmeasure.cli import app
+from lmeasure.errors import TrajectoryError
 from lmeasure.lengths import length_residuals, span_lengths
-from lmeasure.run import read_run
+from lmeasure.rig import rig_from_dict
+from lmeasure.run import Run, read_run
 from lmeasure.trajectory import read_trajectory, reconstruct
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.prepared import prepared
@@ -112,10 +115,42 @@ def test_without_an_absolute_channel_or_with_too_few_it_is_said(tmp_path: Path) 
     done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
     assert done.exit_code == 1
     assert "its channels are not absolute" in str(done.exception)
-    (folder / "rig.toml").write_text(rig[: rig.rindex("[[swivel]]")])
+    assert not out.exists()
+    folder = copied("swivel-three", tmp_path)
+    told = (folder / "run.toml").read_text()
+    (folder / "run.toml").write_text(re.sub(r"\[start\]\n(?:\w.*\n)+", "", told))
     done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
     assert done.exit_code == 1
+    assert "of its absolute channels 3 can be read at once, with 6 channels in all: 6 absolute ones are needed, or one and 7" in str(
+        done.exception
+    )
     assert not out.exists()
+
+
+def with_swivels(some: list[int], every: int = 4) -> Run:
+    """swivel-run, its start unknown, with some of its encoders and every so many samples."""
+    run = read_run(AUTHORITY / "swivel-run")
+    data, (counts,) = run.rig.to_dict(), run.passes
+    data["swivel"] = [data["swivel"][i] for i in some]
+    fewer = replace(counts, time_s=counts.time_s[::every], recorded=counts.recorded[::every])
+    return replace(run, rig=rig_from_dict(data), start=None, passes=(fewer,))
+
+
+@pytest.mark.parametrize("some", [[0, 1, 2, 3, 4], [1, 3]])
+def test_fewer_than_six_absolute_angles_tell_the_start_over_a_motion(some: list[int]) -> None:
+    found = reconstruct(with_swivels(some))
+    assert (found.status == 0).all()
+    error = np.linalg.norm(found.poses[:, :3] - truth_of("swivel-run")[::4, 1:4], axis=1)
+    assert error.max() < 0.03
+    assert (error / np.linalg.norm(found.u[:, :3], axis=1)).max() < 3.0
+
+
+def test_what_a_motion_cannot_tell_of_a_start_is_said() -> None:
+    run = with_swivels([0, 2, 4])
+    (counts,) = run.passes
+    still = replace(counts, time_s=counts.time_s[:40], recorded=np.repeat(counts.recorded[:1], 40, axis=0))
+    with pytest.raises(TrajectoryError, match="with 3 of its channels absolute, does not tell it: move the tool farther"):
+        reconstruct(replace(run, passes=(still,)))
 
 
 def test_a_still_reading_that_fits_several_assemblies_lists_them(tmp_path: Path) -> None:

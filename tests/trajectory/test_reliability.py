@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from test_truth import AUTHORITY
 
+from lmeasure.catalogue import plain
 from lmeasure.run import read_run
 from lmeasure.trajectory.consistency import collected
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.prepared import prepared
 from lmeasure.trajectory.redundancy import Epochs
-from lmeasure.trajectory.reliability import SHIFT, of_run, reliability, said
+from lmeasure.trajectory.reliability import SHIFT, of_run, reliability, said, said_apart
 
 
 @pytest.mark.parametrize(("name", "samples", "channels"), [("eight-run", 300, 8), ("swivel-run", 200, 12)])
@@ -42,8 +43,11 @@ def test_a_fault_of_the_stated_size_does_what_is_stated(name: str, samples: int,
         np.testing.assert_allclose(np.linalg.norm(away, axis=1), 1e-2 * found.effect_mm[:, j], rtol=1e-3)
     told = of_run(reconstruction, collected(reconstruction, [aligned.lengths])[0])
     assert told is not None
+    size = told.apart[:, 0]
+    least = f"{size.min():.2g} mm, in places none" if np.isinf(size).any() else f"{size.min():.2g} to {size.max():.2g} mm"
+    assert f": c1 {plain(least)}" in plain(str(said_apart(reconstruction, told)))
     assert f"moves the tool by up to {told.effect_mm.max():.3g} mm" in str(said(reconstruction, told))
-    assert str(reconstruction.reliability).startswith("reliability of single samples (Baarda, significance 0.1 %, power 80 %)")
+    assert str(reconstruction.reliability[0]).startswith("reliability of single samples (Baarda, significance 0.1 %, power 80 %)")
 
 
 def test_a_channel_that_nothing_controls_is_named() -> None:
@@ -54,4 +58,6 @@ def test_a_channel_that_nothing_controls_is_named() -> None:
     recorded[100:, [2, 5]] = np.nan
     run = replace(whole, passes=(replace(counts, time_s=counts.time_s[:200], recorded=recorded),))
     reconstruction, _ = prepared(align(run))
-    assert "nothing controls" in str(reconstruction.reliability)
+    assert "nothing controls" in str(reconstruction.reliability[0])
+    assert "c3 0." in str(reconstruction.reliability[1])
+    assert "mm, in places none" in str(reconstruction.reliability[1])
