@@ -1,7 +1,6 @@
 """Do the tests see when the core is wrong? One small fault at a time is put into a copy of a file, and its tests are run.
 
-    python benchmarks/mutants.py [--files PART ...] [--sample N | --together N] [--seed N] [--limit-s N] [--again] [--plain] [--folder F]
-                                 [--go-on] [--list]
+    python benchmarks/mutants.py [--files PART ...] [--sample N] [--seed N] [--limit-s N] [--again] [--plain] [--folder F] [--list]
 
 A fault is an operator, a comparison, a constant, a condition or a statement changed; `--list` prints them without running anything. A fault
 that no test sees in time survives; one that hangs is killed. Of a file's tests those that pass the fault's statement are run first, the
@@ -21,9 +20,9 @@ import random
 import tempfile
 import tomllib
 from collections import Counter
+from collections.abc import MutableMapping
 from pathlib import Path
 
-import scipy.stats
 from core_tests import CORE, PLAIN
 from mutated_copy import ROOT, Copy
 from mutations import Mutant, mutants_of
@@ -33,7 +32,7 @@ LIBRARIES = (
     "numba", "scipy.stats", "scipy.optimize", "scipy.spatial.transform", "pandas", "xarray", "pyarrow", "pydantic", "typer",
     "mpmath", "cryptography", "h5py", "lxml", "can", "plotly", "tomli_w",
 )  # fmt: skip
-RECORDED_FROM = 3
+RECORDED_FROM = 6
 """Faults that are tried by the same tests, from which it pays to look first which lines each test passes."""
 EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
 
@@ -43,17 +42,19 @@ def faults_of(file: str) -> list[Mutant]:
     return mutants_of(file, (ROOT / "lmeasure" / file).read_text(encoding="utf-8"))
 
 
-def drawn(files: list[str], sample: int | None, together: int | None, seed: int) -> dict[str, list[Mutant]]:
-    """By file the faults that are to be tried, in its order: all, so many of each file, or so many of all files together."""
-    every = {file: faults_of(file) for file in files}
-    if together is not None:
-        all_of_them = [m for own in every.values() for m in own]
-        some = set(random.Random(seed).sample(all_of_them, min(together, len(all_of_them))))
-        return {file: [m for m in own if m in some] for file, own in every.items()}
-    if sample is None:
-        return every
-    some_of = {file: set(random.Random(f"{seed} {file}").sample(own, min(sample, len(own)))) for file, own in every.items()}
-    return {file: [m for m in own if m in some_of[file]] for file, own in every.items()}
+def sampled(file: str, sample: int | None, seed: int) -> list[Mutant]:
+    """Those of a file's faults that are to be tried, in its order: all, or so many."""
+    every = faults_of(file)
+    some = every if sample is None else random.Random(f"{seed} {file}").sample(every, min(sample, len(every)))
+    return sorted(some, key=lambda m: m.start)
+
+
+def load_libraries(environ: MutableMapping[str, str]) -> None:
+    """Before faults are tried: all that the tests need, once for all forks."""
+    environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environ.pop("NUMBA_CACHE_DIR", None)
+    for name in LIBRARIES:
+        importlib.import_module(name)
 
 
 def equivalents() -> dict[tuple[str, str, str], str]:
@@ -111,18 +112,15 @@ def run(
     return "\n".join(lines).rstrip() + "\n"
 
 
-def written(sections: dict[str, str], *, unseen: bool = False) -> str:
-    """The whole report; unseen: of faults drawn from all that no test was written for."""
+def written(sections: dict[str, str]) -> str:
+    """The whole report."""
     counts = [tuple(int(word) for word in (line.split()[0], line.split()[2])) for s in sections.values() for line in s.splitlines()[2:3]]
     dead, told = (sum(c[i] for c in counts) for i in (0, 1))
     head = "# Faults in the core, and whether tests see them\n\nMade by `python benchmarks/mutants.py`, which says what a fault is.\n"
-    total = f"\n**{dead} of {told} killed ({100 * dead / max(told, 1):.1f} %), equivalent ones apart.** "
-    if unseen:
-        least = scipy.stats.beta.ppf(0.025, dead, told - dead + 1) if dead else 0.0
-        most = scipy.stats.beta.ppf(0.975, dead + 1, told - dead) if dead < told else 1.0
-        total += f"Drawn from all faults of the core: of these it is {100 * least:.1f} to {100 * most:.1f} % (95 %, Clopper and Pearson).\n"
-    else:
-        total += "Tests were written for what survived, so that it says nothing of faults that were not tried: `--together` does.\n"
+    total = (
+        f"\n**{dead} of {told} killed ({100 * dead / max(told, 1):.1f} %), equivalent ones apart.** Tests were written for what survived, "
+    )
+    total += "so that it says nothing of faults that were not tried: [mutants_unseen.md](mutants_unseen.md) does.\n"
     return head + total + "".join("\n" + sections[file] for file in CORE if file in sections)
 
 
@@ -139,11 +137,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--files", nargs="+", default=[""], help="parts of names, such as iso9283 or kernels/cable")
     parser.add_argument("--sample", type=int, help="so many of each file, chosen by the seed; default all")
-    parser.add_argument("--together", type=int, help="so many of all files together: what tests see of the core as a whole")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--limit-s", type=float, default=600.0, help="longest time of a file's tests")
     parser.add_argument("--again", action="store_true", help="only what survived by the report that stands")
-    parser.add_argument("--go-on", action="store_true", help="pass over the files that stand in the report")
     parser.add_argument("--plain", action="store_true", help="compile nothing: of kernels, what their short tests do not see survives")
     parser.add_argument("--list", action="store_true", help="print the faults as JSON lines, run nothing")
     parser.add_argument("--folder", type=Path, help="kept for the next time: what is compiled, and which lines each test passes")
@@ -155,24 +151,19 @@ def main() -> None:
             for m in faults_of(file):
                 print(json.dumps({"file": m.file, "number": m.line, "line": m.source, "change": m.change}))
         return
-    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    os.environ.pop("NUMBA_CACHE_DIR", None)
-    for name in LIBRARIES:
-        importlib.import_module(name)
-    chosen = drawn(files, asked.sample, asked.together, asked.seed)
+    load_libraries(os.environ)
+    chosen = {file: sampled(file, asked.sample, asked.seed) for file in files}
     shared = Counter(tuple(CORE[file]) for file in files for _ in chosen[file])
     sections = earlier(asked.out)
     with contextlib.ExitStack() as stack:
         folder = asked.folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
         copies = {quick: Copy(folder / str(quick), quick) for quick in {file.startswith("kernels/") for file in files}}
         for file in files:
-            if (asked.together is not None and not chosen[file]) or (asked.go_on and file in sections):
-                continue
             sections[file] = run(
                 copies[file.startswith("kernels/")], file, chosen[file], asked.limit_s,
                 before=sections[file] if asked.again else None, plain=asked.plain, recorded=shared[tuple(CORE[file])] >= RECORDED_FROM,
             )  # fmt: skip
-            asked.out.write_text(written(sections, unseen=asked.together is not None), encoding="utf-8")
+            asked.out.write_text(written(sections), encoding="utf-8")
 
 
 if __name__ == "__main__":

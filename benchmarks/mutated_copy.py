@@ -3,7 +3,6 @@
 import ast
 import hashlib
 import json
-import math
 import os
 import resource
 import shutil
@@ -20,8 +19,6 @@ from mutations import Mutant
 
 ROOT = Path(__file__).parents[1]
 MOST_MEMORY = 8 << 30
-SHORT_S = 30.0
-"""Of tests: nothing much was compiled in them."""
 IMPORTED = ""
 """In place of a test: lines that are passed while files are imported."""
 
@@ -78,6 +75,17 @@ class _Recorder:
         path.write_text(json.dumps([lines, self.seconds]), encoding="utf-8")
 
 
+class _Failure:
+    """A plugin of pytest that tells which test failed."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            self.path.write_text(report.nodeid, encoding="utf-8")
+
+
 class Copy:
     """A copy of the project in which faults are put."""
 
@@ -89,12 +97,14 @@ class Copy:
         shutil.rmtree(self.root, ignore_errors=True)
         shutil.copytree(ROOT, self.root, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "*.egg-info", ".*_cache", "build"))
         self.kept.mkdir(exist_ok=True)
+        self._failed = self.kept / "failed.txt"
         package = [p.read_bytes() for p in sorted((self.root / "lmeasure").rglob("*.py"))]
         self._package = hashlib.sha256(b"".join(package)).hexdigest()
 
     def runs(self, tests: list[str], limit_s: float, *, plain: bool = False, record: Path | None = None) -> bool:
         """Whether the tests pass in time, in a fork of this process, which has loaded all libraries and nothing of the project. plain:
         nothing is compiled; record: the file that is to tell what they pass."""
+        self._failed.unlink(missing_ok=True)
         child = os.fork()
         if not child:
             os.setsid()
@@ -123,7 +133,7 @@ class Copy:
             sys.path[0] = str(self.root)
             options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0", "-W", "ignore:Cannot cache compiled"]
             recorder = _Recorder(self.root) if record else None
-            code = int(pytest.main([*options, *tests], plugins=[recorder] if recorder else []))
+            code = int(pytest.main([*options, *tests], plugins=[recorder] if recorder else [_Failure(self._failed)]))
             if record and recorder and not code:
                 recorder.write(record)
         finally:
@@ -136,21 +146,9 @@ class Copy:
             raise SystemExit(f"tests do not pass without a fault within {longest_s:g} s: {' '.join(tests)}")
         return Passed(*json.loads(record.read_text(encoding="utf-8")))
 
-    def limit(self, tests: list[str], longest_s: float, *, plain: bool = False) -> float:
-        """How long [s] tests may take, by how long they take without a fault once all is compiled; SystemExit where they do not pass."""
-        known = self._kept_of("took", tests, plain)
-        if not known.exists():
-            took_s = math.inf
-            for _ in range(1 if plain else 2):
-                begun = time.monotonic()
-                if not self.runs(tests, longest_s, plain=plain):
-                    raise SystemExit(f"tests do not pass without a fault within {longest_s:g} s: {' '.join(tests)}")
-                took_s = time.monotonic() - begun
-                if took_s < SHORT_S:
-                    break
-            known.write_text(json.dumps(took_s), encoding="utf-8")
-        took_s = float(json.loads(known.read_text(encoding="utf-8")))
-        return min(longest_s, 20.0 + 5.0 * took_s + (120.0 if self.quick and not plain else 0.0))
+    def failed(self) -> list[str]:
+        """The test that failed in the last run."""
+        return [line for line in self._failed.read_text(encoding="utf-8").splitlines() if line] if self._failed.exists() else []
 
     def _kept_of(self, what: str, tests: list[str], plain: bool) -> Path:
         """The file that keeps something of these tests until they or the package are changed."""
@@ -161,13 +159,19 @@ class Copy:
         return self.kept / f"{what}-{known.hexdigest()[:16]}.json"
 
     def killed(self, mutant: Mutant, tests: list[str], longest_s: float, *, plain: bool = False, recorded: bool = False) -> bool:
-        """Whether the tests see the fault. recorded: first those that pass its statement, then, for what is made once for several tests,
-        all; of what is compiled it cannot be told."""
+        """Whether the tests see the fault: they fail, and what failed passes without it. recorded: first those are run that pass its
+        statement, then, for what is made once for several tests, all; of what is compiled it cannot be told."""
         path = self.root / "lmeasure" / mutant.file
         text = path.read_text(encoding="utf-8")
         ast.parse(mutant.applied(text))  # what is no Python is no fault
         if not recorded:
-            return self._seen(mutant, text, tests, self.limit(tests, longest_s, plain=plain), plain=plain)
+            if not self._seen(mutant, text, tests, longest_s, plain=plain):
+                return False
+            # where nothing failed, it was not in time, or nothing could be imported
+            which = self.failed() or tests
+            if not self.runs(which, longest_s, plain=plain):
+                raise SystemExit(f"tests do not pass without a fault within {longest_s:g} s: {' '.join(which)}")
+            return True
         passed = self.passed(tests, longest_s, plain=plain)
         near = passed.of(mutant, text)
         limit_s = 20.0 + 5.0 * sum(passed.seconds.values())

@@ -95,7 +95,6 @@ class SyncAssembler:
         self._sync_id, self._start_line = sync_id, start_line
         self._watch = NetworkWatch(fields, sync_id, events)
         self._sync_time: FloatArray = np.empty(0)
-        self._last_sync: FloatArray = np.empty(0)
         self._intervals: FloatArray = np.empty(0)
         self._started: FloatArray = np.empty(0)
         self._window: IntArray = np.empty(0, np.int64)
@@ -118,9 +117,9 @@ class SyncAssembler:
         begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
         self._late_stamps = frames.timestamp_source == "host" if len(frames) else self._late_stamps
         came = frames.time_s[readings.sync] + self._time_shift
-        before = self._sync_time[-1:] if len(self._sync_time) else self._last_sync
-        self._intervals = np.concatenate([self._intervals, np.abs(np.diff(np.concatenate([before, came])))])[-PERIODS:]
-        self._last_sync = came[-1:] if len(came) else self._last_sync
+        # of those before some are always kept until the last batch
+        intervals = np.abs(np.diff(np.concatenate([self._sync_time[-1:], came])))
+        self._intervals = np.concatenate([self._intervals, intervals])[-PERIODS:]
         self._sync_time = np.concatenate([self._sync_time, came])
         self._window = np.concatenate([self._window, window[begun]])
         self._field = np.concatenate([self._field, readings.field[begun]])

@@ -76,13 +76,8 @@ def steps_seen(
     twice = 2.0 * d[:, stride : stride + last]
     twice -= d[:, :last]
     twice -= d[:, 2 * stride :]
-    # between stamps that are even both continuations err alike by half of this; where they are not, each is looked at
-    t = time_s[first + stride :] - time_s[first:-stride]
-    uneven = (
-        np.abs(t[:last] - t[stride : stride + last]) + np.abs(t[2 * stride :] - t[stride : stride + last])
-        > EVEN * t[stride : stride + last]
-    )
-    rows = first + np.flatnonzero((np.fmax.reduce(np.abs(twice, out=twice), axis=0) > 2.0 * STEP_MM) | uneven)
+    # between samples of one order both continuations err alike by half of this at most, whatever the stamps say
+    rows = first + np.flatnonzero(np.fmax.reduce(np.abs(twice, out=twice), axis=0) > 2.0 * STEP_MM)
     if not len(rows):
         return []
     at = [rows + k * stride for k in range(4)]
