@@ -20,7 +20,6 @@ import random
 import tempfile
 import tomllib
 from collections import Counter
-from collections.abc import MutableMapping
 from pathlib import Path
 
 from core_tests import CORE, PLAIN
@@ -49,10 +48,10 @@ def sampled(file: str, sample: int | None, seed: int) -> list[Mutant]:
     return sorted(some, key=lambda m: m.start)
 
 
-def load_libraries(environ: MutableMapping[str, str]) -> None:
+def load_libraries() -> None:
     """Before faults are tried: all that the tests need, once for all forks."""
-    environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    environ.pop("NUMBA_CACHE_DIR", None)
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    os.environ.pop("NUMBA_CACHE_DIR", None)
     for name in LIBRARIES:
         importlib.import_module(name)
 
@@ -151,7 +150,7 @@ def main() -> None:
             for m in faults_of(file):
                 print(json.dumps({"file": m.file, "number": m.line, "line": m.source, "change": m.change}))
         return
-    load_libraries(os.environ)
+    load_libraries()
     chosen = {file: sampled(file, asked.sample, asked.seed) for file in files}
     shared = Counter(tuple(CORE[file]) for file in files for _ in chosen[file])
     sections = earlier(asked.out)

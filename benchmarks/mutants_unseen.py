@@ -9,7 +9,6 @@ fault is seen where tests fail with it and what failed passes without it. Writes
 
 import argparse
 import json
-import os
 import random
 from pathlib import Path
 
@@ -55,7 +54,7 @@ def main() -> None:
     parser.add_argument("--limit-s", type=float, default=600.0, help="longest time of a file's tests")
     parser.add_argument("--folder", type=Path, required=True, help="kept for the next time: what was tried, and what is compiled")
     asked = parser.parse_args()
-    load_libraries(os.environ)
+    load_libraries()
     every = [m for file in CORE for m in faults_of(file)]
     order = random.Random(asked.seed).sample(every, min(asked.faults, len(every)))
     log = asked.folder / f"unseen-{asked.seed}.jsonl"

@@ -11,7 +11,7 @@ from lmeasure.arrays import BoolArray
 from lmeasure.errors import AccuracyError, StructureError
 from lmeasure.lcoordinate.workspace import Slice
 from lmeasure.linkage.links import linkage_of
-from lmeasure.linkage.slices import Piece, around, bounds_of, piece
+from lmeasure.linkage.slices import Piece, bounds_of, followed
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 
 LEVELS = 60  # of a zone that are followed
@@ -44,14 +44,14 @@ def edges(rig: Rig, zone: xr.Dataset, rotations: Rotation, lengths_mm: tuple[flo
             plane = Slice(seed, np.eye(3)[:2], float(max(np.abs(low).max(), np.abs(high).max())))
             try:
                 bounds = bounds_of(linkage, np.array([*seed[:3], *turns[0]]), limit, lengths_mm, turns=turns)
-                found = around(bounds, plane)
+                found = followed(bounds, plane, level)
             except StructureError as error:
                 said.append(f"edge at z = {level:g} mm: {error}")
                 continue
             if found is None:
                 said.append(f"edge at z = {level:g} mm: none within the scanned box")
                 continue
-            pieces.append(piece(bounds, plane, found, float(level)))
+            pieces.append(found)
     return pieces, said
 
 

@@ -85,21 +85,25 @@ def slices(bounds: Bounds, pose: FloatArray, plane: str, levels: Sequence[float]
             said.append(f"boundary at {name}: no place of the window keeps the limits")
             continue
         try:
-            found = around(bounds, Slice(seed, across, reach_mm))
+            found = followed(bounds, Slice(seed, across, reach_mm), level)
         except StructureError as error:
             said.append(f"{name}: {error}")
             continue
         if found is None:
             said.append(f"boundary at {name}: none within {reach_mm:g} mm")
             continue
-        pieces.append(piece(bounds, Slice(seed, across, reach_mm), found, float(level)))
+        pieces.append(found)
     return pieces, said
 
 
-def piece(bounds: Bounds, plane: Slice, found: Boundary, level: float) -> Piece:
-    """A boundary with its places in the base frame and the names of its limits."""
+def followed(bounds: Bounds, plane: Slice, level: float) -> Piece | None:
+    """The boundary around the slice's origin, its places in the base frame; None where there is none within the window. StructureError
+    where it cannot be followed."""
+    found = _around(bounds, plane)
+    if found is None:
+        return None
     met = tuple(bounds.names[int(i)] for i in found.limit)
-    return Piece(level, plane.poses(found.places)[:, :3], met, found.closed, found.area_mm2, found.off_mm)
+    return Piece(float(level), plane.poses(found.places)[:, :3], met, found.closed, found.area_mm2, found.off_mm)
 
 
 def _seed(bounds: Bounds, plane: Slice) -> FloatArray | None:
@@ -113,7 +117,7 @@ def _seed(bounds: Bounds, plane: Slice) -> FloatArray | None:
     return poses[good[0]] if len(good) else None
 
 
-def around(bounds: Bounds, plane: Slice) -> Boundary | None:
+def _around(bounds: Bounds, plane: Slice) -> Boundary | None:
     """The boundary around the slice's origin, as the ray that meets it first finds it; None where no ray meets one within the window."""
     turns = 2.0 * np.pi * (np.arange(RAYS) + 0.37) / RAYS
     rays = np.column_stack([np.cos(turns), np.sin(turns)])

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.optimize
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from rigs import COUNT_MM, HOME, FloatArray, cables, inclination, path, poses, rows_of, swivel
@@ -144,6 +145,27 @@ def test_few_samples_of_channels_of_every_kind() -> None:
     sought, chi = least_squares.search(rows, readings[1] + zero, u, ALL, beside)
     np.testing.assert_allclose(se3.displacement(sought, reference.poses[[1, 1]]), 0.0, atol=1e-6)
     np.testing.assert_allclose(chi, reference.chi2[1], rtol=1e-6)
+
+
+def test_few_samples_sought_from_far_off_end_at_a_minimum() -> None:
+    """From where whole steps lead nowhere, by half a metre and a radian: no step of another method leads down from what is stated as
+    found, and the misfit is told by it; most are found at all."""
+    rows, u = rows_of(cables(3)), np.full(6, 0.01)
+    truth = path(10)[3]
+    targets = span_lengths(rows, truth[None])[0]
+    off = np.random.default_rng(11).uniform(-1.0, 1.0, (16, 6)) * [1.0, 1.0, 1.0, 700.0, 700.0, 700.0]
+    poses, chi = least_squares.search(rows, targets, u, ALL, se3.displaced(np.tile(truth, (16, 1)), off))
+    found = np.isfinite(chi)
+    assert 10 <= found.sum() < 16
+    for pose, square in zip(poses[found], chi[found], strict=True):
+
+        def misfit(x: FloatArray, at: FloatArray = pose) -> FloatArray:
+            return np.asarray((targets - span_lengths(rows, se3.displaced(at[None], x[None]))[0]) / u)
+
+        assert square == pytest.approx(float(np.sum(misfit(np.zeros(6)) ** 2)), rel=1e-9, abs=1e-12)
+        lower = scipy.optimize.least_squares(misfit, np.zeros(6), method="lm", x_scale=[1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0])
+        assert square <= 2.0 * lower.cost * (1.0 + 1e-9) + 1e-9
+    assert (chi[found] < 1e-9).sum() >= 7
 
 
 def test_few_samples_until_the_tool_is_lost() -> None:
