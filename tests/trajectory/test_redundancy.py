@@ -1,8 +1,10 @@
 """What redundant cables tell of each other, against generalised least squares written out, and against draws of what a run shares."""
 
+from typing import Any
+
 import numpy as np
 import pytest
-from cells import FloatArray, motion, record
+from cells import TOOL, FloatArray, motion, record
 from scipy.linalg import block_diag
 from test_schemes import EIGHT, SEVEN, rig_of
 
@@ -24,9 +26,11 @@ def zeroed_anywhere(rig: Rig) -> Rig:
     return rig.model_copy(update={"observation_point": tuple(points)})
 
 
-def prepared(pairs: list[tuple[str, str]], seed: int = 0) -> tuple[Reconstruction, Redundancy, FloatArray, FloatArray, FloatArray]:
+def prepared(
+    pairs: list[tuple[str, str]], seed: int = 0, **changes: Any
+) -> tuple[Reconstruction, Redundancy, FloatArray, FloatArray, FloatArray]:
     """A redundant rig's reconstruction, poses (N, 7), errors of its lengths (N, m) as drawn, their covariance (N m, N m) and residuals."""
-    rig = zeroed_anywhere(rig_of(pairs))
+    rig = zeroed_anywhere(rig_of(pairs, **changes))
     times, poses = motion(N, rate_hz=20.0)
     reconstruction = Reconstruction(rig, poses[0], None)
     redundancy = Redundancy(reconstruction.budget)
@@ -127,3 +131,15 @@ def test_two_cables_side_by_side_control_each_other_alone() -> None:
     assert np.isinf(u[:, 1:6]).all()
     assert (u[:, [0, 6]] < 1.0).all()
     np.testing.assert_allclose(parities.errors[0][:, 0], errors[:, 0] - errors[:, 6], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("apart_mm", "controlled"), [(0.1, False), (10.0, True)])
+def test_what_the_others_could_hardly_show_is_not_controlled(apart_mm: float, controlled: bool) -> None:
+    """A seventh cable beside the first: the five turn the tool by their errors over its radius of 0.15 m, and what that moves the two
+    apart by is a 1e-7 of their variance, or a thousandth."""
+    beside = TOOL | {"P4": [apart_mm, 150.0, 0.0]}
+    reconstruction, redundancy, poses, _, _ = prepared([*SEVEN[:6], ("B1", "P4")], tool=beside)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    u = redundancy.parities(epochs, poses).errors[1]
+    assert np.isfinite(u[:, [0, 6]]).all()
+    assert np.isfinite(u[:, 1:6]).any() == controlled
