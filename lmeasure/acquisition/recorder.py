@@ -6,10 +6,8 @@ second. run.toml is there from the first moment and says `ended = "early"` until
 
 import contextlib
 import shutil
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -19,13 +17,14 @@ from typing import Any
 import numpy as np
 
 from lmeasure import files
-from lmeasure.acquisition.assembly import mark_stalls, new_assembler
+from lmeasure.acquisition.assembly import mark_stalls
+from lmeasure.acquisition.counting import TURN_S, Counting, Progress, asked_to_end, nothing_came
 from lmeasure.acquisition.decoders import CounterField
-from lmeasure.acquisition.events import Event, event_columns
+from lmeasure.acquisition.events import event_columns
 from lmeasure.acquisition.frames import Frames, no_frames
 from lmeasure.acquisition.growing_files import Appended, candump_lines, count_lines
 from lmeasure.acquisition.samples import Samples
-from lmeasure.acquisition.sources import Notice, Source
+from lmeasure.acquisition.sources import Source
 from lmeasure.arrays import FloatArray
 from lmeasure.counts import closure_counts, read_counts, write_counts
 from lmeasure.errors import AcquisitionError, LMeasureError, RecordedError
@@ -33,34 +32,6 @@ from lmeasure.rig import Rig, read_rig, write_rig
 from lmeasure.run import SCHEMA
 
 ON_DISK_EVERY_S = 1.0
-TURN_S = 0.05
-"""How long one look at the source takes at most."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What a person may want to see while it records: counts, counts/s and mm/s per channel; latency_s from a frame's own time to its being
-    counted, where one clock tells both."""
-
-    seconds: float
-    frames: int
-    samples: int
-    faults: Mapping[str, int]
-    channels: tuple[str, ...]
-    counts: FloatArray
-    rates: FloatArray
-    speeds_mm_s: FloatArray
-    latency_s: float | None
-    origin_s: float | None = None
-    """When the first sample was, by the frames' clock."""
-    events: tuple[Event, ...] = ()
-    """All faults so far, as far as they are kept."""
-    newest_s: float | None = None
-    """When the last sample was, by the frames' clock."""
-    lost: int = 0
-    """Frames that came and could not be taken."""
-    disk_free: int | None = None
-    """Bytes that the disk still has, looked at once a second."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +83,7 @@ def record(
     ended = "complete"
     begin = time.monotonic()
     try:
-        with _asked_to_end() as asked:
+        with asked_to_end() as asked:
             while (seconds is None or time.monotonic() - begin < seconds) and not stop() and not asked():
                 if not writer.take(TURN_S):
                     break
@@ -126,28 +97,6 @@ def record(
     except OSError as error:
         ended = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
     return writer.close(ended)
-
-
-@contextlib.contextmanager
-def _asked_to_end() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C or SIGTERM came: looked at between two batches, so that none is lost or cut in two by it; a second one breaks off."""
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-    came = False
-
-    def note(number: int, frame: object) -> None:
-        nonlocal came
-        if came:
-            raise KeyboardInterrupt
-        came = True
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: came
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class _Writer:
@@ -167,19 +116,12 @@ class _Writer:
         each: Callable[[Samples], None] | None,
     ) -> None:
         self._each = each
-        self.folder, self.rig, self.fields, self.passage, self.source = Path(folder), rig, fields, passage, source
-        self.assembler = new_assembler(rig, fields, passage)
-        self.frames = self.samples = 0
-        self._origin: float | None = None
-        self._latest: Samples | None = None
-        self._noticed: list[Notice] = []
-        self._lost = 0
-        self._latency: float | None = None
+        self.folder, self.rig, self.passage, self.source = Path(folder), rig, passage, source
         self._synced = time.monotonic()
         self._free: int | None = None
         self._before = {self.folder / name: _content(self.folder / name) for name in ("rig.toml", "run.toml", *beside)}
         self._table = self._manifest(start, devices, beside)
-        self.assembler.feed(no_frames())  # compiles before the first frame comes
+        self.counting = Counting(rig, source, fields, passage)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._log = self._begun(f"pass{passage}.log")
@@ -254,47 +196,27 @@ class _Writer:
 
     def take(self, seconds: float) -> bool:
         """Append what comes within the time and what it completes; False when the source has ended."""
-        frames = self.source.receive(seconds)
-        self._noticed += self.source.notices()
+        frames = self.counting.receive(seconds)
         if frames is not None:
             self._write(frames)
         return frames is not None
 
     def _write(self, frames: Frames) -> None:
         if len(frames):
-            # what the log can say is what is counted: reading it again gives the same
-            frames = replace(frames, time_s=np.round(frames.time_s, 6))
+            # on the disk before it is counted
             self._log.append(candump_lines(frames))
-            self.frames += len(frames)
-            self._latency = time.time() - float(frames.time_s[-1])
-            self._append(self.assembler.feed(frames))
+            self._append(self.counting.samples_of(frames))
         if time.monotonic() - self._synced >= ON_DISK_EVERY_S:
             self._to_disk()
 
     def _append(self, samples: Samples) -> None:
         if len(samples.time_s) == 0:
             return
-        if self._origin is None:
-            self._origin = float(samples.time_s[0])
-        self._csv.append(count_lines(samples, self._origin))
-        self._tell(samples.time_s)
-        self.samples += len(samples.time_s)
-        self._latest = samples
+        origin = self.counting.origin
+        self._csv.append(count_lines(samples, float(samples.time_s[0]) if origin is None else origin))
+        kept = self.counting.took(samples)
         if self._each is not None:
-            self._each(replace(samples, time_s=samples.time_s - self._origin))
-
-    def _tell(self, time_s: FloatArray, last: bool = False) -> None:
-        """Tie what happened to the source to the first sample at its time or later, among the (n,) times of new ones."""
-        later = []
-        for notice in self._noticed:
-            row = 0 if notice.time_s is None else int(np.searchsorted(time_s, notice.time_s))
-            if row == len(time_s) and not last:
-                later.append(notice)
-                continue
-            self._lost += notice.lost
-            at = notice.time_s if notice.time_s is not None else float(time_s[0]) if len(time_s) else float("nan")
-            self.assembler.events.add(Event(self.samples + row, at, "", notice.kind, notice.text))
-        self._noticed = later
+            self._each(kept)
 
     def _to_disk(self) -> None:
         self._log.to_disk()
@@ -305,81 +227,51 @@ class _Writer:
 
     def progress(self, seconds: float) -> Progress:
         """The state of things, for a display."""
-        m = len(self.fields)
-        counts, rates = np.full(m, np.nan), np.full(m, np.nan)
-        if self._latest is not None:
-            counts = self._latest.recorded[-1]
-            span = self._latest.time_s[-1] - self._latest.time_s[0]
-            if span > 0:
-                rates = (self._latest.recorded[-1] - self._latest.recorded[0]) / span
-        latency = self._latency if self._latency is not None and 0 <= self._latency < 60 else None
-        known = self.rig.counters_of(self.passage)
-        channels = tuple(f.channel for f in self.fields)
-        speeds = rates * np.array([known[c].count_sign * known[c].per_count / known[c].scale for c in channels])
-        events, newest = self.assembler.events, None if self._latest is None else float(self._latest.time_s[-1])
-        return Progress(
-            seconds,
-            self.frames,
-            self.samples,
-            dict(events.tally),
-            channels,
-            counts,
-            rates,
-            speeds,
-            latency,
-            self._origin,
-            tuple(events.kept),
-            newest,
-            self._lost,
-            self._free,
-        )
+        return self.counting.progress(seconds, self._free)
 
     def close(self, ended: str) -> Recording:
         """Write what is left, mark stalls, and say how it ended."""
         path = self.folder / f"pass{self.passage}.csv"
         try:
-            self._append(self.assembler.feed(no_frames(), last=True))
-            self._tell(np.empty(0), last=True)
+            self._append(self.counting.assembler.feed(no_frames(), last=True))
+            self.counting.tell(np.empty(0), last=True)
             self._to_disk()
         except OSError as error:
             ended = ended if ended != "complete" else f"{path}: cannot be written: {error.strerror or error}"
         self._log.close()
         self._csv.close()
-        if self.samples == 0:
+        if self.counting.samples == 0:
             self._take_back()
-            why = f": {ended}" if ended != "complete" else ""
-            raise AcquisitionError(
-                f"{self.source.name}: {self.frames} frames, not one sample of {', '.join(f.channel for f in self.fields)}{why}"
-            )
+            raise AcquisitionError(nothing_came(self.counting) + (f": {ended}" if ended != "complete" else ""))
         return self._finish(path, ended)
 
     def _finish(self, path: Path, ended: str) -> Recording:
         counts = read_counts(path, torn=True)
         seconds = float(counts.time_s[-1] - counts.time_s[0])
         closure = closure_counts(counts)
-        events = self.assembler.events
-        result = Recording(self.folder, ended, self.frames, len(counts.time_s), seconds, dict(events.tally), closure)
+        events, origin = self.counting.assembler.events, self.counting.origin
+        result = Recording(self.folder, ended, self.counting.frames, len(counts.time_s), seconds, dict(events.tally), closure)
         with contextlib.suppress(OSError, LMeasureError):  # a full disk: run.toml goes on saying that it ended early
-            marked = mark_stalls(self.rig, counts, events, self.passage, origin_s=self._origin or 0.0)
+            marked = mark_stalls(self.rig, counts, events, self.passage, origin_s=origin or 0.0)
             if marked is not None:
                 write_counts(path, marked)
             if events.kept:
-                files.write_table(self.folder / f"pass{self.passage}.events.csv", event_columns(events.kept, self._origin or 0.0))
+                files.write_table(self.folder / f"pass{self.passage}.events.csv", event_columns(events.kept, origin or 0.0))
             entry = self._table["recording"][-1]
             entry |= {
                 "ended": "complete" if ended == "complete" else "early",
-                "first_sample_s": self._origin,
+                "first_sample_s": origin,
                 "samples": len(counts.time_s),
                 "seconds": seconds,
-                "received": self.frames,
+                "received": self.counting.frames,
                 "faults": dict(sorted(events.tally.items())),
                 "closure_counts": closure,
                 "sha256": {name: files.sha256(self.folder / name) for name in (path.name, entry["frames"], "rig.toml")},
             }
-            if self._lost:
-                entry["frames_lost"] = self._lost
-            if self.assembler.stamps_moved_s:
-                entry["stamps_brought_back_s"] = self.assembler.stamps_moved_s
+            if self.counting.lost:
+                entry["frames_lost"] = self.counting.lost
+            if self.counting.assembler.stamps_moved_s:
+                entry["stamps_brought_back_s"] = self.counting.assembler.stamps_moved_s
             if ended != "complete":
                 entry["why"] = ended
             # a start that was stated meanwhile, by a page or an editor, is kept

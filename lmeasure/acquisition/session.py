@@ -9,10 +9,11 @@ from lmeasure import files
 from lmeasure.acquisition.assembly import new_assembler
 from lmeasure.acquisition.canopen_nodes import Device, produce_sync, start_nodes
 from lmeasure.acquisition.canopen_objects import as_mapped
+from lmeasure.acquisition.counting import Progress
 from lmeasure.acquisition.decoders import CounterField, counter_fields
 from lmeasure.acquisition.frames import no_frames
 from lmeasure.acquisition.import_log import fields_of_log, with_files_beside
-from lmeasure.acquisition.recorder import Progress, Recording, record
+from lmeasure.acquisition.recorder import Recording, record
 from lmeasure.acquisition.samples import Samples
 from lmeasure.acquisition.sources import Source, open_source
 from lmeasure.can_table import CanOpenCan

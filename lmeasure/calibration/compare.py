@@ -6,7 +6,7 @@ without changing a length, so every point is judged by all its values jointly, a
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +87,8 @@ class LengthShift:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What moved between two calibrations; together: the joint test of all values; notes: what could not be compared."""
+    """What moved between two calibrations; together: the joint test of all values; lengths: of cables, where the new campaign is at hand;
+    notes: what could not be compared."""
 
     source: str
     together: PointShift
@@ -110,8 +111,16 @@ def read_earlier(path: Path) -> Earlier:
 
 
 def compare(old: Earlier, new: Calibration, seed: int = 0) -> Comparison:
-    """Judge the new calibration against the old one over the new campaign's workspace; CalibrationError when they share no point, or lie in
-    frames of their own."""
+    """Judge the new calibration against the old one over the new campaign's workspace; CalibrationError as `compare_records`."""
+    found = compare_records(old, Earlier(new.rig, new.record, "the new calibration"))
+    lengths, dropped = _lengths(old, new, seed)
+    notes = [f"cable {name}: is not in {old.source}, or runs between other points there" for name in dropped]
+    return replace(found, lengths=lengths, notes=(*found.notes, *notes))
+
+
+def compare_records(old: Earlier, new: Earlier) -> Comparison:
+    """Judge points and values by the records of both calibrations alone; CalibrationError when they share no point, or lie in frames of
+    their own."""
     _check_frames(old, new.record)
     names = list(dict.fromkeys(p.name for record in (old.record, new.record) for p in record.parameters))
     common = [n for n in names if _known(old.rig, n) and _known(new.rig, n)]
@@ -141,9 +150,7 @@ def compare(old: Earlier, new: Calibration, seed: int = 0) -> Comparison:
             )
         )
     together = _tested("all", z, scaled, max((p.distance_mm for p in points), default=0.0), 1)
-    lengths, dropped = _lengths(old, new, seed)
-    notes += [f"cable {name}: is not in {old.source}, or runs between other points there" for name in dropped]
-    return Comparison(old.source, together, tuple(points), lengths, values, tuple(notes))
+    return Comparison(old.source, together, tuple(points), (), values, tuple(notes))
 
 
 def _tested(name: str, z: FloatArray, covariances: tuple[FloatArray, FloatArray], distance: float, tests: int) -> PointShift:
@@ -251,7 +258,7 @@ def _check_frames(old: Earlier, new: CalibrationRecord) -> None:
         )
 
 
-def _notes(old: Earlier, new: Calibration, names: list[str], common: list[str]) -> list[str]:
+def _notes(old: Earlier, new: Earlier, names: list[str], common: list[str]) -> list[str]:
     out = []
     shared = {i.sha256 for i in old.record.inputs if i.file == "counts.csv"} & {i.sha256 for i in new.record.inputs}
     if shared:
@@ -277,7 +284,8 @@ def summary(comparison: Comparison) -> str:
             f"{p.point:10s} {p.distance_mm:12.4f} {p.chi_squared:12.4g} {p.freedom:3d} of {p.values:<2d} {chance(p.probability):>9s}  "
             f"{'moved' if p.moved else ''}".rstrip()
         )
-    lines.append(f"{'cable':10s} {'rms, mm':>12s} {'worst, mm':>12s} {'u, mm':>8s} {'by chance':>10s}")
+    if comparison.lengths:
+        lines.append(f"{'cable':10s} {'rms, mm':>12s} {'worst, mm':>12s} {'u, mm':>8s} {'by chance':>10s}")
     for c in comparison.lengths:
         lines.append(
             f"{c.cable:10s} {c.rms_mm:12.4f} {c.worst_mm:12.4f} {c.u_mm:8.4f} {chance(c.probability):>10s}  "

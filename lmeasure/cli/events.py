@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.check_watch import Moved
+    from lmeasure.acquisition.counting import Progress as State
     from lmeasure.acquisition.listening import Spoken
-    from lmeasure.acquisition.recorder import Progress as State
     from lmeasure.capture.session import Session
     from lmeasure.chains.played_cell import PlayedCell
     from lmeasure.trajectory.live import PoseWatch

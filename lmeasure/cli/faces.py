@@ -42,6 +42,16 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result[Any]":
         return workflow.run(settings, show=show)
 
 
+def watching(workflow: "Workflow", settings: "Asked") -> "Result[Any]":
+    """Under the table of what comes."""
+    if events.asked():
+        return workflow.run(settings, show=events.live)
+    from lmeasure.cli.live import live_table
+
+    with live_table() as show:
+        return workflow.run(settings, show=show)
+
+
 def questions(workflow: "Workflow", settings: "Asked") -> "Result[Check]":
     """With a person who does what is asked while the counts are shown, and the table of what came of it."""
     keys = TypedLines()
@@ -152,6 +162,7 @@ FACES: dict[str, Face] = {
     "scan": listening,
     "demo": with_stages,
     "record": recording,
+    "watch": watching,
     "workbench": in_browser,
     "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(text)),
 }

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from lmeasure.acquisition.recorder import Progress
+from lmeasure.acquisition.counting import Progress
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.live import PoseWatch

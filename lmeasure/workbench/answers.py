@@ -3,7 +3,7 @@
 import mimetypes
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
@@ -14,6 +14,9 @@ from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
 from lmeasure.workbench.words import preferred, said
 
+if TYPE_CHECKING:
+    from lmeasure.workbench.projects import Shelf
+
 HERE = Path(__file__).parent
 TEMPLATES = Jinja2Templates(directory=HERE / "templates")
 COOKIE = "lmeasure-language"
@@ -21,10 +24,11 @@ COOKIE = "lmeasure-language"
 
 @dataclass
 class Bench:
-    """One project, open in this server."""
+    """One project, open in this server; shelf: where others are, if that was stated."""
 
     folder: Path
     language: str
+    shelf: "Shelf | None" = None
     jobs: Jobs = field(init=False)
 
     def __post_init__(self) -> None:

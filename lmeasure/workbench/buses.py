@@ -13,7 +13,7 @@ def known(jobs: Jobs) -> dict[str, str]:
     """The bus that is used, by the options of commands: that of the cell that is played, with where its robot is at home, else that of the
     last job that had one."""
     cell = playing(jobs)
-    last = cell or next((job for job in jobs.all() if job.command in ("check", "capture", "record", "scan") and _bus(job)), None)
+    last = cell or next((job for job in jobs.all() if job.command in ("check", "capture", "watch", "record", "scan") and _bus(job)), None)
     if last is None or not (bus := _bus(last)) or bus.startswith(("replay:", "simulated:")):
         return {}
     given = forms.of_words(last.command, last.words)

@@ -30,7 +30,9 @@ PAGES = {
         ("check", "play"),
         ("rig",),
     ),
-    "live": Page("Live", "Record a pass of the motion and see counts, speeds, faults and the pose while it comes.", ("record",), ("run",)),
+    "live": Page(
+        "Live", "See counts, speeds, faults and the pose as they come; record a pass of the motion.", ("watch", "record"), ("run",)
+    ),
     "calibrate": Page(
         "Calibrate",
         "Plan reference poses, read the counts at each, and find where the observation points are, with what the data can and cannot tell.",
@@ -61,6 +63,7 @@ FIRST = {
     "check": ("rig", "bus", "write"),
     "play": ("rig", "poses", "commands", "exchange"),
     "scan": ("bus", "seconds"),
+    "watch": ("rig", "bus", "start"),
     "record": ("rig", "bus", "out", "seconds", "start"),
     "drum": ("measurements", "rig", "out"),
     "plan-poses": ("rig", "out", "poses", "box", "tilt_deg", "u_position_mm", "u_rotation_deg"),
@@ -80,6 +83,7 @@ TITLES = {
     "check": "Self-test",
     "play": "A simulated cell on a bus",
     "scan": "Adapters and who speaks",
+    "watch": "Watch without recording",
     "record": "Record",
     "plan-poses": "Plan reference poses",
     "capture": "Capture the poses",
@@ -110,6 +114,7 @@ VERBS = {
     "check": "Begin the self-test",
     "play": "Play it",
     "scan": "Listen",
+    "watch": "Watch",
     "record": "Record",
     "plan-poses": "Plan",
     "capture": "Begin",
@@ -125,6 +130,7 @@ NEEDS = {
     "check": ("rig", "There is no rig yet: begin one on the page Rig."),
     "plan-poses": ("rig", "There is no rig yet: begin one on the page Rig."),
     "play": ("rig", "There is no rig yet: begin one on the page Rig."),
+    "watch": ("rig", "There is no rig yet: begin one on the page Rig."),
     "record": ("rig", "There is no rig yet: begin one on the page Rig."),
     "capture": ("poses", "There are no poses yet: plan them first."),
     "zone": ("rig", "There is no rig yet: begin one on the page Rig."),
@@ -147,6 +153,7 @@ ONWARD = {
     "calibrate": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"),),
     "zone": (("/run/program?zone={out}", "Its largest cube as a test program"), ("/live", "Live"), ("/runs", "Runs")),
     "place": (("/run/zone?rig={out}/rig.toml", "Accuracy zone"), ("/rig?file={out}/rig.toml", "Look at the rig")),
+    "watch": (("/run/record?rig={rig}&bus={bus}&start={start}", "Record"),),
     "record": (("/run/reconstruct?run={out}", "Reconstruct the trajectory"),),
     "import": (("/start/{out}", "Start pose"), ("/run/reconstruct?run={out}", "Reconstruct the trajectory")),
     "reconstruct": (

@@ -33,19 +33,21 @@ STEP_NAMES = {
 
 
 LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "Every dimension of the instrument, in plain files."}
-OWN = ("runs", "robot", "zone", "check")
+OWN = ("runs", "robot", "zone", "check", "calibrate")
 """Pages of commands that have something of their own above them."""
 
 
-async def home(request: Request) -> Response:
-    """What the project has and what comes next."""
+async def home(request: Request, wrong: str = "", typed: str = "") -> Response:
+    """What the project has and what comes next, and the projects beside it; wrong is what is wrong with a name that was typed for one."""
     bench = bench_of(request)
     project, jobs = bench.project, bench.jobs.all()
     checked = any(job.command == "check" and job.state == "done" for job in jobs)
     verified = any(job.command == "verify" and job.state == "done" for job in jobs)
     way = [step._asdict() if step.name != "verify" else step._asdict() | {"done": verified} for step in steps(project, checked)]
     following = next((step["name"] for step in way if not step["done"]), "")
-    return page(request, "home.html", project=project, steps=way, step_names=STEP_NAMES, following=following, jobs=jobs, leads=LEADS)
+    values = {"project": project, "steps": way, "step_names": STEP_NAMES, "following": following, "jobs": jobs, "leads": LEADS}
+    beside = None if bench.shelf is None else bench.shelf.projects()
+    return page(request, "home.html", 422 if wrong else 200, **values, beside=beside, wrong=wrong, typed=typed)
 
 
 async def cards(request: Request) -> Response:
@@ -54,12 +56,14 @@ async def cards(request: Request) -> Response:
     name = request.url.path.strip("/")
     here, project = PAGES[name], bench.project
     made = [one for one in project.found if one.kind in here.kinds]
-    if name == "live" and (recording := next((job for job in bench.jobs.running() if job.command == "record"), None)) is not None:
-        return RedirectResponse(f"/jobs/{recording.number}", 303)
+    if name == "live" and (seen := next((job for job in bench.jobs.running() if job.command in ("record", "watch")), None)) is not None:
+        return RedirectResponse(f"/jobs/{seen.number}", 303)
     shown = [card(command, project, page=name) for command in here.commands]
     values: dict[str, Any] = {"title": here.title, "lead": here.lead, "cards": shown, "made": made}
     if name == "runs":
         values |= {"made": [], "runs": runs.runs(project, language_of(request)), "trajectories": project.of("trajectory")}
+    if name == "calibrate":
+        values["records"] = project.of("record")
     if name == "zone":
         pages = [path for path in project.of("page") if Path(path).name == "zone.html"]
         newest = max(pages, key=lambda path: (bench.folder / path).stat().st_mtime, default="")

@@ -12,14 +12,15 @@ from lmeasure.workbench.project import OutsideError
 LARGEST_UPLOAD = 2**31
 MOST_UNPACKED = 2**31
 _NAME = re.compile(r"[^\W.][\w .+()\-]{0,120}", re.UNICODE)
-_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for devices."""
 
 
 def take_in(folder: Path, name: str, file: Any, *, unpacked: bool = False) -> Path:
     """Copy an uploaded file into the folder under its own name; unpacked: a zip also into a folder of its name. What is there stays. The
     path of the copy; OutsideError for names that lead elsewhere, and for too much."""
     plain = Path(name.replace("\\", "/")).name
-    if not _NAME.fullmatch(plain) or _DEVICES.fullmatch(plain):
+    if not _NAME.fullmatch(plain) or DEVICES.fullmatch(plain):
         raise OutsideError(f"{plain!r}: a file of that name is not taken in")
     target = folder / plain
     if target.exists() or target.is_symlink():
@@ -72,7 +73,7 @@ def _unpack(packed: Path, folder: Path) -> None:
 
 def _inner(part: str) -> bool:
     # certificates keep which command wrote what in a file with a dot before its name
-    return bool(_NAME.fullmatch(part.lstrip(".") or "?")) and part not in (".", "..") and not _DEVICES.fullmatch(part)
+    return bool(_NAME.fullmatch(part.lstrip(".") or "?")) and part not in (".", "..") and not DEVICES.fullmatch(part)
 
 
 def _copied(file: Any, sink: Any, name: str) -> None:

@@ -44,6 +44,7 @@ JOBS: dict[str, dict[str, str]] = {
         "structure": "Name the structure of six links, find all assemblies of their lengths, and what a pose has of a singular one.",
     },
     "Measure a motion": {
+        "watch": "Watch what comes over a bus: counts, speeds, faults and the pose, before anything is recorded.",
         "record": "Record a pass of the motion: every frame as it came, and the counts decoded from it.",
         "import": (
             "Read log files of CAN frames into a run folder.\n\n"
@@ -64,7 +65,9 @@ JOBS: dict[str, dict[str, str]] = {
             "Look at every byte of a certificate's folder and compute every figure again.\n\n"
             "Exit 0: all the same; 1: every difference on a line; 3: nothing differs, but something could not be compared, named."
         ),
-        "compare": "Compare certificates: what differs beyond the instrument's uncertainty, what has moved, exchangeability.",
+        "compare": (
+            "Compare certificates, or two calibrations: what differs beyond the instrument's uncertainty, what has moved, exchangeability."
+        ),
         "key": "Make an Ed25519 key: FILE stays with you, FILE.pub goes to those who verify.",
         "identify": "Find what is wrong with a robot from joint values and what an instrument measured at them, and how good it could be.",
         "correct": "Correct a robot's program by an identification: its targets are rewritten, all else stays byte for byte.",

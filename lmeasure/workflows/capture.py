@@ -10,7 +10,7 @@ from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.recorder import Progress as State
+    from lmeasure.acquisition.counting import Progress as State
     from lmeasure.acquisition.session import Link
     from lmeasure.capture.folder import CaptureFolder
     from lmeasure.capture.session import Session

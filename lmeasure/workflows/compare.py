@@ -1,4 +1,4 @@
-"""Certificates of one robot over time, or of robots of one type."""
+"""Certificates of one robot over time, or of robots of one type; two calibrations of one rig."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -11,6 +11,7 @@ from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import LANGUAGE, Asked, Paths, option
 
 if TYPE_CHECKING:
+    from lmeasure.calibration.compare import Comparison as Moved
     from lmeasure.certification.compare import Comparison
 
 
@@ -20,7 +21,11 @@ class Settings(Asked):
     certificates: Annotated[
         tuple[Path, ...],
         Field(min_length=1),
-        option("Folders of certificates, or certificate.json files.", metavar="CERTIFICATE...", positional=True),
+        option(
+            "Folders of certificates, or certificate.json files; or two calibrations, the earlier one first.",
+            metavar="CERTIFICATE...",
+            positional=True,
+        ),
     ]
     out: Annotated[Path | None, option("Also write every figure of the comparison.", metavar="FILE.json")] = None
 
@@ -39,8 +44,10 @@ class Settings(Asked):
 
 
 @workflow("compare")
-def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison]":
+def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison | Moved]":
     """Compare, and write the figures where they are asked for."""
+    if any(_is_calibration(path) for path in settings.certificates):
+        return _calibrations(settings)
     from lmeasure import files
     from lmeasure.certification.bundle import CERTIFICATE
     from lmeasure.certification.canonical import canonical
@@ -75,3 +82,27 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Comparison]"
     figures |= {"largest_shift_mm": max(shifts)} if shifts else {}
     figures |= {"largest_exchangeability_mm": max(e.value_mm for e in found.exchangeability)} if found.exchangeability else {}
     return Result(found, tuple(told), figures)
+
+
+def _is_calibration(path: Path) -> bool:
+    return path.name == "calibration.json" or (path / "calibration.json").is_file()
+
+
+def _calibrations(settings: Settings) -> "Result[Moved]":
+    """What moved between two calibrations, by their records."""
+    from dataclasses import asdict
+
+    from lmeasure import files
+    from lmeasure.calibration.compare import compare_records, read_earlier, summary
+    from lmeasure.certification.canonical import canonical
+
+    if len(settings.certificates) != 2 or not all(map(_is_calibration, settings.certificates)):
+        raise SettingsError("certificates", "of calibrations two are compared, the earlier one first")
+    stray = next((name for name in ("page", "corrections") if getattr(settings, name) is not None), None)
+    if stray is not None:
+        raise SettingsError(stray, "goes with certificates, and these are calibrations")
+    found = compare_records(*map(read_earlier, settings.certificates))
+    if settings.out is not None:
+        files.write_text(settings.out, canonical(asdict(found)).decode("utf-8"))
+    figures = {"largest_shift_mm": found.together.distance_mm, "moved": float(sum(p.moved for p in found.points))}
+    return Result(found, tuple(summary(found).splitlines()), figures, found.notes)

@@ -178,6 +178,7 @@ LABELS = {
     "uncertainty": "Method of uncertainty",
     "web": "In a browser",
     "weights": "How rows count",
+    "within": "Folder of projects",
     "within_mm": "Allowed contradiction",
     "workbench.folder": "Project folder",
     "workers": "Threads",

@@ -10,7 +10,7 @@ from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import RERUN, START, Asked, Paths, Recording, Start, option
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition.recorder import Progress as State
+    from lmeasure.acquisition.counting import Progress as State
     from lmeasure.acquisition.recorder import Recording as Recorded
     from lmeasure.acquisition.samples import Samples
     from lmeasure.trajectory.live import PoseWatch
@@ -43,7 +43,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
     """Record a pass. show is told of it all the while, where `live` is asked for. A recording that ends early is kept, and a failure."""
     from lmeasure.acquisition.session import record_session
 
-    pose = _pose(settings) if settings.live else ""
+    pose = pose_watch(settings.rig, settings.start, settings.passage) if settings.live else ""
     asked_to_end = False
     with _growing(settings) as growing:
         takers = [taker for taker in (None if isinstance(pose, str) else pose, growing) if taker is not None]
@@ -99,21 +99,21 @@ def _missing(settings: Settings) -> str:
     return f"note: no --start pose: where the tool started is unknown; state [start] in {where} before poses are wanted"
 
 
-def _pose(settings: Settings) -> "PoseWatch | str":
-    """What follows the poses, compiled before the bus is opened, or why there are none."""
+def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
+    """What follows the poses of a pass of a rig's file from a start, compiled before the bus is opened, or why there are none."""
     from lmeasure.run import read_linked_rig
     from lmeasure.start import start_from_text
     from lmeasure.trajectory.live import LivePose, PoseWatch, enough_absolute
 
-    measured, calibration = read_linked_rig(settings.rig)
-    if settings.start is None and not enough_absolute(measured):
+    measured, calibration = read_linked_rig(rig)
+    if start is None and not enough_absolute(measured):
         return "no pose: where the tool starts is unknown without --start"
     try:
-        start = None if settings.start is None else start_from_text(settings.start, measured)
-        live = LivePose(measured, start, calibration, aside=True)
+        known = None if start is None else start_from_text(start, measured)
+        live = LivePose(measured, known, calibration, aside=True)
     except (RigError, GeometryError, TrajectoryError) as error:
         return f"no pose: {error}"
-    if live.channels != tuple(measured.counters_of(settings.passage)):
+    if live.channels != tuple(measured.counters_of(passage)):
         return "no pose: the channels are not those of the cables"
     return PoseWatch(live)
 

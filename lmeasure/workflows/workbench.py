@@ -2,20 +2,24 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 from lmeasure.errors import SettingsError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import Asked, option
 
-Serve = Callable[[Path, int, str, Callable[[str], None]], None]
-"""Serves a project folder on a port of 127.0.0.1 in a language until it is ended, and tells the address."""
+
+class Serve(Protocol):
+    """Serves a project folder on a port of 127.0.0.1 in a language until it is ended, and tells the address; within: see Settings."""
+
+    def __call__(self, folder: Path, port: int, language: str, say: Callable[[str], None], *, within: Path | None) -> None: ...
 
 
 class Settings(Asked):
     """What `lmeasure workbench` is asked."""
 
     folder: Annotated[Path, option("Project folder; made where it is not there.", metavar="FOLDER", positional=True)] = Path()
+    within: Annotated[Path | None, option("Folder of projects: Home begins others in it, and opens them.", metavar="FOLDER")] = None
     port: Annotated[int, option("Port of 127.0.0.1; 0 takes a free one.", ge=0, le=65535)] = 0
     browser: Annotated[bool, option("Open the page in this machine's browser.", flag="--browser/--no-browser")] = True
     language: Annotated[Literal["en", "ru"], option("Of what jobs print; pages follow the browser.")] = "en"
@@ -24,6 +28,8 @@ class Settings(Asked):
 @workflow("workbench")
 def run(settings: Settings, progress: Progress = silent, *, serve: Serve) -> Result[None]:
     """Serve the pages until Ctrl-C; progress is told where."""
+    if settings.within is not None and settings.folder.resolve().parent != settings.within.resolve():
+        raise SettingsError("folder", f"{settings.folder}: is no folder of {settings.within}, within which projects are")
     if settings.folder.exists() and not settings.folder.is_dir():
         raise SettingsError("folder", f"{settings.folder}: is a file, no folder")
     try:
@@ -38,5 +44,5 @@ def run(settings: Settings, progress: Progress = silent, *, serve: Serve) -> Res
 
             webbrowser.open(address)
 
-    serve(settings.folder, settings.port, settings.language, told)
+    serve(settings.folder, settings.port, settings.language, told, within=settings.within)
     return Result(None, ())

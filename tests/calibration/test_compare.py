@@ -1,5 +1,9 @@
 """Two calibrations of one rig, with what really moved between them known."""
 
+import json
+import re
+import sys
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +20,9 @@ from lmeasure.files import write_table
 from lmeasure.poses import write_poses
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.simulation import cell, simulate_campaign
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "workbench"))
+from bench import client
 
 MIDDLE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 NOISE_MM = 0.01
@@ -156,6 +163,24 @@ def test_command_prints_the_table_and_writes_it_into_the_page(tmp_path: Path) ->
         moved = [line.split()[0] for line in result.output.splitlines() if line.endswith(" moved")]
         assert "B2" in moved
         assert "B1" not in moved
+    # by the records alone, the same of the points, in the terminal and on the workbench's page
+    own = runner.invoke(app, ["compare", str(tmp_path / "old"), str(tmp_path / "new"), "--out", str(tmp_path / "moved.json")])
+    assert own.exit_code == 0, own.output
+    points = [line for line in result.output.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))]
+    assert len(points) == 4
+    assert [line for line in own.output.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))] == points
+    with client(tmp_path) as asked:
+        text = unescape(asked.get("/calibrations?old=old/calibration.json&new=new/calibration.json").text)
+    rows = [re.sub(r"<[^>]*>", " ", row).split() for row in re.findall(r"<tr class=.*?</tr>", text)]
+    assert [row[0] for row in rows] == ["B1", "B2", "B3", "all"]
+    assert [row[-1] == "moved" for row in rows] == [line.endswith("moved") for line in points]
+    moved_json = json.loads((tmp_path / "moved.json").read_text())
+    for value in moved_json["values"]:
+        if value["u"] > 0.0:
+            assert f"{value['new'] - value['old']:+.4f} ± {1.959964 * value['u']:.4f}" in text, value
+    for words in (["old"], ["old", "new", "old"], ["old", "new", "--page", "page.html"]):
+        refused = runner.invoke(app, ["compare", *(str(tmp_path / w) if w[0] != "-" else w for w in words)])
+        assert refused.exit_code == 2, refused.output
     page = (tmp_path / "new" / "report.html").read_text()
     assert "Since the calibration" in page
     assert "Something moved beyond the uncertainties." in page

@@ -13,7 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from lmeasure import files
-from lmeasure.acquisition.recorder import Progress
+from lmeasure.acquisition.counting import Progress
 from lmeasure.acquisition.samples import Samples
 from lmeasure.cli import app
 from lmeasure.cli.live import render
@@ -93,6 +93,15 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     np.testing.assert_allclose([float(x) for x in place[1].split(",")], last[:3], atol=1e-3)
     assert "frame to pose" in said
     np.testing.assert_array_equal(shown(tmp_path / "run.rrd", "ch4"), counts.of("ch4"))
+    # the same frames, looked at and not recorded
+    there = sorted(tmp_path.rglob("*"))
+    words = ["watch", "--rig", tmp_path / "rig.toml", "--bus", f"replay:{tmp_path / 'run' / 'pass1.log'}", "--fast"]
+    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1"]])
+    assert done.exit_code == 0, done.output
+    assert f"{len(counts.time_s)} samples from {7 * len(counts.time_s)} frames" in done.stdout
+    assert "nothing was recorded" in done.stdout
+    assert place[0] in " ".join(done.stderr.split())
+    assert sorted(tmp_path.rglob("*")) == there
 
 
 def test_a_rig_that_cannot_tell_a_pose_live_says_why(tmp_path: Path) -> None:

@@ -65,7 +65,8 @@ LOOK = """(() => {
 class Page:
     """One open page. `errors` holds every console error, uncaught exception and failed request so far, `requests` what it asked for."""
 
-    def __init__(self, socket: ClientConnection, session: str) -> None:
+    def __init__(self, socket: ClientConnection, session: str, browser: str) -> None:
+        self.browser = browser
         self.errors: list[str] = []
         self.requests: list[str] = []
         self._socket, self._session, self._number = socket, session, 0
@@ -143,18 +144,27 @@ def opened(page: Path | str, profile: Path) -> Iterator[Page]:
     try:
         assert process.stderr is not None
         address = next(m.group(1) for line in process.stderr if (m := re.search(r"listening on (ws://\S+)", line)))
-        with connect(address, max_size=None, open_timeout=60) as socket:
-            target = _bare(socket, "Target.createTarget", url="about:blank")["targetId"]
-            shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"])
-            for domain in ("Runtime", "Log", "Page", "Network"):
-                shown.call(f"{domain}.enable")
-            shown.go(page)
+        with window(address, page) as shown:
             yield shown
     finally:
         process.kill()
         process.wait()
         if process.stderr is not None:
             process.stderr.close()
+
+
+@contextmanager
+def window(browser: str, page: Path | str) -> Iterator[Page]:
+    """The page in a window of a browser that runs, `Page.browser`, which shares no cookie and no storage with its other windows."""
+    with connect(browser, max_size=None, max_queue=None, ping_interval=None, open_timeout=60) as socket:  # another may be looked at for long
+        context = _bare(socket, "Target.createBrowserContext")["browserContextId"]
+        target = _bare(socket, "Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
+        shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"], browser)
+        for domain in ("Runtime", "Log", "Page", "Network"):
+            shown.call(f"{domain}.enable")
+        shown.go(page)
+        yield shown
+        _bare(socket, "Target.disposeBrowserContext", browserContextId=context)
 
 
 def _bare(socket: ClientConnection, method: str, **parameters: Any) -> dict[str, Any]:

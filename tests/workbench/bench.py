@@ -11,7 +11,8 @@ from pathlib import Path
 
 from starlette.testclient import TestClient
 
-from lmeasure.workbench.server import application
+from lmeasure.workbench.projects import Shelf
+from lmeasure.workbench.server import Desk, Served, application
 
 TOKEN, PORT = "a-token-of-the-test", 8123
 HOST = f"127.0.0.1:{PORT}"
@@ -19,9 +20,11 @@ ORIGIN = f"http://{HOST}"
 
 
 @contextmanager
-def client(folder: Path, *, token: str | None = TOKEN) -> Iterator[TestClient]:
+def client(folder: Path, *, token: str | None = TOKEN, shelf: Shelf | None = None) -> Iterator[TestClient]:
     """A browser that was let in; without a token, one that was not."""
-    with TestClient(application(folder, TOKEN, PORT), base_url=ORIGIN, follow_redirects=False, raise_server_exceptions=False) as asked:
+    with TestClient(
+        application(folder, TOKEN, PORT, shelf=shelf), base_url=ORIGIN, follow_redirects=False, raise_server_exceptions=False
+    ) as asked:
         if token is not None:
             asked.cookies.set(f"lmeasure-{PORT}", token)
         asked.headers["Origin"] = ORIGIN
@@ -29,7 +32,21 @@ def client(folder: Path, *, token: str | None = TOKEN) -> Iterator[TestClient]:
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[str]:
+def served(folder: Path, within: Path | None = None) -> Iterator[str]:
+    """The address, with its token, of a server in a thread of this process; within: a folder of projects."""
+    folder.mkdir(parents=True, exist_ok=True)
+    desk = Desk("en")
+    server = Served(folder, 0, "en", None if within is None else Shelf(within, desk))
+    desk.put(folder, server)
+    server.begin()
+    try:
+        yield server.address
+    finally:
+        desk.close()
+
+
+@contextmanager
+def served_apart(folder: Path) -> Iterator[str]:
     """The address, with its token, of a server of its own process, which is killed at the end if it has not ended."""
     words = [sys.executable, "-m", "lmeasure", "workbench", str(folder), "--no-browser"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)

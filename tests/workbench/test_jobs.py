@@ -9,7 +9,7 @@ from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
-from bench import client, kill_server, served, until
+from bench import client, kill_server, served_apart, until
 
 from lmeasure.cli import main
 from lmeasure.counts import read_counts
@@ -60,7 +60,7 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
     port, group = random.randrange(20000, 60000), f"239.74.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
     bus = {"interface": "udp_multicast", "channel": group, "port": port, "hop_limit": 0}
     settings = {"rig": "rig.toml", "bus": f"udp_multicast:{group}", "bus_option": [f"port={port}"], "out": "run"}
-    with served(tmp_path) as address:
+    with served_apart(tmp_path) as address:
         base, token = address.split("/?token=")
 
         def ask(path: str, content: Any = None) -> Any:
@@ -100,7 +100,7 @@ def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"rig": "rig.toml", "poses": "planned.csv", "bus": f"udp_multicast:{group}", "out": "campaign", "by": "rest"}
     settings |= {"dwell_s": 0.2, "u_repeatability_mm": 0}
     counts = tmp_path / "campaign" / "counts.csv"
-    with served(tmp_path) as address, on_bus(rig, still, {"interface": "udp_multicast", "channel": group, "hop_limit": 0}):
+    with served_apart(tmp_path) as address, on_bus(rig, still, {"interface": "udp_multicast", "channel": group, "hop_limit": 0}):
         base, token = address.split("/?token=")
         head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
         asked_for = json.dumps({"command": "capture", "settings": settings}).encode()

@@ -12,10 +12,11 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from lmeasure.cli import main
-from lmeasure.workbench import api, certificates, pages, runs, things
 from lmeasure.workbench.project import OutsideError, inside
+from lmeasure.workbench.projects import Shelf
+from lmeasure.workbench.server import ROUTES
 
-EVERY = [*pages.routes(), *things.routes(), *runs.routes(), *certificates.routes(), *api.routes()]
+EVERY = [route for module in ROUTES for route in module.routes()]
 AWAY = (
     "../secret.txt",
     "..%2fsecret.txt",
@@ -49,7 +50,12 @@ def addresses() -> list[tuple[str, str]]:
     out = []
     for route in EVERY:
         if isinstance(route, Route):
-            path = route.path.replace("{number:int}", "1").replace("{command}", "zone").replace("{path:path}", "rig.toml")
+            path = (
+                route.path.replace("{number:int}", "1")
+                .replace("{command}", "zone")
+                .replace("{path:path}", "rig.toml")
+                .replace("{name}", "other")
+            )
             out += [(method, path) for method in sorted(route.methods or ())]
     assert len(out) > 40
     return out
@@ -119,12 +125,42 @@ def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, pr
 
 @pytest.mark.parametrize("path", AWAY)
 def test_no_path_leads_out_of_the_project(asked: TestClient, project: Path, path: str) -> None:
-    for page in ("/raw/", "/look/", "/start/", "/rig?file=", "/scene?file="):
+    for page in ("/raw/", "/look/", "/start/", "/rig?file=", "/scene?file=", "/calibrations?new=rig.toml&old="):
         answer = asked.get(page + path)
         assert answer.status_code in (404, 422), (page, answer.status_code)
         assert "secret" not in answer.text.replace("secret.txt", "")
     with pytest.raises(OutsideError):
         inside(project, path.replace("%2f", "/").replace("%2e", "."))
+
+
+class NoDesk:
+    """Serves nothing."""
+
+    def address(self, folder: Path, shelf: Shelf) -> str:
+        raise AssertionError(f"{folder} was opened")
+
+    def is_open(self, folder: Path) -> bool:
+        return False
+
+
+@pytest.mark.parametrize("name", [*(name for name in AWAY if name != "link.txt"), "..", ".", " ", "", ".hidden", "con", "a/b", "a\\b", "a\nb", "C:", "x" * 61, "linked"])
+def test_no_project_lies_outside_the_folder_of_projects(project: Path, name: str) -> None:
+    root = project.parent / "root"
+    (root / "here").mkdir(parents=True)
+    (root / "linked").symlink_to(project.parent)
+    before = sorted(project.parent.rglob("*"))
+    with client(root / "here", shelf=Shelf(root, NoDesk())) as asked:
+        answer = asked.post("/projects", data={"name": name})
+        assert answer.status_code == 422
+        assert 'role="alert"' in answer.text
+        if name.strip("./ ") and "\n" not in name:
+            assert asked.get(f"/projects/{name}").status_code == 404
+        assert asked.get("/").text.count("secret") == 0
+        assert "/projects/linked" not in asked.get("/").text
+    with client(root / "here") as asked:
+        assert asked.post("/projects", data={"name": "other"}).status_code == 404
+        assert asked.get("/projects/here").status_code == 404
+    assert sorted(p for p in project.parent.rglob("*") if ".workbench" not in p.parts) == [p for p in before if ".workbench" not in p.parts]
 
 
 @pytest.mark.parametrize("command", ["zone", "calibrate", "certify", "import", "identify", "record", "verify", "play", "capture"])
@@ -194,9 +230,9 @@ def sockets_of(folder: Path) -> set[str]:
 
 
 def test_only_the_loopback_interface_listens(project: Path) -> None:
-    from bench import served
+    from bench import served_apart
 
-    with served(project) as address:
+    with served_apart(project) as address:
         port = int(address.split(":")[2].split("/")[0])
         assert sockets_of(project) == {f"0100007F:{port:04X}"}
         noted = project / ".workbench" / "address"

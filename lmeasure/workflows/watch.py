@@ -1,0 +1,76 @@
+"""What comes over a bus, before anything is recorded."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from lmeasure.errors import CancelledError
+from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.record import pose_watch
+from lmeasure.workflows.settings import START, Asked, Paths, option
+
+if TYPE_CHECKING:
+    from lmeasure.acquisition.counting import Progress as State
+    from lmeasure.acquisition.samples import Samples
+    from lmeasure.trajectory.live import PoseWatch
+
+    Show = Callable[[State, PoseWatch | str], None]
+    """Takes the state of things, and where the poses are, or why there are none."""
+
+
+class Settings(Asked):
+    """What `lmeasure watch` is asked."""
+
+    rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
+    bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
+    seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
+    start: Annotated[str | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
+    bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
+    fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
+
+    def paths(self) -> Paths:
+        """It writes nothing."""
+        return Paths((), (self.rig,))
+
+
+@workflow("watch")
+def run(settings: Settings, progress: Progress = silent, show: "Show | None" = None) -> "Result[State]":
+    """Watch until the time is over or somebody ends it; show is told of counts, speeds, faults and the pose all the while."""
+    from lmeasure.acquisition.counting import watch
+    from lmeasure.acquisition.session import connect, options_from_text
+    from lmeasure.run import read_linked_rig
+
+    rig, _ = read_linked_rig(settings.rig)
+    pose = pose_watch(settings.rig, settings.start, settings.passage)
+    taker: Callable[[Samples], None] = (lambda samples: None) if isinstance(pose, str) else pose
+    asked_to_end = False
+
+    def told(state: "State") -> None:
+        nonlocal asked_to_end
+        if show is not None:
+            show(state, pose)
+        try:
+            progress(min(1.0, state.seconds / settings.seconds) if settings.seconds else 0.0, f"{state.samples} samples")
+        except CancelledError:
+            asked_to_end = True
+
+    options = options_from_text(settings.bus_option)
+    link = connect(rig, settings.rig.parent, settings.bus, passage=settings.passage, options=options, paced=not settings.fast)
+    try:
+        last = watch(
+            rig,
+            link.source,
+            link.fields,
+            passage=settings.passage,
+            seconds=settings.seconds,
+            show=told,
+            each=taker,
+            stop=lambda: asked_to_end,
+        )
+    finally:
+        link.source.close()
+    faults = ", ".join(f"{n} {kind}" for kind, n in sorted(last.faults.items())) or "no faults"
+    line = f"{last.samples} samples from {last.frames} frames over {last.seconds:.1f} s: {faults}; nothing was recorded"
+    figures = {"samples": float(last.samples), "frames": float(last.frames), "frames_lost": float(last.lost)}
+    return Result(last, (line,), figures | {"faults": float(sum(last.faults.values()))})
