@@ -88,7 +88,7 @@ def _is_calibration(path: Path) -> bool:
     return path.name == "calibration.json" or (path / "calibration.json").is_file()
 
 
-def _calibrations(settings: Settings) -> "Result[Moved]":
+def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
     """What moved between two calibrations, by their records."""
     from dataclasses import asdict
 
