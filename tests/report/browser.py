@@ -156,7 +156,9 @@ def opened(page: Path | str, profile: Path) -> Iterator[Page]:
 @contextmanager
 def window(browser: str, page: Path | str) -> Iterator[Page]:
     """The page in a window of a browser that runs, `Page.browser`, which shares no cookie and no storage with its other windows."""
-    with connect(browser, max_size=None, max_queue=None, ping_interval=None, open_timeout=60) as socket:  # another may be looked at for long
+    with connect(
+        browser, max_size=None, max_queue=None, ping_interval=None, open_timeout=60
+    ) as socket:  # another may be looked at for long
         context = _bare(socket, "Target.createBrowserContext")["browserContextId"]
         target = _bare(socket, "Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
         shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"], browser)

@@ -143,7 +143,10 @@ class NoDesk:
         return False
 
 
-@pytest.mark.parametrize("name", [*(name for name in AWAY if name != "link.txt"), "..", ".", " ", "", ".hidden", "con", "a/b", "a\\b", "a\nb", "C:", "x" * 61, "linked"])
+@pytest.mark.parametrize(
+    "name",
+    [*(name for name in AWAY if name != "link.txt"), "..", ".", " ", "", ".hidden", "con", "a/b", "a\\b", "a\nb", "C:", "x" * 61, "linked"],
+)
 def test_no_project_lies_outside_the_folder_of_projects(project: Path, name: str) -> None:
     root = project.parent / "root"
     (root / "here").mkdir(parents=True)
