@@ -89,16 +89,14 @@ class Pace:
 
     def __init__(self, rate_hz: float, now: Callable[[], float] = time.perf_counter, sleep: Callable[[float], None] = time.sleep) -> None:
         self._period, self._now, self._sleep = 1.0 / rate_hz, now, sleep
-        self._due = self._sent = now()
+        self._due = now()
 
     def wait(self) -> None:
         """Until the next row is due. Where the machine has kept this program waiting, rows come at up to twice the rate until they are in
         time again: over a minute they are as many as were asked for, and no drum seems to turn twenty times as fast."""
-        ahead = max(self._due, self._sent + CLOSEST * self._period) - self._now()
-        if ahead > 0:
-            self._sleep(ahead)
-        self._sent = self._now()
-        self._due = max(self._due + self._period, self._sent - BEHIND_S)
+        sent = self._now()  # the row before, wherever this program was kept waiting while it was sent
+        self._sleep(max(self._due - sent, CLOSEST * self._period))
+        self._due = max(self._due + self._period, self._now() - BEHIND_S)
 
 
 def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: "can.BusABC", *, pace: Pace) -> None:
