@@ -30,7 +30,7 @@ ROUTES = (projects, pages, things, runs, calibrations, certificates, api)
 """Modules that answer."""
 
 
-def application(folder: Path, token: str, port: int, language: str = "en", shelf: Shelf | None = None) -> Starlette:
+def application(folder: Path, token: str, port: int, language: str = "en", *, shelf: Shelf | None = None) -> Starlette:
     """The application over a project folder, for who has the token; shelf: where the projects beside it are."""
     bench = Bench(folder.resolve(), language, shelf)
 
@@ -77,7 +77,7 @@ class Served:
         except BaseException:
             self._listener.close()
             raise
-        app = application(folder, token, port, language, shelf)
+        app = application(folder, token, port, language, shelf=shelf)
         quiet = {"log_level": "warning", "access_log": False, "server_header": False}
         self._server = uvicorn.Server(uvicorn.Config(app, timeout_graceful_shutdown=GRACE_S, **quiet))  # type: ignore[arg-type]
         self._thread: threading.Thread | None = None
