@@ -30,8 +30,9 @@ _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_fra
 _CAMPAIGNS = [
     "tests/calibration/test_recover.py",
     "tests/calibration/test_visits.py",
+    "tests/calibration/test_with_encoders.py",
     "-k",
-    "exact_poses or stated_pose or default or two_passes or visit",
+    "exact_poses or stated_pose or default or two_passes or visit or derivatives_are",
 ]
 CORE = {
     "kernels/cable.py": ["tests/kernels/test_cable.py"],

@@ -148,6 +148,19 @@ def test_where_assemblies_meet_nothing_is_proved_and_the_pose_is_listed() -> Non
     assert nearest(found.poses[~found.certified], np.array([0.0, 0, 0, 0, 0, 0, 1])) < 1e-3
 
 
+def test_what_nothing_proves_is_led_to_its_lengths() -> None:
+    """From 0.01 rad and a hundredth of the size beside it, and listed once."""
+    base, platform, (pose,) = rig(parse("L-222-111111")[0], 4)
+    size = np.abs(base).max()
+    a, b, lengths = base / size, platform / size, lengths_at(base, platform, pose) / size
+    true = np.r_[pose[:3] / size, pose[3:]]
+    near = se3.displaced(np.stack([true, true]), 0.01 * np.array([[1, -1, 0.5, 1, 1, -1], [-0.5, 1, 1, -1, 0.5, 1]]))
+    found = straight._folds(a, b, lengths, near, np.empty((0, 7)))
+    assert len(found) == 1
+    assert np.abs(se3.displacement(found[0], true)).max() < 1e-9
+    assert not len(straight._folds(a, b, lengths, near, true[None]))
+
+
 def test_a_box_without_an_assembly_is_not_certified() -> None:
     base, platform, lengths = DIETMAIER
     rows = study.links(base, platform, lengths**2)
