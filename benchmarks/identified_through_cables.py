@@ -1,6 +1,7 @@
 """Robots measured through a cable cell: whether what `identify` states of them holds, and frames over many draws.
 
-    python benchmarks/identified_through_cables.py [--robots 200] [--frames 2000] [--kinds NAME,...] [--write] [--results FILE.md]
+    python benchmarks/identified_through_cables.py [--robots 200] [--first 0] [--frames 2000] [--kinds NAME,...] [--built] [--write]
+        [--results FILE.md]
 
 Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod;
 of mechanisms in every value of their legs) and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of
@@ -8,7 +9,8 @@ tests/authorities; at each pose whole counts are read, off by where within a cou
 and by their rounding. Poses come from these counts by the linear law of the cell at the true pose; stated of them is the
 covariance of the rounding, and as systematic, which all poses of a robot share, what a zeroing does at each of them. The probabilities are
 two-sided, of one determined parameter and one prediction of each robot, which are independent, within
-their 95 %.
+their 95 %. With --built it is stated of the robots how exactly they were built, from which they are drawn; then all parameters are
+judged, those too that hardly anything but their drawing tells.
 """
 
 import argparse
@@ -79,10 +81,14 @@ class Cell:
         return se3.displaced(poses, delta), factors @ np.swapaxes(factors, 1, 2), factors
 
 
+U_MM, U_RAD = 0.3, 5e-4
+BUILT = Settings(outliers=False, u_links_mm=U_MM, u_links_deg=float(np.degrees(U_RAD)))
+
+
 def true_robot(name: str, rng: np.random.Generator) -> tuple[Any, Any]:
     """The nominal robot and one that was built."""
     nominal = any_shipped(name).model
-    size = np.array([0.3 if p.unit == "mm" else 5e-4 for p in nominal.parameters])
+    size = np.array([U_MM if p.unit == "mm" else U_RAD for p in nominal.parameters])
     links = [not any(k in p.name for k in ("scale", "sin", "cos", "compliance", "backlash")) for p in nominal.parameters]
     return nominal, nominal.moved(rng.normal(size=len(size)) * size * links)
 
@@ -138,30 +144,32 @@ def measured_in(cell: Cell, true: Any, joints: FloatArray, stand: FloatArray, rn
     return replace(rows, covariance=covariance, systematic=systematic)
 
 
-def robots(count: int, kinds: Sequence[str] = KINDS) -> list[str]:
+def robots(count: int, kinds: Sequence[str] = KINDS, *, built: bool = False, first: int = 0) -> list[str]:
+    of = "of links and legs" if built else "determined"
     lines = [
-        "| robot | robots | parameters determined | within 95 %, % | one of each robot: % | two-sided p "
+        f"| robot | robots | parameters {of} | within 95 %, % | one of each robot: % | two-sided p "
         "| predictions within u95, % | one of each robot: % | two-sided p |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     cell = Cell()
     for name in kinds:
         inside, one, within, single = [], [], [], []
-        for k in range(count):
+        for k in range(first, first + count):
             rng = np.random.default_rng([SEED, k, KINDS.index(name)])
             nominal, true = true_robot(name, rng)
             joints, stand = joints_of(nominal, POSES + 20, rng)
             # near a singular pose of the drawing the robot that was built may have none
             joints = joints[~np.isnan(true.forward(joints)).any(axis=1)][: POSES + 20]
             rows = measured_in(cell, true, joints, stand, rng)
-            found = identify(nominal, rows.of(np.arange(POSES)), Settings(outliers=False))
-            value = {p.name: p.value for p in true.parameters}
+            found = identify(nominal, rows.of(np.arange(POSES)), BUILT if built else Settings(outliers=False))
+            # scales were not drawn
+            value = {p.name: p.value for p in true.parameters if p.unit}
             told, u = determined(found.fit), np.sqrt(np.diag(found.fit.covariance))
             unknowns = found.fit.problem.unknowns
             own = [
                 abs(v - value[n]) <= 1.96 * s
                 for n, v, s, t in zip(unknowns.names, unknowns.values(found.fit.x), u, told, strict=True)
-                if t and n in value
+                if (t or built) and n in value
             ]
             inside += own
             one += [own[int(rng.integers(len(own)))]] if own else []
@@ -253,13 +261,16 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=200)
     parser.add_argument("--frames", type=int, default=2000)
     parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--built", action="store_true")
+    parser.add_argument("--first", type=int, default=0, help="number of the first robot: the study in pieces")
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--results", type=Path, default=RESULTS)
     asked = parser.parse_args()
     kinds = [name for name in asked.kinds.split(",") if name]
     parts = [("Frames", frame_draws(asked.frames))] if asked.frames else []
-    parts += [("Robots", robots(asked.robots, kinds))] if kinds else []
+    parts += [("Robots", robots(asked.robots, kinds, built=asked.built, first=asked.first))] if kinds else []
     chosen = "" if asked.kinds == ",".join(KINDS) else f" --kinds {asked.kinds}"
+    chosen += " --built" * asked.built
     run = f"python benchmarks/{Path(__file__).name} --robots {asked.robots} --frames {asked.frames}{chosen} --write"
     where = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
     head = f"# Robots and frames identified through cables\n\n`{run}`, seed {SEED}; {where}.\n"

@@ -2,7 +2,9 @@
 
     python benchmarks/mechanisms.py
 
-Each mechanism is given drives of random poses and finds them again from its home pose; writes benchmarks/results/mechanisms.md.
+Each mechanism is given drives of random poses and finds them again from its home pose. The robots that come along do so twice: by Newton's
+method from home, as SciPy does, and along the way there from home, as `identify` and `simulate` do, which no other assembly can be
+taken for. Writes benchmarks/results/mechanisms.md.
 """
 
 import time
@@ -14,14 +16,20 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.robots.mechanisms import legs, virtual_points
 from lmeasure.robots.mechanisms.crank import CrankPlatform
 from lmeasure.robots.mechanisms.legs import LegPlatform, Placed
 from lmeasure.robots.mechanisms.logos import HookeHexapod
 from lmeasure.robots.mechanisms.rotopod import Rotopod
+from lmeasure.robots.mechanisms.study import ranges
+from lmeasure.robots.parallel.limits import checked, own_roots
+from lmeasure.robots.parallel.model import EQUATIONS, Parallel
+from lmeasure.robots.robot import any_shipped
 
-POSES, SLOW, ROUNDS = 20000, 200, 5
+POSES, SLOW, ROUNDS = 5000, 60, 3
+PART, REACH_RAD = 0.05, 0.3
+ROBOTS = ("rotopod", "four-chains", "four-chains-arms", "crank-platform", "logos", "seven-link", "three-prr")
 RESULTS = Path(__file__).parent / "results" / "mechanisms.md"
 
 
@@ -38,6 +46,44 @@ def generic(mechanism: LegPlatform, drives: FloatArray, home: FloatArray) -> Flo
         x = root(lacks, np.concatenate([turn0, home[:3] / 100.0]), tol=1e-12).x
         out.append(np.concatenate([100.0 * x[3:], Rotation.from_rotvec(x[:3]).as_quat()]))
     return np.array(out)
+
+
+def generic_robot(robot: Parallel, drives: FloatArray) -> FloatArray:
+    """The same of the six equations of any parallel robot, distances and planes."""
+    points = np.array([robot.legs[i].point for i in robot.owners])
+    turn0, at0 = se3.rotation(robot.home).as_rotvec(), robot.home[:3]
+    size = robot.size_mm
+    parts = np.split(drives, np.cumsum([len(leg.of.drives) for leg in robot.legs])[:-1], axis=1)
+    equations = [e for leg, own in zip(robot.legs, parts, strict=True) for e in leg.equations(own)]
+    out = []
+    for k in range(len(drives)):
+        ends, lengths = np.array([e.end[k] for e in equations]), np.array([e.length[k] for e in equations])
+        normals = np.array([np.zeros(3) if e.normal is None else e.normal[k] for e in equations])
+        flat = normals.any(axis=1)
+
+        def lacks(x: FloatArray, c: FloatArray = ends, n: FloatArray = normals, m: FloatArray = lengths, f: BoolArray = flat) -> FloatArray:
+            away = Rotation.from_rotvec(x[:3]).apply(points) + size * x[3:] - c
+            return np.asarray(np.where(f, (n * away).sum(axis=1), np.linalg.norm(away, axis=1)) - m)
+
+        x = root(lacks, np.concatenate([turn0, at0 / size]), tol=1e-12).x
+        out.append(np.concatenate([size * x[3:], Rotation.from_rotvec(x[:3]).as_quat()]))
+    return np.array(out)
+
+
+def drives_of(robot: Parallel, rng: np.random.Generator) -> FloatArray:
+    """(POSES, n) of poses near home that keep the robot's limits: of all six coordinates, or of the drives where these are fewer."""
+    count, size = len(robot.joint_names), PART * robot.size_mm
+    if count < EQUATIONS:
+        reach = np.where(robot.sliding, size, REACH_RAD)
+        return np.asarray(robot.home_joints + rng.uniform(-1.0, 1.0, (POSES, count)) * reach)
+
+    def inside(poses: FloatArray) -> BoolArray:
+        return checked(robot, robot.bounds, poses).all
+
+    reach = 0.7 * ranges(inside, robot.home, np.array([0.1, 0.1, 0.2, *(2.0 * size,) * 3]))
+    moves = reach[:, 0] + rng.uniform(size=(20 * POSES, 6)) * (reach[:, 1] - reach[:, 0])
+    poses = se3.displaced(np.tile(robot.home, (len(moves), 1)), moves)
+    return own_roots(robot, poses[inside(poses)][:POSES])
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -80,6 +126,28 @@ def main() -> None:
         away = np.abs(se3.displacement(found.poses[:SLOW], generic(mechanism, drives[:SLOW], home)) * ([100.0] * 3 + [1.0] * 3)).max()
         lines.append(f"| {name} | {own:,.0f} | {other:,.0f} | {own / other:,.0f} | {away:.0e} mm |")
         print(lines[-1])
+    lines += [
+        "",
+        "The robots that come along: from home as SciPy goes, and along the way there.",
+        "",
+        "| robot | from home | along the way | SciPy | times, from home | times, along the way | largest difference |",
+        "|---" * 7 + "|",
+    ]
+    for name in ROBOTS:
+        robot = any_shipped(name).model
+        assert isinstance(robot, Parallel)
+        drives = drives_of(robot, rng)
+        starts = np.tile(robot.home, (len(drives), 1))
+        poses, good = robot.near(drives, starts)
+        assert good.all(), name
+        near = len(drives) / seconds(lambda r=robot, d=drives, s=starts: r.near(d, s))  # type: ignore[misc]
+        way = len(drives) / seconds(lambda r=robot, d=drives: r.forward(d))  # type: ignore[misc]
+        other = SLOW / seconds(lambda r=robot, d=drives: generic_robot(r, d[:SLOW]))  # type: ignore[misc]
+        again, along = generic_robot(robot, drives[:SLOW]), robot.forward(drives[:SLOW])
+        size = np.array([robot.size_mm] * 3 + [1.0] * 3)
+        away = max(float(np.abs(se3.displacement(poses[:SLOW], p) * size).max()) for p in (again, along))
+        lines.append(f"| {name} | {near:,.0f} | {way:,.0f} | {other:,.0f} | {near / other:,.0f} | {way / other:,.0f} | {away:.0e} mm |")
+        print(lines[-1], flush=True)
     RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -1,6 +1,6 @@
 """Robots identified with rows set aside or weighed: whether what is stated holds, and what it costs where nothing is wrong.
 
-    python benchmarks/row_weights.py [--robots 200] [--write]
+    python benchmarks/row_weights.py [--robots 200] [--kinds NAME,...] [--write]
 
 Six-axis arms with normal errors of 0.3 mm and 0.5 mrad in every parameter of their links, 60 places each, measured with normal errors of
 0.05 mm in each coordinate, of which nothing is stated. Of some rows the errors are four or ten times as large; "heavy tails" are Student's

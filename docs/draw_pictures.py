@@ -1,7 +1,7 @@
 """The pictures of these documents, drawn from the program's own geometry: `python docs/draw_pictures.py [FOLDER]`.
 
 cable.svg: one cable in the plane of its swivel pulley. cell.svg: a reconstructed run of `tests/authorities/truth/cell-run-long`.
-structures.svg: the structures of six links.
+structures.svg: the structures of six links. mechanisms.svg: those of mechanisms.md at home.
 """
 
 import math
@@ -17,6 +17,9 @@ from lmeasure.lcoordinate.structures import structures
 from lmeasure.lengths import changes_from_counts
 from lmeasure.report.structure_drawing import sheet
 from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.robots.parallel.drawn import drawn
+from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.robot import any_shipped
 from lmeasure.run import read_run
 from lmeasure.trajectory import reconstruct
 
@@ -233,10 +236,60 @@ def draw_structures() -> str:
     return sheet(structures(), captions)
 
 
+MECHANISMS = {
+    "rotopod": "six carriages on one circle",
+    "four-chains": "four carriages, two of them with slides",
+    "crank-platform": "three cranks, three plain rods",
+    "logos": "legs between Hooke joints",
+    "seven-link": "five rods, one way",
+    "three-prr": "three carriages in a plane",
+}
+"""Those of docs/mechanisms.md, each with what it stands on."""
+VIEW_DEG, CELL = (30.0, 28.0), (310.0, 250.0)
+
+
+def draw_mechanisms() -> str:
+    """Every mechanism of the documents at home, as its robot.toml has it, seen from one direction."""
+    turn, lift = np.radians(VIEW_DEG)
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    up = np.array([-np.sin(lift) * np.cos(turn), -np.sin(lift) * np.sin(turn), np.cos(lift)])
+    parts = []
+    for number, (name, words) in enumerate(MECHANISMS.items()):
+        file = any_shipped(name)
+        assert isinstance(file, ParallelFile)
+        what = drawn(file, file.model.home)
+        # a body that has outgrown its rods is drawn by these
+        strips = [(strip, kind) for kind in ("base", "arms", "legs") for strip in getattr(what, kind)] + [(what.platform, "platform")]
+        flat = [(np.column_stack([strip @ right, -(strip @ up)]), kind) for strip, kind in strips]
+        every = np.concatenate([strip for strip, _ in flat])
+        low, high = every.min(axis=0), every.max(axis=0)
+        corner = np.array([20.0 + (number % 3) * CELL[0], 50.0 + (number // 3) * (CELL[1] + 50.0)])
+        size = min((CELL[0] - 30.0) / (high[0] - low[0]), (CELL[1] - 30.0) / (high[1] - low[1]))
+        middle = corner + np.array(CELL) / 2.0 - [15.0, 5.0]
+        for strip, kind in flat:
+            points = " ".join(point_on(p) for p in middle + size * (strip - (low + high) / 2.0))
+            look = {
+                "base": ("none", INK, 1.4),
+                "arms": ("none", "#7c3aed", 3.2),
+                "legs": ("none", CABLE, 2.6),
+                "platform": ("#1d4ed833", ACCENT, 2.0),
+            }
+            fill, stroke, width = look[kind]
+            parts.append(f'<polyline points="{points}" fill="{fill}" stroke="{stroke}" stroke-width="{width}" stroke-linejoin="round"/>')
+        parts.append(text(corner - [0.0, 26.0], name))
+        parts.append(text(corner - [0.0, 8.0], words, "small"))
+    return svg(960, 610, "Mechanisms at home", parts)
+
+
 def main(folder: Path) -> None:
     """Write the pictures into the folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in (("cable.svg", draw_cable), ("cell.svg", draw_cell), ("structures.svg", draw_structures)):
+    for name, draw in (
+        ("cable.svg", draw_cable),
+        ("cell.svg", draw_cell),
+        ("structures.svg", draw_structures),
+        ("mechanisms.svg", draw_mechanisms),
+    ):
         (folder / name).write_text(draw(), encoding="utf-8", newline="\n")
 
 

@@ -23,10 +23,12 @@ def listed(name: str) -> str:
     """The keys of a kind of file, a section for each table."""
     parts = []
     told: set[str] = set()
-    for path, model in tables_of(KINDS[name].load()):
+    several = bool(KINDS[name].others)
+    for path, model in (table for whole in KINDS[name].load() for table in tables_of(whole)):
         header = f"[[{path.removesuffix('[]').replace('[]', '')}]]" if path.endswith("[]") else f"[{path.replace('[]', '')}]"
-        kind = next((f" with `{k} = {v}`" for k, v, *_ in keys_of(model) if k in ("decoder", "type")), "")
-        title = f"`{header}`{kind}" if path else f"`{KINDS[name].file}`, outside of tables"
+        told_by = ("decoder", "type", "kind") if several else ("decoder", "type")
+        kind = next((f" with `{k} = {v}`" for k, v, *_ in keys_of(model) if k in told_by), "")
+        title = f"`{header}`{kind}" if path else f"`{KINDS[name].file}`{kind}, outside of tables"
         if title in told:
             continue
         told.add(title)

@@ -12,9 +12,10 @@ import test_rig
 from typer.testing import CliRunner
 
 from lmeasure import schemas
-from lmeasure.checked import checked, models_in
+from lmeasure.checked import checked, literals_of, models_in
 from lmeasure.cli import app
 from lmeasure.errors import LMeasureError
+from lmeasure.robots.robot import robot_from_dict
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs"))
@@ -39,16 +40,17 @@ def test_a_page_lists_the_keys_of_the_models(page: str) -> None:
 def test_all_kinds_of_files_are_listed_and_every_key_is_explained() -> None:
     assert sorted(name for names in write_keys.PAGES.values() for name in names) == sorted(schemas.KINDS)
     for kind in schemas.KINDS.values():
-        for path, model in schemas.tables_of(kind.load()):
+        tables = [table for model in kind.load() for table in schemas.tables_of(model)]
+        for path, model in tables:
             assert model.__doc__, path
             assert {n for n, f in model.model_fields.items() if not f.description} == set(), f"{kind.file} [{path}]"
             inner = [m for f in model.model_fields.values() for m in models_in(f.annotation)]
-            assert all(m in [t for _, t in schemas.tables_of(kind.load())] for m in inner)
+            assert all(m in [t for _, t in tables] for m in inner)
 
 
 def examples() -> list[tuple[str, Path]]:
     """Files of the repository that name a schema of ours."""
-    kinds = {schemas.schema_of(name)["properties"]["schema"]["const"]: name for name in schemas.KINDS}
+    kinds = {literals_of(kind.load()[0].model_fields["schema_"].annotation)[0]: name for name, kind in schemas.KINDS.items()}
     found = []
     for folder in ("calibration", "datasets", "tests/authorities/truth", "lmeasure"):
         for path in sorted((ROOT / folder).rglob("*.toml")):
@@ -62,13 +64,21 @@ def validator(name: str) -> Any:
     return jsonschema.Draft202012Validator(json.loads(schemas.shipped(name)))
 
 
+def read(name: str, content: dict[str, Any], source: str) -> None:
+    """As the program reads it."""
+    if name == "robot":
+        robot_from_dict(content, source)
+    else:
+        checked(content, schemas.KINDS[name].load()[0], source)
+
+
 def test_files_validate_where_they_are_read() -> None:
     seen = set()
     for name, path in examples():
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         errors = [e.message for e in validator(name).iter_errors(content)]
         try:
-            checked(content, schemas.KINDS[name].load(), path.name)
+            read(name, content, path.name)
         except LMeasureError:
             assert errors != [], path
         else:

@@ -13,6 +13,8 @@ from lmeasure.errors import RobotError
 from lmeasure.rig import Rig
 from lmeasure.robots.inverse import reach_mm
 from lmeasure.robots.model import RobotModel
+from lmeasure.robots.parallel import limits
+from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 from lmeasure.robots.serial_robot import SerialRobot
 
 if TYPE_CHECKING:
@@ -53,6 +55,8 @@ class Allowed:
             return out
         target = se3.compose(flange, np.broadcast_to(self.tool, flange.shape))
         good = np.asarray(((joints >= low) & (joints <= high)).all(axis=1) & np.isfinite(target).all(axis=1))
+        if isinstance(self.robot, Parallel):
+            good &= limits.checked(self.robot, self.robot.bounds, flange).all
         body = self._body(joints, flange, target)
         for box in self.keep_out:
             good &= ~((body >= box[:, 0]) & (body <= box[:, 1])).all(axis=2).any(axis=1)
@@ -89,13 +93,13 @@ class Allowed:
 
     def candidates(self, count: int, seed: int = 0) -> FloatArray:
         """(count, n) joint values spread evenly over what is allowed; RobotError where hardly anything is."""
-        low, high = (np.where(self.robot.sliding, v, np.clip(v, -TURN_RAD, TURN_RAD)) for v in self.robot.limits)
-        draw = qmc.Sobol(len(low), rng=np.random.default_rng(seed))
-        found = np.zeros((0, len(low)))
+        count_joints = len(self.robot.joint_names)
+        draw = qmc.Sobol(count_joints, rng=np.random.default_rng(seed))
+        found = np.zeros((0, count_joints))
         block = 1 << int(np.ceil(np.log2(max(count, 64))))
         for _ in range(FACTOR):
             unit = np.clip(0.5 + STRETCH * (draw.random(block) - 0.5), 0.0, 1.0)
-            joints = low + unit * (high - low)
+            joints = self.spread(unit)
             found = np.concatenate([found, joints[self(joints)]])
             if len(found) >= count:
                 return found[:count]
@@ -105,6 +109,14 @@ class Allowed:
                 "state where the robot stands in the instrument's frame (--base), or allow more"
             )
         return found
+
+    def spread(self, unit: FloatArray) -> FloatArray:
+        """(k, n) joint values by points (N, n) of the unit cube: between the joints' limits, of mechanisms of six freedoms at poses between
+        how far these go."""
+        if isinstance(self.robot, Parallel) and unit.shape[1] == EQUATIONS:
+            return limits.spread(self.robot, unit, most_rad=TURN_RAD)
+        low, high = (np.where(self.robot.sliding, v, np.clip(v, -TURN_RAD, TURN_RAD)) for v in self.robot.limits)
+        return np.asarray(low + unit * (high - low))
 
 
 def _in_zone(zone: "xr.Dataset", poses: FloatArray) -> BoolArray:

@@ -37,7 +37,7 @@ def named_once(kind: str, names: list[str]) -> None:
 
 
 class Place(Strict):
-    """A pose: of the first axis in the robot's base, or of the tool on the flange."""
+    """A pose: of the first axis or of home in the robot's base, or of the tool on the flange."""
 
     position_mm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     """Position."""

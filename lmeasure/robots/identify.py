@@ -61,6 +61,10 @@ class Settings:
     weights: Literal["cut", "biweight"] = "cut"
     own_noise: bool = True
     """Whether the robot errs beyond what is stated of the measurements; not where poses of both are stated."""
+    u_links_mm: float | None = None
+    """How exactly lengths of links or legs were built to their drawing, as a standard uncertainty; None: as parameters have it."""
+    u_links_deg: float | None = None
+    """The same of angles."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,6 +154,15 @@ def freed(robot: R, families: Sequence[str]) -> IntArray:
     return np.array([i for i, p in enumerate(robot.parameters) if family(p.name) in wanted], dtype=np.int64)
 
 
+def widths(robot: R, settings: Settings) -> FloatArray | None:
+    """(all parameters,) prior standard uncertainties where something is stated of how the robot was built, in the units of the names."""
+    stated = {"mm": settings.u_links_mm, "deg": settings.u_links_deg}
+    if stated["mm"] is None and stated["deg"] is None:
+        return None
+    of = [stated.get(p.unit) if family(p.name) == "links" else None for p in robot.parameters]
+    return np.array([p.width if u is None else u for p, u in zip(robot.parameters, of, strict=True)])
+
+
 def family(name: str) -> str:
     """Of a parameter, by its name."""
     key = name.rsplit(".", 1)[-1]
@@ -164,10 +177,12 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     """
     settings = settings or Settings()
     rows, findings = _reached(robot, rows)
+    if isinstance(robot, Parallel):
+        robot = robot.remembering(rows.joints)
     kept = np.ones(len(rows), np.bool_)
     findings += _copies(rows, kept) + _named_alike(rows, np.flatnonzero(kept)) + _beyond_limits(robot, rows)
     frames = find_frames(robot.forward(rows.joints, rows.side), rows, settings.seed)
-    unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows)
+    unknowns = Unknowns(robot, freed(robot, settings.free), frames, rows, widths=widths(robot, settings))
     begin = Noise(0.0, 0.0) if not settings.own_noise else Noise(max(frames.rms_mm, LEAST_MM), max(frames.rms_mm, LEAST_MM) / 1e3)
     used = kept & ~far(frames.used, rows)
     problem = Problem(unknowns, rows.of(np.flatnonzero(used)), begin, settings.own_noise)

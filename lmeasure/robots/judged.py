@@ -104,7 +104,7 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
     """Every family of the robot's parameters: those freed by what they explain, the others by what they would (a score test)."""
     fit = found.fit
     every = found.nominal.parameters
-    wide = Unknowns(found.nominal, np.arange(len(every)), _frames(fit), fit.problem.rows)
+    wide = Unknowns(found.nominal, np.arange(len(every)), _frames(fit), fit.problem.rows, widths=fit.problem.unknowns.widths)
     inside = {p.name: i for i, p in enumerate(fit.problem.unknowns.own)}
     theta = np.zeros(len(wide))
     for i, p in enumerate(every):

@@ -6,7 +6,7 @@ rotation vectors applied from the left, about the axes of the frame that the pos
 instrument errs by in all rows together, of unit variance: what it does to the robot is in the covariance then, whole and with its sign.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -44,11 +44,15 @@ class State(Generic[R]):
 class Unknowns(Generic[R]):
     """The unknowns of the measurements `rows` of a robot with its nominal values, from frames that a start has found."""
 
-    def __init__(self, robot: R, freed: IntArray, frames: Frames, rows: Measurements) -> None:
+    def __init__(self, robot: R, freed: IntArray, frames: Frames, rows: Measurements, *, widths: FloatArray | None = None) -> None:
+        """widths (all parameters,): prior standard uncertainties in the units of the names, by default the parameters' own."""
         self.start = State(robot, frames.base, frames.targets, frames.stations)
         self.freed = freed
         self.rows = rows
         every = robot.parameters
+        if widths is not None:
+            every = tuple(replace(p, width=float(w)) for p, w in zip(every, widths, strict=True))
+        self.widths = widths
         self.own: tuple[Parameter, ...] = tuple(every[i] for i in freed)
         self._all = len(every)
         measured = rows.placed | rows.ranged

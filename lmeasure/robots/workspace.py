@@ -7,7 +7,7 @@ from scipy.stats import qmc
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.robots.allowed import TURN_RAD, Allowed
+from lmeasure.robots.allowed import Allowed
 from lmeasure.robots.identify import Identified, predict
 from lmeasure.robots.unknowns import R
 
@@ -52,9 +52,9 @@ def workspace(found: Identified[R], samples: int = SAMPLES, seed: int = 0) -> Wo
     if not found.tells_noise:
         return None
     robot, tool = found.state.robot, found.state.targets[0]
-    low, high = (np.where(robot.sliding, v, np.clip(v, -TURN_RAD, TURN_RAD)) for v in robot.limits)
-    joints = low + qmc.Sobol(len(low), rng=np.random.default_rng(seed)).random(samples) * (high - low)
-    joints = joints[Allowed(robot, found.state.base, tool, np.zeros((0, 3, 2)))(joints)]
+    allowed = Allowed(robot, found.state.base, tool, np.zeros((0, 3, 2)))
+    joints = allowed.spread(qmc.Sobol(len(robot.joint_names), rng=np.random.default_rng(seed)).random(samples))
+    joints = joints[allowed(joints)]
     if len(joints) < CELLS:
         return None
     flange = robot.forward(joints)

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
-from typing import Any
+from typing import Any, Union
 
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
 
 from lmeasure.checked import models_in
 
@@ -21,17 +21,18 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file: the name it usually has, the model of its content, what it is."""
+    """A kind of file: the name it usually has, the model of its content, what it is; others: module and model where its key `kind` says
+    that it holds something else."""
 
     file: str
     module: str
     model: str
     text: str
+    others: tuple[tuple[str, str], ...] = ()
 
-    def load(self) -> type[BaseModel]:
-        """The model."""
-        model: type[BaseModel] = getattr(import_module(self.module), self.model)
-        return model
+    def load(self) -> tuple[type[BaseModel], ...]:
+        """The models, one but where there are others."""
+        return tuple(getattr(import_module(module), model) for module, model in ((self.module, self.model), *self.others))
 
 
 KINDS = {
@@ -43,7 +44,13 @@ KINDS = {
     "scenario": Kind("scenario.toml", "lmeasure.simulation.scenario", "Scenario", "a motion to simulate"),
     "program": Kind("program.toml", "lmeasure.program", "Program", "poses and paths that a robot is told to take"),
     "details": Kind("details.toml", "lmeasure.certification.details", "Details", "what a report must say besides its figures"),
-    "robot": Kind("robot.toml", "lmeasure.robots.robot", "Robot", "a robot's joints"),
+    "robot": Kind(
+        "robot.toml",
+        "lmeasure.robots.robot",
+        "Robot",
+        "a robot's joints, or its legs",
+        (("lmeasure.robots.platform", "PlatformFile"), ("lmeasure.robots.parallel.file", "ParallelFile")),
+    ),
     "structure": Kind("structure.toml", "lmeasure.linkage.links", "StructureFile", "points and links of a mechanism"),
 }
 """By the names that `lmeasure schema` takes."""
@@ -57,9 +64,10 @@ def shipped(name: str) -> str:
 
 
 def schema_of(name: str) -> dict[str, Any]:
-    """The JSON Schema that the model gives."""
+    """The JSON Schema that the model gives, or any of several."""
     kind = KINDS[name]
-    made = _plain(kind.load().model_json_schema(by_alias=True))
+    models = kind.load()
+    made = _plain(TypeAdapter(Union[models]).json_schema(by_alias=True) if len(models) > 1 else models[0].model_json_schema(by_alias=True))  # noqa: UP007
     return {"$schema": DIALECT, "$id": f"lmeasure/{name}", "title": f"{kind.file}: {kind.text}"} | made
 
 

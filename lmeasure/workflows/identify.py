@@ -44,6 +44,11 @@ class Settings(Asked):
     tip: Annotated[str | None, option("Link of a .urdf at which the chain ends.", metavar="LINK")] = None
     u_position_mm: Annotated[float | None, option("Standard uncertainty of each measured coordinate, instead of the file's.", ge=0)] = None
     u_rotation_deg: Annotated[float | None, option("Standard uncertainty of a measured orientation about each axis.", ge=0)] = None
+    u_links_mm: Annotated[
+        float | None,
+        option("How exactly lengths of links or legs were built to their drawing: standard uncertainty; absent: 3.", ge=1e-6, le=1000),
+    ] = None
+    u_links_deg: Annotated[float | None, option("The same of angles; absent: 0.5.", ge=1e-6, le=180)] = None
     keep_outliers: Annotated[bool, option("Use rows that the others contradict, too.")] = False
     weights: Annotated[
         Literal["cut", "biweight"],
@@ -101,7 +106,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
     mend = mended(robot, rows, settings.seed)
     progress(0.2, "identifying")
     families = tuple(dict.fromkeys(("links", *(("harmonics",) if settings.harmonics else ()), *settings.free)))
-    chosen = Chosen(families, not settings.keep_outliers, settings.seed, weights=settings.weights)
+    chosen = Chosen(
+        families,
+        not settings.keep_outliers,
+        settings.seed,
+        weights=settings.weights,
+        u_links_mm=settings.u_links_mm,
+        u_links_deg=settings.u_links_deg,
+    )
     try:
         if settings.free or settings.harmonics:
             found = identify(mend.robot.model, mend.rows, chosen)

@@ -172,6 +172,8 @@ LABELS = {
     "u95_attachment_mm": "95 % radius of attachment points",
     "u95_mm": "95 % radius of the position",
     "u95_rotation_deg": "95 % radius of the orientation",
+    "u_links_deg": "Uncertainty of the drawing's angles (k = 1)",
+    "u_links_mm": "Uncertainty of the drawing's lengths (k = 1)",
     "u_position_mm": "Uncertainty of a coordinate (k = 1)",
     "u_repeatability_mm": "Repeatability at a pose (k = 1)",
     "u_rotation_deg": "Uncertainty of a rotation (k = 1)",

@@ -1,6 +1,7 @@
 """Mechanisms as robots: there and back, derivatives by differences, the documents' own classes beside them, files, identification."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -162,6 +163,37 @@ def test_a_built_mechanism_is_identified_through_the_same_door(name: str) -> Non
     names, values = found.fit.problem.names, found.fit.problem.unknowns.values(found.fit.x)
     z = [(v - value[n]) / s for n, v, s, known in zip(names, values, u, told, strict=True) if known and n in value]
     assert not z or np.abs(z).max() < 4.5
+
+
+@pytest.mark.parametrize("name", ["rotopod-cell", "crank-platform"])
+def test_remembered_poses_are_those_of_the_whole_way(name: str) -> None:
+    rng = np.random.default_rng(9)
+    nominal = shipped(name).model
+    joints = some_joints(nominal, 12, rng)
+    remembering = nominal.remembering(joints)
+    for size in (0.3, 3.0):
+        change = rng.normal(size=len(nominal.parameters)) * [size * p.size * (0.1 if p.unit == "deg" else 1.0) for p in nominal.parameters]
+        every = np.concatenate([joints, some_joints(nominal, 3, rng)])
+        np.testing.assert_allclose(remembering.moved(change).forward(every), nominal.moved(change).forward(every), atol=1e-8)
+    # the other side of a singular pose is another assembly, however near it was remembered
+    off = {
+        key: se3.displaced(pose[None], np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -2.0 * pose[2]]]))[0] for key, pose in remembering.known.items()
+    }
+    np.testing.assert_allclose(replace(remembering, known=off).forward(joints), nominal.forward(joints), atol=1e-8)
+
+
+def test_how_exactly_it_was_built_is_what_the_drawing_tells() -> None:
+    rng = np.random.default_rng(8)
+    nominal = shipped("crank-platform").model
+    rows = seen(built(nominal, rng), some_joints(nominal, 40, rng), rng)
+    wide, stated = (identify(nominal, rows, Settings(u_links_mm=mm, u_links_deg=deg)) for mm, deg in ((None, None), (0.3, 0.03)))
+    u = [np.sqrt(np.diag(found.fit.covariance))[: len(nominal.parameters)] for found in (wide, stated)]
+    mm = np.array([p.unit == "mm" for p in nominal.parameters])
+    # three freedoms tell little of 54 parameters: the drawing holds most
+    assert np.median(u[0][mm]) > 2.0
+    assert 0.2 < np.median(u[1][mm]) <= 0.3
+    assert (stated.fit.problem.width[: len(mm)][mm] == 0.3).all()
+    assert (u[1] < u[0]).all()
 
 
 def test_files_of_parallel_robots_are_written_and_refused() -> None:

@@ -15,9 +15,11 @@ from lmeasure.robots.allowed import Allowed
 from lmeasure.robots.frame_start import Frames
 from lmeasure.robots.identify import freed
 from lmeasure.robots.measurements import POSITION, measured
+from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.study import inside
 from lmeasure.robots.plan import chosen
 from lmeasure.robots.read_measurements import read_measurements
-from lmeasure.robots.robot import shipped
+from lmeasure.robots.robot import any_shipped, shipped
 from lmeasure.robots.unknowns import Unknowns
 
 
@@ -72,6 +74,24 @@ def test_targets_stay_in_the_instruments_zone() -> None:
     assert ((at[:, :3] >= [1500.0, -2000.0, -1500.0]) & (at[:, :3] <= [2900.0, 2000.0, 2500.0])).all()
     with pytest.raises(RobotError, match="state where the robot stands"):
         Allowed(robot, here + [8000.0, 0, 0, 0, 0, 0, 0], tool, np.zeros((0, 3, 2)), zone).candidates(100)
+
+
+@pytest.mark.parametrize("name", ["rotopod-cell", "crank-platform"])
+def test_poses_of_mechanisms_are_planned_within_all_their_limits(name: str, tmp_path: Path) -> None:
+    """At random hardly any joint values of six carriages are those of a pose; the poses planned are in the workspace, and reached."""
+    out = tmp_path / "joints.csv"
+    done = CliRunner().invoke(app, ["plan-poses", "--robot", name, "--poses", "12", "--tool", "30,20,60", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    file = any_shipped(name)
+    assert isinstance(file, ParallelFile)
+    rows = read_measurements(out, file.model, joints_alone=True)
+    flange = file.model.forward(rows.joints)
+    assert inside(file, flange).all()
+    # spread over what it can do, and better than as many at random
+    assert np.ptp(flange[:, 2]) > 10.0
+    line = next(line for line in done.output.splitlines() if line.startswith("  after  12: "))
+    expected, random = (float(v) for v in line.removeprefix("  after  12: ").replace(" mm, at random", "").split())
+    assert expected < random
 
 
 def test_plan_poses_of_a_robot_from_the_command_line(tmp_path: Path) -> None:

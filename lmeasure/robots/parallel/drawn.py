@@ -7,8 +7,8 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.leg import Leg
 from lmeasure.robots.parallel.limits import RING, own_roots
-from lmeasure.robots.parallel.model import Leg
 
 ROUND = 120
 

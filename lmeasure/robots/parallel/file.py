@@ -1,5 +1,6 @@
 """A parallel robot as robot.toml states it: its legs, a pose near which it works, and what its joints and carriages allow."""
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -11,9 +12,10 @@ from lmeasure.checked import Name, Strict
 from lmeasure.errors import GeometryError
 from lmeasure.robots.fields import Angle, Length, Place, named_once
 from lmeasure.robots.mechanisms.jacobians import nearness
+from lmeasure.robots.parallel.bounds import Limits
 from lmeasure.robots.parallel.kinds import KINDS
-from lmeasure.robots.parallel.limits import Limits
-from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Leg, Parallel
+from lmeasure.robots.parallel.leg import Leg
+from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Parallel
 from lmeasure.robots.parallel.ways import Driver, way_of
 
 NEAR_HOME = 0.2
@@ -281,7 +283,7 @@ class ParallelFile(Strict):
                 except GeometryError as error:
                     raise ValueError(f"leg {leg.name}: {error}") from None
             legs.append(Leg(leg.name, leg.type, np.array(leg.platform_mm), leg.values, leg.limits("min"), leg.limits("max"), carried))
-        robot = Parallel(self.name, tuple(legs), home, np.zeros(0), self.commanded or COMPONENTS)
+        robot = Parallel(self.name, tuple(legs), home, np.zeros(0), self.commanded or COMPONENTS, self.limits)
         joints = []
         for leg, every in zip(self.leg, robot.roots(home[None]), strict=True):
             own = every[0, min(getattr(leg, "elbow", 1), every.shape[1]) - 1]
@@ -291,12 +293,12 @@ class ParallelFile(Strict):
             slides = [slide for _, slide in KINDS[leg.type].drives]
             middle = 0.5 * (leg.limits("min") + leg.limits("max"))
             joints.append(own - np.where(slides, 0.0, 2.0 * np.pi * np.round((own - middle) / (2.0 * np.pi))))
-        robot = Parallel(self.name, robot.legs, home, np.concatenate(joints), robot.commanded)
+        robot = replace(robot, home_joints=np.concatenate(joints))
         closed, met = robot.near(robot.home_joints[None], home[None])
         away = np.abs(se3.displacement(closed, home[None]) / robot.units).max()
         if not met[0] or away > NEAR_HOME * robot.size_mm:
             raise ValueError("home: the legs do not meet near it, or it is a singular pose")
-        robot = Parallel(self.name, robot.legs, closed[0], robot.home_joints, robot.commanded)
+        robot = replace(robot, home=closed[0])
         if nearness(robot.jacobians(closed, robot.home_joints[None]).output, robot.units)[0] <= SINGULAR:
             raise ValueError("home: is a singular pose of these legs: they do not hold the platform there")
         return robot

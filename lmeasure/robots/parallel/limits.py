@@ -1,38 +1,18 @@
 """What bounds a parallel robot's workspace besides its joints: carriages that meet, joints that bend, singular poses, weight that tips."""
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
-from lmeasure.checked import Strict
-from lmeasure.robots.fields import Length
 from lmeasure.robots.mechanisms.jacobians import nearness
 from lmeasure.robots.mechanisms.ring_limits import RingChecks, stands
-from lmeasure.robots.parallel.model import Parallel
+from lmeasure.robots.mechanisms.study import ranges
+from lmeasure.robots.parallel.bounds import Limits
+from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 
-Cone = Annotated[float, Field(gt=0.0, le=180.0)]
 RING = ("carriage", "radial", "radial-arm")
-
-
-class Limits(Strict):
-    """Angles are of legs to the base's z and to the platform's; gaps between neighbouring carriages of one circle, in the order of legs."""
-
-    least_gap_deg: Annotated[float, Field(ge=0.0, le=180.0)] | None = None
-    """Least angle between neighbouring carriages."""
-    most_gap_deg: Annotated[float, Field(ge=0.0, le=180.0)] | None = None
-    """Largest angle between neighbouring carriages."""
-    base_cone_deg: Cone | None = None
-    """Largest angle of a leg to the base's z."""
-    platform_cone_deg: Cone | None = None
-    """Largest angle of a leg to the platform's z."""
-    singular: Annotated[float, Field(ge=0.0, lt=1.0)] = 1e-3
-    """Least distance from a singular pose: smallest over largest singular value of the rows."""
-    mass_mm: tuple[Length, Length, Length] | None = None
-    """Centre of mass, in the flange's frame: must stay over the polygon of the legs' lower ends."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +57,23 @@ def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
         regular=reached & (nearness(robot.jacobians(there, safe).output, robot.units) > limits.singular),
         stands=every if limits.mass_mm is None else stands(feet, se3.apply(there, np.tile(limits.mass_mm, (len(there), 1)))),
     )
+
+
+def spread(robot: Parallel, unit: FloatArray, *, most_rad: float) -> FloatArray:
+    """(k, n) joint values of those of N poses, spread over its workspace by points unit (N, 6) of the unit cube, that keep its limits.
+
+    Of joint values taken at random hardly any are those of a pose where carriages share a guide or cones are narrow; poses are taken
+    instead, between how far each coordinate goes from home alone, turns by most_rad at most.
+    """
+    assert unit.shape[1] == EQUATIONS
+
+    def inside(poses: FloatArray) -> BoolArray:
+        return checked(robot, robot.bounds, poses).all
+
+    far = np.array([most_rad] * 3 + [max(float(np.linalg.norm(robot.home[:3])), robot.size_mm)] * 3)
+    reach = ranges(inside, robot.home, far)
+    poses = se3.displaced(np.tile(robot.home, (len(unit), 1)), reach[:, 0] + np.clip(unit, 0.0, 1.0) * (reach[:, 1] - reach[:, 0]))
+    return own_roots(robot, poses[inside(poses)])
 
 
 def own_roots(robot: Parallel, poses: FloatArray) -> FloatArray:

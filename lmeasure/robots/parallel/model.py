@@ -8,10 +8,11 @@ for changes db of the point on the platform and dc, dn, dl of the leg: all deriv
 joint values is the one that is reached from home by driving the joints there steadily, through no singular pose: no other assembly.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -21,74 +22,22 @@ from lmeasure.errors import RobotError
 from lmeasure.kernels.legs import placed
 from lmeasure.robots.mechanisms.jacobians import Jacobians
 from lmeasure.robots.model import Parameter
-from lmeasure.robots.parallel.kinds import KINDS, STEP, Equation, Kind
+from lmeasure.robots.parallel.bounds import Limits
+from lmeasure.robots.parallel.leg import Leg
 from lmeasure.status import Status
 
 EQUATIONS = 6
 STRIDE_RAD, STRIDE = 0.2, 0.1
 """Longest part of a way from home: of a turning joint, and of a sliding one in parts of the platform's size."""
 MOST_PARTS = 400
+NEAR = 0.05
+"""Of the platform's size: how far a robot hardly different stands from where another did at the same joint values."""
 REACHED_MM = 1e-6
 """By how much a pose may be off that joint values of the inverse take the platform to."""
 MOST_RAD = np.pi / 2.0
 """Between samples of a followed path: a joint that turns farther has jumped."""
 COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 """Of a displacement: turns about the platform's axes, shifts along the base's."""
-WIDTHS = {"mm": 3.0, "deg": 0.5, "": 0.003}
-"""What values of legs may be off by, as standard uncertainties: wider than those of any that is built."""
-
-
-@dataclass(frozen=True)
-class Leg:
-    """name, kind: of `KINDS`; point (3,) on the platform [mm]; values (k,) of the kind's keys, mm and rad; low, high (d,) limits of its
-    drives; carried: what its kind needs besides."""
-
-    name: str
-    kind: str
-    point: FloatArray
-    values: FloatArray
-    low: FloatArray
-    high: FloatArray
-    carried: Any = None
-
-    @property
-    def of(self) -> Kind:
-        """What its kind does."""
-        return KINDS[self.kind]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The point's three coordinates, then the kind's values, in the units of the names."""
-        names = [f"platform_{axis}_mm" for axis in "xyz"] + list(self.of.keys)
-        out = []
-        for key, value in zip(names, (*self.point, *self.values), strict=True):
-            unit = key.rpartition("_")[2] if key.endswith(("_mm", "_deg")) else ""
-            size = float(np.radians(1.0)) if unit == "deg" else 1.0
-            out.append(Parameter(f"{self.name}.{key}", unit, float(value) / size, size, WIDTHS[unit]))
-        return tuple(out)
-
-    def moved(self, change: FloatArray) -> Self:
-        """With (3 + k,) added to its point and values."""
-        return replace(self, point=self.point + change[:3], values=self.values + change[3:])
-
-    def equations(self, drives: FloatArray) -> list[Equation]:
-        """At drives (N, d)."""
-        return self.of.equations(self.values, drives, self.carried)
-
-    def derivatives(self, drives: FloatArray) -> list[tuple[Equation, bool]]:
-        """Equations' derivatives by the drives and then by the values, and whether they are by a drive; as many as equations for each."""
-        out = []
-        for i in range(drives.shape[1]):
-            step = STEP * 1j * np.eye(drives.shape[1])[i]
-            out += [(_imaginary(e), True) for e in self.of.equations(self.values, drives + step, self.carried)]
-        for i in range(len(self.values)):
-            step = STEP * 1j * np.eye(len(self.values))[i]
-            out += [(_imaginary(e), False) for e in self.of.equations(self.values + step, drives + 0j, self.carried)]
-        return out
-
-
-def _imaginary(equation: Equation) -> Equation:
-    return Equation(*(None if part is None else np.imag(part) / STEP for part in equation))
 
 
 @dataclass(frozen=True)
@@ -118,13 +67,16 @@ class Held:
 @dataclass(frozen=True)
 class Parallel:
     """`RobotModel` of legs with six equations; home (7,): base_from_flange at the joint values home_joints (n,); commanded: the
-    components of `COMPONENTS` that a robot of fewer than six joints is told, the others follow."""
+    components of `COMPONENTS` that a robot of fewer than six joints is told, the others follow; bounds: of its workspace besides its
+    joints' limits; known: poses (7,) that a robot hardly different took at joint values, by their bytes (`remembering`)."""
 
     name: str
     legs: tuple[Leg, ...]
     home: FloatArray
     home_joints: FloatArray
     commanded: tuple[str, ...] = COMPONENTS
+    bounds: Limits = field(default_factory=Limits)
+    known: Mapping[bytes, FloatArray] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
@@ -193,7 +145,38 @@ class Parallel:
 
     def forward(self, joints: FloatArray, side: FloatArray | None = None) -> FloatArray:
         """(N, 7) base_from_flange at joint values (N, n); NaN where none is reached from home."""
-        joints = np.asarray(joints, dtype=np.float64)
+        joints = np.ascontiguousarray(joints, dtype=np.float64)
+        poses, found = self._known(joints)
+        if not found.all():
+            poses[~found] = self._driven(joints[~found])
+        return poses
+
+    def remembering(self, joints: FloatArray) -> Self:
+        """The robot, and those `moved` from it, with the poses at joint values (N, n) kept: where a slightly different robot begins."""
+        joints = np.ascontiguousarray(joints, dtype=np.float64)
+        poses = self.forward(joints)
+        return replace(self, known={q.tobytes(): pose for q, pose in zip(joints, poses, strict=True) if not np.isnan(pose[0])})
+
+    def _known(self, joints: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Poses (N, 7) from where they are known to have been, and whether they are the same assembly: not far from there, and on the same
+        side of singular poses, beyond which the nearest other assembly lies."""
+        kept = [self.known.get(q.tobytes()) for q in joints] if self.known else [None] * len(joints)
+        of = np.flatnonzero([pose is not None for pose in kept])
+        poses, good = np.full((len(joints), 7), np.nan), np.zeros(len(joints), np.bool_)
+        if not len(of):
+            return poses, good
+        starts = np.array([kept[i] for i in of])
+        near, closed = self.near(joints[of], starts)
+        here, drives = np.where(closed[:, None], near, starts), joints[of]
+        away = np.abs(se3.displacement(here, starts) / self.units).max(axis=1)
+        side = np.sign(np.linalg.det(self.rows(here, drives).pluecker * self.units))
+        own = np.sign(np.linalg.det(self.rows(self.home[None], self.home_joints[None]).pluecker * self.units))
+        good[of] = closed & (away < NEAR * self.size_mm) & (side == own)
+        poses[of] = near
+        return poses, good
+
+    def _driven(self, joints: FloatArray) -> FloatArray:
+        """`forward` along the whole way from home."""
         way = joints - self.home_joints
         finite = np.isfinite(way).all(axis=1)
         strides = np.where(self.sliding, self.stride_mm, STRIDE_RAD)
