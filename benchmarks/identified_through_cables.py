@@ -38,7 +38,8 @@ from lmeasure.rig import read_rig
 from lmeasure.robots.frames import frames
 from lmeasure.robots.identify import Settings, identify, predict
 from lmeasure.robots.measurements import Measurements, measured
-from lmeasure.robots.parallel.limits import Limits, checked, own_roots
+from lmeasure.robots.parallel.bounds import Limits
+from lmeasure.robots.parallel.limits import checked, own_roots
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.robot import any_shipped
 from lmeasure.robots.told import determined

@@ -57,9 +57,9 @@ def generic_robot(robot: Parallel, drives: FloatArray) -> FloatArray:
     equations = [e for leg, own in zip(robot.legs, parts, strict=True) for e in leg.equations(own)]
     out = []
     for k in range(len(drives)):
-        ends, lengths = np.array([e.end[k] for e in equations]), np.array([e.length[k] for e in equations])
-        normals = np.array([np.zeros(3) if e.normal is None else e.normal[k] for e in equations])
-        flat = normals.any(axis=1)
+        ends, lengths = (np.real([part[k] for part in parts]) for parts in list(zip(*equations, strict=True))[:2])
+        normals = np.real([np.zeros(3) if e.normal is None else e.normal[k] for e in equations])
+        flat: BoolArray = np.asarray(normals.any(axis=1))
 
         def lacks(x: FloatArray, c: FloatArray = ends, n: FloatArray = normals, m: FloatArray = lengths, f: BoolArray = flat) -> FloatArray:
             away = Rotation.from_rotvec(x[:3]).apply(points) + size * x[3:] - c

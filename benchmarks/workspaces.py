@@ -59,7 +59,8 @@ def kept(data: dict[str, Any], places: FloatArray, yaw: float) -> BoolArray:
     points = np.array([leg["platform_mm"] for leg in data["leg"]])
     size = max(np.linalg.norm(points - points.mean(axis=0), axis=1).max(), 1.0)
     good = np.ones(len(places), np.bool_)
-    rows, legs, feet, carriages = [], [], [], []
+    rows, legs, feet = [], [], []
+    carriages: list[FloatArray] = []
     for leg, point in zip(data["leg"], points @ turn.T, strict=True):
         at = places + point
         directions = []

@@ -67,7 +67,8 @@ def schema_of(name: str) -> dict[str, Any]:
     """The JSON Schema that the model gives, or any of several."""
     kind = KINDS[name]
     models = kind.load()
-    made = _plain(TypeAdapter(Union[models]).json_schema(by_alias=True) if len(models) > 1 else models[0].model_json_schema(by_alias=True))  # noqa: UP007
+    whole: Any = Union[models]  # noqa: UP007
+    made = _plain(TypeAdapter(whole).json_schema(by_alias=True) if kind.others else models[0].model_json_schema(by_alias=True))
     return {"$schema": DIALECT, "$id": f"lmeasure/{name}", "title": f"{kind.file}: {kind.text}"} | made
 
 
