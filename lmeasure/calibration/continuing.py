@@ -9,11 +9,13 @@ and y'y + d' C_0^-1 d at the optimum is chi-squared, one degree of freedom for e
 C_0 = F F' the step is in F's coordinates, whose prior is a unit normal.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
 
+from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration.campaign import Campaign
 from lmeasure.calibration.frame import model_of
@@ -24,12 +26,15 @@ from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Parameters
 from lmeasure.estimation.elimination import Eliminated
 from lmeasure.observation.parameters import value_of
-from lmeasure.rig import Rig
+from lmeasure.rig import Cable, Rig
 
 MOVED = 1e-3
 """Probability of chance under which the rig is not that of the record any more."""
 STEPS = 30
 SETTLED = 1e-4  # of a standard uncertainty
+APART = 2.0 * math.log(100.0)
+"""Twice the logarithm of odds of a hundred."""
+AGAIN = "calibrate again"
 
 
 @dataclass(frozen=True)
@@ -92,22 +97,51 @@ def _seen(model: Model, theta: FloatArray, F: FloatArray) -> tuple[Eliminated, F
 
 
 def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: FloatArray, z: FloatArray, probability: float) -> str:
-    """What explains best that run and record contradict each other: one owner of parameters whose values are another's now."""
-    residual = np.r_[y, z]
+    """What explains best that run and record contradict each other: one owner of parameters whose values are another's now, or are so from
+    some sample of the run on, or one channel that reads more from some sample on."""
     base = np.vstack([A, np.eye(len(z))])
     Q, _ = np.linalg.qr(base)
-    free, whitened = residual - Q @ (Q.T @ residual), part.W @ part.A
-    gains = []
-    for owner in dict.fromkeys(model.parameters.owner(i) for i in range(model.own)):
-        own = np.vstack([whitened[:, model.parameters.of(owner)], np.zeros((len(z), len(model.parameters.of(owner))))])
+    residual = np.r_[y, z]
+    free, no_prior = residual - Q @ (Q.T @ residual), np.zeros(len(z))
+    whitened, campaign = part.W @ part.A, model.campaign
+
+    def gain(columns: FloatArray) -> float:
+        """Of chi-squared, less twice the number of values: columns (f, c) of what no pose makes up for."""
+        own = np.vstack([columns, np.zeros((len(z), columns.shape[1]))])
         own -= Q @ (Q.T @ own)
         U, s, _ = np.linalg.svd(own, full_matrices=False)
         U = U[:, s > 1e-6 * max(float(s[0]), 1e-300)]
-        gains.append((float(np.sum((U.T @ free) ** 2)) - 2.0 * U.shape[1], owner))
-    gains.sort(reverse=True)
-    near = [owner for gain, owner in gains if gain > gains[0][0] - 9.2]
-    which = f"{near[0]} has moved, it seems" if len(near) == 1 else f"one of {', '.join(near[:4])} has moved, which cannot be told"
-    return f"the rig has changed since its calibration (p = {probability:.2g} for no change): {which}; calibrate again"
+        return float(np.sum((U.T @ free) ** 2)) - 2.0 * U.shape[1]
+
+    owners = {owner: model.parameters.of(owner) for owner in dict.fromkeys(model.parameters.owner(i) for i in range(model.own))}
+    found = [(gain(whitened[:, own]), f"{owner} has moved", AGAIN) for owner, own in owners.items()]
+    # as many places as there are samples to begin at
+    samples, names = range(2, len(campaign.poses)), campaign.poses.names
+    begins, place = (model.pose_index[:, None] >= samples).astype(np.float64), 2.0 * math.log(max(len(samples), 1))
+    for owner, own in owners.items():
+        steps = [gain(part.W @ (part.A[:, own] * behind[:, None])) - place for behind in begins.T]
+        if steps:
+            found.append((max(steps), f"{owner} has moved during the run, before {names[samples[int(np.argmax(steps))]]}", AGAIN))
+    for j, c in enumerate(campaign.cables):
+        own = np.vstack([part.W @ (begins * (model.cable_index == j)[:, None]), np.tile(no_prior[:, None], len(samples))])
+        own -= Q @ (Q.T @ own)
+        square, along = np.sum(own**2, axis=0), own.T @ free
+        told = square > 1e-6 * square.max(initial=1e-300)
+        gains = np.where(told, along**2 / np.where(told, square, 1.0), 0.0) - 2.0 - place
+        if len(gains):
+            k = int(np.argmax(gains))
+            # modelled less measured
+            size = -float(along[k] / square[k]) / campaign.mm_per_unit[j]
+            by = f"{size:+.3g} mm" if isinstance(c, Cable) else f"{math.degrees(size):+.3g} deg"
+            found.append(
+                (float(gains[k]), f"channel {c.channel} reads {by} more from {names[samples[k]]} on", "counts were lost, or it slipped")
+            )
+    found.sort(key=lambda one: -one[0])
+    near = [one for one in found if one[0] > found[0][0] - APART]
+    if len(near) == 1:
+        return f"the run contradicts the record (p = {probability:.2g} for chance): {near[0][1]}, it seems; {near[0][2]}"
+    listed = "; ".join(said for _, said, _ in near[:4])
+    return f"the run contradicts the record (p = {probability:.2g} for chance): one of these, which cannot be told apart: {listed}"
 
 
 def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArray, test: tuple[float, int, float]) -> CalibrationRecord:
@@ -120,9 +154,15 @@ def _record(old: CalibrationRecord, model: Model, theta: FloatArray, C: FloatArr
     )
     before = float(np.sqrt(np.mean([p.u**2 for p in old.parameters if p.name.endswith("_mm")] or [0.0])))
     after = float(np.sqrt(np.mean([p.u**2 for p in parameters if p.name.endswith("_mm")] or [0.0])))
+    places = model.poses(theta)
+    reach, turn = (
+        float(np.linalg.norm(np.ptp(places[:, :3], axis=0))),
+        float(np.linalg.norm(se3.displacement(places, places[0])[:, :3], axis=1).max()),
+    )
     text = (
         f"goes on from the record of {old.equations} equations by {model.equations} of a run: places were known to {before:.3g} mm in the "
-        f"mean square, now {after:.3g}; chi-squared of both {test[0]:.4g} with {test[1]} degrees of freedom (p = {test[2]:.2g})"
+        f"mean square, now {after:.3g}; chi-squared of both {test[0]:.4g} with {test[1]} degrees of freedom (p = {test[2]:.2g}); the "
+        f"run reaches over {reach:.0f} mm and {math.degrees(turn):.0f} deg, and lengths are predicted over that"
     )
     return old.model_copy(
         update={

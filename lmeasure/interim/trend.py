@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import scipy.stats
 
 from lmeasure import files
 from lmeasure.arrays import FloatArray
@@ -16,7 +17,8 @@ COLUMNS = ("time", "rig", "kind", "name", "value_mm", "u95_mm", "probability", "
 
 @dataclass(frozen=True)
 class Trend:
-    """Rows of checks, oldest first: time in ISO 8601, UTC; part (r,): value over U95, of the agreement the chi-squared over its limit."""
+    """Rows of checks, oldest first: time in ISO 8601, UTC; part (r,): value over U95. Of the agreement of the channels the value
+    is the root of chi-squared over its freedom, in no unit, and U95 that of its 95 % quantile."""
 
     time: tuple[str, ...]
     kind: tuple[str, ...]
@@ -43,6 +45,11 @@ def appended(path: Path, found: Checked, when: str) -> Trend:
             raise FileFormatError(f"{path}: has checks of rig {other!r}; this is {found.rig!r}: a trend is of one rig")
     verdict = "passed" if found.passed else "calibrate again"
     new = [(c.kind, c.name, c.value_mm, c.u95_mm, c.probability) for c in found.closures]
+    if found.agreement is not None:
+        told = found.agreement
+        limit = scipy.stats.chi2.ppf(0.95, told.freedom)
+        per = max(told.freedom, 1)
+        new.append(("agreement", "channels", float(np.sqrt(told.chi_squared / per)), float(np.sqrt(limit / per)), told.probability))
     for kind, name, *numbers in new:
         row = (when, found.rig, kind, name, *(f"{number:.17g}" for number in numbers), verdict)
         for column, text in zip(COLUMNS, row, strict=True):

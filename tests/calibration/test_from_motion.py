@@ -166,9 +166,24 @@ def test_a_rig_that_has_moved_is_refused_and_what_moved_is_named(tmp_path: Path)
     out = tmp_path / "out"
     result = CliRunner().invoke(app, ["calibrate", str(tmp_path / "run"), "--continue", "--out", str(out)])
     assert result.exit_code == 1
-    assert "has changed since its calibration" in str(result.exception)
+    assert "contradicts the record" in str(result.exception)
     assert not (out / "rig.toml").exists()
     assert rig.name == run.rig.name
+
+
+@pytest.mark.parametrize(("channel", "lost", "said"), [(1, 60.0, "channel ch2 reads"), (8, 40.0, "channel sw3 reads")])
+def test_counts_that_were_lost_are_no_point_that_moved(channel: int, lost: float, said: str) -> None:
+    true, _, record = recorded()
+    run = ordinary(true, 2)
+    counts = run.passes[0]
+    readings, half = counts.recorded.copy(), len(counts.time_s) // 2
+    readings[half:, channel] += lost
+    found = continued(campaign_of(replace(run, passes=(replace(counts, recorded=readings),)), 30), record)
+    assert found.moved is not None
+    assert said in found.moved
+    # to the sample of the thirty before it and behind it
+    behind = float(found.moved.split(" s on")[0].rsplit(" ", 1)[1])
+    assert abs(behind - counts.time_s[half]) < 0.15 * counts.time_s[-1]
 
 
 def test_commands_write_a_new_rig_or_one_line(tmp_path: Path) -> None:
