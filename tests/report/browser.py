@@ -1,12 +1,14 @@
 """A headless Chromium driven over its DevTools protocol: open a page, click as a person would, hear its console."""
 
+import atexit
 import json
-import re
 import shutil
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -134,23 +136,49 @@ class Page:
 
 
 @contextmanager
-def opened(page: Path | str, profile: Path) -> Iterator[Page]:
-    """The page, a file or an address, in a browser of its own, closed afterwards; AssertionError when the machine has no Chromium."""
-    program = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
-    assert program, "the tests of pages need Chromium (Debian: apt-get install chromium)"
-    process = subprocess.Popen(
-        [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    )
+def opened(page: Path | str, profile: Path | None = None) -> Iterator[Page]:
+    """The page, a file or an address: with a profile in a browser of its own, closed afterwards; without, in a window of the one that all
+    tests of this process share. AssertionError when the machine has no Chromium."""
+    if profile is None:
+        with window(_shared(), page) as shown:
+            yield shown
+        return
+    process, address = _started(profile)
     try:
-        assert process.stderr is not None
-        address = next(m.group(1) for line in process.stderr if (m := re.search(r"listening on (ws://\S+)", line)))
         with window(address, page) as shown:
             yield shown
     finally:
         process.kill()
         process.wait()
-        if process.stderr is not None:
-            process.stderr.close()
+
+
+def _started(profile: Path) -> tuple["subprocess.Popen[bytes]", str]:
+    """A browser that runs, and where it is driven."""
+    program = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+    assert program, "the tests of pages need Chromium (Debian: apt-get install chromium)"
+    words = [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    told, end = profile / "DevToolsActivePort", time.monotonic() + 60.0
+    while not told.exists() or len(lines := told.read_text().split()) < 2:
+        assert process.poll() is None, "Chromium ended at once"
+        assert time.monotonic() < end, "Chromium does not begin"
+        time.sleep(0.02)
+    return process, f"ws://127.0.0.1:{lines[0]}{lines[1]}"
+
+
+@cache
+def _shared() -> str:
+    """Where the browser of this process is driven; it ends with it."""
+    profile = Path(tempfile.mkdtemp(prefix="browser-"))
+    process, address = _started(profile)
+
+    def end() -> None:
+        process.kill()
+        process.wait()
+        shutil.rmtree(profile, ignore_errors=True)
+
+    atexit.register(end)
+    return address
 
 
 @contextmanager
@@ -159,14 +187,13 @@ def window(browser: str, page: Path | str) -> Iterator[Page]:
     with connect(
         browser, max_size=None, max_queue=None, ping_interval=None, open_timeout=60
     ) as socket:  # another may be looked at for long
-        context = _bare(socket, "Target.createBrowserContext")["browserContextId"]
+        context = _bare(socket, "Target.createBrowserContext", disposeOnDetach=True)["browserContextId"]
         target = _bare(socket, "Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
         shown = Page(socket, _bare(socket, "Target.attachToTarget", targetId=target, flatten=True)["sessionId"], browser)
         for domain in ("Runtime", "Log", "Page", "Network"):
             shown.call(f"{domain}.enable")
         shown.go(page)
         yield shown
-        _bare(socket, "Target.disposeBrowserContext", browserContextId=context)
 
 
 def _bare(socket: ClientConnection, method: str, **parameters: Any) -> dict[str, Any]:

@@ -145,7 +145,7 @@ def test_hostile_texts_are_printed_as_they_are(english: tuple[Path, dict[str, An
 
 def test_page_opens_without_an_error_and_runs_nobody_elses_script(english: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, content = english
-    with opened(folder / "report.html", tmp_path) as page:
+    with opened(folder / "report.html") as page:
         page.wait("document.querySelector('#space canvas') !== null")
         page.wait("document.querySelectorAll('.js-plotly-plot').length >= 3")
         assert page.evaluate("typeof window.hacked") == "undefined"
@@ -233,7 +233,7 @@ NO_WORDS = {
 def test_russian_has_no_latin_word_but_symbols_and_names(russian: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     """Whatever the program says of its own, wherever the text comes from: paper, page and what its figures draw."""
     folder, content = russian
-    with opened(folder / "report.html", tmp_path) as page:
+    with opened(folder / "report.html") as page:
         page.wait("document.querySelector('#space canvas') !== null")
         shown = page.evaluate(
             "document.body.innerText + ' ' + [...document.querySelectorAll('svg text, [aria-label]')]"
@@ -337,7 +337,7 @@ def test_figures_of_two_poses_are_not_called_a_pose(english: tuple[Path, dict[st
 
 
 def test_each_path_has_a_colour_and_can_be_looked_at_alone(english: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
-    with opened(english[0] / "report.html", tmp_path) as page:
+    with opened(english[0] / "report.html") as page:
         page.wait("document.querySelectorAll('.js-plotly-plot').length >= 3")
         for name in ("drift", "deviation", "speed"):
             labels = page.evaluate(f"document.getElementById('{name}').layout.updatemenus[0].buttons.map(b => b.label)")

@@ -26,7 +26,7 @@ EVERY = [
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     folder = tmp_path_factory.mktemp("profile")
     (folder / "empty.html").write_text("")
-    with opened(folder / "empty.html", folder / "profile") as page:
+    with opened(folder / "empty.html") as page:
         yield page
 
 
@@ -83,7 +83,7 @@ def test_the_check_sees_what_it_is_for(tmp_path: Path) -> None:
     svg = '<svg viewBox="0 0 100 20" width="100"><text x="1" y="10">one</text><text x="6" y="10">two</text>'
     svg += '<text x="90" y="10">beyond</text></svg>'
     page.write_text(f'<p style="width: 3000px">wide</p><figure><div class="drawn">{svg}</div></figure><img src="http://127.0.0.1:9/x.png">')
-    with opened(page, tmp_path / "profile") as shown:
+    with opened(page) as shown:
         shown.resize(1400)
         told = " ".join(shown.evaluate(LOOK))
     assert "the page is 30" in told

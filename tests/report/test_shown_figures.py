@@ -26,7 +26,7 @@ def test_a_cell_draws_it_and_asks_for_nothing(figure: Any, tmp_path: Path) -> No
     assert set(bundle) == {shown_figure.JSON, "text/html"}
     assert len(bundle[shown_figure.JSON]["data"]) == len(figure.data)
     (tmp_path / "cell.html").write_text(f"<!doctype html><meta charset=utf-8><body>{bundle['text/html']}</body>", encoding="utf-8")
-    with opened(tmp_path / "cell.html", tmp_path / "profile") as page:
+    with opened(tmp_path / "cell.html") as page:
         page.wait("Boolean(document.querySelector('.js-plotly-plot')?._fullLayout)")
         assert [url[:80] for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
         assert page.errors == []

@@ -109,7 +109,7 @@ def test_pages_in_a_browser_at_any_width(language: str, tmp_path: Path) -> None:
     made = lost(reconstruct(run), 300, 380, Status.GAP, "channel <b> has no count", "c2")
     page_file = tmp_path / "trajectory.html"
     write_trajectory_page(page_file, "<i>run</i>", along(made), run.rig, inputs=[("pass1.csv", "0" * 64)], language=language)
-    with opened(page_file, tmp_path / "profile") as page:
+    with opened(page_file) as page:
         for width in (390, 1400, 2560):
             page.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
             page.wait("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0 && document.querySelector('canvas') !== null")

@@ -71,7 +71,7 @@ def listening(processes: list[int]) -> list[str]:
 
 def test_a_browser_draws_it_without_an_error_or_a_look_elsewhere(served: tuple[subprocess.Popen[str], str], tmp_path: Path) -> None:
     _, address = served
-    with opened(address, tmp_path) as page:
+    with opened(address) as page:
         page.wait("performance.getEntriesByType('resource').some(e => e.name.endsWith('recording.rrd'))")
         shades: set[tuple[int, ...]] = set()
         for _ in range(60):

@@ -56,7 +56,7 @@ def folder(rig: Rig, zone: xr.Dataset, tmp_path_factory: pytest.TempPathFactory)
 
 def test_page_opens_and_its_slider_in_space_works_without_a_console_error(folder: Path, zone: xr.Dataset, tmp_path: Path) -> None:
     levels = zone.sizes["z"]
-    with opened(folder / "zone.html", tmp_path) as page:
+    with opened(folder / "zone.html") as page:
         page.wait("document.querySelectorAll('.slider-container').length === 1")
         page.wait("document.querySelector('#space canvas') !== null")
         shown = f"document.getElementById('space').data.slice(0, {levels}).map(t => t.visible === true)"
@@ -89,7 +89,7 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
     def move(name: str, value: float) -> str:
         return f"(() => {{ const e = document.getElementById('{name}'); e.value = {value}; e.dispatchEvent(new Event('input')); }})()"
 
-    with opened(folder / "zone.html", tmp_path) as page:
+    with opened(folder / "zone.html") as page:
         page.wait("document.getElementById('left').textContent !== ''")
         assert f"{zone.attrs['nodes_in_zone']} of {zone['in_zone'].size}" in page.evaluate("document.getElementById('left').textContent")
         page.evaluate(move("level", 1))
@@ -159,7 +159,7 @@ def test_pdf_is_whole_and_the_same_each_time(folder: Path, zone: xr.Dataset, rig
 def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:
     empty = scan_zone(rig, None, x=axis(0, 100, 50), y=axis(0, 100, 50), z=axis(0, 100, 50), rotations=tilts(0.3, 3), limit_deg=10.0)
     write_zone_report(tmp_path / "empty", empty, rig)
-    with opened(tmp_path / "empty" / "zone.html", tmp_path / "profile") as page:
+    with opened(tmp_path / "empty" / "zone.html") as page:
         page.wait("document.getElementById('left').textContent.startsWith('Within these limits: 0 of')")
         assert "No place lies in the zone" in page.evaluate("document.body.innerText")
         assert page.errors == []

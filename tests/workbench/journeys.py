@@ -129,7 +129,7 @@ def mechanic(page: Page, told: Told, *, poses: int = 20, exchange: str = "ch2,ch
     fill(page, "#rig-form", **{"observation_point.0.position_mm.2": "2025"})
     again(page)
     page.wait("document.getElementById('observation_point.0.position_mm.2').value === '2025'")
-    page.wait("document.getElementById('scene-zone').textContent.includes('m³')")
+    page.wait("document.getElementById('scene-zone').textContent.includes('m³')", seconds=300.0)  # kernels may have to be compiled
     tap(page, "#rig-form button.go", "location.search.includes('saved')")
     told("its dimensions", page)
     tap(page, "nav.inside a[href='/rig?file=drums.toml']", "location.search === '?file=drums.toml'")

@@ -33,7 +33,7 @@ def begun(page: Page, base: str, path: str, command: str, **values: str) -> str:
 def test_who_speaks_a_capture_and_a_recording_by_clicks(tmp_path: Path) -> None:
     rig = cell_rig(0)
     write_inputs(tmp_path, rig, some_poses(3), u_position_mm=[0.05] * 3, u_rotation_deg=[0.01] * 3)
-    with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
+    with served(tmp_path) as address, opened(address) as page:
         base = address.split("/?")[0]
         begun(page, base, "/check", "play", off_mm="0", off_deg="0")
         page.wait("document.querySelectorAll('#cell-cables button').length === 6")

@@ -69,13 +69,13 @@ def test_every_page_at_every_width(language: str, tmp_path: Path) -> None:
         "/run/certify",
         "/run/zone",
     )
-    with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
+    with served(tmp_path) as address, opened(address) as page:
         assert looked_at(page, address.split("/?")[0], {language: (390, 1024, 1400, 2560)}, (*PAGES, *more)) == []
 
 
 def test_a_rig_is_begun_changed_and_every_page_stands(tmp_path: Path) -> None:
     """In both languages; nothing is asked of another machine, nothing runs over."""
-    with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
+    with served(tmp_path) as address, opened(address) as page:
         base = address.split("/?")[0]
         page.wait("!!document.querySelector('.way')")
         assert "token" not in page.evaluate("location.href")
@@ -107,7 +107,7 @@ def test_exchanged_cables_are_red_and_one_click_mends_the_rig(tmp_path: Path) ->
     group = a_group()
     person = Bench(two_cables(), {"interface": "udp_multicast", **group}, wiring=[1, 0])
     try:
-        with served(tmp_path) as address, opened(address, tmp_path / ".profile") as page:
+        with served(tmp_path) as address, opened(address) as page:
             base = address.split("/?")[0]
 
             def walk(number: int) -> list[list[str]]:

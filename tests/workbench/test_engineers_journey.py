@@ -51,7 +51,7 @@ def test_an_engineer_from_nothing_to_a_verified_certificate(tmp_path: Path, monk
     """A rig begun, simulated, calibrated and mapped; a robot's run that is brought in, reconstructed and certified."""
     brought, project, hand = tmp_path / "brought", tmp_path / "project", tmp_path / "hand"
     write_campaign(brought)
-    with served(project) as address, opened(address, tmp_path / ".profile") as page:
+    with served(project) as address, opened(address) as page:
         base = address.split("/?")[0]
         press(page, "a.button[href='/rig']", "location.pathname === '/rig'")
         begin(page, "init")
@@ -94,7 +94,7 @@ def test_an_engineer_from_nothing_to_a_verified_certificate(tmp_path: Path, monk
 @pytest.mark.slow
 def test_an_engineer_with_a_simulated_robot(tmp_path: Path) -> None:
     """The long form: the cell, its robot and its test cube are the button of an empty project."""
-    with served(tmp_path / "project") as address, opened(address, tmp_path / ".profile") as page:
+    with served(tmp_path / "project") as address, opened(address) as page:
         base = address.split("/?")[0]
         press(page, ".tour button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
         ended(page)

@@ -18,7 +18,7 @@ from test_engineers_journey import by_hand
 def test_a_mechanic_from_nothing_to_a_calibrated_rig_with_its_points_placed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every page loaded anew in the middle. What a person or a bus has said is taken over by hand, all else is made again."""
     project, hand = tmp_path / "project", tmp_path / "hand"
-    with served(project) as address, opened(address, tmp_path / ".profile") as page:
+    with served(project) as address, opened(address) as page:
         wrong: list[str] = []
         mechanic(page, lambda what, shown: wrong.extend(f"{what}: {text}" for text in looked(shown)), poses=12)
         assert wrong == []

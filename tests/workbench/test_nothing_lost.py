@@ -15,7 +15,7 @@ from clicks import ended, fill, press, visit
 
 
 def test_what_was_typed_outlives_a_reload_and_the_button_back(tmp_path: Path) -> None:
-    with served(tmp_path / "project") as address, opened(address, tmp_path / ".profile") as page:
+    with served(tmp_path / "project") as address, opened(address) as page:
         base = address.split("/?")[0]
         visit(page, base, "/run/init")
         fill(page, "form[data-command=init]", out="mine")

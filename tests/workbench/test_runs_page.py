@@ -110,7 +110,7 @@ def test_the_viewer_alone_may_run_its_machine_code_and_reads_the_project_alone(p
 def test_the_slider_moves_all_figures_and_a_gap_is_jumped_to(project: Path, tmp_path: Path) -> None:
     found = along(read_trajectory(project / "trajectory.parquet"))
     gap = next(s for s in found.stretches if not s.ok)
-    with served(project) as address, opened(address, tmp_path / ".profile") as page:
+    with served(project) as address, opened(address) as page:
         base = address.split("/?")[0]
         visit(page, base, "/trajectory/trajectory.parquet")
         page.wait("!!document.getElementById('along').dataset.at")

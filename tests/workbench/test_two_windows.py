@@ -33,7 +33,7 @@ def test_one_window_records_and_another_works_in_the_same_project(tmp_path: Path
     with (
         on_bus(rig, counts, bus),
         served(tmp_path) as address,
-        opened(address, tmp_path / ".profile") as one,
+        opened(address) as one,
         window(one.browser, address) as other,
     ):
         base = address.split("/?")[0]
@@ -78,7 +78,7 @@ def listed(page: Page) -> list[str]:
 def test_projects_are_begun_opened_and_switched_by_clicks(tmp_path: Path) -> None:
     """Each has its own address; what is begun in one is not in another."""
     root = tmp_path / "root"
-    with served(root / "first", root) as address, opened(address, tmp_path / ".profile") as page:
+    with served(root / "first", root) as address, opened(address) as page:
         assert listed(page) == ["first this one"]
         fill(page, "#projects form", name="../second")
         press(page, "#projects form button", "!!document.querySelector('#projects .error')")

@@ -38,7 +38,7 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
         assert "/run/program?zone=zones/zone.nc" in page
         shown = asked.get("/raw/zones/page/zone.html")
     assert "sandbox" in shown.headers["content-security-policy"]
-    with opened(tmp_path / "zones" / "page" / "zone.html", tmp_path / ".profile") as browser:
+    with opened(tmp_path / "zones" / "page" / "zone.html") as browser:
         browser.wait("document.getElementById('left').textContent !== ''")
         for place in (350, 700):
             browser.evaluate(
