@@ -15,7 +15,7 @@ a fault is judged over its run.
 
 import csv
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from lmeasure.trajectory import Trajectory, reconstruct
 from lmeasure.trajectory.budget import RESTORED_ORIGIN
 from lmeasure.trajectory.consistency import JUDGED, SIGNIFICANCE
 from lmeasure.trajectory.redundancy import Redundancy
-from lmeasure.trajectory.reliability import reliability
+from lmeasure.trajectory.reliability import Reliability, reliability
 from lmeasure.trajectory.screw_method import Reconstruction
 
 FloatArray = NDArray[np.float64]
@@ -107,18 +107,39 @@ class Cell:
         swing = np.sin(way[0] * TIME_S[:, None]) + 0.4 * np.sin(3.0 * way[1] * TIME_S[:, None])
         self.poses = se3.displaced(HOME, size * swing * rng.choice([-1.0, 1.0], 6))
         self.run = simulate_run(rig, TIME_S, self.poses, noise_mm=0.0, rng=rng).run
-        reconstruction = Reconstruction(rig, self.poses[0])
-        self.redundancy = Redundancy(reconstruction.budget)
+        self._reconstruction = Reconstruction(rig, self.poses[0])
+        self.redundancy = Redundancy(self._reconstruction.budget)
         self.epochs = self.redundancy.epochs(lengths_from_counts(self.run), None)
-        self.reliability = reliability(reconstruction, self.epochs, self.poses)
-        counts, m = self.epochs.counts, len(rig.observed)
-        errors = reconstruction.budget.of(TIME_S, self.poses, counts=counts, speed_mm_s=np.zeros_like(counts))
-        self.covariance = (errors.random + errors.systematic)[:, 3:, 3:]
-        self.twists = reconstruction.budget.twists(self.poses, counts, np.zeros(counts.shape, np.bool_), compiled=True)[:, 3:]
-        every = np.ones(m, np.bool_)
-        self.alarm = self._limit(every, SIGNIFICANCE / len(TIME_S))
-        self.without = [self._limit(np.arange(m) != k, SIGNIFICANCE / 2.0 / JUDGED) for k in range(m)]
         self.per_count = np.array([rig.counter(o).per_count for o in rig.observed])
+
+    @cached_property
+    def reliability(self) -> Reliability:
+        """Of all samples."""
+        return reliability(self._reconstruction, self.epochs, self.poses)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(n, 3, 3) of the places."""
+        counts = self.epochs.counts
+        errors = self._reconstruction.budget.of(TIME_S, self.poses, counts=counts, speed_mm_s=np.zeros_like(counts))
+        return np.asarray((errors.random + errors.systematic)[:, 3:, 3:])
+
+    @cached_property
+    def ways(self) -> FloatArray:
+        """(n, 3, m) of the place, by errors of the readings."""
+        counts = self.epochs.counts
+        return self._reconstruction.budget.twists(self.poses, counts, np.zeros(counts.shape, np.bool_), compiled=True)[:, 3:]
+
+    @cached_property
+    def alarm(self) -> float:
+        """Chi-squared of a sample from which a run has an alarm."""
+        return self._limit(np.ones(len(self.per_count), np.bool_), SIGNIFICANCE / len(TIME_S))
+
+    @cached_property
+    def without(self) -> list[float]:
+        """Chi-squared of a sample from which what is left without each channel is none of chance."""
+        m = len(self.per_count)
+        return [self._limit(np.arange(m) != k, SIGNIFICANCE / 2.0 / JUDGED) for k in range(m)]
 
     def _limit(self, used: NDArray[np.bool_], chance: float) -> float:
         """Of chi-squared of some channels, that a sound sample exceeds with this chance."""
@@ -161,7 +182,7 @@ def judged(at: Cell, j: int, error: FloatArray) -> tuple[bool, bool, float]:
         return np.asarray(e**2 * at.redundancy.parities(epochs, at.poses[some], used).weight[:, j, j])
 
     every = np.ones((len(some), m), np.bool_)
-    of_all, off = shown(every), at.twists[some, :, j] * e[:, None]
+    of_all, off = shown(every), at.ways[some, :, j] * e[:, None]
     beyond = np.einsum("ni,ni->n", off, np.linalg.solve(at.covariance[some], off[:, :, None])[:, :, 0])
     chance = ncx2.cdf(at.alarm, m - 6, of_all) * ncx2.sf(chi2.isf(1.0 - REGION, 3), 3, beyond)
     missed = float(chance.mean() * np.count_nonzero(error))
