@@ -200,8 +200,9 @@ class LivePose:
 
 
 def enough_absolute(rig: Rig) -> bool:
-    """Whether a rig's absolute channels are as many as tell a start."""
-    return int(np.isfinite(absolute_channels(rig)).sum()) >= len(FREEDOMS)
+    """Whether a rig's absolute channels are as many as tell a start, at once or, where some channel is to spare, over a motion."""
+    absolute = int(np.isfinite(absolute_channels(rig)).sum())
+    return absolute >= len(FREEDOMS) or (absolute > 0 and len(rig.observed) > len(FREEDOMS))
 
 
 class PoseWatch:

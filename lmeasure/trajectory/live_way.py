@@ -13,6 +13,7 @@ from lmeasure.rig import Rig
 from lmeasure.status import Status
 from lmeasure.trajectory.consistency import SIGNIFICANCE
 from lmeasure.trajectory.doubts import EVERY, Doubts
+from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.screw_method import Reconstruction
 
 SAMPLES = 10**6
@@ -73,6 +74,11 @@ class AnyChannels:
         freedom = np.maximum(np.arange(m + 1) - len(self._free), 1)
         self._limit = chi2.isf(SIGNIFICANCE / SAMPLES, freedom)
         self._limit[: len(self._free) + 1] = np.inf
+        if reconstruction.redundancy is not None:
+            # of all channels by the law of their rounding, of fewer by the normal one, which is never below it
+            begun = self._state[layout.CHANGES : layout.CHANGES + m]
+            chance = reconstruction.redundancy.chance(self._epochs(0.0, begun), self._start[None], np.ones(m, np.bool_))
+            self._limit[m] = chance.limit(SIGNIFICANCE / SAMPLES)
         now = 0.0 if time_s is None else float(time_s[-1])
         open_ = [d for d in doubts.every if np.isinf(d.until_s)]
         self._doubt = next((d.status for d in open_ if d.cable == EVERY), None)
@@ -128,9 +134,15 @@ class AnyChannels:
         """Whether a sample does so with everything that its readings share in their covariance."""
         redundancy = self.reconstruction.redundancy
         assert redundancy is not None
+        parities = redundancy.parities(self._epochs(time_s, change), pose[None])
+        return bool(parities.chi_squared[0] > self._limit[int(np.isfinite(change).sum())])
+
+    def _epochs(self, time_s: float, change: FloatArray) -> Epochs:
+        """A sample, its changes (m,), as the reconstruction's redundancy takes it."""
+        redundancy = self.reconstruction.redundancy
+        assert redundancy is not None
         rig, nothing = self.reconstruction.rig, np.full(1, "", dtype=np.object_)
         counts = np.asarray(counts_from_changes(self._rows, np.where(np.isfinite(change), change, 0.0)[None]))
         names, changes = tuple(o.name for o in rig.observed), change[None]
         lengths = Lengths(np.full(1, time_s), names, changes, counts, np.zeros(1, np.int64), nothing, nothing, gone_on=counts)
-        parities = redundancy.parities(redundancy.epochs(lengths, None), pose[None])
-        return bool(parities.chi_squared[0] > self._limit[int(np.isfinite(change).sum())])
+        return redundancy.epochs(lengths, None)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import START, cell, motion, record
-from test_truth import AUTHORITY
+from test_truth import AUTHORITY, truth_of
 
 from lmeasure.errors import TrajectoryError
+from lmeasure.rig import rig_from_dict
 from lmeasure.run import Run, read_run
 from lmeasure.status import WORDS
 from lmeasure.trajectory import reconstruct
@@ -102,3 +103,18 @@ def test_what_live_does_not_do_is_said() -> None:
         LivePose(run.rig, None)
     with pytest.raises(TrajectoryError, match="leaves out the play of swivels"):
         LivePose(cell(swivel=[swivels[0] | {"point": "B1", "backlash_deg": 0.1}]), START)
+
+
+@pytest.mark.slow
+def test_two_absolute_angles_tell_a_live_start_once_the_tool_has_moved() -> None:
+    whole = read_run(AUTHORITY / "swivel-run")
+    data, counts = whole.rig.to_dict(), whole.passes[0]
+    data["swivel"] = [data["swivel"][i] for i in (1, 3)]
+    live = LivePose(rig_from_dict(data), None)
+    columns = [counts.channels.index(name) for name in live.channels]
+    fewer = replace(counts, time_s=counts.time_s[::16], channels=live.channels, recorded=counts.recorded[::16, columns].copy(order="C"))
+    run = replace(whole, rig=rig_from_dict(data), passes=(fewer,))
+    found = followed(live, run)
+    assert found[0].status == START_UNKNOWN
+    assert [sample.status for sample in found[100:]] == ["ok"] * 25
+    assert np.linalg.norm(found[-1].pose[:3] - truth_of("swivel-run")[::16][-1, 1:4]) < 0.1
