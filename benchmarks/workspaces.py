@@ -191,6 +191,11 @@ FEET = {"carriage": carriage, "radial": radial, "radial-arm": radial, "strut": s
 YAWS = 72
 
 
+def read(robot: str) -> dict[str, Any]:
+    """robot.toml as it comes along."""
+    return tomllib.loads(files("lmeasure.robots").joinpath(f"shipped/{robot}.toml").read_text(encoding="utf-8"))
+
+
 def judged(data: dict[str, Any], places: FloatArray, yaw: float | None) -> BoolArray:
     """(N,) at a turn [deg], or at any of `YAWS` round the vertical."""
     yaws = 2.0 * np.pi / YAWS * np.arange(YAWS) if yaw is None else np.array([math.radians(yaw)])
@@ -199,7 +204,7 @@ def judged(data: dict[str, Any], places: FloatArray, yaw: float | None) -> BoolA
 
 def beside(case: Case, poses: int) -> tuple[int, int, float, float, float, float]:
     """Nodes, of which judged otherwise, volume of the grid and its error, volume of random places and its standard uncertainty [mm^3]."""
-    data = tomllib.loads(files("lmeasure.robots").joinpath(f"shipped/{case.robot}.toml").read_text(encoding="utf-8"))
+    data = read(case.robot)
     axes = tuple(np.arange(a, b + 0.5 * step, step) for a, b, step in case[1:4])
     half = math.radians(case.yaw or 0.0) / 2.0
     file = any_shipped(case.robot)
