@@ -10,7 +10,7 @@ import numpy as np
 from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-from lmeasure.robots.correction import Correction, Limits, correct, fits, in_keep_out, ways, whole_turns
+from lmeasure.robots.correction import NO_POSE, Correction, Limits, correct, fits, in_keep_out, ways, whole_turns
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewritten
 from lmeasure.robots.identified_robot import IdentifiedRobot
 from lmeasure.shown import DataFrame, Shown, framed
@@ -86,6 +86,8 @@ def corrected_program(
         target = listing.targets[i]
         file = listing.sources[target.source].name
         joints, why = _joints(target, listing, dialect, robot, last)
+        if joints is not None and not np.isfinite([m.forward(joints[None])[0] for m in (robot.nominal, robot.seen)]).all():
+            joints, why = None, NO_POSE
         if joints is None:
             outcomes[i] = Outcome(target, file, None, target.values, why, float("nan"), float("nan"))
             continue

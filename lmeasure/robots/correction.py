@@ -14,6 +14,7 @@ import numpy as np
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
+from lmeasure.errors import RobotError
 from lmeasure.robots.model import RobotModel
 from lmeasure.robots.serial_robot import SerialRobot
 
@@ -23,6 +24,10 @@ SETTLED = 1e-10
 MOST_JOINT_RAD = np.radians(5.0)
 MOST_JOINT_MM = 50.0
 """A joint that a correction moves farther leaves its branch or is near a singular pose, where errors of the robot are no small changes."""
+
+NO_POSE = "no pose of the nominal or the identified robot has these joint values"
+BETWEEN = 9
+"""Joint values between nominal and corrected ones at which the branch is looked at."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +61,25 @@ class Correction:
 
 
 def correct(nominal: RobotModel, found: RobotModel, joints: FloatArray, limits: Limits) -> Correction:
-    """The correction of the target that the nominal robot reaches at joint values (n,)."""
+    """The correction of the target that the nominal robot reaches at joint values (n,); RobotError where the nominal or the identified robot
+    has no pose there, as a platform at lengths that do not close."""
     wanted = nominal.forward(joints[None])[0]
+    if not np.isfinite([wanted, found.forward(joints[None])[0]]).all():
+        raise RobotError(NO_POSE)
     solved, off = _solved(found, joints, wanted)
     told = nominal.forward(solved[None])[0]
     change = se3.displacement(told, wanted)
     size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
-    refused, clipped = _refused(nominal, joints, solved, off, limits), False
+    refused, clipped = _refused(nominal, found, joints, solved, off=off), False
     if not refused and (size_mm > limits.most_mm or size_rad > limits.most_rad):
-        if limits.clip:
-            part = min(limits.most_mm / max(size_mm, 1e-300), limits.most_rad / max(size_rad, 1e-300))
-            solved, clipped = joints + part * (solved - joints), True
-            told = nominal.forward(solved[None])[0]
-            change = se3.displacement(told, wanted)
-            size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
-        else:
-            refused = too_large(change, limits)
+        refused, clipped = ("", True) if limits.clip else (too_large(change, limits), False)
+    while clipped and (size_mm > limits.most_mm or size_rad > limits.most_rad):
+        # joints do not shorten quite as places do: once more where a little is left
+        part = min(limits.most_mm / max(size_mm, 1e-300), limits.most_rad / max(size_rad, 1e-300))
+        solved = joints + 0.999999 * part * (solved - joints)
+        told = nominal.forward(solved[None])[0]
+        change = se3.displacement(told, wanted)
+        size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
     if refused:
         solved, told = joints, wanted
         size_mm = size_rad = 0.0
@@ -171,30 +179,49 @@ def _at_quarter(degrees: float) -> bool:
 
 
 def _solved(found: RobotModel, joints: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Joint values (n,) at which the robot is where it is wanted, and what is left (6,)."""
+    """Joint values (n,) at which the robot is where it is wanted, and what is left (6,); NaN where steps led to values that no pose has."""
     solved = joints.copy()
     for _ in range(STEPS):
-        pose, twists, _ = found.derivatives(solved[None], of=np.empty(0, dtype=np.int64))
+        pose, rows = _rows(found, solved[None])
+        if not (np.isfinite(pose).all() and np.isfinite(rows).all()):
+            break
         off = se3.displacement(wanted, pose[0])
-        rows = np.concatenate([twists[0, :, :3], (twists[0, :, 3:] + np.cross(twists[0, :, :3], pose[0, :3])) / 1e3], axis=1).T
-        step = np.linalg.lstsq(rows, off / ([1.0] * 3 + [1e3] * 3), rcond=1e-9)[0]
+        step = np.linalg.lstsq(rows[0].T, off / ([1.0] * 3 + [1e3] * 3), rcond=1e-9)[0]
         step = step / max(1.0, float(np.abs(step).max()) / 0.1) if not found.sliding.any() else step
         solved = solved + step
         if np.abs(step).max() < SETTLED:
             break
-    return solved, se3.displacement(wanted, found.forward(solved[None])[0])
+    pose = found.forward(solved[None])[0]
+    return solved, se3.displacement(wanted, pose) if np.isfinite(pose).all() else np.full(6, np.nan)
 
 
-def _refused(nominal: RobotModel, joints: FloatArray, solved: FloatArray, off: FloatArray, limits: Limits) -> str:
+def _rows(robot: RobotModel, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Flange poses (N, 7), and derivatives (N, n, 6) by the joints: turns, and the flange's shifts in metres."""
+    poses, twists, _ = robot.derivatives(joints, of=np.empty(0, dtype=np.int64))
+    shifts = (twists[:, :, 3:] + np.cross(twists[:, :, :3], poses[:, None, :3])) / 1e3
+    return poses, np.concatenate([twists[:, :, :3], shifts], axis=2)
+
+
+def _one_branch(robot: RobotModel, joints: FloatArray, solved: FloatArray) -> bool:
+    """Whether no singular pose of a robot of six joints lies between: near one, another branch is as near as the right one."""
+    if len(joints) != 6:
+        return True
+    signs = np.sign(np.linalg.det(_rows(robot, joints + np.linspace(0.0, 1.0, BETWEEN)[:, None] * (solved - joints))[1]))
+    return bool(np.all(signs == signs[0]) and signs[0] != 0.0)
+
+
+def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved: FloatArray, *, off: FloatArray) -> str:
     low, high = nominal.limits
     moved = np.abs(solved - joints)
-    if not np.isfinite(solved).all() or (len(joints) >= 6 and np.abs(off / ([1.0] * 3 + [1e3] * 3)).max() > 1e-6):
+    if not np.isfinite([*solved, *off]).all() or (len(joints) >= 6 and np.abs(off / ([1.0] * 3 + [1e3] * 3)).max() > 1e-6):
         return "the identified robot does not reach it"
     far = moved / np.where(nominal.sliding, MOST_JOINT_MM, MOST_JOINT_RAD)
     if far.max() > 1.0:
         j = int(np.argmax(far))
         by, unit = (moved[j], "mm") if nominal.sliding[j] else (np.degrees(moved[j]), "deg")
         return f"{nominal.joint_names[j]} would move by {by:.1f} {unit}: near a singular pose, or another branch"
+    if not all(_one_branch(robot, joints, solved) for robot in (nominal, found)):
+        return "a singular pose lies between the nominal and the corrected joint values: another branch"
     beyond = np.flatnonzero((solved < low) | (solved > high))
     if len(beyond):
         j = int(beyond[0])
