@@ -61,8 +61,10 @@ class Correction:
 
 
 def correct(nominal: RobotModel, found: RobotModel, joints: FloatArray, limits: Limits) -> Correction:
-    """The correction of the target that the nominal robot reaches at joint values (n,); RobotError where the nominal or the identified robot
-    has no pose there, as a platform at lengths that do not close."""
+    """The correction of the target that the nominal robot reaches at joint values (n,).
+
+    RobotError where the nominal or the identified robot has no pose there, as a platform at lengths that do not close.
+    """
     wanted = nominal.forward(joints[None])[0]
     if not np.isfinite([wanted, found.forward(joints[None])[0]]).all():
         raise RobotError(NO_POSE)
