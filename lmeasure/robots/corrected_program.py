@@ -15,6 +15,9 @@ from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewr
 from lmeasure.robots.identified_robot import IdentifiedRobot
 from lmeasure.shown import DataFrame, Shown, framed
 
+AS_WRITTEN_DEG = 0.02
+"""By which a joint at 0 or at a quarter may seem to be beyond it, because places and angles were written with few decimals."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -143,7 +146,7 @@ def _joints(
         # a configuration may tell whole turns: those nearest to the target before are not always meant
         every = [q for way in found for q in whole_turns(robot.nominal, way)]
         found = np.array(sorted(every, key=lambda q: 0.0 if last is None else float(np.abs(q - last).max())))
-    fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q)]
+    fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q, AS_WRITTEN_DEG)]
     if not fitting:
         return None, f"none of its {len(found)} ways has the configuration that it states"
     if last is None and len(fitting) > 1:
@@ -152,8 +155,7 @@ def _joints(
 
 
 def _other_flags(target: Target, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> str:
-    before, after = (fits(dialect.name, target.flags, robot.nominal, q) for q in (found.before, found.joints))
-    if target.joints or not before or after:
+    if target.joints or fits(dialect.name, target.flags, robot.nominal, found.joints):
         return ""
     return "corrected it would have another configuration than the program states"
 

@@ -134,8 +134,9 @@ def whole_turns(nominal: RobotModel, joints: FloatArray) -> FloatArray:
     return np.array(list(itertools.product(*every))).reshape(-1, len(joints))
 
 
-def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray) -> bool:
-    """Whether joint values (n,) are those that a target's configuration says, as far as it can be told of this robot.
+def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray, slack_deg: float = 1e-6) -> bool:
+    """Whether joint values (n,) are those that a target's configuration says, as far as it can be told of this robot; signs and quarters
+    that change within slack_deg of a joint are not held against them.
 
     krl: bit i of T is set where axis i + 1 is negative; bit 0 of S behind the first axis, bit 1 with the elbow up. rapid: cf1, cf4, cf6
     are the quarters of axes 1, 4, 6, floor(q / 90 degrees); cfx 4 and more behind the first axis, odd where axis 5 is negative. fanuc:
@@ -147,11 +148,13 @@ def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: Floa
     q = np.degrees(joints)
     arm = _arm(robot, joints) if robot.arm.is_elbow else None
     if dialect == "krl" and {"S", "T"} <= set(flags):
-        turned = all(bool(flags["T"] >> i & 1) == bool(q[i] < 0.0) or abs(q[i]) < 1e-6 for i in range(6))
+        turned = all(bool(flags["T"] >> i & 1) == bool(q[i] < 0.0) or abs(q[i]) < slack_deg for i in range(6))
         return turned and (arm is None or (bool(flags["S"] & 1), bool(flags["S"] & 2)) == arm)
     if dialect == "rapid" and "cf1" in flags:
-        quarters = all(int(np.floor(q[i] / 90.0)) == flags[key] or _at_quarter(q[i]) for key, i in (("cf1", 0), ("cf4", 3), ("cf6", 5)))
-        wrist = bool(flags["cfx"] & 1) == bool(q[4] < 0.0) or abs(q[4]) < 1e-6
+        quarters = all(
+            int(np.floor(q[i] / 90.0)) == flags[key] or _at_quarter(q[i], slack_deg) for key, i in (("cf1", 0), ("cf4", 3), ("cf6", 5))
+        )
+        wrist = bool(flags["cfx"] & 1) == bool(q[4] < 0.0) or abs(q[4]) < slack_deg
         return quarters and (arm is None or ((flags["cfx"] >= 4) == arm[0] and wrist))
     if dialect == "fanuc" and "turn1" in flags:
         whole = np.sign(q) * ((np.abs(q) + 180.0) // 360.0)
@@ -176,8 +179,8 @@ def _arm(robot: SerialRobot, joints: FloatArray) -> tuple[bool, bool]:
     return bool(way @ forward < 0.0), bool(bent < 0.0)
 
 
-def _at_quarter(degrees: float) -> bool:
-    return abs(degrees / 90.0 - round(degrees / 90.0)) < 1e-8
+def _at_quarter(degrees: float, slack_deg: float) -> bool:
+    return abs(degrees - 90.0 * round(degrees / 90.0)) < slack_deg
 
 
 def _solved(found: RobotModel, joints: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:

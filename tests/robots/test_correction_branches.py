@@ -11,10 +11,11 @@ from lmeasure.arrays import FloatArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.corrected_program import Corrected, corrected_program
 from lmeasure.robots.correction import MOST_JOINT_RAD, Limits, correct, fits, whole_turns
-from lmeasure.robots.dialects import fanuc, rapid, tables
+from lmeasure.robots.dialects import fanuc, krl, rapid, tables
 from lmeasure.robots.dialects.program_text import Dialect, Source
 from lmeasure.robots.identified_robot import IdentifiedRobot
 from lmeasure.robots.model import RobotModel
+from lmeasure.robots.platform import Platform
 from lmeasure.robots.robot import any_shipped, shipped
 
 SIZES = {"theta_deg": 5e-4, "alpha_deg": 5e-4, "beta_deg": 5e-4, "d_mm": 0.3, "a_mm": 0.3}
@@ -117,6 +118,25 @@ def test_quarters_and_half_turns_do_not_change_unseen(axis: int) -> None:
     assert 0 < sum(left) < len(left)
 
 
+def test_a_joint_at_nothing_is_found_and_its_sign_is_not_lost() -> None:
+    """Axis 4 at 0, written with three decimals, so that it seems to be on either side: T says which, and what would change it is left."""
+    q = np.radians([40.0, -5.0, 35.0, 0.0, 60.0, 30.0])
+    pose = ARM.forward(q[None])[0]
+    a, b, c = se3.rotation(pose).as_euler("ZYX", degrees=True)
+    place = ",".join(f"{k} {v:.3f}" for k, v in zip("XYZABC", (*pose[:3], a, b, c), strict=True))
+    left = 0
+    for seed in range(4):
+        for turn in (2, 10):
+            text = f"$BASE=$NULLFRAME\n$TOOL=$NULLFRAME\nPTP {{{place},S 2,T {turn}}}\n"
+            outcome = done_with(text, krl.DIALECT, built(ARM, seed), Limits(), name="a.src", near=q).outcomes[0]
+            assert outcome.correction is not None, outcome.left
+            assert abs(outcome.correction.before[3]) < 1e-4
+            other = (outcome.correction.joints[3] < 0.0) != (turn == 10)
+            assert bool(outcome.left) == other
+            left += other
+    assert left == 4
+
+
 def test_whole_turns_are_those_that_a_configuration_tells() -> None:
     """Axis 6 at 185 degrees, which is -175 too: the stated turn tells, not what is nearer to the target before."""
     q = np.radians([10.0, 5.0, 20.0, 15.0, 60.0, 185.0])
@@ -204,6 +224,7 @@ def test_parallel_robots_are_corrected_on_their_assembly(name: str) -> None:
 
 def test_lengths_that_no_pose_has_are_refused_in_words() -> None:
     nominal = any_shipped("gough").model
+    assert isinstance(nominal, Platform)
     low, high = nominal.limits
     far = np.where(np.arange(6) % 2, low - 200.0, high + 200.0)
     with pytest.raises(RobotError, match="no pose of the nominal or the identified robot"):
@@ -211,7 +232,7 @@ def test_lengths_that_no_pose_has_are_refused_in_words() -> None:
     near = nominal.inverse(nominal.home)[0]
     rows = [",".join([n, *(f"{v:.6f}" for v in values)]) for n, values in (("far", far), ("home", near))]
     text = "\n".join(["Name,J1,J2,J3,J4,J5,J6", *rows])
-    wide = replace(nominal, low=low - 300.0, high=high + 300.0)  # type: ignore[type-var]
+    wide = replace(nominal, low=low - 300.0, high=high + 300.0)
     listing = tables.ROBODK.read([Source("a.csv", text)]).stated({})
     outcomes = corrected_program(listing, tables.ROBODK, identified(wide, built(wide, 1)), limits=Limits()).outcomes
     assert outcomes[0].left.startswith("no pose")
