@@ -83,7 +83,7 @@ def identified(nominal: RobotModel, found: RobotModel) -> IdentifiedRobot:
     return IdentifiedRobot(nominal, found, HERE, HERE, ("base.x_mm",), one, 0.02, 50.0, 1.0, False, found)
 
 
-def program(targets: list[tuple[FloatArray, tuple[int, int, int, int]]]) -> str:
+def program(targets: list[tuple[FloatArray, tuple[int, ...]]]) -> str:
     lines = []
     for q, conf in targets:
         x, y, z, *turn = ARM.forward(q[None])[0]
