@@ -45,7 +45,9 @@ async def moved(request: Request) -> Response:
         old, new = records[-2:]
     values: dict[str, Any] = {"records": records, "old": old, "new": new, "found": None, "error": "", "line": ""}
     if old and new:
-        values["line"] = shlex.join(["lmeasure", "compare", old, new])
+        from lmeasure.calibration.compare import chance
+
+        values |= {"line": shlex.join(["lmeasure", "compare", old, new]), "chance": chance}
         try:
             found = await run_in_threadpool(_compared, bench, old, new)
             values |= {"found": found, "values": shifts(found)}

@@ -49,7 +49,7 @@ def begun(page: Page, command: str, **values: str) -> None:
 def done(page: Page) -> None:
     """Load the page of a job anew while it works, and wait until it has ended well."""
     again(page)
-    page.wait(f"{ENDED} && {READY}", seconds=550.0)
+    page.wait(f"{ENDED} && {READY}", seconds=1200.0)  # kernels may have to be compiled
     state, told = page.evaluate("[document.getElementById('job').dataset.state, document.querySelector('main').innerText]")
     assert state == "done", told
 

@@ -33,6 +33,7 @@ PAGES = (
     "/run/structure",
     "/details",
     "/trend",
+    "/calibrations",
     "/?tour=1",
     "/nowhere",
 )
