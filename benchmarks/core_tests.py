@@ -20,6 +20,7 @@ _CHANNELS = [
     "tests/observation/test_kinds.py",
     "tests/observation/test_parameters.py",
     "tests/observation/test_solver.py",
+    "tests/observation/test_encoders.py",
     "tests/observation/test_runs_of_sensors.py",
 ]
 _ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging")]
@@ -92,7 +93,7 @@ CORE = {
     "certification/iso9283_pose.py": ["tests/certification/test_iso9283.py"],
     "certification/iso9283_path.py": ["tests/certification/test_iso9283.py"],
     "certification/iso9283_time.py": ["tests/certification/test_iso9283.py"],
-    "certification/uncertainty.py": ["tests/certification/test_u95.py"],
+    "certification/uncertainty.py": ["tests/certification/test_u95.py", "tests/certification/test_instants.py"],
     "certification/verify.py": ["tests/certification/test_verify.py"],
     "certification/again.py": ["tests/certification/test_verify.py"],
     **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},

@@ -108,7 +108,9 @@ def test_the_truth_of_the_independent_simulator_is_told_as_well_as_stated(tmp_pa
 @given(seed=st.integers(0, 1000), leaning=st.booleans(), absolute=st.booleans(), free=st.booleans())
 def test_derivatives_are_those_of_finite_differences(seed: int, leaning: bool, absolute: bool, free: bool) -> None:
     campaign, _ = campaign_of(swivelled(seed % 5 + 1, leaning=leaning, absolute=absolute), 5, seed)
-    model = model_of(campaign, unknowns_of(campaign, ("position", "guide", "radius", "attachment")), tuple(range(6)) if free else ())
+    model = model_of(
+        campaign, unknowns_of(campaign, ("position", "guide", "tilt", "radius", "attachment")), tuple(range(6)) if free else ()
+    )
     theta, J = model.start, model.jacobian(model.start)
     for i in range(len(theta)):
         step = np.zeros(len(theta))
