@@ -14,46 +14,26 @@ from pathlib import Path
 
 import numpy as np
 import scipy.stats
+from encoder_calibration_coverage import HOME, drawn_campaign, true_rig
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
-from lmeasure.calibration import Campaign, calibrate
+from lmeasure.calibration import calibrate
 from lmeasure.interim import Checked, Limits, check_instrument
-from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.observation.parameters import value_of, with_values
-from lmeasure.poses import Poses
-from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.simulation import cell_rig
+from lmeasure.rig import Rig
 from lmeasure.simulation.instrument import simulate_run
 from lmeasure.simulation.motion import Leg, smooth_path
-from lmeasure.zeroing import drawn_phases
 
-HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 ALARM = 0.05
 ROBOT_MM = 0.01
 POSES, U_MM = 24, 0.02
 
 
-def true_rig(seed: int) -> Rig:
-    """A cell with an encoder on every pulley."""
-    data = cell_rig(seed % 7 + 1).to_dict()
-    data["swivel"] = [
-        {"point": f"B{i}", "channel": f"sw{i}", "counts_per_revolution": 2**17, "zero_deg": 20.0 * i, "u_zero_deg": 1.0}
-        for i in range(1, 7)
-    ]
-    return rig_from_dict(data)
-
-
 def checked(seed: int, change: Callable[[Rig, np.random.Generator], Rig]) -> Checked:
     """One calibration, and one check of the rig as it has changed."""
     rng, true = np.random.default_rng([seed, 1]), true_rig(seed)
-    rows = np.column_stack([rng.uniform(-300, 300, (POSES, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (POSES, 3))).as_quat()])
-    counts = counts_from_poses(true, rows, rows[0], true.observed)
-    counts = recorded_from_counts(true, counts, true.observed, drawn_phases(true, rng, true.observed))
-    stated = rows.copy()
-    stated[:, :3] += rng.normal(0, U_MM, (POSES, 3))
-    poses = Poses(tuple(map(str, range(POSES))), stated, np.full(POSES, U_MM), np.zeros(POSES))
-    found = calibrate(Campaign(true, poses, true.observed, counts, np.zeros(len(true.observed), np.int64)))
+    found = calibrate(drawn_campaign(true, rng, POSES, U_MM)[0])
     places = rng.uniform(-200, 200, (4, 3))
     legs = []
     for place in (*places, np.zeros(3), *places[::-1], np.zeros(3)):

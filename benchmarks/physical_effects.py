@@ -75,6 +75,7 @@ KINDS = {
     "diameter of the cable": Kind(("cable_oversize_mm",), True, "a drum of another diameter", "diameter", 0.05, "mm"),
 }
 ADDED = {"radius": "pulley_radius_mm", "pitch": "groove_pitch_mm"}
+FEW = 100
 SEVERAL = {"two": 2, "three": 3}
 
 
@@ -296,6 +297,11 @@ def table(path: Path) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     lines += list(_solved(every))
+    if min((sum(d.kind == kind for d in every) for kind in KINDS), default=0) < FEW:
+        lines += [
+            "",
+            f"Errors of one campaign go together: ratios of fewer than {FEW} campaigns scatter by some tenths, and decide nothing.",
+        ]
     lines.append("")
     for kind, text in (
         ("none", "campaigns without any in which something is named"),
