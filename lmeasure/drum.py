@@ -232,7 +232,7 @@ def drums_into(content: Mapping[str, Any], measured: tuple[DrumMeasurement, ...]
     known: set[str] = set()
     for m in measured:
         if m.point not in points:
-            raise RigError(f"{source}: has no observation_point {m.point!r}; it has {', '.join(map(str, points))}")
+            raise RigError(f"{source}: has no observation_point {m.point!r}; it has {', '.join(map(str, points)) or 'none'}")
         g, (u_tangent, u_offset) = drum_geometry(m), drum_uncertainty(m)
         values: dict[str, float] = {
             "counts_per_revolution": m.counts_per_revolution,

@@ -26,9 +26,20 @@ def open_regular(path: Path) -> BinaryIO:
     mode = os.fstat(number).st_mode
     if not stat.S_ISREG(mode):
         os.close(number)
-        what = "Is a directory" if stat.S_ISDIR(mode) else "it is no regular file but a pipe or a device; copy it into a file"
+        inside_it = "rig.toml in it, perhaps" if (Path(path) / "rig.toml").is_file() else "a file is wanted"
+        what = f"Is a directory; {inside_it}" if stat.S_ISDIR(mode) else "it is no regular file but a pipe or a device; copy it into a file"
         raise FileFormatError(f"{path}: cannot be read: {what}")
     return os.fdopen(number, "rb")
+
+
+def no_folder(path: Path, holds: str) -> str:
+    """What to say behind that a path is no folder of a kind: it is not there, or a file of one that holds such a file, or something
+    else."""
+    if not path.exists():
+        return ": it is not there"
+    if (path.parent / holds).is_file():
+        return f", but a file in one: give {path.parent}"
+    return f", which holds {holds}"
 
 
 def sha256_of(path: Path) -> str:

@@ -34,7 +34,8 @@ def read_pose_table(path: Path, angles: str, columns: Mapping[str, Column] | Non
     given = ForeignTable(path, columns)
     called = next((name for name in ("pose", "name") if given.find(name)), None)
     if called is None:
-        raise FileFormatError(f"{path}: column 'pose' is missing; it has {given.has}; --columns says which column is which")
+        hint = "" if columns is None else "; --columns says which column is which"
+        raise FileFormatError(f"{path}: column 'pose' is missing; it has {given.has}{hint}")
     out: dict[str, pa.Array] = {"pose": pa.array(given.text(called), pa.string())}
     out |= {f"{axis}_mm": pa.array(given.numbers(axis, "mm")) for axis in PLACES}
     turns = given.orientation(convention(angles))

@@ -13,7 +13,7 @@ from lmeasure.checked import Strict, checked
 from lmeasure.counts import Counts, read_counts, write_counts
 from lmeasure.errors import FileFormatError, TrajectoryError
 from lmeasure.linked import read_linked_rig as read_linked_rig
-from lmeasure.opened import inside
+from lmeasure.opened import inside, no_folder
 from lmeasure.recorded import Recorded, check_digests, recorded_in
 from lmeasure.rig import Rig, write_rig
 from lmeasure.shown import DataFrame, Shown, framed
@@ -140,7 +140,7 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     folder = Path(folder)
     path = folder / "run.toml"
     if not folder.is_dir():
-        raise FileFormatError(f"{folder}: is not a run folder")
+        raise FileFormatError(f"{folder}: is not a run folder{no_folder(folder, path.name)}")
     data = files.read_toml(path)
     if not isinstance(data.get("pass"), list) or not data["pass"]:
         raise FileFormatError(f"{path}: [[pass]] is missing")

@@ -1,6 +1,7 @@
 """The words of a page in its language. English is the source: a text stands in the code where it is said, and is the key of the catalogues
 `locale/*/pages.po`; what a computation has said already, in English, is told again by the templates of `locale/*/told.po`."""
 
+import re
 from typing import Any
 
 from lmeasure.catalogue import Writer, decimal, plain, retold, texts
@@ -9,6 +10,15 @@ from lmeasure.findings import Finding, recognised
 PAGES, TOLD = "pages", "told"
 BETWEEN = "; ", ". ", ", "
 """What stands between parts that were told one by one."""
+
+
+def powers(printed: str) -> str:
+    """Printed numbers with their powers of ten as people write them: 4.3·10⁻¹³ for 4.3e-13."""
+    return _EXPONENT.sub(lambda found: "·10" + (found[1].lstrip("+") + found[2]).translate(_RAISED), printed)
+
+
+_EXPONENT = re.compile(r"(?<=\d)e([+-])0*(\d+)(?![\w.])")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Say:
@@ -22,11 +32,11 @@ class Say:
     def __call__(self, text: str, /, **values: Any) -> str:
         """A text of the code, or a template with its values; numbers with the language's decimal mark."""
         said = self._own.get(text, text)
-        return self._writer.vformat(said, (), values) if values else said
+        return powers(self._writer.vformat(said, (), values)) if values else said
 
     def number(self, value: float, form: str) -> str:
         """A number by itself."""
-        return decimal(self.language, format(value, form))
+        return powers(decimal(self.language, format(value, form)))
 
     def numbers(self, values: Any, form: str) -> str:
         """Numbers in a row, between which the decimal mark does not stand."""
@@ -35,11 +45,11 @@ class Say:
     def told(self, text: str | Finding) -> str:
         """What a computation said; as it is where the language has no words for it."""
         if isinstance(text, Finding):
-            return text.text(self.language)
+            return powers(text.text(self.language))
         text = plain(text)
         if self.language == "en" or not text:
-            return text
-        return self._known(text) or text
+            return powers(text)
+        return powers(self._known(text) or text)
 
     def _known(self, text: str) -> str | None:
         whole = retold(TOLD, self.language, text, self.told)

@@ -137,7 +137,7 @@ def read_zone(path: Path) -> xr.Dataset:
         with xr.open_dataset(path, engine="h5netcdf") as stored:
             data = stored.load()
     except Exception as error:  # HDF5's readers raise whatever a broken file leads them into
-        raise FileFormatError(f"{path}: cannot be read as netCDF: {' '.join(str(error).split())[:200]}") from error
+        raise FileFormatError(f"{path}: is no netCDF file as `lmeasure zone` writes it: {' '.join(str(error).split())[:200]}") from error
     if data.attrs.get("schema") != SCHEMA:
         raise FileFormatError(f"{path}: schema = {data.attrs.get('schema')!r}; this program reads {SCHEMA!r}")
     _check(path, data)

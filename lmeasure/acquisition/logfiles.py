@@ -32,6 +32,7 @@ __all__ = ["LogReport", "identifiers_in", "log_batches", "read_log"]
 Progress = Callable[[int, int], None]
 
 MESSAGES_AT_ONCE = 20_000
+CSV_HEAD = "timestamp,arbitration_id"
 
 
 def log_batches(path: Path, report: LogReport, progress: Progress | None = None) -> Iterator[Frames]:
@@ -104,6 +105,8 @@ def _library_batches(path: Path, file: BinaryIO, suffix: str, report: LogReport)
             text.detach()
     if broken and suffix == ".mf4" and importlib.util.find_spec("asammdf") is None:
         raise FileFormatError(f"{path}: MF4 needs the package asammdf: {how_to_install('mf4')}")
+    if broken and report.frames == 0 and suffix == ".csv":
+        raise FileFormatError(f"{path}: is no log of CAN frames: python-can's .csv begins with {CSV_HEAD}, SavvyCAN's with Time Stamp,ID")
     if broken and report.frames == 0:
         raise FileFormatError(f"{path}: cannot be read: {broken}")
     if broken:

@@ -17,6 +17,7 @@ from lmeasure.effects import REFERENCE_C
 from lmeasure.errors import CalibrationError, FileFormatError, GeometryError
 from lmeasure.foreign import Column
 from lmeasure.lengths import counts_from_poses
+from lmeasure.opened import no_folder
 from lmeasure.pose_table import read_pose_table
 from lmeasure.poses import read_poses
 from lmeasure.rig import AngleEncoder, Cable, Drum, Turned, read_rig
@@ -35,7 +36,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise FileFormatError(f"{folder}: is not a calibration folder")
+        raise FileFormatError(f"{folder}: is not a calibration folder{no_folder(folder, 'reference_poses.csv')}")
     rig = read_rig(folder / "rig.toml")
     poses = read_poses(folder / "reference_poses.csv", rig.angles, columns, positions_alone=True)
     inputs = tuple(Input(file=name, sha256=files.sha256(folder / name)) for name in ("rig.toml", "reference_poses.csv", "counts.csv"))

@@ -9,9 +9,12 @@ from lmeasure.calibration.campaign import Campaign
 from lmeasure.errors import CalibrationError, GeometryError
 from lmeasure.lengths import counts_from_poses
 from lmeasure.rig import Cable
+from lmeasure.rig_size import unlikely_size
 
 UNITS = {"metres": 1e3, "inches": 25.4, "centimetres": 10.0, "micrometres": 1e-3}
 """What positions may be that are said to be millimetres: how many of these are in one."""
+RIGS = {"metres": 1e-3, "inches": 1.0 / 25.4}
+"""What a rig's dimensions may be: times by which positions are then too large for it."""
 CURES = 10.0
 """Times by which another unit must make the nominal rig's lengths fit better, for that to be no error of a rig."""
 
@@ -19,10 +22,16 @@ CURES = 10.0
 def without_slips(campaign: Campaign, name: str) -> Campaign:
     """The campaign with copies of poses counted once, which its notes name.
 
-    CalibrationError where the positions of the file `name` are in another unit: what the nominal rig's cables would do between them and
-    what was counted then differ by far, and agree in that unit.
+    CalibrationError where the positions of the file `name`, or the nominal rig, are in another unit: what the nominal rig's cables would do
+    between them and what was counted then differ by far, and agree in that unit.
     """
     as_said = _misfit(campaign, 1.0)
+    # a rig that is too small and positions that are too large look alike, but for its own size
+    rigs = RIGS if campaign.poses.oriented and unlikely_size(campaign.rig.model_dump(), name) is not None else {}
+    fits = {unit: _misfit(campaign, factor) for unit, factor in rigs.items()}
+    if rigs and min(fits.values()) < as_said / CURES:
+        unit = min(fits, key=lambda unit: fits[unit])
+        raise CalibrationError(f"{name}: its positions fit the counts where the nominal rig's dimensions are {unit}, and not millimetres")
     other = {unit: _misfit(campaign, factor) for unit, factor in UNITS.items()}
     best = min(other, key=lambda unit: other[unit])
     if campaign.poses.oriented and other[best] < as_said / CURES:

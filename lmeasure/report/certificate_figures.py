@@ -35,7 +35,7 @@ def figures(language: str, measured: Measured) -> list[str]:
         drawn.append(("drift", "", _drift(language, evaluation)))
     if evaluation.paths:
         drawn.append(("deviation", word(language, "deviation.text"), _along(language, evaluation)))
-        drawn.append(("speed", "", _speed(language, evaluation)))
+        drawn.append(("speed", word(language, "speed.text"), _speed(language, evaluation)))
     out = []
     for i, (name, text, figure) in enumerate(drawn):
         figure.update_layout(separators=DECIMAL_MARK[language] + THOUSANDS[language])
@@ -113,7 +113,7 @@ def _speed(language: str, evaluation: Evaluation) -> go.Figure:
         if path.commanded_speed_mm_s is not None:
             figure.add_scatter(
                 x=path.arc_mm[[0, -1]], y=[path.commanded_speed_mm_s] * 2, mode="lines", line={"color": colour, "dash": "dash"},
-                legendgroup=_group(path.name), name=f"{_name(path.name)}: {word(language, 'commanded')}",
+                legendgroup=_group(path.name), name=f"{_name(path.name)}: {word(language, 'commanded')}", showlegend=False,
             )  # fmt: skip
     _one_of(figure, language, [path.name for path in evaluation.paths])
     figure.update_xaxes(title_text=word(language, "axis.arc"))

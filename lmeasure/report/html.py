@@ -172,11 +172,11 @@ def _with_room(drawing: go.Figure) -> None:
     own = [trace for trace in drawing.data if _in_space(trace)]
     if not any("text" in str(getattr(trace, "mode", "")) and trace.visible != "legendonly" for trace in own):
         return
-    for axis in "xyz":
-        values = np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own])
-        low, high = np.nanmin(values), np.nanmax(values)
-        room = max(BEYOND * float(high - low), 1.0)
-        drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]}})
+    values = {axis: np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own]) for axis in "xyz"}
+    ends = {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items()}
+    # labels are as large along an axis that is short: beside its wall they would go behind the next one
+    room = max(BEYOND * max(high - low for low, high in ends.values()), 1.0)
+    drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]} for axis, (low, high) in ends.items()})
 
 
 _SCRIPT = re.compile(r"<script\b[^>]*>(.*?)</script>", re.DOTALL | re.IGNORECASE)

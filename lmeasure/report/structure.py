@@ -1,6 +1,5 @@
 """The page of a structure: drawn, in space with its assemblies, tetrahedra and screws, along a way, and the workspace's boundary."""
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from lmeasure.linkage.words import lines
 from lmeasure.report import html
 from lmeasure.report.structure_drawing import svg
 from lmeasure.report.words import axes
-from lmeasure.saying import ENGLISH, Say
+from lmeasure.saying import ENGLISH, Say, powers
 
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
@@ -31,7 +30,7 @@ def write_structure_page(
 ) -> None:
     """Write a self-contained page of links and their record (`linkage.record.described`); pose (7,) at which they were looked at."""
     say = Say(language)
-    body = [html.paragraph(_powers(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
+    body = [html.paragraph(powers(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
     if len(linkage.base) == LINKS:
         body.append(svg(incidence(linkage.base, linkage.platform).structure))
         body.append(html.paragraph(say("Platform above, base below; a dot is larger where more links meet.")))
@@ -98,7 +97,7 @@ def _at_pose(record: dict[str, Any], say: Say) -> list[tuple[str, str]]:
         rows.append((say("U95 of the position by counts of ±1/2, mm"), _figure(record["wrapped"]["u95_position_mm"], say)))
     rows.append((say("pressure angles, °"), say.numbers(record["pressure_angles_deg"], ".1f")))
     if record["gradient"] is not None:
-        rows.append((say("gradient (ω; v)"), _powers(say.numbers(record["gradient"], ".4g"))))
+        rows.append((say("gradient (ω; v)"), say.numbers(record["gradient"], ".4g")))
     screw = record["least_seen_screw"]
     axis = say(
         "axis through ({point}) mm along ({direction})",
@@ -112,15 +111,7 @@ def _at_pose(record: dict[str, Any], say: Say) -> list[tuple[str, str]]:
 
 
 def _figure(value: float | None, say: Say) -> str:
-    return say("none") if value is None else _powers(say.number(value, ".5g"))
-
-
-def _powers(printed: str) -> str:
-    """Printed numbers with their powers of ten as people write them."""
-    return re.sub(r"e([+-])0*(\d+)", lambda found: "·10" + (found[1] + found[2]).lstrip("+").translate(_RAISED), printed)
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return say("none") if value is None else say.number(value, ".5g")
 
 
 def _places(at: FloatArray, say: Say) -> tuple[str, ...]:

@@ -39,6 +39,8 @@ def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) ->
     columns = dict(stated.columns or {})
     tabular = not path.is_dir() and kind_of(path) in ("table", "parquet")
     if joints is None:
+        if path.is_dir() and not (path / "run.toml").is_file():
+            raise RobotError(f"{path}: is a folder, and neither a table nor a run folder, which holds run.toml")
         if not tabular:
             kind = "run folder" if path.is_dir() else "trajectory"
             raise RobotError(f"{path}: is a {kind}: --joints FILE says the joint values at its rests")

@@ -1,14 +1,15 @@
 """What every workflow has in common: progress and its end, what it gives, and the rule for what it may write."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Concatenate, Generic, ParamSpec, TypeVar, cast
 
 from lmeasure.catalogue import plain
-from lmeasure.errors import CancelledError
+from lmeasure.errors import CancelledError, LMeasureError
 from lmeasure.written import left_over, writing
 
 if TYPE_CHECKING:
@@ -77,13 +78,13 @@ def workflow(
         @wraps(work)
         def run(settings: Given, *args: More.args, **more: More.kwargs) -> Result[Made]:
             outputs, inputs, folders = settings.paths()
-            with writing(command, outputs, inputs) as written:
+            with writing(command, outputs, inputs) as written, _of_unlikely(inputs) as unlikely:
                 result = work(settings, *args, **more)
             left = left_over([*(path.parent for path in outputs), *folders])
             return replace(
                 result,
-                summary=tuple(map(plain, result.summary)),
-                warnings=tuple(map(plain, result.warnings)),
+                summary=(*map(plain, result.summary), *(f"note: {text}" for text in unlikely)),
+                warnings=(*map(plain, result.warnings), *unlikely),
                 failure=plain(result.failure),
                 files=(*written, *result.files),
                 left_over=tuple(left),
@@ -109,3 +110,32 @@ def in_run_folder(folder: Path, *more: str) -> tuple[Path, ...]:
     there = [path for pattern in ("pass*.csv", "pass*.parquet", "pass*.log") for path in sorted(folder.glob(pattern))]
     first = inside(folder, "pass1.csv", "pass1.parquet", "pass1.events.csv")
     return (*inside(folder, "run.toml", "rig.toml", "calibration.json", *more), *first, *there)
+
+
+@contextmanager
+def _of_unlikely(inputs: Iterable[Path]) -> Iterator[list[str]]:
+    """Gives what is unlikely of rigs that were read, when the work is done; where it fails, that stands behind what it fails by."""
+    unlikely: list[str] = []
+    try:
+        yield unlikely
+    except LMeasureError as error:
+        told = sizes_of(inputs)
+        if told:
+            error.complaints = (*error.lines, *told)
+        raise
+    unlikely += sizes_of(inputs)
+
+
+def sizes_of(paths: Iterable[Path]) -> list[str]:
+    """What is unlikely of the sizes of rigs among files."""
+    from lmeasure.files import LARGEST_TOML, read_toml
+    from lmeasure.opened import read_regular
+    from lmeasure.rig_size import unlikely_size
+
+    told = []
+    for path in dict.fromkeys(path for path in paths if path.suffix == ".toml"):
+        with suppress(LMeasureError, OSError):
+            # most files are no rigs, and some are large
+            found = unlikely_size(read_toml(path), str(path)) if b"observation_point" in read_regular(path, LARGEST_TOML) else None
+            told += [] if found is None else [str(found)]
+    return told

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.errors import OverwriteError, SettingsError
-from lmeasure.workflows.flow import Progress, Result, silent, workflow
+from lmeasure.workflows.flow import Progress, Result, silent, sizes_of, workflow
 from lmeasure.workflows.settings import Asked, option
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
         told.append(f"{len(rig.assumed)} of its values are guesses and stand in its list assumed; hold all others against your rig too")
     measures, measured = main.with_name("drums.toml"), main.with_name("measured.toml")
     told.append(f"next: measure the drums, and `lmeasure drum {measures} --rig {main} --out {measured}`; docs/rig.md goes on from there")
+    told += [f"note: {text}" for text in sizes_of([main])]
     figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
     return Result(rig, tuple(told), figures, files=tuple(texts))
 
