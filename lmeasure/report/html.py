@@ -155,8 +155,6 @@ def settled(drawing: go.Figure) -> go.Figure:
         drawing.update_layout(margin={side: 0 for side in "lrb" if margin[side] is None})
         if drawing.layout.scene.camera.eye.x is None:
             drawing.update_scenes(camera=CAMERA)
-        # more would stand in each other on an axis that is short beside the others
-        drawing.update_scenes({f"{axis}axis": {"nticks": 5} for axis in "xyz"})
         _with_room(drawing)
     else:
         drawing.update_layout(margin={"r": 16 if margin.r is None else margin.r})
@@ -168,15 +166,19 @@ def _in_space(trace: Any) -> bool:
 
 
 def _with_room(drawing: go.Figure) -> None:
-    """Ranges in which the labels of points have room."""
-    own = [trace for trace in drawing.data if _in_space(trace)]
-    if not any("text" in str(getattr(trace, "mode", "")) and trace.visible != "legendonly" for trace in own):
-        return
-    values = {axis: np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own]) for axis in "xyz"}
-    ends = {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items()}
-    # labels are as large along an axis that is short: beside its wall they would go behind the next one
-    room = max(BEYOND * max(high - low for low, high in ends.values()), 1.0)
-    drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]} for axis, (low, high) in ends.items()})
+    """Figures at the axes that do not stand in each other where one is short beside the others, and ranges in which labels have room."""
+    own = [trace for trace in drawing.data if _in_space(trace) and trace.visible != "legendonly"]
+    values = {axis: np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own]) for axis in "xyz"} if own else {}
+    ends = {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items() if np.isfinite(each).any()}
+    widest = max((high - low for low, high in ends.values()), default=0.0)
+    for axis in "xyz":
+        low, high = ends.get(axis, (0.0, 0.0))
+        ticks = 5 if not widest else max(2, round(5.0 * (high - low) / widest))
+        drawing.update_scenes({f"{axis}axis": {"nticks": ticks}})
+    if any("text" in str(getattr(trace, "mode", "")) for trace in own):
+        # as large along an axis that is short: a label beside its wall would go behind the next one
+        room = max(BEYOND * widest, 1.0)
+        drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]} for axis, (low, high) in ends.items()})
 
 
 _SCRIPT = re.compile(r"<script\b[^>]*>(.*?)</script>", re.DOTALL | re.IGNORECASE)
