@@ -51,7 +51,7 @@ class Begun:
     u_mm: float
 
 
-def starts(rows: FloatArray, changes: FloatArray, u: FloatArray, absolute: BoolArray, seed: int = 0) -> list[Begun]:
+def starts(rows: FloatArray, changes: FloatArray, *, u: FloatArray, absolute: BoolArray, seed: int = 0) -> list[Begun]:
     """Poses at the first of n samples of a run that fit all of them, changes (n, m) [mm, rad] of channels with rows (m, columns), of
     standard uncertainties u (m,), absolute (m,) readings among them; best first."""
     used = np.isfinite(changes[0])

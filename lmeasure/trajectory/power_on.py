@@ -179,7 +179,7 @@ def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usab
     for share in BEGINNINGS:
         last = max(int(share * (len(changes) - 1)), 1)
         some = np.unique(np.linspace(0, last, min(SAMPLES, last + 1)).round().astype(np.intp))
-        found = starts(rows, changes[some], np.where(usable, u, np.sqrt(2.0) * u), usable)
+        found = starts(rows, changes[some], u=np.where(usable, u, np.sqrt(2.0) * u), absolute=usable)
         if not every or (found and found[0].chi_squared <= SOUND * found[0].freedom):
             every = found
         if every and every[0].chi_squared <= SOUND * every[0].freedom:

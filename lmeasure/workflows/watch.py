@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from lmeasure.errors import CancelledError
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.record import pose_watch
-from lmeasure.workflows.settings import START, Asked, Paths, option
+from lmeasure.workflows.settings import START, Asked, Paths, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition.counting import Progress as State
@@ -24,7 +24,7 @@ class Settings(Asked):
     rig: Annotated[Path, option("rig.toml; its [can] table says which frames carry the counters.")]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
     seconds: Annotated[float | None, option("Stop after this time; else with Ctrl-C.", ge=0.001, unit="s")] = None
-    start: Annotated[str | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    start: Annotated[Start | None, option(f"Pose at which the counters were zeroed: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
     passage: Annotated[int, option("Which pass's cables.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Handed to the interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     fast: Annotated[bool, option("replay: as fast as possible, not in the log's own time.")] = False
