@@ -66,7 +66,6 @@ def looked(page: Page) -> list[str]:
 
 ASKED = "(e => e && !e.hidden ? e.textContent : '')(document.getElementById('asked'))"
 WANTED = "(b => b && !b.hidden ? b.textContent : '')(document.getElementById('cell-asked'))"
-STANDS = "document.getElementById('cell-at')?.textContent.startsWith('stands')"
 
 
 def self_test(page: Page, *, reload_at: int) -> str:
@@ -109,7 +108,9 @@ def captured(page: Page, *, reload_at: int) -> None:
             page.click("#cell-asked")
             goal = asked
             if read == 0:
-                page.wait(f"{STANDS} && document.querySelector('#capture-lamp.still') !== null")
+                stands = f"document.getElementById('cell-at')?.textContent.includes({json.dumps(f'stands at {asked.split()[-1]}:')})"
+                page.wait(f"{stands} && document.querySelector('#capture-lamp.still') !== null")
+                time.sleep(1.0)  # a person looks, and presses
                 page.click("[data-type='']:not([data-asked])")
         time.sleep(0.05)
     page.wait(READY)
