@@ -105,7 +105,11 @@ def captured(page: Page, *, reload_at: int) -> None:
             if read == reload_at:
                 again(page)
                 page.wait(f"document.querySelectorAll('#capture-poses .read').length === {read} && {WANTED} === {json.dumps(asked)}")
-            page.click("#cell-asked")
+            # a page that fills itself shifts below the mouse: whoever sees that nothing happens presses again
+            place = f"document.getElementById('cell-at')?.textContent.includes({json.dumps(f' {asked.split()[-1]}:')})"
+            while not now(page, place):
+                page.click("#cell-asked")
+                time.sleep(1.5)
             goal = asked
             if read == 0:
                 stands = f"document.getElementById('cell-at')?.textContent.includes({json.dumps(f'stands at {asked.split()[-1]}:')})"
