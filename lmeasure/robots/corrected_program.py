@@ -146,7 +146,7 @@ def _joints(
         # a configuration may tell whole turns: those nearest to the target before are not always meant
         every = [q for way in found for q in whole_turns(robot.nominal, way)]
         found = np.array(sorted(every, key=lambda q: 0.0 if last is None else float(np.abs(q - last).max())))
-    fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q, AS_WRITTEN_DEG)]
+    fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q, slack_deg=AS_WRITTEN_DEG)]
     if not fitting:
         return None, f"none of its {len(found)} ways has the configuration that it states"
     if last is None and len(fitting) > 1:

@@ -134,7 +134,7 @@ def whole_turns(nominal: RobotModel, joints: FloatArray) -> FloatArray:
     return np.array(list(itertools.product(*every))).reshape(-1, len(joints))
 
 
-def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray, slack_deg: float = 1e-6) -> bool:
+def fits(dialect: str, flags: Mapping[str, int], robot: RobotModel, joints: FloatArray, *, slack_deg: float = 1e-6) -> bool:
     """Whether joint values (n,) are those that a target's configuration says, as far as it can be told of this robot; signs and quarters
     that change within slack_deg of a joint are not held against them.
 

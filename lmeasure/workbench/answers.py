@@ -3,7 +3,7 @@
 import mimetypes
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
@@ -12,10 +12,8 @@ from starlette.templating import Jinja2Templates
 from lmeasure.workbench import buses, guard, tour
 from lmeasure.workbench.jobs import Job, Jobs
 from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
+from lmeasure.workbench.shelf import Shelf
 from lmeasure.workbench.words import preferred, said
-
-if TYPE_CHECKING:
-    from lmeasure.workbench.projects import Shelf
 
 HERE = Path(__file__).parent
 TEMPLATES = Jinja2Templates(directory=HERE / "templates")
@@ -28,7 +26,7 @@ class Bench:
 
     folder: Path
     language: str
-    shelf: "Shelf | None" = None
+    shelf: Shelf | None = None
     jobs: Jobs = field(init=False)
 
     def __post_init__(self) -> None:

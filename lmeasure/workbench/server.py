@@ -22,7 +22,7 @@ from lmeasure.workbench import api, calibrations, certificates, pages, projects,
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, page
 from lmeasure.workbench.guard import Guard, new_token
 from lmeasure.workbench.project import OWN
-from lmeasure.workbench.projects import Shelf
+from lmeasure.workbench.shelf import Shelf
 
 LOOPBACK = "127.0.0.1"
 GRACE_S = 3

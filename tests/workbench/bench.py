@@ -11,8 +11,8 @@ from pathlib import Path
 
 from starlette.testclient import TestClient
 
-from lmeasure.workbench.projects import Shelf
 from lmeasure.workbench.server import Desk, Served, application
+from lmeasure.workbench.shelf import Shelf
 
 TOKEN, PORT = "a-token-of-the-test", 8123
 HOST = f"127.0.0.1:{PORT}"

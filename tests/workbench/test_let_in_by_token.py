@@ -13,8 +13,8 @@ from starlette.websockets import WebSocketDisconnect
 
 from lmeasure.cli import main
 from lmeasure.workbench.project import OutsideError, inside
-from lmeasure.workbench.projects import Shelf
 from lmeasure.workbench.server import ROUTES
+from lmeasure.workbench.shelf import Shelf
 
 EVERY = [route for module in ROUTES for route in module.routes()]
 AWAY = (

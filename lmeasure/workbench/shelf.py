@@ -1,0 +1,76 @@
+"""Several projects: the folders of one folder that was stated when the workbench was begun."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from lmeasure.workbench.project import OWN, OutsideError
+from lmeasure.workbench.uploads import DEVICES
+
+_NAME = re.compile(r"[^\W_][\w .+\-]{0,59}", re.UNICODE)
+LISTED = 50
+
+
+class Opener(Protocol):
+    """What serves projects."""
+
+    def address(self, folder: Path, shelf: "Shelf") -> str:
+        """Where one is served, from now on if it was not."""
+
+    def is_open(self, folder: Path) -> bool:
+        """Whether one is."""
+
+
+class Beside(NamedTuple):
+    """A project of the shelf: its name, when it was last worked on (seconds since 1970, 0 for never), whether it is open."""
+
+    name: str
+    used_s: float
+    is_open: bool
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """The folder within which projects are, and what serves them."""
+
+    folder: Path
+    desk: Opener
+
+    def projects(self) -> list[Beside]:
+        """Those that there are, the one that was last worked on first."""
+        found = [Beside(path.name, _used(path), self.desk.is_open(path)) for path in self.folder.iterdir() if _plain(path)]
+        return sorted(found, key=lambda one: (-one.used_s, one.name))[:LISTED]
+
+    def path(self, name: str) -> Path:
+        """The folder of a name; OutsideError for a name that is none, or leads elsewhere."""
+        if not _NAME.fullmatch(name) or name != name.strip(" .") or DEVICES.fullmatch(name):
+            raise OutsideError(
+                f"{name!r}: is no name of a project: letters, digits, blanks and . _ + - , at most 60, a letter or digit first"
+            )
+        path = self.folder / name
+        if path.is_symlink():
+            raise OutsideError(f"{name}: leads elsewhere")
+        return path
+
+    def begin(self, name: str) -> Path:
+        """Make the folder of a new project; OutsideError as `path`, and for one that is there."""
+        path = self.path(name)
+        try:
+            path.mkdir()
+        except FileExistsError:
+            raise OutsideError(f"{name}: is there already; open it") from None
+        except OSError as error:
+            raise OutsideError(f"{name}: cannot be made: {error.strerror or error}") from error
+        return path
+
+
+def _plain(path: Path) -> bool:
+    return _NAME.fullmatch(path.name) is not None and path.is_dir() and not path.is_symlink()
+
+
+def _used(path: Path) -> float:
+    try:
+        return max(p.stat().st_mtime for p in ((path / OWN), (path / OWN / "jobs")) if p.exists())
+    except (OSError, ValueError):
+        return 0.0
