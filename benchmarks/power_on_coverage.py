@@ -35,8 +35,8 @@ KINDS = {"first": 3, "turn": 3, "last": 3, "lengths": 6}
 
 @dataclass(frozen=True)
 class Draw:
-    """Squared errors of the first place, the first orientation, the last place and the six lengths that were out; NaN where the start was
-    not told, and nothing was stated."""
+    """Squared errors of the first place, the first orientation, the last place and the six lengths that were out; NaN where the start, or
+    the pose, was not told, and nothing was stated."""
 
     number: int
     first: float
@@ -67,7 +67,8 @@ def draw(number: int) -> Draw:
     except LMeasureError as refused:
         print(f"{number}: {refused}")
         return Draw(number, *[np.nan] * 4)
-    error = se3.displacement(found.poses, poses)
+    known = np.isfinite(found.poses[:, :1])
+    error = np.where(known, se3.displacement(np.where(known, found.poses, HOME), poses), np.nan)
     both = covariances(found, run)
     whole = both.random + both.factors @ np.swapaxes(both.factors, 1, 2)
     told, budget = reconstruction.budget.told, reconstruction.budget

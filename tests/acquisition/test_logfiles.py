@@ -285,7 +285,7 @@ def test_sizes_are_not_believed(tmp_path: Path) -> None:
         ("log.mf4.gz", b"x", "is no log this program reads: .mf4 only unpacked"),
         ("log.log", b"x" * 200_000, "a line is longer than 65536 bytes"),
         ("log.mf4", b"no log at all", "cannot be read"),
-        ("log.csv", b"timestamp,arbitration_id\n1,zz\n", "cannot be read"),
+        ("log.csv", b"timestamp,arbitration_id\n1,zz\n", "is no log of CAN frames"),
     ],
 )
 def test_refused_in_one_line(tmp_path: Path, name: str, content: bytes, words: str) -> None:

@@ -40,7 +40,7 @@ def test_a_table_of_another_program_is_the_same_campaign(tmp_path: Path) -> None
     assert got.counts == pytest.approx(ours.counts)
     assert "position" in got.poses.absent
     with pytest.raises(LMeasureError, match=r"column 'pose' is missing; it has Größe Punkt, X, .*--columns says which column is which"):
-        read_campaign(other)
+        read_campaign(other, columns_of(""))
 
 
 def test_uncertainties_and_inches_by_names_with_units(tmp_path: Path) -> None:

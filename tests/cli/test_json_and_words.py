@@ -57,7 +57,7 @@ def test_a_result_in_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
 @pytest.mark.parametrize(
     ("words", "code", "command_name", "text"),
     [
-        (["reconstruct", "no-run", "--out", "t.parquet", "--json"], 1, "reconstruct", "no-run: is not a run folder"),
+        (["reconstruct", "no-run", "--out", "t.parquet", "--json"], 1, "reconstruct", "no-run: is not a run folder: it is not there"),
         (["reconstruct", "no-run", "--json"], 2, "reconstruct", "Missing option '--out'."),
         (["calibrat", "--json"], 2, "", "No such command 'calibrat'."),
         (["structure", "--json"], 2, "structure", "Invalid value for FILE: give a file, or --list"),

@@ -34,6 +34,18 @@ WRONG: dict[str, bytes | None] = {
     "broken.zip": b"PK\x03\x04 garbage",
     "list.json": b"[]",
 }
+PROGRAM = """/PROG A
+/MN
+   1:L P[1] 100mm/sec FINE ;
+/POS
+P[1]{
+   GP1:
+    UF : 0, UT : 0, CONFIG : 'N U T, 0, 0, 0',
+    X = 500.000 mm, Y = 0.000 mm, Z = 600.000 mm,
+    W = 180.000 deg, P = 0.000 deg, R = 0.000 deg
+};
+/END
+"""
 COMMAND_LINES = (
     "simulate {} --out new",
     "place {} --task placement.toml --out new",
@@ -55,6 +67,7 @@ COMMAND_LINES = (
     f"zone rig.toml {GRID} --bodies {{}} --out new.nc",
     "structure {} --out new.json",
     "record --rig {} --bus virtual:wrong --out new",
+    "watch --rig {} --bus virtual:wrong",
     "record --rig rig.toml --bus replay:{} --fast --out new",
     "import {} --rig rig.toml --out new",
     "import log.log --rig {} --out new",
@@ -100,7 +113,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     rows = (f"{i},{x},{y},{z},0,0,0,1" for i, (x, y, z) in enumerate([(0, 0, 0), (100, 0, 0), (0, 100, 0), (0, 0, 100)], 1))
     (here / "poses.csv").write_text("\n".join(["pose,x_mm,y_mm,z_mm,qx,qy,qz,qw", *rows, ""]))
     shutil.copytree(SEALED / "inputs", here / "tests")
-    (here / "program.ls").write_text("/PROG A\n/POS\n/END\n")
+    (here / "program.ls").write_text(PROGRAM)
     os.chdir(here)
     made = CliRunner().invoke(app, ["init", "cell", "--template", "six-cables"])
     assert made.exit_code == 0
