@@ -39,7 +39,7 @@ def test_a_mechanic_from_nothing_to_a_calibrated_rig_with_its_points_placed(tmp_
             by_hand([job["line"]], monkeypatch)
         if job["command"] == "init":
             # two dimensions, as an editor would
-            for name, before, after in (("rig.toml", "2020.0]", "2025]"), ("drums.toml", "distance_mm = 180.0", "distance_mm = 181.5")):
+            for name, before, after in (("rig.toml", "2020.0]", "2025.0]"), ("drums.toml", "distance_mm = 180.0", "distance_mm = 181.5")):
                 text = (hand / name).read_text(encoding="utf-8")
                 assert before in text
                 (hand / name).write_text(text.replace(before, after, 1), encoding="utf-8")
