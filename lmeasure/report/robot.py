@@ -11,7 +11,8 @@ from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.report import html
 from lmeasure.report.words import axes, unit
-from lmeasure.robots.identify import HALF, Identified
+from lmeasure.robots.contradicted_rows import HALF
+from lmeasure.robots.identify import Identified
 from lmeasure.robots.workspace import Workspace
 from lmeasure.saying import ENGLISH, Say
 

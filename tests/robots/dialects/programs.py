@@ -8,6 +8,15 @@ import numpy as np
 from lmeasure.robots.dialects.known import dialect_of
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Source
 
+FOLDER = Path(__file__).parent / "programs"
+WHOLE = {
+    "krl": ("tend.src", "tend.dat"),
+    "rapid": ("Polish.mod",),
+    "fanuc": ("DECK.LS",),
+    "ur-script": ("palletise.script",),
+    "csv": ("targets.csv",),
+    "robodk": ("robodk.csv",),
+}
 KRL_DATA = """\
 &ACCESS RVO
 DEFDAT PICK PUBLIC

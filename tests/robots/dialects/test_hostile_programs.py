@@ -9,21 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from programs import listed
+from programs import FOLDER, WHOLE, listed
 from typer.testing import CliRunner
 
 from lmeasure.cli import app
 from lmeasure.robots.dialects.program_text import rewritten
 
-FOLDER = Path(__file__).parent / "programs"
-WHOLE = {
-    "krl": ("tend.src", "tend.dat"),
-    "rapid": ("Polish.mod",),
-    "fanuc": ("DECK.LS",),
-    "ur-script": ("palletise.script",),
-    "csv": ("targets.csv",),
-    "robodk": ("robodk.csv",),
-}
 ENDS = {"krl": "a.src", "rapid": "a.mod", "fanuc": "a.ls", "ur-script": "a.script", "csv": "a.csv", "robodk": "a.csv"}
 P = "X 1,Y 2,Z 3,A 4,B 5,C 6"
 KRL = "$BASE=$NULLFRAME\n$TOOL=$NULLFRAME\n"

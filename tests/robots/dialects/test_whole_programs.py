@@ -3,29 +3,19 @@ places, through the same frames; and there and back with nothing else changed.""
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from program_readers import fanuc, rapid, table
 from program_runs import krl, script
 from program_words import Met
-from programs import about, homogeneous
+from programs import FOLDER, WHOLE, about, homogeneous
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.robots.dialects.known import dialect_of, opened
 from lmeasure.robots.dialects.program_text import Dialect, Listing, rewritten
 
-FOLDER = Path(__file__).parent / "programs"
-PROGRAMS = {
-    "krl": ("tend.src", "tend.dat"),
-    "rapid": ("Polish.mod",),
-    "fanuc": ("DECK.LS",),
-    "ur-script": ("palletise.script",),
-    "csv": ("targets.csv",),
-    "robodk": ("robodk.csv",),
-}
 FRAMES = {
     "BASE_DATA[4]": homogeneous([350, -640, 120], about(2, 30)),
     "UF1": homogeneous([700, 350, 300], about(2, 25)),
@@ -38,7 +28,7 @@ FRAMES = {
 
 
 def read(name: str) -> tuple[Dialect, Listing]:
-    paths = [FOLDER / file for file in PROGRAMS[name]]
+    paths = [FOLDER / file for file in WHOLE[name]]
     sources = opened(paths)
     dialect = dialect_of(paths, sources)
     assert dialect.name == name
@@ -47,7 +37,7 @@ def read(name: str) -> tuple[Dialect, Listing]:
 
 
 def met_by(name: str) -> Met:
-    texts = {file: (FOLDER / file).read_bytes().decode("latin-1") for file in PROGRAMS[name]}
+    texts = {file: (FOLDER / file).read_bytes().decode("latin-1") for file in WHOLE[name]}
     first = next(iter(texts.values()))
     return krl(texts, FRAMES) if name == "krl" else {"rapid": lambda: rapid(first, FRAMES), "fanuc": lambda: fanuc(first, FRAMES),
         "ur-script": lambda: script(first)}[name]()  # fmt: skip
@@ -82,7 +72,7 @@ def test_an_independent_reader_meets_the_same_targets(name: str, targets: int, s
 @pytest.mark.parametrize(("name", "separator", "decimal", "poses"), [("csv", ";", ",", 187), ("robodk", ",", ".", 203)])
 def test_tables_say_the_same_to_another_reader(name: str, separator: str, decimal: str, poses: int) -> None:
     dialect, listing = read(name)
-    text = (FOLDER / PROGRAMS[name][0]).read_text(encoding="utf-8-sig")
+    text = (FOLDER / WHOLE[name][0]).read_text(encoding="utf-8-sig")
     columns = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg") if name == "csv" else tuple(
         f"{axis} [{unit}]" for axes, unit in ((("X", "Y", "Z"), "mm"), (("Rx", "Ry", "Rz"), "deg")) for axis in axes)  # fmt: skip
     rows = table(text, columns, separator, decimal)
@@ -93,7 +83,7 @@ def test_tables_say_the_same_to_another_reader(name: str, separator: str, decima
         np.testing.assert_allclose(homogeneous(list(pose[:3]), se3.matrices(pose)), rows[target.name], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", sorted(PROGRAMS))
+@pytest.mark.parametrize("name", sorted(WHOLE))
 def test_there_and_back_only_targets_change(name: str) -> None:
     """Every byte but those of the targets' numbers is as it was, and read again the targets are the new ones."""
     dialect, listing = read(name)
