@@ -8,10 +8,9 @@ from scipy.stats import chi2
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
-from lmeasure.estimation.deletion import deletion_squares
 from lmeasure.robots.measurements import Measurements
 from lmeasure.robots.noted import Noted, noted
-from lmeasure.robots.problem import Fit, solved, weighted, with_noise
+from lmeasure.robots.problem import Fit, distances, solved, weighted, with_noise
 from lmeasure.robots.unknowns import R
 
 OUTLYING = 1e-6
@@ -23,16 +22,10 @@ HALF = 0.5
 """Of a row: weight below which it is named. Of all rows: what their weights must leave."""
 
 
-def distances(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatArray, IntArray]:
-    """(N,) squared distance of each row's residual from nothing in its own covariance, that of the prediction included or taken off by
-    whether the row was used for it (N,), and how many components it has."""
-    problem = fit.problem
-    residuals, jacobian = problem.unknowns.linearised(fit.x, rows)
-    jacobian = jacobian * problem.unknowns.size
-    known = rows.known
-    covariance = replace(problem, rows=rows).blocks
-    explained = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) * (known[:, :, None] & known[:, None, :])
-    return deletion_squares(residuals, covariance, explained, used.astype(np.float64)), np.asarray(known.sum(axis=1))
+def of_all(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatArray, IntArray]:
+    """`distances` of all rows, (N,) of which were used for the fit, and how many components each has (N,)."""
+    problem = replace(fit.problem, rows=rows)
+    return distances(fit, problem, problem.linearised(fit.theta), used.astype(np.float64)), np.asarray(rows.known.sum(axis=1))
 
 
 def without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> tuple[Fit[R], BoolArray]:
@@ -41,7 +34,7 @@ def without_outliers(fit: Fit[R], rows: Measurements, kept: BoolArray, used: Boo
     Distances are judged by their median, which half of the rows may spoil.
     """
     for _ in range(OUTLIER_ROUNDS):
-        square, components = distances(fit, rows, used)
+        square, components = of_all(fit, rows, used)
         normal = chi2.ppf(0.5, np.arange(1, 7))[np.maximum(components, 1) - 1]
         counted = kept & (components > 0)
         scale = max(1.0, float(np.median((square / normal)[counted]))) if fit.equations > 1.5 * len(fit.theta) else 1.0

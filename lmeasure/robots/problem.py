@@ -188,7 +188,7 @@ def weighted(fit: Fit[R]) -> Fit[R]:
     components = fit.problem.rows.known.sum(axis=1)
     seen, middle = components > 0, 1.0
     for again in range(WEIGHT_ROUNDS):
-        square = distances(fit)
+        square = distances(fit, fit.problem, fit.at, fit.problem.counts)
         z = normal_deviates(square[seen], components[seen])
         middle = float(np.median(z)) / NORMAL_MEDIAN if not again else 1.0
         weight = np.zeros(len(components))
@@ -202,11 +202,12 @@ def weighted(fit: Fit[R]) -> Fit[R]:
     return fit
 
 
-def distances(fit: Fit[R]) -> FloatArray:
-    """(N,) squared distance of each row's residual, in a fit without it, from nothing in its own covariance."""
-    problem, known = fit.problem, fit.problem.rows.known
-    explained = fit.at.jacobian @ fit.covariance @ np.swapaxes(fit.at.jacobian, 1, 2) * (known[:, :, None] & known[:, None, :])
-    return deletion_squares(np.where(known, fit.at.residuals, 0.0), problem.blocks, explained, problem.counts)
+def distances(fit: Fit[R], problem: Problem[R], at: Linear, counts: FloatArray) -> FloatArray:
+    """(N,) squared distance of the residual of each row of a problem, seen at the fit's optimum, from nothing in its own covariance, that
+    of the prediction included; as in a fit without the row where it counted (N,) in this one."""
+    known = problem.rows.known
+    explained = at.jacobian @ fit.covariance @ np.swapaxes(at.jacobian, 1, 2) * (known[:, :, None] & known[:, None, :])
+    return deletion_squares(np.where(known, at.residuals, 0.0), problem.blocks, explained, counts)
 
 
 def _noise(fit: Fit[R]) -> Noise:

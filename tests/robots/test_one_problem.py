@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import estimation, se3
 from lmeasure.estimation.deletion import Deletion
-from lmeasure.robots.contradicted_rows import distances
+from lmeasure.robots.contradicted_rows import of_all
 from lmeasure.robots.frame_start import Frames
 from lmeasure.robots.identify import Identified, Settings, identify
 from lmeasure.robots.measurements import Measurements, measured
@@ -80,7 +80,7 @@ def test_shared_errors_as_unknowns_and_in_a_dense_covariance_are_the_same() -> N
 def test_rows_are_judged_by_the_general_deletion() -> None:
     rows = poses()
     one = found(rows)
-    squares, components = distances(one.fit, rows, np.ones(30, np.bool_))
+    squares, components = of_all(one.fit, rows, np.ones(30, np.bool_))
     # priors a hundred metres wide leave the general way, which inverts over all residuals, four digits
     general = Deletion(estimation.fit(one.fit.problem, one.fit.theta, prior_everywhere=True))
     of = np.nonzero(rows.known)[0]

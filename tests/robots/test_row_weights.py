@@ -70,7 +70,7 @@ def test_distances_of_weighted_rows_are_those_from_fits_without_them(
     fourfold: tuple[SerialRobot, Identified[SerialRobot], FloatArray],
 ) -> None:
     fit = fourfold[1].fit
-    problem, squares = fit.problem, distances(fit)
+    problem, squares = fit.problem, distances(fit, fit.problem, fit.at, fit.problem.counts)
     assert problem.weight is not None
     for i in (int(np.argmin(problem.weight)), 7, 30):
         others = np.delete(np.arange(len(problem.rows)), i)
