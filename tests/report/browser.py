@@ -63,6 +63,9 @@ LOOK = """(() => {
 })()"""
 """What is wrong with how a page looks, as far as a machine can tell: a list of texts."""
 
+LEAVING = ("Inspected target navigated or closed", "Execution context was destroyed", "Cannot find context with specified id")
+"""What the browser answers to a script of a page that it is just leaving."""
+
 
 class Page:
     """One open page. `errors` holds every console error, uncaught exception and failed request so far, `requests` what it asked for."""
@@ -101,10 +104,19 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
+    def now(self, script: str) -> Any:
+        """Value of a script in a page that may go to another, or load itself again, at any moment: nothing while it does."""
+        try:
+            return self.evaluate(script)
+        except AssertionError as error:
+            if not any(text in str(error) for text in LEAVING):
+                raise
+            return None
+
     def wait(self, script: str, seconds: float = 60.0) -> None:
-        """Until the script is true; AssertionError when it never is."""
+        """Until the script is true, in whatever page is there by then; AssertionError when it never is."""
         end = time.monotonic() + seconds
-        while not self.evaluate(script):
+        while not self.now(script):
             assert time.monotonic() < end, f"never true: {script}; {self.errors}"
             time.sleep(0.1)
 

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 from browser import Page
 
@@ -18,18 +17,8 @@ def visit(page: Page, base: str, path: str) -> None:
 def press(page: Page, selector: str, then: str) -> None:
     """Press what a selector finds, once it is there, and wait."""
     page.wait(f"document.readyState === 'complete' && !!document.querySelector({selector!r})")
-    page.evaluate(f"document.querySelector({selector!r}).click()")
+    page.now(f"document.querySelector({selector!r}).click()")
     page.wait(then)
-
-
-def now(page: Page, script: str) -> Any:
-    """Value of a script in a page that may load itself again at any moment: nothing while it does."""
-    try:
-        return page.evaluate(script)
-    except AssertionError as error:
-        if "navigated" not in str(error):
-            raise
-        return None
 
 
 def fill(page: Page, form: str, **values: str) -> None:

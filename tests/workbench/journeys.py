@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from browser import LOOK, Page
-from clicks import ENDED, fill, now
+from clicks import ENDED, fill
 
 READY = "document.readyState === 'complete' && !!document.body"
 Told = Callable[[str, Page], None]
@@ -71,19 +71,19 @@ WANTED = "(b => b && !b.hidden ? b.textContent : '')(document.getElementById('ce
 def self_test(page: Page, *, reload_at: int) -> str:
     """Do what a self-test asks, by the buttons of the simulated cell; the state in which it ends. At a step the page is loaded anew."""
     seen, steps, end = "", 0, time.monotonic() + 550.0
-    while not now(page, ENDED):
-        assert time.monotonic() < end, now(page, "document.querySelector('main').innerText")
-        asked = str(now(page, ASKED) or "")
+    while not page.now(ENDED):
+        assert time.monotonic() < end, page.now("document.querySelector('main').innerText")
+        asked = str(page.now(ASKED) or "")
         if asked and asked != seen:
             steps += 1
             if steps == reload_at:
                 again(page)
                 page.wait(f"{ASKED} === {json.dumps(asked)}")
-            if now(page, WANTED):
+            if page.now(WANTED):
                 page.click("#cell-asked")
                 page.wait("document.querySelector('#lines .moves, #lines .unwanted') !== null")
                 before = ""
-                while before != (before := str(now(page, "document.getElementById('lines').innerText"))):
+                while before != (before := str(page.now("document.getElementById('lines').innerText"))):
                     time.sleep(0.4)
             seen = asked
             page.click("[data-type='']:not([data-asked])")
@@ -97,17 +97,17 @@ def captured(page: Page, *, reload_at: int) -> None:
     """Send the robot to each pose that is wanted; the first is read by its button, the others as they rest. With so many read the page
     is loaded anew."""
     goal, end = "", time.monotonic() + 550.0
-    while not now(page, ENDED):
-        assert time.monotonic() < end, (goal, now(page, "document.querySelector('main').innerText"))
-        asked = str(now(page, WANTED) or "")
-        read = now(page, "document.querySelectorAll('#capture-poses .read').length") or 0
+    while not page.now(ENDED):
+        assert time.monotonic() < end, (goal, page.now("document.querySelector('main').innerText"))
+        asked = str(page.now(WANTED) or "")
+        read = page.now("document.querySelectorAll('#capture-poses .read').length") or 0
         if asked and asked != goal:
             if read == reload_at:
                 again(page)
                 page.wait(f"document.querySelectorAll('#capture-poses .read').length === {read} && {WANTED} === {json.dumps(asked)}")
             # a page that fills itself shifts below the mouse: whoever sees that nothing happens presses again
             place = f"document.getElementById('cell-at')?.textContent.includes({json.dumps(f' {asked.split()[-1]}:')})"
-            while not now(page, place):
+            while not page.now(place):
                 page.click("#cell-asked")
                 time.sleep(1.5)
             goal = asked

@@ -17,7 +17,7 @@ from lmeasure.simulation import cell_rig
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "capture")]
 from browser import LOOK, Page, opened  # noqa: E402
 from capture_bench import some_poses, write_inputs  # noqa: E402
-from clicks import ENDED, fill, now, press, visit  # noqa: E402
+from clicks import ENDED, fill, press, visit  # noqa: E402
 
 pytestmark = pytest.mark.live
 
@@ -54,16 +54,16 @@ def test_who_speaks_a_capture_and_a_recording_by_clicks(tmp_path: Path) -> None:
 
         job = begun(page, base, "/calibrate", "capture", dwell_s="0.2", settle_s="0.1", u_repeatability_mm="0", out="campaign", by="rest")
         goal, end = "", time.monotonic() + 90.0
-        while not now(page, ENDED):
-            assert time.monotonic() < end, (goal, now(page, "document.querySelector('main').innerText"))
-            asked = now(page, "(b => b && !b.hidden ? b.textContent : '')(document.getElementById('cell-asked'))") or ""
+        while not page.now(ENDED):
+            assert time.monotonic() < end, (goal, page.now("document.querySelector('main').innerText"))
+            asked = page.now("(b => b && !b.hidden ? b.textContent : '')(document.getElementById('cell-asked'))") or ""
             if asked and asked != goal:
                 goal = asked
-                if now(page, "document.querySelectorAll('#capture-poses .read').length") == 2:
+                if page.now("document.querySelectorAll('#capture-poses .read').length") == 2:
                     visit(page, base, job)  # loaded again in the middle: all that was read is there
                     page.wait("document.querySelectorAll('#capture-readings tbody tr').length === 2")
                     assert page.evaluate(LOOK) == []
-                now(page, "document.getElementById('cell-asked').click()")
+                page.now("document.getElementById('cell-asked').click()")
             time.sleep(0.05)
         assert page.evaluate("document.getElementById('job').dataset.state") == "done"
 

@@ -13,7 +13,7 @@ from lmeasure.rig import read_rig, write_rig
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("report", "acquisition")]
 from access import faults  # noqa: E402
 from browser import LOOK, Page, opened  # noqa: E402
-from clicks import ENDED, fill, now, press, visit  # noqa: E402
+from clicks import ENDED, fill, press, visit  # noqa: E402
 from test_buses import a_group  # noqa: E402
 from test_check import Bench, two_cables  # noqa: E402
 from test_tour import some_files_of_the_demo  # noqa: E402
@@ -114,12 +114,12 @@ def test_exchanged_cables_are_red_and_one_click_mends_the_rig(tmp_path: Path) ->
             def walk(number: int) -> list[list[str]]:
                 page.wait(f"location.pathname === '/jobs/{number}'")
                 seen = ""
-                while not now(page, ENDED):
-                    asked = str(now(page, "(e => e && !e.hidden ? e.textContent : '')(document.getElementById('asked'))") or "")
+                while not page.now(ENDED):
+                    asked = str(page.now("(e => e && !e.hidden ? e.textContent : '')(document.getElementById('asked'))") or "")
                     if asked and asked != seen:
                         seen = asked
                         person.do(asked.partition("  ")[2])
-                        now(page, "document.querySelector('[data-type=\"\"]').click()")
+                        page.now("document.querySelector('[data-type=\"\"]').click()")
                     time.sleep(0.05)
                 rows = "[...document.querySelectorAll('.cables tbody tr')]"
                 return list(page.evaluate(f"{rows}.map(r => [r.cells[0].textContent, r.className, r.cells[1].textContent])"))
