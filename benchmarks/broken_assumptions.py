@@ -1,23 +1,23 @@
 """What a calibration delivers when the world is not as its files say: cases by an independent forward model, with the truth beside them.
 
-    python benchmarks/broken_assumptions.py --rigs 16 --out cases.csv [--case NAME ...]
-    python benchmarks/broken_assumptions.py --table cases.csv
+    python benchmarks/broken_assumptions.py --rigs 16 --keep cases.jsonl [--case NAME ...]
     python benchmarks/broken_assumptions.py --alarms 300 --first 1000
 
 Every rig is drawn, its campaign of twenty poses calibrated, and a run reconstructed with the result. Beside it: with the drawing, with the
 plain fit (residuals taken as they are), and with the truth stated as a user can (uncertainties of poses, groups to solve for). "inside" is
-the share of samples within the stated 95 % region of all six degrees of freedom. Pieces may be run one after another; each adds its cases
-to the file.
+the share of samples within the stated 95 % region of all six degrees of freedom. --keep goes on from what is kept.
 """
 
-import argparse
+import itertools
 import sys
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
 import pandas as pd
+from pieces import options, run_all
 
 TESTS = Path(__file__).parent.parent / "tests"
 sys.path.insert(0, str(TESTS))
@@ -124,23 +124,16 @@ def table(data: pd.DataFrame) -> str:
 
 def main() -> None:
     """Run the cases that are asked for, each kept as soon as it is done, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "rigs", 16, writes=False)
     parser.add_argument("--case", action="append", choices=list(CASES))
-    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first rig of each case")
-    parser.add_argument("--rigs", type=int, default=16)
-    parser.add_argument("--out", type=Path, default=Path("cases.csv"))
-    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
     parser.add_argument("--alarms", type=int, help="count the false alarms of so many sound campaigns and do nothing else")
     asked = parser.parse_args()
     if asked.alarms:
         print(alarms(asked.first, asked.alarms))
         return
-    if not asked.table:
-        for name in asked.case or CASES:
-            for seed in range(asked.first, asked.first + asked.rigs):
-                before = [pd.read_csv(asked.out)] if asked.out.exists() else []
-                pd.concat([*before, pd.DataFrame([study(name, seed)])]).to_csv(asked.out, index=False)
-    print(table(pd.read_csv(asked.table or asked.out)))
+    seeds = range(asked.first, asked.first + asked.rigs)
+    runs = ((f"{name} {seed}", partial(study, name, seed)) for name, seed in itertools.product(asked.case or CASES, seeds))
+    print(table(pd.DataFrame(run_all(asked, runs))))
 
 
 if __name__ == "__main__":

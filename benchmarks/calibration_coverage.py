@@ -1,10 +1,9 @@
 """Slow study over random rigs and campaigns: do calibrations reach the Cramer-Rao bound, do their 95 % regions hold the truth in 95 %?
 
-    python benchmarks/calibration_coverage.py --case all --first 0 --campaigns 500 --out campaigns.csv
-    python benchmarks/calibration_coverage.py --table campaigns.csv
+    python benchmarks/calibration_coverage.py --case all --campaigns 500 --keep campaigns.jsonl
 
-The campaign is the unit: one drawn rig, one set of poses, one draw of the noise; its number is the seed. Pieces may be run one after
-another; each adds its campaigns to the file, and --table prints what benchmarks/results/calibration_coverage.md shows.
+The campaign is the unit: one drawn rig, one set of poses, one draw of the noise; its number is the seed. What
+benchmarks/results/calibration_coverage.md shows is printed; --keep goes on from what is kept.
 """
 
 import sys

@@ -1,24 +1,25 @@
 """Does the stated U95 of every characteristic hold the truth 95 times in 100?
 
-python benchmarks/certificate_coverage.py [--campaigns 2000] [--seed 1] [--first 0] [--keep FILE.npz] [--write FILE.npz ...]
+python benchmarks/certificate_coverage.py [--campaigns 2000] [--seed 1] [--first 0] [--keep campaigns.jsonl] [--write]
 
 Each campaign is a robot with its own known errors - offsets per pose, scatter, lag, drift, overshoot, compliance - that runs a program of
 five poses of the cube, a line while turning, a rectangle, a weave, moves and loads, measured by an instrument of its own: the true rig is
 drawn from the covariance of a calibration, the counts are those of the true rig, whole, of counters zeroed anywhere within a count; the
 certificate knows only the calibrated rig and the counts. Truth is what the same figures are of the true poses of the same cycles. The robot
-scatters by a sixth of a count to four. --keep saves errors and U95 of the campaigns [first, first + campaigns) for --write, which joins
-such pieces in results/certificate_coverage.md.
+scatters by a sixth of a count to four. --keep holds errors and U95 of each campaign, and goes on from what is kept.
 """
 
-import argparse
 import platform
 import tempfile
 from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from erring_robot import FINER, RATE_HZ, START, Motion, draw_robot, robot_motion
 from numpy.typing import NDArray
+from pieces import options, run_all, show
 from scipy.stats import binom
 
 from lmeasure.calibration import calibrate, read_campaign
@@ -82,6 +83,9 @@ class Instrument:
         return run, trajectory_of(time_s, found)
 
 
+instruments = lru_cache(1)(Instrument)
+
+
 def joined(pieces: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
     """Times (n,) and poses (n, 7) of pieces."""
     times, poses = zip(*pieces, strict=True)
@@ -101,8 +105,9 @@ def key(evaluation: Evaluation) -> list[tuple[str, str]]:
     return [(c.name, c.where) for c in evaluation.characteristics]
 
 
-def campaign(instrument: Instrument, seed: int, trials: int) -> tuple[list[str], FloatArray, FloatArray, FloatArray]:
-    """Names of the characteristics, errors, U95 and true values (n,) each of one campaign."""
+def campaign(number: int, seed: int, trials: int) -> dict[str, Any]:
+    """Names of the characteristics, errors and U95 (n,) each of one campaign."""
+    instrument, seed = instruments(1_000_000 * seed + number // PER_INSTRUMENT), 1_000_000 * seed + number
     rng = np.random.default_rng(seed)
     robot = draw_robot(rng)
     motion, program = robot_motion(robot, rng)
@@ -115,25 +120,25 @@ def campaign(instrument: Instrument, seed: int, trials: int) -> tuple[list[str],
         raise SystemExit(f"campaign {seed}: other figures of the truth than of the measurement: {found.notes}, {truth.notes}")
     value, u95 = (np.array([getattr(c, name) for c in found.characteristics]) for name in ("value", "u95"))
     true = np.array([c.value for c in truth.characteristics])
-    return [c.name for c in found.characteristics], value - true, u95, true
+    names = [c.name for c in found.characteristics]
+    return {"number": number, "trials": trials, "names": names, "error": value - true, "u95": u95}
 
 
-def results(pieces: list[Path]) -> str:
+def results(found: list[Any]) -> str:
     """The table of results."""
-    loaded = [np.load(p) for p in pieces]
-    names = loaded[0]["names"].tolist()
-    error, u95 = (np.concatenate([p[k] for p in loaded]) for k in ("error", "u95"))
+    names = found[0]["names"]
+    error, u95 = (np.array([one[k] for one in found]) for k in ("error", "u95"))
     inside = np.abs(error) <= u95 + 1e-12
     n = len(error)
     # a campaign counts once per name: poses of one campaign share the error of the calibration
-    seeds = sorted(int(s) for p in loaded for s in p["seeds"])
+    seeds = sorted(one["number"] for one in found)
     low, high = binom.ppf([0.005, 0.995], n, 0.95) / n
     each = len(set(names))
     lowest, highest = binom.ppf([0.005 / each, 1.0 - 0.005 / each], n, 0.95) / n
     lines = [
         "# Coverage of the certificate's U95",
         "",
-        f"`python benchmarks/certificate_coverage.py`: {n} campaigns, seeds {seeds[0]} to {seeds[-1]}, {int(loaded[0]['trials'])} trials "
+        f"`python benchmarks/certificate_coverage.py`: {n} campaigns, seeds {seeds[0]} to {seeds[-1]}, {found[0]['trials']} trials "
         f"each; Python {platform.python_version()}, NumPy {np.__version__}. Of {n} independent campaigns a true 95 % gives between "
         f"{low:.1%} and {high:.1%} (99 % of the time), all {each} characteristics together between {lowest:.1%} and {highest:.1%}. "
         f"Figures of one campaign are not independent of each other, and four campaigns share the errors of a calibration: of figures that "
@@ -160,29 +165,14 @@ def results(pieces: list[Path]) -> str:
 
 
 def main() -> None:
-    """Run campaigns, or join pieces of them."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--campaigns", type=int, default=2000)
-    parser.add_argument("--first", type=int, default=0)
+    """Run campaigns, each kept as soon as it is done, and print what is kept."""
+    parser = options(__doc__, "campaigns", 2000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--trials", type=int, default=400)
-    parser.add_argument("--keep", type=Path)
-    parser.add_argument("--write", type=Path, nargs="+")
     asked = parser.parse_args()
-    if asked.write:
-        RESULTS.write_text(results(asked.write), encoding="utf-8")
-        return
-    kept: tuple[list[FloatArray], ...] = ([], [], [])
-    seeds = range(asked.first, asked.first + asked.campaigns)
-    for seed in seeds:
-        if seed % PER_INSTRUMENT == 0 or seed == asked.first:
-            instrument = Instrument(1_000_000 * asked.seed + seed // PER_INSTRUMENT)
-        names, *figures = campaign(instrument, 1_000_000 * asked.seed + seed, asked.trials)
-        for column, values in zip(kept, figures, strict=True):
-            column.append(values)
-    keep = asked.keep or Path("certificate_coverage.npz")
-    np.savez(keep, names=np.array(names), error=kept[0], u95=kept[1], true=kept[2], seeds=np.array(seeds), trials=asked.trials)
-    print(results([keep]))
+    numbers = range(asked.first, asked.first + asked.campaigns)
+    runs = ((f"{asked.seed} {asked.trials} {n}", partial(campaign, n, asked.seed, asked.trials)) for n in numbers)
+    show(asked, results(run_all(asked, runs)), RESULTS)
 
 
 if __name__ == "__main__":

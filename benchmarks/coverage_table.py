@@ -1,13 +1,14 @@
 """What the studies of calibrations against their truth have in common: their table and their command line."""
 
-import argparse
+import itertools
 from collections.abc import Callable, Iterable
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import scipy.stats
+from pieces import options, run_all
 
 HEADER = (
     "case", "campaigns", "determined", "values / bound", "lengths / bound", "of these straight", "joint / bound",
@@ -43,19 +44,12 @@ def command(
     doc: str | None, cases: Iterable[str], study: Callable[[str, int], dict[str, Any]], line: Callable[[str, pd.DataFrame], str | None]
 ) -> None:
     """Run the studies that are asked for, each kept as soon as it is done, and print the table; line: a case's, None where it has none."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(doc, "campaigns", writes=False)
     parser.add_argument("--case", default="all", choices=["all", *cases])
-    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first campaign of each case")
-    parser.add_argument("--campaigns", type=int, default=100, help="campaigns of each case")
-    parser.add_argument("--out", type=Path, default=Path("campaigns.csv"))
-    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
     asked = parser.parse_args()
-    if not asked.table:
-        for case in cases if asked.case == "all" else [asked.case]:
-            for seed in range(asked.first, asked.first + asked.campaigns):
-                before = [pd.read_csv(asked.out)] if asked.out.exists() else []
-                pd.concat([*before, pd.DataFrame([study(case, seed)])]).to_csv(asked.out, index=False)
-    data = pd.read_csv(asked.table or asked.out).drop_duplicates(["case", "seed"])
+    seeds = range(asked.first, asked.first + asked.campaigns)
+    every = itertools.product(cases if asked.case == "all" else [asked.case], seeds)
+    data = pd.DataFrame(run_all(asked, ((f"{case} {seed}", partial(study, case, seed)) for case, seed in every)))
     print("| " + " | ".join(HEADER) + " |\n" + "|" + "---|" * len(HEADER))
     for case in cases:
         text = line(case, data[data["case"] == case])

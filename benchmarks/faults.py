@@ -1,7 +1,6 @@
 """What becomes of a run when a counter errs: kinds of faults by rigs of six, seven and eight cables, silent, partly caught or caught.
 
-    python benchmarks/faults.py --rigs 12 --out faults.csv [--cables 6 7 8] [--limits] [--kind NAME ...]
-    python benchmarks/faults.py --table faults.csv [--before earlier.csv] [--write]
+    python benchmarks/faults.py --rigs 12 --keep faults.jsonl [--cables 6 7 8] [--limits] [--kind NAME ...] [--before was.jsonl] [--write]
     python benchmarks/faults.py --alarms 300 [--cables 7]
 
 Rigs and counts come from an independent forward model (tests/real_rig.py); each rig is calibrated by twenty poses of a robot (0.05 mm, 50
@@ -13,16 +12,17 @@ harmless when none is wrong and nothing is said. A fault is detectable when the 
 summary calls its cable faulty, and no other.
 """
 
-import argparse
+import itertools
 import re
 import sys
-from itertools import pairwise
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pieces import kept, options, run_all, show
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, ncx2
 
@@ -52,7 +52,7 @@ def motion(rng: np.random.Generator, rate_hz: float) -> tuple[FloatArray, FloatA
     places = np.vstack([np.zeros((1, 6)), np.column_stack([rng.uniform(-200, 200, (4, 3)), rng.uniform(-0.2, 0.2, (4, 3))])])
     acceleration, speed = rng.uniform(1000.0, 4000.0), rng.uniform(150.0, 400.0)
     parts, order = [np.repeat(places[:1], round(0.2 * rate_hz), axis=0)], [0, 1, 2, 3, 4] * 20
-    for a, b in pairwise(order):
+    for a, b in itertools.pairwise(order):
         length = float(np.linalg.norm(places[b, :3] - places[a, :3]))
         ramp = min(speed / acceleration, np.sqrt(length / acceleration))
         whole = length / (acceleration * ramp) + ramp
@@ -257,34 +257,26 @@ def alarms(first: int, runs: int, cables: int) -> str:
 
 def main() -> None:
     """Run what is asked for, each run kept as soon as it is done, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rigs", type=int, default=12)
-    parser.add_argument("--first", type=int, default=0, help="number (seed) of the first rig")
+    parser = options(__doc__, "rigs", 12)
     parser.add_argument("--cables", type=int, nargs="+", default=[6, 7, 8])
     parser.add_argument("--limits", action="store_true", help="the rig states limits of speed and acceleration")
     parser.add_argument("--kind", action="append", choices=KINDS)
-    parser.add_argument("--out", type=Path, default=Path("faults.csv"))
-    parser.add_argument("--table", type=Path, help="print the table of a file and do nothing else")
     parser.add_argument("--before", type=Path, help="runs of an earlier version, for the table")
     parser.add_argument("--plain", action="store_true", help="without what can be detected, which versions before do not tell")
-    parser.add_argument("--write", action="store_true")
     parser.add_argument("--alarms", type=int, help="count the false alarms of so many sound runs and do nothing else")
     asked = parser.parse_args()
     if asked.alarms:
         for cables in asked.cables:
             print(alarms(asked.first, asked.alarms, cables), flush=True)
         return
-    if not asked.table:
-        for cables in asked.cables:
-            for seed in range(asked.first, asked.first + asked.rigs):
-                cell = Cell(seed, cables, asked.limits)
-                rows = [study(cell, seed, kind, asked.plain) | {"limits": asked.limits} for kind in asked.kind or KINDS]
-                before = [pd.read_csv(asked.out)] if asked.out.exists() else []
-                pd.concat([*before, pd.DataFrame(rows)]).to_csv(asked.out, index=False)
-    text = table(pd.read_csv(asked.table or asked.out), pd.read_csv(asked.before) if asked.before else None)
-    if asked.write:
-        RESULTS.write_text(text + "\n", encoding="utf-8")
-    print(text)
+    cell = lru_cache(1)(Cell)
+
+    def one(cables: int, seed: int, kind: str) -> dict[str, Any]:
+        return study(cell(seed, cables, asked.limits), seed, kind, asked.plain) | {"limits": asked.limits}
+
+    every = itertools.product(asked.cables, range(asked.first, asked.first + asked.rigs), asked.kind or KINDS)
+    found = run_all(asked, ((f"{c} {asked.limits} {seed} {kind}", partial(one, c, seed, kind)) for c, seed, kind in every))
+    show(asked, table(pd.DataFrame(found), pd.DataFrame(kept(asked.before)) if asked.before else None) + "\n", RESULTS)
 
 
 def _told(data: pd.DataFrame) -> str:

@@ -10,6 +10,7 @@ fault is seen where tests fail with it and what failed passes without it. Writes
 import argparse
 import json
 import random
+from functools import partial
 from pathlib import Path
 
 import scipy.stats
@@ -17,6 +18,7 @@ from core_tests import CORE, PLAIN
 from mutants import RESULTS, equivalents, faults_of, load_libraries
 from mutated_copy import Copy
 from mutations import Mutant
+from pieces import Pieces
 
 OUT = RESULTS / "mutants_unseen.md"
 
@@ -57,22 +59,20 @@ def main() -> None:
     load_libraries()
     every = [m for file in CORE for m in faults_of(file)]
     order = random.Random(asked.seed).sample(every, min(asked.faults, len(every)))
-    log = asked.folder / f"unseen-{asked.seed}.jsonl"
-    log.parent.mkdir(parents=True, exist_ok=True)
-    before = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()] if log.exists() else []
-    done = {(*one["key"],): bool(one["seen"]) for one in before}
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    seen = Pieces(asked.folder / f"unseen-{asked.seed}.jsonl")
     known = equivalents()
     copies = {quick: Copy(asked.folder / str(quick), quick) for quick in (False, True)}
     tried: list[tuple[Mutant, bool]] = []
-    for m in order:
-        if m.key not in done:
-            kernel = m.file.startswith("kernels/")
-            tests = PLAIN.get(m.file, CORE[m.file])
-            done[m.key] = m.key not in known and copies[kernel].killed(m, tests, asked.limit_s, plain=kernel)
-            with log.open("a", encoding="utf-8") as out:
-                out.write(json.dumps({"key": m.key, "seen": done[m.key]}) + "\n")
-            print(f"{len(tried) + 1}: {m.file}:{m.line} {m.change}: {'killed' if done[m.key] else 'SURVIVES'}", flush=True)
-        tried.append((m, done[m.key]))
+
+    def killed(m: Mutant) -> bool:
+        kernel = m.file.startswith("kernels/")
+        tests = PLAIN.get(m.file, CORE[m.file])
+        return m.key not in known and copies[kernel].killed(m, tests, asked.limit_s, plain=kernel, recorded=not kernel)
+
+    for number, m in enumerate(order, 1):
+        tried.append((m, seen(json.dumps(m.key), partial(killed, m))))
+        print(f"{number}: {m.file}:{m.line} {m.change}: {'killed' if tried[-1][1] else 'SURVIVES'}", flush=True)
         OUT.write_text(written(asked.seed, len(every), tried), encoding="utf-8", newline="\n")
 
 

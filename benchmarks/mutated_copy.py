@@ -134,17 +134,28 @@ class Copy:
             options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0", "-W", "ignore:Cannot cache compiled"]
             recorder = _Recorder(self.root) if record else None
             code = int(pytest.main([*options, *tests], plugins=[recorder] if recorder else [_Failure(self._failed)]))
-            if record and recorder and not code:
+            if record and recorder and code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
                 recorder.write(record)
+                code = 0
         finally:
             os._exit(code)
 
     def passed(self, tests: list[str], longest_s: float, *, plain: bool = False) -> Passed:
-        """What the tests pass without a fault; SystemExit where they fail or take longer than that."""
-        record = self._kept_of("passed", tests, plain)
-        if not record.exists() and not self.runs(tests, longest_s, plain=plain, record=record):
-            raise SystemExit(f"tests do not pass without a fault within {longest_s:g} s: {' '.join(tests)}")
-        return Passed(*json.loads(record.read_text(encoding="utf-8")))
+        """What the tests pass without a fault, kept file by file; SystemExit where they fail or take longer than that."""
+        end = tests.index("-k") if "-k" in tests else len(tests)
+        lines: dict[str, dict[str, list[str]]] = {}
+        seconds: dict[str, float] = {}
+        for name in tests[:end]:
+            some = [name, *tests[end:]]
+            record = self._kept_of("passed", some, plain)
+            if not record.exists() and not self.runs(some, longest_s, plain=plain, record=record):
+                raise SystemExit(f"tests do not pass without a fault within {longest_s:g} s: {' '.join(some)}")
+            found = Passed(*json.loads(record.read_text(encoding="utf-8")))
+            seconds |= found.seconds
+            for file, by_line in found.lines.items():
+                for line, those in by_line.items():
+                    lines.setdefault(file, {}).setdefault(line, []).extend(those)
+        return Passed(lines, seconds)
 
     def failed(self) -> list[str]:
         """The test that failed in the last run."""

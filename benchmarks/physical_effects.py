@@ -1,7 +1,6 @@
 """Parts that are not as drawn, planted in drawn campaigns: are they named as often as stated, and never by chance more often than stated?
 
-    python benchmarks/physical_effects.py --kind run-out --first 0 --draws 100 --out run_out.csv     (pieces add up in the file)
-    python benchmarks/physical_effects.py --table run_out.csv [--write]     (`cat` of pieces made beside each other is a table too)
+    python benchmarks/physical_effects.py --kind run-out --draws 100 --keep effects.jsonl [--write]     (goes on from what is kept)
 
 Each draw is a cell of its own, 24 poses in its work space known to 0.01 mm, a nominal rig off by up to 3 mm and 0.5 degrees, and one
 observation point with one effect, whose counts the machine makes (`simulation.machine`, which shares no formula with the solvers); of even
@@ -11,15 +10,14 @@ wrong: something is named, and it is not. What is solved for is the one effect o
 points, with none planted. Errors of lengths and places are those of a run elsewhere in the work space, in units of the least-squares bound.
 """
 
-import csv
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from adding_up import add_up, options
 from numpy.typing import NDArray
+from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2, f, ncf, ncx2
 
@@ -280,11 +278,8 @@ def solved_of_nothing(at: Drawn, number: int) -> Draw:
     return Draw("nothing", number, found=len(found), said=", ".join(found))
 
 
-def table(path: Path) -> str:
+def table(every: list[Draw]) -> str:
     """The page of results."""
-    with path.open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["kind"] != "kind"]
-    every = [Draw(**{x.name: _read(x.type, row[x.name]) for x in fields(Draw)}) for row in rows]
     lines = ["# Physical effects in calibrations", "", (__doc__ or "").split("\n\n", 2)[2].strip(), ""]
     lines += [
         "| effect | size | campaigns | passed | stated | named, size as stated | something else named |",
@@ -355,18 +350,15 @@ def _solved(every: list[Draw]) -> Iterator[str]:
 PAIRS = (("length_error", "length_bound"), ("place_error", "place_bound"), ("place_error", "place_stated"))
 
 
-def _read(kind: Any, text: str) -> Any:
-    return kind(text)
-
-
 def main() -> None:
     """Each draw is kept as soon as it is done."""
-    parser = options(__doc__, "draws", "physical_effects.csv")
+    parser = options(__doc__, "draws")
     every = (*KINDS, "none", "nothing", *SEVERAL)
     parser.add_argument("--kind", choices=every, nargs="+", default=list(every))
     asked = parser.parse_args()
     numbers = range(asked.first, asked.first + asked.draws)
-    add_up(asked, (study(kind, number) for number in numbers for kind in asked.kind), table, RESULTS)
+    runs = ((f"{kind} {number}", partial(study, kind, number)) for number in numbers for kind in asked.kind)
+    show(asked, table([Draw(**d) for d in run_all(asked, runs)]), RESULTS)
 
 
 if __name__ == "__main__":

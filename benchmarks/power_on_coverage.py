@@ -1,19 +1,18 @@
 """Runs that begin nobody knows where, drawn again and again: are the first pose and the lengths that were out where they are stated to be?
 
-    python benchmarks/power_on_coverage.py --first 0 --draws 200 --out power_on.csv     (pieces add up in the file)
-    python benchmarks/power_on_coverage.py --table power_on.csv [--write]
+    python benchmarks/power_on_coverage.py --draws 200 --keep power_on.jsonl [--write]     (goes on from what is kept)
 
 Each draw is a rig of six drums, zeroed anywhere within a count at the first sample, with six absolute swivel encoders of 17 bits whose
 zeros are known to 0.002 degrees and drawn so, and a motion of 2 s at 250 Hz. Squared errors are in units of the stated covariances.
 """
 
-import csv
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from adding_up import add_up, options
+from pieces import options, run_all, show
 from scipy.stats import binom, chi2
 
 from lmeasure import se3
@@ -88,27 +87,26 @@ def _square(error: Any, covariance: Any) -> float:
     return float(error @ np.linalg.solve(covariance, error))
 
 
-def table(path: Path) -> str:
+def table(draws: list[Draw]) -> str:
     """The page of results."""
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
     lines = ["# Power-on: where a run began", "", (__doc__ or "").split("\n\n")[2].strip(), ""]
     lines += ["| what | within the stated 95 % | consistent from | mean of the square over its freedom |", "|---|---|---|---|"]
     for kind, freedom in KINDS.items():
-        values = np.array([float(row[kind]) for row in rows])
+        values = np.array([getattr(d, kind) for d in draws])
         values = values[np.isfinite(values)]
         n = len(values)
         within = int((values <= chi2.ppf(0.95, freedom)).sum())
         low, high = (int(binom.ppf(q, n, 0.95)) for q in (0.005, 0.995))
         lines.append(f"| {kind} | {within} of {n} ({within / n:.1%}) | {low} to {high} | {values.mean() / freedom:.2f} |")
-    missed = sum(not np.isfinite(float(row["first"])) for row in rows)
-    return "\n".join([*lines, "", f"{missed} of {len(rows)} runs did not tell their start, and said so.", ""])
+    missed = sum(not np.isfinite(d.first) for d in draws)
+    return "\n".join([*lines, "", f"{missed} of {len(draws)} runs did not tell their start, and said so.", ""])
 
 
 def main() -> None:
     """Each draw is kept as soon as it is done."""
-    asked = options(__doc__, "draws", "power_on.csv").parse_args()
-    add_up(asked, (draw(number) for number in range(asked.first, asked.first + asked.draws)), table, RESULTS)
+    asked = options(__doc__, "draws").parse_args()
+    numbers = range(asked.first, asked.first + asked.draws)
+    show(asked, table([Draw(**d) for d in run_all(asked, ((f"{n}", partial(draw, n)) for n in numbers))]), RESULTS)
 
 
 if __name__ == "__main__":

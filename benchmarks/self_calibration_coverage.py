@@ -1,7 +1,6 @@
 """Slow study over random rigs whose poses are found with them: do calibrations reach the Cramer-Rao bound, do their regions hold the truth?
 
-    python benchmarks/self_calibration_coverage.py --case all --first 0 --campaigns 100 --out self.csv
-    python benchmarks/self_calibration_coverage.py --table self.csv
+    python benchmarks/self_calibration_coverage.py --case all --campaigns 100 --keep self.jsonl     (goes on from what is kept)
 
 The campaign is the unit; its number is the seed. Self-calibrations have no frame of the truth: the true rig and poses are moved as a whole
 to where the choice of the frame puts them, and lengths are compared along motions that start from each one's own zero pose. The bound is

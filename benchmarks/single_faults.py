@@ -1,7 +1,6 @@
 """Single faults of drawn sizes in runs of six drums with six swivel encoders, and of eight drums: found, named, restored, or not.
 
-    python benchmarks/single_faults.py --rig 6+6 --first 0 --faults 500 --out faults.csv     (pieces add up in the file)
-    python benchmarks/single_faults.py --table faults.csv [--write]
+    python benchmarks/single_faults.py --rig 6+6 --faults 500 --keep faults.jsonl [--write]     (goes on from what is kept)
 
 Each cell, drawn anew for every 20 faults, is a rig, a motion of 4 s at 250 Hz and phases of its counters; its start is stated. A fault is
 of one channel, at a drawn time, of a size drawn evenly in its logarithm from the smallest that a single sample shows there (Baarda) to a
@@ -13,15 +12,13 @@ central chi-squared), times the chance that the error, left in, brings the place
 a fault is judged over its run.
 """
 
-import csv
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from adding_up import add_up, options
 from numpy.typing import NDArray
+from pieces import options, run_all, show
 from scipy.stats import beta, chi2, ncx2
 
 from lmeasure import se3
@@ -246,11 +243,8 @@ def share(part: int, of: int) -> str:
     return f"{100 * part / of:.2f} % of {of} ({100 * low:.2f} to {100 * high:.2f})"
 
 
-def table(path: Path) -> str:
+def table(every: list[Found]) -> str:
     """The page of results."""
-    with path.open(newline="") as file:
-        rows = [{f.name: _read(f.type, row[f.name]) for f in fields(Found)} for row in csv.DictReader(file)]
-    every = [Found(**row) for row in rows]
     lines = ["# Single faults", "", (__doc__ or "").split("\n\n", 2)[2].strip(), ""]
     for name in RIGS:
         mine = [f for f in every if f.rig == name]
@@ -300,17 +294,14 @@ def beyond(faults: list[Found]) -> list[str]:
     return [*lines, ""]
 
 
-def _read(kind: Any, text: str) -> Any:
-    return text == "True" if kind is bool else kind(text)
-
-
 def main() -> None:
     """Each fault is kept as soon as it is done."""
-    parser = options(__doc__, "faults", "single_faults.csv")
+    parser = options(__doc__, "faults")
     parser.add_argument("--rig", choices=RIGS, nargs="+", default=list(RIGS))
     asked = parser.parse_args()
     numbers = range(asked.first, asked.first + asked.faults)
-    add_up(asked, (study(name, number) for number in numbers for name in asked.rig), table, RESULTS)
+    runs = ((f"{name} {number}", partial(study, name, number)) for number in numbers for name in asked.rig)
+    show(asked, table([Found(**f) for f in run_all(asked, runs)]), RESULTS)
 
 
 if __name__ == "__main__":

@@ -1,25 +1,23 @@
 """Slow study over random rigs, calibrations and runs: do the stated 95 % regions of a pose hold the true one in 95 %?
 
-    python benchmarks/trajectory_coverage.py --rig calibrated --noise gaussian --first 0 --cases 500 --out cases.csv
-    python benchmarks/trajectory_coverage.py --table cases.csv [--write]
+    python benchmarks/trajectory_coverage.py --rig calibrated --noise gaussian --cases 500 --keep cases.jsonl [--write]
 
 A case is one drawn rig, a calibration campaign of it, a start pose that is off by what is stated of it, and a run of which one pose is
 drawn; its number is the seed. Of a known rig nothing is uncertain but the counts. Campaign and run have counters that were zeroed anywhere
 within a count, each a draw of its own. The regions are ellipsoids of the position (tool origin) and of the rotation vector, from the sum of
-the random and the systematic covariance. Gaussian noise has the variance of a whole count, rounded counts are whole. Pieces may be run one
-after another; each adds its cases to the file.
+the random and the systematic covariance. Gaussian noise has the variance of a whole count, rounded counts are whole. Seeds whose rig
+cannot measure its run are passed over, and --keep goes on from what is kept.
 """
 
-import argparse
-import csv
 import itertools
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pieces import options, run_all, show
 from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import binomtest, chi2
 
@@ -67,6 +65,14 @@ class Case:
 
 def case_of(seed: int, rig: str, noise: str) -> Case | None:
     """The case of a seed, or None where the drawn rig cannot measure the drawn run."""
+    try:
+        return _case_of(seed, rig, noise)
+    except LMeasureError as error:
+        print(f"{seed}: {error}", file=sys.stderr)
+        return None
+
+
+def _case_of(seed: int, rig: str, noise: str) -> Case | None:
     rng = np.random.default_rng([seed, 20])
     drawn = draw(seed, points=6, poses=POSES, noise=noise, u_position_mm=U_REFERENCE_MM, phased=True)
     poses = way(rng)
@@ -133,26 +139,8 @@ def distance(error: FloatArray, covariance: FloatArray) -> float:
     return float(error @ np.linalg.solve(covariance, error))
 
 
-def cases(rig: str, noise: str, first: int, count: int) -> Iterator[Case]:
-    """So many cases; seeds whose rig cannot measure its run are passed over."""
-    done = 0
-    for seed in itertools.count(first):
-        if done == count:
-            return
-        try:
-            case = case_of(seed, rig, noise)
-        except LMeasureError as error:
-            print(f"{seed}: {error}", file=sys.stderr)
-            continue
-        if case is not None:
-            done += 1
-            yield case
-
-
-def table(path: Path) -> str:
+def table(found: list[Case]) -> str:
     """The study in Markdown."""
-    with path.open(newline="") as source:
-        found = list(csv.DictReader(source))
     limit = float(chi2.ppf(PROBABILITY, 3))
     lines = [
         "# Coverage of the poses' regions",
@@ -166,12 +154,12 @@ def table(path: Path) -> str:
         "|---|---|---|---:|---|---:|---:|",
     ]
     for rig, noise in itertools.product(RIGS, NOISES):
-        rows = [row for row in found if (row["rig"], row["noise"]) == (rig, noise)]
+        rows = [case for case in found if (case.rig, case.noise) == (rig, noise)]
         if not rows:
             continue
-        seeds = [int(row["seed"]) for row in rows]
+        seeds = [case.seed for case in rows]
         for kind in KINDS:
-            inside = sum(float(row[kind]) <= limit for row in rows)
+            inside = sum(getattr(case, kind) <= limit for case in rows)
             p = binomtest(inside, len(rows), PROBABILITY).pvalue
             share = 100.0 * inside / len(rows)
             lines.append(f"| {rig} | {noise} | {min(seeds)} to {max(seeds)} | {len(rows)} | {kind} | {share:.2f} % | {p:.3f} |")
@@ -179,29 +167,14 @@ def table(path: Path) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Each case is kept as soon as it is done."""
+    parser = options(__doc__, "cases")
     parser.add_argument("--rig", choices=RIGS, default="calibrated")
     parser.add_argument("--noise", choices=NOISES, default="gaussian")
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--cases", type=int, default=10)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--table", type=Path)
-    parser.add_argument("--write", action="store_true", help=f"keep the table in {RESULTS.name}")
-    arguments = parser.parse_args()
-    if arguments.table is not None:
-        text = table(arguments.table)
-        print(text)
-        if arguments.write:
-            RESULTS.write_text(text, encoding="utf-8", newline="\n")
-        return
-    fresh = arguments.out is None or not arguments.out.exists()
-    with sys.stdout if arguments.out is None else arguments.out.open("a", newline="") as out:
-        writer = csv.writer(out)
-        if fresh:
-            writer.writerow(["seed", "rig", "noise", *KINDS])
-        for case in cases(arguments.rig, arguments.noise, arguments.first, arguments.cases):
-            writer.writerow([case.seed, case.rig, case.noise, case.position, case.rotation])
-            out.flush()
+    asked = parser.parse_args()
+    seeds = range(asked.first, asked.first + asked.cases)
+    runs = ((f"{asked.rig} {asked.noise} {seed}", partial(case_of, seed, asked.rig, asked.noise)) for seed in seeds)
+    show(asked, table([Case(**case) for case in run_all(asked, runs) if case is not None]), RESULTS)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,18 @@
 """Does U95 hold where the robot vibrates while it rests, and where it turns corners without any error?
 
-python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--first 0] [--keep FILE.csv]
-    [--table FILE.csv ... [--before FILE.csv ...]]
+python benchmarks/vibration_coverage.py [--case NAME] [--campaigns 200] [--keep vibration.jsonl] [--before earlier.jsonl]
 
 A robot with offsets and scatter of its own rests at two poses in turn, and swings about where it rests by a sinusoid of 5 to 13 Hz of one
 amplitude in a direction that is drawn for each pose, of a phase that is drawn for each dwell or, `locked`, is the same in all. The rig is
 known exactly and its counters were set to zero exactly, so that nothing but the dwells themselves can be wrong. The truth is taken in two
 ways: where the robot rests, about which it swings, and the mean of its true motion over the window. Corners: a robot without any error
 runs a rectangle.
-Each campaign adds lines to --keep: case, seed, figure, reading, error, U95; --table prints those files, with
-those of an earlier program beside them.
+Of each campaign --keep holds case, seed, figure, reading, error, U95; with --before those of an earlier program stand beside them.
 """
 
-import argparse
-import csv
+import itertools
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +20,7 @@ import pandas as pd
 from certificate_coverage import NoErrors, trajectory_of
 from erring_robot import posed
 from numpy.typing import NDArray
+from pieces import kept, options, run_all
 
 from lmeasure.certification import Evaluation, Settings, evaluate
 from lmeasure.counts import Counts
@@ -158,7 +157,7 @@ def corners(rate_hz: float, seed: int) -> tuple[Evaluation, dict[str, Evaluation
     return evaluate(trajectory, program, run=run, settings=settings), {"path": truth}
 
 
-def rows(case: str, seed: int) -> list[dict[str, object]]:
+def lines_of(case: str, seed: int) -> list[dict[str, object]]:
     """The lines of a campaign."""
     found, truths = corners(CORNERS[case], seed) if case in CORNERS else dwells(CASES[case], seed)
     out: list[dict[str, object]] = []
@@ -209,32 +208,18 @@ def chosen(data: pd.DataFrame, case: str, reading: str, members: tuple[str, ...]
     return own.assign(inside=own["error"].abs() <= own["u95"] + 1e-12)
 
 
-def read(paths: list[Path]) -> pd.DataFrame:
-    """What was kept, every figure once."""
-    return pd.concat([pd.read_csv(p) for p in paths]).drop_duplicates(["case", "seed", "figure", "where", "reading"])
-
-
 def main() -> None:
-    """Run campaigns, each kept as soon as it is done, or print what was kept."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Run campaigns, each kept as soon as it is done, and print what is kept."""
+    parser = options(__doc__, "campaigns", 200, writes=False)
     parser.add_argument("--case", default="all", choices=["all", *CASES, *CORNERS])
-    parser.add_argument("--campaigns", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--keep", type=Path, default=Path("vibration_coverage.csv"))
-    parser.add_argument("--table", type=Path, nargs="+")
-    parser.add_argument("--before", type=Path, nargs="+")
+    parser.add_argument("--before", type=Path)
     asked = parser.parse_args()
-    if not asked.table:
-        for seed in range(asked.first, asked.first + asked.campaigns):
-            for case in [*CASES, *CORNERS] if asked.case == "all" else [asked.case]:
-                lines = rows(case, seed)
-                new = not asked.keep.exists()
-                with asked.keep.open("a", newline="", encoding="utf-8") as file:
-                    writer = csv.DictWriter(file, list(lines[0]))
-                    if new:
-                        writer.writeheader()
-                    writer.writerows(lines)
-    print("\n".join(table(read(asked.table or [asked.keep]), read(asked.before) if asked.before else None)))
+    every = itertools.product(
+        range(asked.first, asked.first + asked.campaigns), [*CASES, *CORNERS] if asked.case == "all" else [asked.case]
+    )
+    found = run_all(asked, ((f"{case} {seed}", partial(lines_of, case, seed)) for seed, case in every))
+    now, before = (pd.DataFrame(list(itertools.chain(*lines))) for lines in (found, kept(asked.before)))
+    print("\n".join(table(now, before if asked.before else None)))
 
 
 if __name__ == "__main__":
