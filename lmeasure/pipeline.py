@@ -83,9 +83,10 @@ def reconstruct(
 ) -> "trajectory.Trajectory":
     """The trajectory of a run folder or a run; rig, with its calibration, replaces the run's own. See `trajectory.reconstruct`."""
     from lmeasure import trajectory
+    from lmeasure.interim.explained import explained
 
     return trajectory.reconstruct(
-        _run(run, rig), constraint, repeatability_mm, trials, seed=seed, progress=progress, covariances=covariances
+        _run(run, rig), constraint, repeatability_mm, trials, seed=seed, progress=progress, covariances=covariances, judge=explained
     )
 
 

@@ -32,7 +32,7 @@ from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Finding, ShownEffect
 from lmeasure.effects import Zero
 from lmeasure.estimation import Fit, Parameters, fit
-from lmeasure.estimation.deletion import MIN_FREEDOM, Deletion
+from lmeasure.estimation.deletion import MIN_FREEDOM, Deletion, Remainder
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.layout import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, COUNT_LENGTH, GUIDE_XYZ
 from lmeasure.observation.cable_effects import ECCENTRICITY, OFFSET, RUN_OUT
@@ -75,14 +75,14 @@ def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownE
     out: list[Finding] = []
     unsolved: list[Effect] = []
     while len(out) < MOST:
-        tested = sorted(_tested(deletion, tried), key=lambda pair: pair[0])
-        best = tested[0][0] + math.log(len(tested)) if tested else 0.0
-        if best > math.log(CHANCE) or not tested:
+        judged = sorted(tested(deletion, tried), key=lambda pair: pair[0])
+        best = judged[0][0] + math.log(len(judged)) if judged else 0.0
+        if best > math.log(CHANCE) or not judged:
             break
-        near = [effect for log_p, effect in tested if log_p <= tested[0][0] + NEAR]
-        said = [f"{effect.kind} of {effect.channel} ({_size(deletion, effect)})" for effect in near[:4]]
+        near = [effect for log_p, effect in judged if log_p <= judged[0][0] + NEAR]
+        said = [f"{effect.kind} of {effect.channel} ({size_of(deletion, effect):.2g} {effect.unit})" for effect in near[:4]]
         text = (
-            f"what is left of the residuals follows the law of {', '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(tested)} "
+            f"what is left of the residuals follows the law of {', '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(judged)} "
             "effects tried; nothing was corrected"
         )
         solvable = ":" in near[0].key
@@ -114,11 +114,11 @@ def _with(model: Model, found: Fit, solve: str) -> tuple[Model, Fit]:
     return wide, fit(wide, start, prior_everywhere=found.prior_everywhere)
 
 
-def _tested(deletion: Deletion, tried: list[Effect]) -> Iterator[tuple[float, Effect]]:
+def tested(left: Remainder, tried: list[Effect]) -> Iterator[tuple[float, Effect]]:
     """Logarithms of the probabilities that chance takes as much of chi-squared."""
     for effect in tried:
-        judged = deletion.added(effect.columns)
-        test = deletion.test(judged.square, judged.freedom) if judged else None
+        judged = left.added(effect.columns)
+        test = left.test(judged.square, judged.freedom) if judged else None
         if test:
             yield test[1], effect
 
@@ -142,8 +142,8 @@ def _shown(deletion: Deletion, effect: Effect, tried: int) -> ShownEffect | None
     return ShownEffect(effect=effect.kind, channel=effect.channel, size=math.sqrt(needed / mean) * effect.per_unit, unit=effect.unit)
 
 
-def effects(model: Model, theta: FloatArray) -> Iterator[Effect]:
-    """Those that are neither solved nor stated in the rig."""
+def effects(model: Model, theta: FloatArray, travel: FloatArray | None = None) -> Iterator[Effect]:
+    """Those that are neither solved nor stated in the rig; travel (n, m): as `Campaign.travel` has it, which it replaces."""
     campaign, names = model.campaign, set(model.parameters.names)
     rows, scales, counts = model.cables(theta)
     poses, drums = model.poses(theta), campaign.drums
@@ -151,6 +151,7 @@ def effects(model: Model, theta: FloatArray) -> Iterator[Effect]:
     per_unit = campaign.mm_per_unit
     g = model.since_zero(cable_kernels.length_gradients(rows, poses, counts, scales) * per_unit[:, None])
     m, zero = len(drums), campaign.zero[: len(drums)]
+    travel = campaign.travel if travel is None else travel
     begun = Zero(poses[zero], counts[zero, np.arange(m)], np.zeros(m))
     own_counts = np.ascontiguousarray(counts[:, :m])
     for j, c in enumerate(campaign.cables):
@@ -170,7 +171,7 @@ def effects(model: Model, theta: FloatArray) -> Iterator[Effect]:
                     columns = np.where(mine[:, None], shifts[at[0], np.minimum(at[1], m - 1)], 0.0)
                     yield Effect(said, c.channel, columns, "mm", 1.0, f"{ASK[kind.key]}:{point.name}")
             if f"{c.from_point}.backlash_counts" not in names and point.drum.u_backlash_counts is None:
-                way = np.where(mine, -campaign.travel[at] * rows[j, COUNT_LENGTH] / scales[j], 0.0)
+                way = np.where(mine, -travel[at] * rows[j, COUNT_LENGTH] / scales[j], 0.0)
                 yield Effect(
                     "play", c.channel, np.column_stack([way, mine.astype(np.float64)]), "counts", 1.0, f"backlash:{c.from_point}", 1
                 )
@@ -203,8 +204,6 @@ def _of(model: Model, values: FloatArray, j: int) -> FloatArray:
     return model.since_zero(every)
 
 
-def _size(deletion: Deletion, effect: Effect) -> str:
-    """How large it would be: the length of its components, each by itself."""
-    steps = [deletion.step(column) for column in effect.columns.T[: effect.sized]]
-    size = math.hypot(*(step[0] for step in steps if step is not None)) * effect.per_unit
-    return f"{size:.2g} {effect.unit}"
+def size_of(left: Remainder, effect: Effect) -> float:
+    """How large it would be, in its unit: the length of its components, all together."""
+    return float(np.linalg.norm(left.sizes(effect.columns)[: effect.sized])) * effect.per_unit

@@ -58,7 +58,7 @@ def campaign_of(run: Run, samples: int = SAMPLES, inputs: tuple[Input, ...] = ()
         raise CalibrationError(f"{run.passes[0].source}: has no samples at which all channels can be read")
     poses, rows = _followed(rig, lengths, whole, run.start)
     own = {name: _at(name, lengths.time_s[rows], run.passes[0].source) for name in named if name != "start"}
-    chosen = np.unique(np.r_[_spread(poses, samples), list(own.values())].astype(np.intp))
+    chosen = np.unique(np.r_[spread(poses, samples), list(own.values())].astype(np.intp))
     called = {place: name for name, place in own.items()}
     counts = np.vstack([np.zeros(len(rig.observed)), lengths.counts[rows[chosen]]])
     absolute = np.array([rig.counter(o).codes is not None for o in rig.observed])
@@ -100,7 +100,7 @@ def _followed(rig: Rig, lengths: Lengths, whole: IntArray, start: FloatArray) ->
     return found.poses[ok], rows[ok]
 
 
-def _spread(poses: FloatArray, samples: int) -> IntArray:
+def spread(poses: FloatArray, samples: int) -> IntArray:
     """As many of (k, 7) poses as asked, each the farthest from those before it, in order of time."""
     here = np.column_stack([poses[:, :3], SIZE_MM * se3.displacement(poses, poses[0])[:, :3]])
     chosen, away = [0], np.linalg.norm(here - here[0], axis=1)

@@ -8,6 +8,7 @@ a prior on every direction P = (V + J J^T)^-1, J in prior widths: then the prior
 
 import copy
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy.stats
@@ -39,32 +40,18 @@ def fall_test(fall: float, freedom: float, rest: float, left: float) -> tuple[fl
     return value, float(scipy.stats.f.logsf(value, freedom, left))
 
 
-class Deletion:
-    """Deletion diagnostics of a fit.
+class Remainder:
+    """What is left of residuals r (e,) by weights P (e, e) that leave nothing of what has been fitted: of chi-squared r' P r with freedom
+    degrees of freedom."""
 
-    at_start: of what the unknowns were taken for instead, of which nothing is fitted: P = V^-1, which takes the errors that residuals share
-    from one group to the next.
-    """
+    def __init__(self, weights: FloatArray, residuals: FloatArray, freedom: int) -> None:
+        self._P, self._seen = weights, np.asarray(weights @ residuals, dtype=np.float64)
+        self._chi2, self._freedom = float(residuals @ self._seen), freedom
 
-    def __init__(self, fit: Fit, *, at_start: bool = False) -> None:
-        self._fit, problem = fit, fit.problem
-        self._astray = np.zeros(len(fit.V))
-        if at_start:
-            self._P: FloatArray = np.asarray(np.linalg.inv(fit.V), dtype=np.float64)
-            self._seen = self._P @ problem.residuals(problem.start)
-        elif fit.prior_everywhere and problem.nuisance is None:
-            # with z of unit variance before the data came, r_nominal = J z + e and r = V (V + J J')^-1 r_nominal
-            self._P = np.asarray(np.linalg.inv(fit.V + fit.along @ fit.along.T), dtype=np.float64)
-            self._seen = np.asarray(np.linalg.solve(fit.V, fit.residuals), dtype=np.float64)
-        else:
-            L = np.linalg.cholesky(fit.V)
-            Q, _ = np.linalg.qr(np.linalg.solve(L, fit.determined))
-            left = np.linalg.inv(L) - Q @ np.linalg.solve(L.T, Q).T
-            self._P = np.asarray(left.T @ left, dtype=np.float64)
-            self._seen = self._P @ fit.residuals
-            # what of the residuals the fit could take away and did not: none at an optimum
-            self._astray = fit.residuals - fit.V @ self._seen
-        self._chi2, self._freedom = fit.chi2, fit.freedom
+    @property
+    def chi_squared(self) -> float:
+        """Of what is left."""
+        return self._chi2
 
     @property
     def freedom(self) -> int:
@@ -86,7 +73,7 @@ class Deletion:
         """(c, c) of the sizes of columns (e, c), all else being solved for: the noncentrality of `added` for sizes d is d' I d."""
         return np.asarray(columns.T @ self._P @ columns)
 
-    def freed(self, columns: FloatArray) -> "Deletion":
+    def freed(self, columns: FloatArray) -> Self:
         """The same of a fit that solves for columns (e, c) too."""
         out = copy.copy(self)
         stiffness, pull = self._whitened(columns)
@@ -112,6 +99,44 @@ class Deletion:
         if stiffness < 1e-9 * float(np.trace(self._P)):
             return None
         return pull / stiffness, pull * pull / stiffness
+
+    def sizes(self, columns: FloatArray) -> FloatArray:
+        """(c,) of columns (e, c) that the residuals follow best, the shortest where they do not tell."""
+        return np.asarray(np.linalg.pinv(self.information(columns), rcond=1e-9, hermitian=True) @ (columns.T @ self._seen))
+
+    def falls(self, columns: FloatArray) -> FloatArray:
+        """(c,) by how much chi-squared would fall with each of columns (e, c) alone, 0 where nothing tells of it."""
+        stiffness, pull = np.einsum("ec,ec->c", columns, self._P @ columns), columns.T @ self._seen
+        told = stiffness > 1e-9 * float(np.trace(self._P))
+        return np.asarray(np.where(told, pull**2 / np.where(told, stiffness, 1.0), 0.0))
+
+
+class Deletion(Remainder):
+    """Deletion diagnostics of a fit.
+
+    at_start: of what the unknowns were taken for instead, of which nothing is fitted: P = V^-1, which takes the errors that residuals share
+    from one group to the next.
+    """
+
+    def __init__(self, fit: Fit, *, at_start: bool = False) -> None:
+        self._fit, problem = fit, fit.problem
+        self._astray = np.zeros(len(fit.V))
+        if at_start:
+            self._P = np.asarray(np.linalg.inv(fit.V), dtype=np.float64)
+            self._seen = self._P @ problem.residuals(problem.start)
+        elif fit.prior_everywhere and problem.nuisance is None:
+            # with z of unit variance before the data came, r_nominal = J z + e and r = V (V + J J')^-1 r_nominal
+            self._P = np.asarray(np.linalg.inv(fit.V + fit.along @ fit.along.T), dtype=np.float64)
+            self._seen = np.asarray(np.linalg.solve(fit.V, fit.residuals), dtype=np.float64)
+        else:
+            L = np.linalg.cholesky(fit.V)
+            Q, _ = np.linalg.qr(np.linalg.solve(L, fit.determined))
+            left = np.linalg.inv(L) - Q @ np.linalg.solve(L.T, Q).T
+            self._P = np.asarray(left.T @ left, dtype=np.float64)
+            self._seen = self._P @ fit.residuals
+            # what of the residuals the fit could take away and did not: none at an optimum
+            self._astray = fit.residuals - fit.V @ self._seen
+        self._chi2, self._freedom = fit.chi2, fit.freedom
 
     def shift(self, columns: FloatArray, extra: float = 0.0) -> Shift | None:
         """How all others contradict residuals that columns (e, c) shift together. extra: a variance of each shift that is in V and takes no

@@ -8,7 +8,7 @@ named where no other comes near: their remaining chi-squared, with twice their d
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -16,6 +16,7 @@ import scipy.optimize
 import scipy.stats
 
 from lmeasure.arrays import FloatArray
+from lmeasure.estimation.deletion import Remainder
 from lmeasure.interim.stops import Stops
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.layout import BY_ANGLE_ZERO, BY_ATTACHMENT, BY_BASE, BY_SCALE
@@ -65,7 +66,10 @@ def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Ver
     # what the run told of its origins is not held against the run: they are uncertain as they were before
     readings = stops.readings + budget.offsets(stops.begin_s)
     budget.use(None)
-    parities = _Parities(reconstruction, redundancy, replace(stops, readings=readings))
+    n, m = readings.shape
+    counts, variance = np.nan_to_num(stops.counts), np.broadcast_to(budget.variance, (n, m))
+    epochs = Epochs(stops.begin_s, readings, np.nan_to_num(readings), counts, np.zeros((n, m)), variance, None, stops.travel)
+    parities = Together(reconstruction, redundancy, epochs, stops.poses)
     total, freedom = float(parities.y @ parities.y), parities.freedom
     probability = float(scipy.stats.chi2.sf(total, freedom))
     causes = sorted(parities.causes(alarm), key=lambda c: c.rest)
@@ -74,44 +78,60 @@ def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Ver
     return Verdict(total, freedom, probability, tuple(causes), named)
 
 
-class _Parities:
-    """y (f,) whitened, and how causes change them."""
+class Together:
+    """Samples of a run at poses (n, 7) near the true ones, all their contradictions together: y (f,) whitened, and how causes change them.
+    more (n, m, q): further errors of the readings that they share, by variables of unit variance."""
 
-    def __init__(self, reconstruction: Reconstruction, redundancy: Redundancy, stops: Stops) -> None:
-        budget = reconstruction.budget
-        self._budget, self._stops, self._unit = budget, stops, redundancy.unit
-        used = np.isfinite(stops.readings)
-        n, m = used.shape
-        variance = np.broadcast_to(budget.variance, (n, m))
-        readings = np.where(used, stops.readings, 0.0)
-        epochs = Epochs(
-            stops.begin_s, stops.readings, readings, np.nan_to_num(stops.counts), np.zeros((n, m)), variance, None, stops.travel
-        )
-        basis = redundancy.basis(stops.poses, used)
+    def __init__(
+        self, reconstruction: Reconstruction, redundancy: Redundancy, epochs: Epochs, poses: FloatArray, *, more: FloatArray | None = None
+    ) -> None:
+        budget, used = reconstruction.budget, np.isfinite(epochs.change_mm)
+        self._budget, self._epochs, self._poses, self._unit = budget, epochs, poses, redundancy.unit
+        basis = redundancy.basis(poses, used)
         # unit vectors of channels that were not read are in it: their rows are left out
         self._basis = [b[:, np.abs(b[~seen]).sum(axis=0) < 0.5] if not seen.all() else b for b, seen in zip(basis, used, strict=True)]
-        residual = np.where(used, redundancy.residuals(stops.poses, readings), 0.0) / redundancy.unit
-        own = variance / redundancy.unit**2
-        shared = self._seen(redundancy.shared(epochs, stops.poses, used) * redundancy.unit[:, None])
+        residual = np.where(used, redundancy.residuals(poses, epochs.gone_on_mm), 0.0) / redundancy.unit
+        self._residual, own = residual, epochs.variance_mm2 / redundancy.unit**2
+        errors = redundancy.shared(epochs, poses, used) * redundancy.unit[:, None]
+        # what was found to go on from another origin is a matter of what is wrong, and no error that was to be expected
+        errors = errors[:, :, : errors.shape[2] - len(budget.restored)]
+        shared = self.seen(errors)
         # nothing is known of a start that nobody stated: it takes as many degrees of freedom
-        origins = np.abs(budget.origin_lengths(stops.begin_s)).max(axis=(0, 1), initial=0.0)
+        origins = np.abs(budget.origin_lengths(epochs.time_s)[:, :, : len(budget.origin_names) - len(budget.restored)])
+        origins = origins.max(axis=(0, 1), initial=0.0)
         anywhere = shared[:, shared.shape[1] - len(origins) :][:, origins > UNKNOWN_MM / 2.0]
         self.start_known = not anywhere.shape[1]
+        if more is not None:
+            shared = np.hstack([shared, self.seen(np.where(used[:, :, None], more, 0.0))])
         V = scipy.linalg.block_diag(*(b.T @ (own[i][:, None] * b) for i, b in enumerate(self._basis))) + shared @ shared.T
         self._L = np.linalg.cholesky(V)
         y = np.concatenate([b.T @ r for b, r in zip(self._basis, residual, strict=True)])
         self.y = scipy.linalg.solve_triangular(self._L, y, lower=True)
         self.freedom = len(self.y) - int(np.linalg.matrix_rank(anywhere))
 
-    def _seen(self, errors: FloatArray) -> FloatArray:
+    def remainder(self) -> Remainder:
+        """The contradictions as residuals (n m,) in the units of `columns`."""
+        n, m = self._residual.shape
+        S = self.whitened(np.eye(n * m).reshape(n, m, n * m) * self._unit[:, None])
+        return Remainder(S.T @ S, self._residual.ravel(), self.freedom)
+
+    def columns(self, errors: FloatArray) -> FloatArray:
+        """(n m, q) what errors (n, m, q) of the readings [mm, rad] add to them."""
+        return np.asarray((errors / self._unit[:, None]).reshape(-1, errors.shape[2]))
+
+    def whitened(self, errors: FloatArray) -> FloatArray:
+        """(f, q) what errors (n, m, q) of the readings [mm, rad] add to y."""
+        return np.asarray(scipy.linalg.solve_triangular(self._L, self.seen(errors), lower=True))
+
+    def seen(self, errors: FloatArray) -> FloatArray:
         """(f, q) parities by errors (n, m, q) of readings [mm, rad]."""
         scaled = errors / self._unit[:, None]
         return np.concatenate([b.T @ e for b, e in zip(self._basis, scaled, strict=True)])
 
     def causes(self, alarm: float) -> Iterator[Cause]:
         """Each thing that may have changed, alone, of which the stops tell anything."""
-        for kind, name, unit, factor, errors in self._errors():
-            A = scipy.linalg.solve_triangular(self._L, self._seen(errors), lower=True)
+        for kind, name, unit, factor, errors in self.errors():
+            A = self.whitened(errors)
             U, s, Vt = np.linalg.svd(A, full_matrices=False)
             kept = s > 1e-6 * max(float(s[0]), 1e-300)
             if not s[0] > 0.0:
@@ -123,13 +143,13 @@ class _Parities:
             size = float(np.linalg.norm(change if len(change) < 6 else change[3:]))
             yield Cause(kind, name, size * factor, u * factor, unit, rest, u * factor * _noncentrality(alarm, freedom))
 
-    def _errors(self) -> Iterator[tuple[str, str, str, float, FloatArray]]:
+    def errors(self) -> Iterator[tuple[str, str, str, float, FloatArray]]:
         """kind, name, unit and its size, and errors (n, m, q) of the readings by one mm or rad of it."""
-        budget, stops = self._budget, self._stops
+        budget, poses = self._budget, self._poses
         rows, observed = budget.scheme.rows, budget.rig.observed
-        counts = np.nan_to_num(stops.counts)
+        counts = np.nan_to_num(self._epochs.counts)
         since = ~budget.absolute
-        g = cable_kernels.length_gradients(rows, np.ascontiguousarray(stops.poses), counts, budget.scales)
+        g = cable_kernels.length_gradients(rows, np.ascontiguousarray(poses), counts, budget.scales)
         at_start = cable_kernels.length_gradients(rows, budget.start[None], np.zeros((1, len(rows))), budget.scales)[0]
         g = g - np.where(since[:, None], at_start, 0.0)
         for point in budget.rig.observation_point:
@@ -149,7 +169,7 @@ class _Parities:
         if not self.start_known:
             return
         begun = np.where(since[:, None], cable_kernels.span_rows(rows, budget.start), 0.0)
-        yield "start", "start pose", "mm", 1.0, np.broadcast_to(begun, (len(stops), *begun.shape))
+        yield "start", "start pose", "mm", 1.0, np.broadcast_to(begun, (len(poses), *begun.shape))
 
 
 def _noncentrality(alarm: float, freedom: int) -> float:

@@ -26,6 +26,8 @@ from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.redundancy import Epochs, Parities, Redundancy
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.spans import spans
+from lmeasure.trajectory.thinned import Thinned, joined
+from lmeasure.unsolved import last_travel
 
 SIGNIFICANCE = 1e-3
 """Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted."""
@@ -316,7 +318,7 @@ class EpochFinder:
         return self._pieces[0]
 
     def _join(self) -> None:
-        self._pieces, self._scores = [_joined(self._pieces)], [np.concatenate(self._scores)]
+        self._pieces, self._scores = [joined(self._pieces)], [np.concatenate(self._scores)]
 
     def _thin(self) -> None:
         """Of every two neighbours the one that contradicts itself more; one without a neighbour stays."""
@@ -327,21 +329,19 @@ class EpochFinder:
         self._pieces, self._scores = [self._pieces[0].at(kept)], [score[kept]]
 
 
-def _joined(pieces: list[Epochs]) -> Epochs:
-    def of(name: str) -> FloatArray | None:
-        values = [getattr(piece, name) for piece in pieces]
-        return None if values[0] is None else np.concatenate(values)
-
-    return Epochs(**{name: of(name) for name in Epochs.__dataclass_fields__})  # type: ignore[arg-type]
-
-
 def collected(reconstruction: Reconstruction, pieces: Iterable[Lengths]) -> tuple[Epochs, int]:
-    """The epochs of a run whose channels are redundant, and how many samples it has."""
+    """The epochs of a run whose channels are redundant, and how many samples it has; the reconstruction keeps some of the first that are
+    collected, before anything is left out of them."""
     redundancy = reconstruction.redundancy
     assert redundancy is not None
-    finder = EpochFinder(redundancy)
+    finder, thinned, travelled = EpochFinder(redundancy), Thinned(), np.zeros((len(reconstruction.scheme.rows), 2))
     for lengths, poses, chi_squared, travel in reconstruction.examined(pieces):
-        finder.add(redundancy.epochs(lengths, travel), poses, chi_squared)
+        epochs = redundancy.epochs(lengths, travel)
+        finder.add(epochs, poses, chi_squared)
+        if reconstruction.thinned is None:
+            thinned.add(epochs, last_travel(lengths.counts, 1.0 / reconstruction.budget.scales, travelled))
+    if reconstruction.thinned is None:
+        reconstruction.thinned = thinned.epochs()
     return finder.epochs(), finder.samples
 
 

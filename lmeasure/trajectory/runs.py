@@ -21,6 +21,8 @@ from lmeasure.trajectory.record import Trajectory
 from lmeasure.trajectory.run_covariances import closure_factors, left_out
 from lmeasure.trajectory.screw_method import Reconstruction
 
+Judge = Callable[[Reconstruction], tuple[Finding, ...]]
+
 
 def reconstruct(
     run: Run | Alignment,
@@ -31,18 +33,20 @@ def reconstruct(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
     covariances: bool = True,
+    judge: Judge | None = None,
 ) -> Trajectory:
     """The trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
 
     repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in repeated passes. trials: of Monte
     Carlo instead of the linear law for the uncertainties, 0 for none; see `monte_carlo.by_monte_carlo`. covariances: False leaves those
     of a single pass at zero, for a reader who works them out only where he needs them: who aligns the run (`passes.align`) and gives
-    both of them that has its lengths worked out once.
+    both of them that has its lengths worked out once. judge: what more is to be said of the run, once it is prepared.
     Raises what `Reconstruction` and `passes.align` raise.
     """
     aligned = align(run)
     run = aligned.run
     reconstruction, doubts = prepared(aligned, constraint, repeatability_mm)
+    said = () if judge is None else judge(reconstruction)
     covariances = covariances or run.rig.passes > 1 or trials > 0
     evidence = replace(aligned.evidence, doubts=doubts)
     lengths = aligned.lengths if doubts is aligned.evidence.doubts else aligned.without(doubts)
@@ -50,7 +54,7 @@ def reconstruct(
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed=seed, progress=progress)
     trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run=run, covariances=covariances)
-    notes = (*trajectory.notes, *aligned.notes)
+    notes = (*trajectory.notes, *said, *aligned.notes)
     if run.rig.passes > 1 and repeatability_mm == 0.0:
         notes = (*notes, finding("passes.repeatability"))
     return replace(trajectory, time_s=aligned.stamp_s, notes=notes)

@@ -23,7 +23,7 @@ from lmeasure.trajectory.budget import RESTORED_ORIGIN, Budget
 from lmeasure.trajectory.corrections import correction_of
 from lmeasure.trajectory.lost import NEARLY, explain, other_near, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
-from lmeasure.trajectory.redundancy import Redundancy
+from lmeasure.trajectory.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.scheme import FREEDOMS, scheme_of
 from lmeasure.trajectory.sources import PassClock
 
@@ -97,6 +97,8 @@ class Reconstruction:
         self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
         self.reliability: tuple[Finding, ...] = ()
         """Of the run, in lines (`trajectory.reliability`), once it is prepared."""
+        self.thinned: Epochs | None = None
+        """Some samples of the run, evenly over it, before its channels were held against each other; None where none is redundant."""
         self._state = self._new_state(self.start)
         self._many = False
         self._travelled = np.zeros((len(self.scheme.rows), 2))

@@ -18,7 +18,7 @@ from lmeasure.trajectory.doubts import Doubts
 from lmeasure.trajectory.evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.prepared import prepare
 from lmeasure.trajectory.record import Summary, Trajectory
-from lmeasure.trajectory.runs import covered, with_evidence
+from lmeasure.trajectory.runs import Judge, covered, with_evidence
 from lmeasure.trajectory.written import trajectory_writer
 from lmeasure.unused_counts import rate_notes
 
@@ -43,10 +43,11 @@ def reconstruct_stream(
     *,
     progress: Progress | None = None,
     each: Each | None = None,
+    judge: Judge | None = None,
 ) -> Summary:
     """Reconstruct a run for which `can_stream` holds and write its trajectory as `trajectory_writer` does.
 
-    The result is that of `reconstruct`; progress is told (done, of), each piece is given to `each` and then let go.
+    The result is that of `reconstruct`, whose judge is this; progress is told (done, of), each piece is given to `each` and then let go.
     Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
     rig, notes = _with_widths(head)
@@ -58,6 +59,7 @@ def reconstruct_stream(
     pieces = partial(_pieces, head, rig, fresh)
     reconstruction, doubts = prepare(head, rig, pieces, doubts=evidence.doubts, source=str(head.counts[0]), constraint=constraint)
     evidence = replace(evidence, doubts=doubts)
+    more = () if judge is None else judge(reconstruction)
     with trajectory_writer(out, covered(reconstruction.covers, evidence), angles) as write:
         for piece in read_counts_in_pieces(head.counts[0], progress):
             lengths = evidence.doubts.applied(rig, lengths_from_counts(Run(rig, head.start, (piece,)), counters))
@@ -65,6 +67,7 @@ def reconstruct_stream(
             trajectory = reconstruction.add(lengths)
             trajectory = with_evidence(reconstruction, trajectory, lengths, evidence, run=head, covariances=True)
             write(trajectory)
+            trajectory = replace(trajectory, notes=(*trajectory.notes, *more))
             summary.add(trajectory)
             if each is not None:
                 each(piece, lengths, trajectory)

@@ -45,6 +45,7 @@ class Settings(Asked):
 @workflow("reconstruct")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory | Summary]":
     """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
+    from lmeasure.interim.explained import explained
     from lmeasure.run import read_run, read_run_head
     from lmeasure.start import stated_start
     from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory
@@ -55,7 +56,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     linear = settings.uncertainty == "linear"
     if can_stream(head) and linear:
         with _each_piece(settings.rerun, head) as each:
-            summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=steps(progress, "reconstruct"), each=each)
+            told = steps(progress, "reconstruct")
+            summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=told, each=each, judge=explained)
         return Result(summary, tuple(summary.text().splitlines()), summary.figures())
     progress(0.0, "reconstruct")
     recorded = read_run(settings.run, settings.rig, stated)
@@ -66,6 +68,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
         trials=0 if linear else settings.trials,
         seed=0 if linear else settings.seed,
         progress=None if linear else steps(progress, "monte-carlo"),
+        judge=explained,
     )
     progress(1.0, "reconstruct")
     write_trajectory(settings.out, trajectory, named)

@@ -47,6 +47,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     from lmeasure import files
     from lmeasure.accuracy.along import along
     from lmeasure.foreign import columns_of
+    from lmeasure.interim.explained import explained
     from lmeasure.report.trajectory import summary, write_trajectory_page
     from lmeasure.run import read_linked_rig, read_run
     from lmeasure.start import stated_start
@@ -61,7 +62,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
         recorded = read_run(settings.measured, settings.rig, None if settings.start is None else stated_start(settings.start))
         progress(0.2, "reconstruct")
         rig: Rig | None = recorded.rig
-        trajectory = reconstruct(recorded, settings.constraint)
+        trajectory = reconstruct(recorded, settings.constraint, judge=explained)
         sources = [settings.measured / "run.toml", *(Path(c.source) for c in recorded.passes)]
     else:
         for name in ("start", "constraint"):

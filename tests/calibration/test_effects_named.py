@@ -84,7 +84,7 @@ def test_of_two_effects_of_a_machine_both_are_named() -> None:
     said = named_effects(model, fit(model, model.start))[0]
     assert [w.channel for w in said] == ["ch5", "ch2"]
     assert "a drum of another diameter of ch5 (0.2 %)" in said[0].text
-    assert "run-out of the drum of ch2 (0.04 mm)" in said[1].text
+    assert "run-out of the drum of ch2 (0.037 mm)" in said[1].text
 
 
 def test_chance_is_seldom_taken_for_an_effect() -> None:
