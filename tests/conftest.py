@@ -1,6 +1,7 @@
 """Before numpy is loaded, here and in started processes: matrices are small, and threads of BLAS only wait for each other."""
 
 import os
+import signal
 from collections.abc import Generator
 from typing import Any
 
@@ -11,6 +12,9 @@ from hypothesis import settings
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # what is printed is compared with English, whatever the language of the machine
 os.environ["LANGUAGE"] = "en"
+# begun behind another program, or by nohup, tests and what they start would not hear it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 # how long an example takes says more of what else the machine does
 settings.register_profile("unhurried", deadline=None)
 settings.load_profile("unhurried")
@@ -18,7 +22,7 @@ settings.load_profile("unhurried")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
-    """With several workers, a test marked `live` runs alone."""
+    """With several workers, a test marked `live` goes before what the others do, or runs alone."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         return (yield)
     with turn(item.config.rootpath / ".pytest_cache" / "turns", item.get_closest_marker("live") is not None):

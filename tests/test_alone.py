@@ -1,11 +1,14 @@
 """Who is to run alone does, and whoever comes later waits for him."""
 
+import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
-from alone import turn
+from alone import BEFORE_OTHERS, alone_or_beside, may_go_before, turn
 
 fcntl = pytest.importorskip("fcntl")
 
@@ -15,20 +18,20 @@ def test_one_that_waits_to_be_alone_comes_before_later_ones(tmp_path: Path) -> N
     leave, first_is_in = threading.Event(), threading.Event()
 
     def first() -> None:
-        with turn(tmp_path, alone=False):
+        with alone_or_beside(tmp_path, alone=False):
             first_is_in.set()
             leave.wait(30.0)
             told.append("first out")
 
     def other(name: str, alone: bool) -> None:
-        with turn(tmp_path, alone):
+        with alone_or_beside(tmp_path, alone):
             told.append(f"{name} in")
         told.append(f"{name} out")
 
     threads = [threading.Thread(target=first), threading.Thread(target=other, args=("alone", True))]
     threads[0].start()
     assert first_is_in.wait(30.0)
-    with turn(tmp_path, alone=False):
+    with alone_or_beside(tmp_path, alone=False):
         told.append("beside")  # two that need not be alone
     threads[1].start()
     while not _held(tmp_path / "gate.lock"):
@@ -39,6 +42,16 @@ def test_one_that_waits_to_be_alone_comes_before_later_ones(tmp_path: Path) -> N
     for thread in threads:
         thread.join(30.0)
     assert told.index("beside") < told.index("first out") < told.index("alone in") < told.index("later in")
+
+
+def test_what_a_live_test_starts_goes_before_others_and_later_tests_do_not(tmp_path: Path) -> None:
+    if not may_go_before():
+        pytest.skip("may not go before others")
+    usual = os.getpriority(os.PRIO_PROCESS, 0)
+    with turn(tmp_path, live=True):
+        started = subprocess.run([sys.executable, "-c", "import os; print(os.nice(0))"], capture_output=True, text=True, check=True)
+    assert int(started.stdout) == BEFORE_OTHERS
+    assert os.getpriority(os.PRIO_PROCESS, 0) == usual
 
 
 def _held(path: Path) -> bool:
