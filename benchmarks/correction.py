@@ -26,7 +26,7 @@ import numpy as np
 from pieces import Pieces
 
 from lmeasure import se3
-from lmeasure.robots.correction import Limits, correct
+from lmeasure.robots.correction import Limits, corrections
 from lmeasure.robots.identify import Settings, identify, predict
 from lmeasure.robots.measurements import measured
 from lmeasure.robots.robot import any_shipped
@@ -78,7 +78,7 @@ def one(name: str, seed: int, oriented: bool, visits: int) -> list[float]:
     rows = measured(q, place, turned if oriented else None)
     found = identify(nominal, rows, Settings())
     targets = joints_of(nominal, rng, TARGETS[name])
-    done = [correct(nominal, found.state.robot, t, Limits()) for t in targets]
+    done = corrections(nominal, found.state.robot, targets, Limits())
     kept = np.array([not c.refused for c in done])
     targets, solved = targets[kept], np.array([c.joints for c in done])[kept]
     base, tool = found.state.base, found.state.targets[0]

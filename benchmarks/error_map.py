@@ -143,14 +143,15 @@ def arm(seed: int, points: int) -> list[list[float]]:
 
 
 def simulated(robots: int, known: Pieces) -> list[str]:
-    lines = [HEADER[0].format("points"), HEADER[1]]
+    lines = [HEADER[0].format("points, arms"), HEADER[1]]
     for points in POINTS:
         every = [known(f"arm {points} {seed}", partial(arm, seed, points)) for seed in range(robots)]
         every = [one for one in every if one is not None]
         if not every:
             continue
         before, left, radius, refused = (np.concatenate(part) for part in zip(*every, strict=True))
-        lines += [line(str(points), "none", before, None), line(str(points), "map", left, radius)]
+        first = f"{points}, {len(every)} arms"
+        lines += [line(first, "none", before, None), line(first, "map", left, radius)]
         one = []
         for seed, (_, off, r, _) in enumerate(every):
             there = np.flatnonzero(~np.isnan(off))
@@ -172,7 +173,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=math.inf, help="when to stop, with --keep")
     asked = parser.parse_args()
     known, robots = Pieces(asked.keep, asked.seconds), asked.robots
-    parts = [("A real UR5", real(known)), (f"{robots} simulated arms for each number of points", simulated(robots, known))]
+    parts = [("A real UR5", real(known)), ("Simulated arms", simulated(robots, known))]
     if asked.write:
         head = f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {robots} --write`\n"
         tables = "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts)

@@ -10,7 +10,7 @@ import numpy as np
 from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
 from lmeasure.errors import FileFormatError
-from lmeasure.robots.correction import NO_POSE, Correction, Limits, correct, fits, in_keep_out, ways, whole_turns
+from lmeasure.robots.correction import NO_POSE, Correction, Limits, corrections, fits, in_keep_out, ways, whole_turns
 from lmeasure.robots.dialects.program_text import Dialect, Listing, Target, rewritten
 from lmeasure.robots.identified_robot import IdentifiedRobot
 from lmeasure.shown import DataFrame, Shown, framed
@@ -81,33 +81,47 @@ def corrected_program(
     are not followed: a way that only they make is not looked at.
     """
     order = sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved)
-    last = _first(listing, dialect, robot, near)
+    chosen, left = _chosen(order, listing, dialect, robot, near)
+    ready = corrections(robot.nominal, robot.seen, np.array(list(chosen.values())), limits) if chosen else []
+    found = dict(zip(chosen, ready, strict=True))
     outcomes: dict[int, Outcome] = {}
     values: dict[int, Sequence[float]] = {}
     place: FloatArray | None = None
     for i in order:
         target = listing.targets[i]
         file = listing.sources[target.source].name
-        joints, why = _joints(target, listing, dialect, robot, last)
-        if joints is not None and not np.isfinite([m.forward(joints[None])[0] for m in (robot.nominal, robot.seen)]).all():
-            joints, why = None, NO_POSE
-        if joints is None:
-            outcomes[i] = Outcome(target, file, None, target.values, why, float("nan"), float("nan"))
+        if i in left:
+            outcomes[i] = Outcome(target, file, None, target.values, left[i], float("nan"), float("nan"))
             continue
-        last = joints
-        found = correct(robot.nominal, robot.seen, joints, limits)
-        why = found.refused or _other_flags(target, dialect, found, robot)
+        why = found[i].refused or _other_flags(target, dialect, found[i], robot)
         tool = listing.frames.get(target.tool, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
-        at = se3.compose(robot.seen.forward(found.joints[None])[0], tool)[:3]
+        at = se3.compose(robot.seen.forward(found[i].joints[None])[0], tool)[:3]
         if not why and in_keep_out(limits, np.array([at if place is None else place, at])) is not None:
             why = "the way to it leads through a keep-out box"
         place = at
-        new = list(target.values) if why else [float(v) for v in _values(target, listing, dialect, found, robot)]
-        u95 = float(robot.u95_mm(found.joints[None])[0]) + found.left_mm
-        outcomes[i] = Outcome(target, file, found, tuple(new), why, u95, float(robot.u_mm(found.joints[None])[0]))
+        new = list(target.values) if why else [float(v) for v in _values(target, listing, dialect, found[i], robot)]
+        u95 = float(robot.u95_mm(found[i].joints[None])[0]) + found[i].left_mm
+        outcomes[i] = Outcome(target, file, found[i], tuple(new), why, u95, float(robot.u_mm(found[i].joints[None])[0]))
         if not why:
             values[i] = new
     return Corrected(tuple(outcomes[i] for i in range(len(listing.targets))), rewritten(listing, dialect, values))
+
+
+def _chosen(
+    order: Sequence[int], listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]
+) -> tuple[dict[int, FloatArray], dict[int, str]]:
+    """By target, the joint values at which the controller reaches it, each nearest to those before; and why others have none."""
+    chosen: dict[int, FloatArray] = {}
+    left: dict[int, str] = {}
+    last = _first(listing, dialect, robot, near)
+    for i in order:
+        joints, left[i] = _joints(listing.targets[i], listing, dialect, robot, last)
+        if joints is not None and not np.isfinite([m.forward(joints[None])[0] for m in (robot.nominal, robot.seen)]).all():
+            joints, left[i] = None, NO_POSE
+        if joints is not None:
+            chosen[i] = last = joints
+            del left[i]
+    return chosen, left
 
 
 def _first(listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]) -> FloatArray | None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.errors import RobotError
 from lmeasure.robots.model import RobotModel
 from lmeasure.robots.serial_robot import SerialRobot
@@ -61,34 +61,55 @@ class Correction:
 
 
 def correct(nominal: RobotModel, found: RobotModel, joints: FloatArray, limits: Limits) -> Correction:
-    """The correction of the target that the nominal robot reaches at joint values (n,).
+    """The correction of the target that the nominal robot reaches at joint values (n,); RobotError as `corrections`."""
+    return corrections(nominal, found, joints[None], limits)[0]
 
-    RobotError where the nominal or the identified robot has no pose there, as a platform at lengths that do not close.
+
+def corrections(nominal: RobotModel, found: RobotModel, joints: FloatArray, limits: Limits) -> list[Correction]:
+    """The corrections of N targets that the nominal robot reaches at joint values (N, n), each for itself and all at once.
+
+    RobotError where the nominal or the identified robot has no pose at some, as a platform at lengths that do not close.
     """
-    wanted = nominal.forward(joints[None])[0]
-    if not np.isfinite([wanted, found.forward(joints[None])[0]]).all():
+    wanted, was = nominal.forward(joints), found.forward(joints)
+    if not np.isfinite([wanted, was]).all():
         raise RobotError(NO_POSE)
     solved, off = _solved(found, joints, wanted)
-    told = nominal.forward(solved[None])[0]
-    change = se3.displacement(told, wanted)
-    size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
-    refused, clipped = _refused(nominal, found, joints, solved, off=off), False
-    if not refused and (size_mm > limits.most_mm or size_rad > limits.most_rad):
-        refused, clipped = ("", True) if limits.clip else (too_large(change, limits), False)
-    while clipped and (size_mm > limits.most_mm or size_rad > limits.most_rad):
+    refused = _refused(nominal, found, joints, solved, off=off)
+    solved = np.where(np.array([bool(why) for why in refused])[:, None], joints, solved)
+    told = nominal.forward(solved)
+    clipped = np.zeros(len(joints), np.bool_)
+    for i, (told_at, aim) in enumerate(zip(told, wanted, strict=True)):
+        if not np.isfinite(told_at).all():
+            refused[i] = NO_POSE
+        elif not refused[i] and (why := too_large(se3.displacement(told_at, aim), limits)):
+            if limits.clip:
+                clipped[i], solved[i] = True, _shortened(nominal, joints[i], solved[i], wanted=aim, limits=limits)
+            else:
+                refused[i] = why
+    kept = np.array([not why for why in refused])[:, None]
+    solved = np.where(kept, solved, joints)
+    told = np.where(kept, nominal.forward(solved), wanted)
+    at = found.forward(solved)
+    sizes = [np.linalg.norm(part, axis=1) for change in (se3.displacement(told, wanted), se3.displacement(at, wanted)) for part in
+        (change[:, 3:], change[:, :3])]  # fmt: skip
+    size_mm, size_rad, left_mm, left_rad = (part.tolist() for part in sizes)
+    was_mm = np.linalg.norm(se3.displacement(was, wanted)[:, 3:], axis=1).tolist()
+    return [
+        Correction(
+            joints[i], solved[i], wanted[i], told[i], size_mm[i], size_rad[i], was_mm[i], left_mm[i], left_rad[i], bool(clipped[i]), why
+        )
+        for i, why in enumerate(refused)
+    ]
+
+
+def _shortened(nominal: RobotModel, joints: FloatArray, solved: FloatArray, *, wanted: FloatArray, limits: Limits) -> FloatArray:
+    """Joint values (n,) on the way from the told to the corrected ones at which the told pose changes by no more than is allowed."""
+    while too_large(change := se3.displacement(nominal.forward(solved[None])[0], wanted), limits):
+        size = np.array([np.linalg.norm(change[3:]), np.linalg.norm(change[:3])])
         # joints do not shorten quite as places do: once more where a little is left
-        part = min(limits.most_mm / max(size_mm, 1e-300), limits.most_rad / max(size_rad, 1e-300))
-        solved = joints + 0.999999 * part * (solved - joints)
-        told = nominal.forward(solved[None])[0]
-        change = se3.displacement(told, wanted)
-        size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
-    if refused:
-        solved, told = joints, wanted
-        size_mm = size_rad = 0.0
-    at = se3.displacement(found.forward(solved[None])[0], wanted)
-    was = se3.displacement(found.forward(joints[None])[0], wanted)
-    left = float(np.linalg.norm(at[3:])), float(np.linalg.norm(at[:3]))
-    return Correction(joints, solved, wanted, told, size_mm, size_rad, float(np.linalg.norm(was[3:])), *left, clipped, refused)
+        part = float((np.array([limits.most_mm, limits.most_rad]) / np.maximum(size, 1e-300)).min())
+        solved = joints + 0.999999 * min(part, 1.0) * (solved - joints)
+    return solved
 
 
 def too_large(change: FloatArray, limits: Limits) -> str:
@@ -184,20 +205,28 @@ def _at_quarter(degrees: float, slack_deg: float) -> bool:
 
 
 def _solved(found: RobotModel, joints: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Joint values (n,) at which the robot is where it is wanted, and what is left (6,); NaN where steps led to values that no pose has."""
-    solved = joints.copy()
+    """Joint values (N, n) at which the robot is where it is wanted, and what is left (N, 6); NaN where steps led to values that no pose
+    has."""
+    solved, scale = joints.copy(), np.array([1.0] * 3 + [1e3] * 3)
+    on = np.arange(len(joints))
     for _ in range(STEPS):
-        pose, rows = _rows(found, solved[None])
-        if not (np.isfinite(pose).all() and np.isfinite(rows).all()):
+        pose, rows = _rows(found, solved[on])
+        there = np.isfinite(pose).all(axis=1) & np.isfinite(rows).all(axis=(1, 2))
+        on, rows = on[there], rows[there]
+        off = se3.displacement(wanted[on], pose[there]) / scale
+        step = np.einsum("nij,ni->nj", np.linalg.pinv(rows, rcond=1e-9), off)
+        largest = np.abs(step).max(axis=1)
+        if not found.sliding.any():
+            step = step / np.maximum(1.0, largest / 0.1)[:, None]
+        solved[on] += step
+        on = on[np.abs(step).max(axis=1) >= SETTLED]
+        if not len(on):
             break
-        off = se3.displacement(wanted, pose[0])
-        step = np.linalg.lstsq(rows[0].T, off / ([1.0] * 3 + [1e3] * 3), rcond=1e-9)[0]
-        step = step / max(1.0, float(np.abs(step).max()) / 0.1) if not found.sliding.any() else step
-        solved = solved + step
-        if np.abs(step).max() < SETTLED:
-            break
-    pose = found.forward(solved[None])[0]
-    return solved, se3.displacement(wanted, pose) if np.isfinite(pose).all() else np.full(6, np.nan)
+    pose = found.forward(solved)
+    there = np.isfinite(pose).all(axis=1)
+    left = np.full((len(joints), 6), np.nan)
+    left[there] = se3.displacement(wanted[there], pose[there])
+    return solved, left
 
 
 def _rows(robot: RobotModel, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -207,32 +236,45 @@ def _rows(robot: RobotModel, joints: FloatArray) -> tuple[FloatArray, FloatArray
     return poses, np.concatenate([twists[:, :, :3], shifts], axis=2)
 
 
-def _one_branch(robot: RobotModel, joints: FloatArray, solved: FloatArray) -> bool:
-    """Whether no singular pose of a robot of six joints lies between: near one, another branch is as near as the right one."""
-    if len(joints) != 6:
-        return True
-    signs = np.sign(np.linalg.det(_rows(robot, joints + np.linspace(0.0, 1.0, BETWEEN)[:, None] * (solved - joints))[1]))
-    return bool(np.all(signs == signs[0]) and signs[0] != 0.0)
+def _one_branch(robot: RobotModel, joints: FloatArray, solved: FloatArray) -> BoolArray:
+    """(N,) whether no singular pose of a robot of six joints lies between: near one, another branch is as near as the right one."""
+    count, n = joints.shape
+    if n != 6:
+        return np.ones(count, np.bool_)
+    between = joints[:, None] + np.linspace(0.0, 1.0, BETWEEN)[:, None] * (solved - joints)[:, None]
+    signs = np.sign(np.linalg.det(_rows(robot, between.reshape(-1, n))[1])).reshape(count, BETWEEN)
+    return np.asarray((signs == signs[:, :1]).all(axis=1) & (signs[:, 0] != 0.0))
 
 
-def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved: FloatArray, *, off: FloatArray) -> str:
+def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved: FloatArray, *, off: FloatArray) -> list[str]:
+    """Why each correction cannot be; empty where it can."""
     low, high = nominal.limits
     moved = np.abs(solved - joints)
-    if not np.isfinite([*solved, *off]).all() or (len(joints) >= 6 and np.abs(off / ([1.0] * 3 + [1e3] * 3)).max() > 1e-6):
-        return "the identified robot does not reach it"
+    lost = ~np.isfinite(np.hstack([solved, off])).all(axis=1)
+    if joints.shape[1] >= 6:
+        lost |= np.abs(off / ([1.0] * 3 + [1e3] * 3)).max(axis=1) > 1e-6
     far = moved / np.where(nominal.sliding, MOST_JOINT_MM, MOST_JOINT_RAD)
-    if far.max() > 1.0:
-        j = int(np.argmax(far))
-        by, unit = (moved[j], "mm") if nominal.sliding[j] else (np.degrees(moved[j]), "deg")
-        return f"{nominal.joint_names[j]} would move by {by:.1f} {unit}: near a singular pose, or another branch"
-    if not all(_one_branch(robot, joints, solved) for robot in (nominal, found)):
-        return "a singular pose lies between the nominal and the corrected joint values: another branch"
-    beyond = np.flatnonzero((solved < low) | (solved > high))
-    if len(beyond):
-        j = int(beyond[0])
-        value, unit = (solved[j], "mm") if nominal.sliding[j] else (np.degrees(solved[j]), "deg")
-        return f"{nominal.joint_names[j]} would be at {value:.4f} {unit}, beyond its limit"
-    return ""
+    near = np.flatnonzero(~lost & (far.max(axis=1) <= 1.0))
+    one = np.zeros(len(joints), np.bool_)
+    one[near] = _one_branch(nominal, joints[near], solved[near]) & _one_branch(found, joints[near], solved[near])
+    out = []
+    for i, at in enumerate(solved):
+        beyond = np.flatnonzero((at < low) | (at > high))
+        if lost[i]:
+            out.append("the identified robot does not reach it")
+        elif far[i].max() > 1.0:
+            j = int(np.argmax(far[i]))
+            by, unit = (moved[i, j], "mm") if nominal.sliding[j] else (np.degrees(moved[i, j]), "deg")
+            out.append(f"{nominal.joint_names[j]} would move by {by:.1f} {unit}: near a singular pose, or another branch")
+        elif not one[i]:
+            out.append("a singular pose lies between the nominal and the corrected joint values: another branch")
+        elif len(beyond):
+            j = int(beyond[0])
+            value, unit = (at[j], "mm") if nominal.sliding[j] else (np.degrees(at[j]), "deg")
+            out.append(f"{nominal.joint_names[j]} would be at {value:.4f} {unit}, beyond its limit")
+        else:
+            out.append("")
+    return out
 
 
 def _crosses(box: FloatArray, start: FloatArray, stop: FloatArray) -> bool:
