@@ -250,7 +250,7 @@ def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved:
     """Why each correction cannot be; empty where it can."""
     low, high = nominal.limits
     moved = np.abs(solved - joints)
-    lost = ~np.isfinite(np.hstack([solved, off])).all(axis=1)
+    lost = np.asarray(~np.isfinite(np.hstack([solved, off])).all(axis=1))
     if joints.shape[1] >= 6:
         lost |= np.abs(off / ([1.0] * 3 + [1e3] * 3)).max(axis=1) > 1e-6
     far = moved / np.where(nominal.sliding, MOST_JOINT_MM, MOST_JOINT_RAD)
