@@ -78,7 +78,7 @@ def read_urdf(path: Path, tip: str | None = None) -> Robot:
 def write_urdf(path: Path, robot: Robot) -> None:
     """Write the robot's geometry as URDF, whole or not at all; what it has no words for a comment names."""
     root = etree.Element("robot", name=robot.name)
-    left_out = sorted({key for j in robot.to_dict()["joint"] for key in j if key not in GEOMETRY})
+    left_out = sorted({key for j in robot.to_dict()["joint"] for key in j if key not in GEOMETRY and not (key == "scale" and j[key] == -1.0)})
     if left_out:
         root.append(etree.Comment(f" not in this file, which has no words for it: {', '.join(left_out)} "))
     etree.SubElement(root, "link", name="base")
@@ -89,7 +89,8 @@ def write_urdf(path: Path, robot: Robot) -> None:
         etree.SubElement(root, "link", name=child)
         slides = isinstance(j, Prismatic)
         element = _element(root, j.name, "prismatic" if slides else "revolute", parent, child, se3.compose(at, _about("z", theta)))
-        etree.SubElement(element, "axis", xyz="0 0 1")
+        # a joint that counts the other way turns or slides about the axis reversed
+        etree.SubElement(element, "axis", xyz="0 0 1" if j.scale > 0.0 else "0 0 -1")
         low, high = (j.min_mm / MM, j.max_mm / MM) if isinstance(j, Prismatic) else (math.radians(j.min_deg), math.radians(j.max_deg))
         etree.SubElement(element, "limit", lower=repr(low), upper=repr(high), effort="0", velocity="0")
         shift = se3.pose([a, 0.0, d], Rotation.identity())
