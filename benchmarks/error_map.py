@@ -137,9 +137,9 @@ def arm(seed: int, points: int) -> list[list[float]]:
     errors = np.full((len(poses), 3), np.nan)
     errors[there] = (true.forward(joints[there]) - poses[there])[:, :3]
     noisy = errors + rng.normal(0.0, NOISE_MM, errors.shape)
-    off, radius = by_map(poses, noisy, np.arange(points), np.arange(points, points + 40))
-    outside, _ = by_map(poses[there], noisy[there], np.arange(points), np.arange(points + 40, there.sum()))
-    return plain((np.linalg.norm(errors[points : points + 40], axis=1), off, radius, np.isnan(outside).astype(float)))
+    off, radius = by_map(poses[there], noisy[there], np.arange(points), np.arange(points, there.sum()))
+    outside = np.isnan(off[40:]).astype(float)
+    return plain((np.linalg.norm(errors[points : points + 40], axis=1), off[:40], radius[:40], outside))
 
 
 def simulated(robots: int, known: Pieces) -> list[str]:

@@ -61,7 +61,7 @@ class Process:
 
     def at(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(M, 3) errors at poses (M, 7), and (M, 3) their standard uncertainties without noise."""
-        K = _covariance(poses, self.poses, self.length_mm, self.angle_rad)
+        K = _covariance(_apart(poses, self.poses), self.length_mm, self.angle_rad)
         H = _affine(poses, self.poses)
         value = K @ self.weights + H @ self.trend
         white = solve_triangular(self.factor, K.T, lower=True)
@@ -176,12 +176,15 @@ def _affine(poses: FloatArray, of: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(poses)), (poses[:, :3] - middle) @ kept.T / scale])
 
 
-def _covariance(a: FloatArray, b: FloatArray, length_mm: float, angle_rad: float) -> FloatArray:
-    """(M, N) Matern 5/2."""
-    square = cdist(a[:, :3], b[:, :3], "sqeuclidean") / length_mm**2
+def _apart(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squares of the distances of places [mm2] and of orientations [rad2], (M, N) each."""
     turns = (se3.matrices(p).reshape(len(p), 9) / math.sqrt(2.0) for p in (a, b))
-    square += cdist(*turns, "sqeuclidean") / angle_rad**2
-    r = np.sqrt(5.0 * square)
+    return cdist(a[:, :3], b[:, :3], "sqeuclidean"), cdist(*turns, "sqeuclidean")
+
+
+def _covariance(apart: tuple[FloatArray, FloatArray], length_mm: float, angle_rad: float) -> FloatArray:
+    """(M, N) Matern 5/2."""
+    r = np.sqrt(5.0 * (apart[0] / length_mm**2 + apart[1] / angle_rad**2))
     return np.asarray((1.0 + r + r**2 / 3.0) * np.exp(-r))
 
 
@@ -203,8 +206,8 @@ def _fitted(poses: FloatArray, errors: FloatArray, near: Process | None = None) 
     n = len(poses)
     part = np.arange(n) if n <= TUNED else np.sort(np.random.default_rng(0).permutation(n)[:TUNED])
     length, angle, share = _tuned(poses[part], errors[part], near)
-    L, M, trend, rest = _solved(poses, errors, length, angle, share=share)
     H = _affine(poses, poses)
+    L, M, trend, rest = _solved(_covariance(_apart(poses, poses), length, angle), H, errors, share=share)
     sizes = (rest**2).sum(axis=0) / (n - H.shape[1])
     weights = solve_triangular(L, rest, lower=True, trans=1)
     whole = cho_solve((L, True), np.eye(n))
@@ -219,7 +222,8 @@ def _fitted(poses: FloatArray, errors: FloatArray, near: Process | None = None) 
 def _tuned(poses: FloatArray, errors: FloatArray, near: Process | None) -> tuple[float, float, float]:
     """Length [mm], angle [rad] and the noise's share of the largest restricted likelihood; of orientations that are all one, an angle
     without meaning."""
-    n, q = len(poses), _affine(poses, poses).shape[1]
+    H, apart = _affine(poses, poses), _apart(poses, poses)
+    n, q = H.shape
     extent = max(float(np.ptp(poses[:, :3], axis=0).max()), 1e-9)
     flat = np.ptp(se3.matrices(poses).reshape(n, 9), axis=0).max() < 1e-6
 
@@ -228,7 +232,7 @@ def _tuned(poses: FloatArray, errors: FloatArray, near: Process | None) -> tuple
 
     def unlikely(log: FloatArray) -> float:
         length, angle, share = read(log)
-        L, M, _, rest = _solved(poses, errors, length, angle, share=share)
+        L, M, _, rest = _solved(_covariance(apart, length, angle), H, errors, share=share)
         sizes = (rest**2).sum(axis=0) / (n - q)
         determinants = 2.0 * (np.log(np.diag(L)).sum() + np.log(np.diag(M)).sum())
         return float(errors.shape[1] * determinants + (n - q) * np.log(np.maximum(sizes, 1e-300)).sum())
@@ -242,12 +246,10 @@ def _tuned(poses: FloatArray, errors: FloatArray, near: Process | None) -> tuple
     return read(min(found, key=lambda f: float(f.fun)).x)
 
 
-def _solved(
-    poses: FloatArray, errors: FloatArray, length_mm: float, angle_rad: float, *, share: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Cholesky factors of the covariance (N, N) and of the trend's information, the trend's coefficients, and the whitened rest (N, 3)."""
-    n, H = len(poses), _affine(poses, poses)
-    L = cholesky(_covariance(poses, poses, length_mm, angle_rad) + (share + NUGGET) * np.eye(n), lower=True)
+def _solved(K: FloatArray, H: FloatArray, errors: FloatArray, *, share: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Of a covariance (N, N) and a trend's basis (N, q): Cholesky factors of the covariance with noise and of the trend's information, the
+    trend's coefficients, and the whitened rest (N, 3)."""
+    L = cholesky(K + (share + NUGGET) * np.eye(len(K)), lower=True)
     white, basis = solve_triangular(L, errors, lower=True), solve_triangular(L, H, lower=True)
     M = cholesky(basis.T @ basis, lower=True)
     trend = cho_solve((M, True), basis.T @ white)

@@ -78,7 +78,9 @@ def read_urdf(path: Path, tip: str | None = None) -> Robot:
 def write_urdf(path: Path, robot: Robot) -> None:
     """Write the robot's geometry as URDF, whole or not at all; what it has no words for a comment names."""
     root = etree.Element("robot", name=robot.name)
-    left_out = sorted({key for j in robot.to_dict()["joint"] for key in j if key not in GEOMETRY and not (key == "scale" and j[key] == -1.0)})
+    left_out = sorted(
+        {key for j in robot.to_dict()["joint"] for key in j if key not in GEOMETRY and not (key == "scale" and j[key] == -1.0)}
+    )
     if left_out:
         root.append(etree.Comment(f" not in this file, which has no words for it: {', '.join(left_out)} "))
     etree.SubElement(root, "link", name="base")
