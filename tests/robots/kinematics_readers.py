@@ -34,7 +34,8 @@ def by_urdf(path: Path, values: dict[str, float], tip: str) -> Matrix:
     while tip in joints:
         joint = joints[tip]
         origin, axis, parent = joint.find("origin"), joint.find("axis"), joint.find("parent")
-        assert origin is not None and parent is not None
+        assert origin is not None
+        assert parent is not None
         roll, pitch, yaw = (float(v) for v in origin.attrib["rpy"].split())
         own = shift([1000.0 * float(v) for v in origin.attrib["xyz"].split()])
         own = own @ turn([0, 0, 1], yaw) @ turn([0, 1, 0], pitch) @ turn([1, 0, 0], roll)

@@ -14,7 +14,7 @@ from lmeasure.robots.urdf import read_urdf, write_urdf
 
 
 def chain(kinds: str, seed: int) -> Robot:
-    """Turning (R), sliding (P) and backwards counting (r, p) axes with skew, parallel and crossing ones among them, on a base, with a tool."""
+    """Turning (R), sliding (P) and backwards counting (r, p) axes, skew, parallel and crossing, on a base, with a tool."""
     rng = np.random.default_rng(seed)
     joints: list[dict[str, Any]] = []
     for i, kind in enumerate(kinds):

@@ -13,7 +13,7 @@ from lmeasure.arrays import FloatArray
 from lmeasure.cli import app
 from lmeasure.errors import RobotError
 from lmeasure.robots.choosing import identify_with_choice
-from lmeasure.robots.error_map import NUGGET, Process, _affine, _covariance, error_map, inside
+from lmeasure.robots.error_map import NUGGET, Process, _affine, _apart, _covariance, error_map, inside
 from lmeasure.robots.identify import predict
 from lmeasure.robots.measurements import measured
 from lmeasure.robots.robot import shipped
@@ -51,8 +51,8 @@ def plain_kriging(of: Process, poses: FloatArray, errors: FloatArray, at: FloatA
     """The best linear unbiased prediction by the dense equations with a multiplier for each function of the trend."""
     n, H = len(poses), _affine(poses, of.poses)
     q = H.shape[1]
-    K = _covariance(poses, poses, of.length_mm, of.angle_rad) + (of.share + NUGGET) * np.eye(n)
-    k, h = _covariance(at, poses, of.length_mm, of.angle_rad), _affine(at, of.poses)
+    K = _covariance(_apart(poses, poses), of.length_mm, of.angle_rad) + (of.share + NUGGET) * np.eye(n)
+    k, h = _covariance(_apart(at, poses), of.length_mm, of.angle_rad), _affine(at, of.poses)
     whole = np.block([[K, H], [H.T, np.zeros((q, q))]])
     weights = np.linalg.solve(whole, np.concatenate([k, h], axis=1).T)
     variance = 1.0 - np.einsum("nm,nm->m", weights, np.concatenate([k, h], axis=1).T)
