@@ -1,6 +1,6 @@
 """Which tests are to see a fault in which file of the core, for `mutants.py`."""
 
-_ZONES = "pivoted or parameter or every_node or definitions or cannot_run or zero_pose"
+_FEW = ["tests/accuracy/test_scan.py", "tests/accuracy/test_redundant_zone.py", "tests/accuracy/test_zone.py"]
 _COUNTERS = [
     "tests/trajectory/test_counter_faults.py",
     "tests/trajectory/test_redundant_faults.py",
@@ -36,17 +36,13 @@ _CAMPAIGNS = [
     "exact_poses or stated_pose or default or two_passes or visit or derivatives_are",
 ]
 CORE = {
-    "kernels/cable.py": ["tests/kernels/test_cable.py"],
+    **{f"kernels/{name}.py": [*_FEW, "-k", "few or generalised or zero_pose or definitions"] for name in ("zone", "zone_rows")},
+    **{f"kernels/{name}.py": [*_FEW[:2], "-k", "few"] for name in ("zone_lanes", "zone_linked", "zone_six", "zone_redundant")},
+    "kernels/cable.py": ["tests/kernels/test_cable.py", "-k", "not on_its_axis"],
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
-    "kernels/screw.py": ["tests/kernels/test_screw.py", "tests/kernels/test_screw_covariances.py"],
-    "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "tiles_ or in_pieces or 75_degrees or short_dip or spoil"],
-    "kernels/least_squares.py": ["tests/observation/test_fast_paths.py", "-k", "few_samples or constrained"],
-    "kernels/zone.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],
-    "kernels/zone_rows.py": ["tests/accuracy/test_zone.py", "tests/accuracy/test_scan.py", "-k", _ZONES],
-    "kernels/zone_lanes.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
-    "kernels/zone_linked.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
-    "kernels/zone_six.py": ["tests/accuracy/test_scan.py", "-k", _ZONES],
-    "kernels/zone_redundant.py": ["tests/accuracy/test_redundant_zone.py"],
+    "kernels/screw.py": ["tests/kernels/test_screw.py"],
+    "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "few_samples or 75_degrees_in"],
+    "kernels/least_squares.py": ["tests/observation/test_fast_paths.py", "-k", "few_samples"],
     "lcoordinate/singularity.py": ["tests/lcoordinate/test_singularity.py"],
     "lcoordinate/architecture.py": ["tests/lcoordinate/test_architecture.py"],
     "lcoordinate/certified.py": _STRAIGHT,
@@ -109,16 +105,4 @@ CORE = {
     "acquisition/samples.py": ["tests/acquisition/test_samples.py"],
     "accuracy/zone.py": ["tests/accuracy/test_zone.py", "-k", "not 60_degrees and not limit_of and not volume and not limits_asked"],
 }
-"""Files of the package, and the tests that are to see a fault in them."""
-
-_FEW = ["tests/accuracy/test_scan.py", "tests/accuracy/test_redundant_zone.py", "tests/accuracy/test_zone.py"]
-PLAIN = {
-    **{f"kernels/{name}.py": [*_FEW, "-k", "few or generalised or zero_pose or definitions"] for name in ("zone", "zone_rows")},
-    **{f"kernels/{name}.py": [*_FEW[:2], "-k", "few"] for name in ("zone_lanes", "zone_linked", "zone_six", "zone_redundant")},
-    "kernels/cable.py": ["tests/kernels/test_cable.py", "-k", "not on_its_axis"],
-    "kernels/counter.py": CORE["kernels/counter.py"],
-    "kernels/screw.py": ["tests/kernels/test_screw.py"],
-    "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "few_samples or 75_degrees_in"],
-    "kernels/least_squares.py": ["tests/observation/test_fast_paths.py", "-k", "few_samples"],
-}
-"""Tests of kernels that are short without compiling."""
+"""Files of the package, and the tests that are to see a fault in them; those of kernels are short without compiling."""

@@ -1,38 +1,31 @@
 """Do the tests see when the core is wrong? One small fault at a time is put into a copy of a file, and its tests are run.
 
-    python benchmarks/mutants.py [--files PART ...] [--sample N] [--seed N] [--limit-s N] [--again] [--plain] [--folder F] [--list]
+    python benchmarks/mutants.py [--files PART ...] [--sample N] [--seed N] [--again] [--folder F] [--list]
 
 A fault is an operator, a comparison, a constant, a condition or a statement changed; `--list` prints them without running anything. A fault
-that no test sees in time survives; one that hangs is killed. Of a file's tests those that pass the fault's statement are run first, the
-shortest before others. Kernels are first run without being compiled, by tests that are short enough
-for that; for a fault that these do not see they are compiled anew, without the compiler's optimisation, for more tests.
+that no test sees in time survives; one that hangs is killed. `trials.py` says how they are run; kernels are not compiled.
 Survivors that change nothing which could be seen are named, with the reason, in `equivalent_mutants.toml`, by the text of their line.
 Writes `benchmarks/results/mutants.md`; files that are not asked for keep what stands there of them. `--again` tries only the faults that
 survived by that report, with the same sample and seed, and takes its word for the others.
 """
 
 import argparse
-import contextlib
 import importlib
 import json
 import os
 import random
-import tempfile
 import tomllib
-from collections import Counter
 from pathlib import Path
 
-from core_tests import CORE, PLAIN
-from mutated_copy import ROOT, Copy
+from core_tests import CORE
 from mutations import Mutant, mutants_of
+from trials import ROOT, try_all
 
 RESULTS = ROOT / "benchmarks" / "results"
 LIBRARIES = (
     "numba", "scipy.stats", "scipy.optimize", "scipy.spatial.transform", "pandas", "xarray", "pyarrow", "pydantic", "typer",
     "mpmath", "cryptography", "h5py", "lxml", "can", "plotly", "tomli_w",
 )  # fmt: skip
-RECORDED_FROM = 6
-"""Faults that are tried by the same tests, from which it pays to look first which lines each test passes."""
 EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
 
 
@@ -64,37 +57,21 @@ def equivalents() -> dict[tuple[str, str, str], str]:
     return {(m["file"], m["line"], m["change"]): m["why"] for m in table["mutant"]}
 
 
-def _survivors(copy: Copy, tests: list[str], tried: list[Mutant], longest_s: float, *, plain: bool, recorded: bool) -> list[Mutant]:
-    """Those of the faults that the tests do not see; plain: kernels by their short tests alone; recorded: by the lines each passes."""
-    out = []
-    for number, mutant in enumerate(tried, 1):
-        short = PLAIN.get(mutant.file)
-        killed = short is not None and copy.killed(mutant, short, longest_s, plain=True, recorded=recorded)
-        if not killed and not (short is not None and plain):
-            killed = copy.killed(mutant, tests, longest_s, recorded=recorded and short is None)
-        if not killed:
-            out.append(mutant)
-        print(f"{mutant.file} {number}/{len(tried)} line {mutant.line}: {mutant.change}: {'killed' if killed else 'SURVIVES'}", flush=True)
-    return out
-
-
-def run(
-    copy: Copy,
-    file: str,
-    chosen: list[Mutant],
-    longest_s: float,
-    *,
-    before: str | None = None,
-    plain: bool = False,
-    recorded: bool = False,
-) -> str:
+def run(file: str, chosen: list[Mutant], *, before: str | None = None, keep: Path | None = None) -> str:
     """The section of the report about a file, of whose faults those chosen are tried. before: the section that stood there, of which only
     survivors are tried again."""
     every, tests, known = faults_of(file), CORE[file], equivalents()
     survivors, tried = [m for m in chosen if m.key in known], [m for m in chosen if m.key not in known]
     if before is not None and f"({len(every)} in the file, {len(chosen)} tried" in before:  # else the file was changed since
         tried = [m for m in tried if f"`{m.source}`: `{m.change}`: survives" in before]
-    survivors += _survivors(copy, tests, tried, longest_s, plain=plain, recorded=recorded) if tried else []
+
+    def tell(m: Mutant, killed: bool) -> None:
+        print(f"{file} line {m.line} `{m.source}`: `{m.change}`: {'killed' if killed else 'SURVIVES'}", flush=True)
+        if not killed:
+            survivors.append(m)
+
+    if tried:
+        try_all(tried, tests, keep=keep, tell=tell)
     same = [m for m in survivors if m.key in known]
     told, dead = len(chosen) - len(same), len(chosen) - len(survivors)
     survivors.sort(key=lambda m: m.start)
@@ -137,11 +114,9 @@ def main() -> None:
     parser.add_argument("--files", nargs="+", default=[""], help="parts of names, such as iso9283 or kernels/cable")
     parser.add_argument("--sample", type=int, help="so many of each file, chosen by the seed; default all")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--limit-s", type=float, default=600.0, help="longest time of a file's tests")
     parser.add_argument("--again", action="store_true", help="only what survived by the report that stands")
-    parser.add_argument("--plain", action="store_true", help="compile nothing: of kernels, what their short tests do not see survives")
     parser.add_argument("--list", action="store_true", help="print the faults as JSON lines, run nothing")
-    parser.add_argument("--folder", type=Path, help="kept for the next time: what is compiled, and which lines each test passes")
+    parser.add_argument("--folder", type=Path, help="kept for the next time: which lines each test passes")
     parser.add_argument("--out", type=Path, default=RESULTS / "mutants.md")
     asked = parser.parse_args()
     files = [file for file in CORE if any(part in file for part in asked.files)]
@@ -151,18 +126,11 @@ def main() -> None:
                 print(json.dumps({"file": m.file, "number": m.line, "line": m.source, "change": m.change}))
         return
     load_libraries()
-    chosen = {file: sampled(file, asked.sample, asked.seed) for file in files}
-    shared = Counter(tuple(CORE[file]) for file in files for _ in chosen[file])
     sections = earlier(asked.out)
-    with contextlib.ExitStack() as stack:
-        folder = asked.folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        copies = {quick: Copy(folder / str(quick), quick) for quick in {file.startswith("kernels/") for file in files}}
-        for file in files:
-            sections[file] = run(
-                copies[file.startswith("kernels/")], file, chosen[file], asked.limit_s,
-                before=sections[file] if asked.again else None, plain=asked.plain, recorded=shared[tuple(CORE[file])] >= RECORDED_FROM,
-            )  # fmt: skip
-            asked.out.write_text(written(sections), encoding="utf-8")
+    for file in files:
+        before = sections[file] if asked.again else None
+        sections[file] = run(file, sampled(file, asked.sample, asked.seed), before=before, keep=asked.folder)
+        asked.out.write_text(written(sections), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,24 +1,22 @@
 """What do the tests see of faults that nobody wrote a test for? Some are drawn from all faults of the core, and tried in the order drawn.
 
-    python benchmarks/mutants_unseen.py --seed 23 --faults 70 --folder FOLDER
+    python benchmarks/mutants_unseen.py --seed 23 --faults 70 --folder FOLDER [--write]
 
-`mutants.py` says what a fault is. What was tried is kept in FOLDER, so that the command goes on where it was ended; ended early, what was
-tried is a smaller draw of the same kind, for the order is drawn too. Kernels are not compiled: what only longer tests would see survives. A
-fault is seen where tests fail with it and what failed passes without it. Writes `benchmarks/results/mutants_unseen.md`.
+`mutants.py` says what a fault is. What was tried is kept in FOLDER, so that the command goes on where it was ended. Those of a file are
+tried together, so that only whole draws of --batch faults count. Writes `benchmarks/results/mutants_unseen.md`.
 """
 
 import argparse
 import json
 import random
-from functools import partial
 from pathlib import Path
 
 import scipy.stats
-from core_tests import CORE, PLAIN
+from core_tests import CORE
 from mutants import RESULTS, equivalents, faults_of, load_libraries
-from mutated_copy import Copy
 from mutations import Mutant
 from pieces import Pieces
+from trials import try_all
 
 OUT = RESULTS / "mutants_unseen.md"
 
@@ -49,31 +47,38 @@ def written(seed: int, every: int, tried: list[tuple[Mutant, bool]]) -> str:
 
 
 def main() -> None:
-    """Draw, try, write after each."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    """Draw, try, write after each batch."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--faults", type=int, required=True)
-    parser.add_argument("--limit-s", type=float, default=600.0, help="longest time of a file's tests")
-    parser.add_argument("--folder", type=Path, required=True, help="kept for the next time: what was tried, and what is compiled")
+    parser.add_argument("--batch", type=int, default=50, help="faults that are drawn together")
+    parser.add_argument("--folder", type=Path, required=True, help="kept for the next time: what was tried, and which lines tests pass")
+    parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
     load_libraries()
-    every = [m for file in CORE for m in faults_of(file)]
+    every, known = [m for file in CORE for m in faults_of(file)], equivalents()
     order = random.Random(asked.seed).sample(every, min(asked.faults, len(every)))
     asked.folder.mkdir(parents=True, exist_ok=True)
     seen = Pieces(asked.folder / f"unseen-{asked.seed}.jsonl")
-    known = equivalents()
-    copies = {quick: Copy(asked.folder / str(quick), quick) for quick in (False, True)}
-    tried: list[tuple[Mutant, bool]] = []
 
-    def killed(m: Mutant) -> bool:
-        kernel = m.file.startswith("kernels/")
-        tests = PLAIN.get(m.file, CORE[m.file])
-        return m.key not in known and copies[kernel].killed(m, tests, asked.limit_s, plain=kernel, recorded=not kernel)
+    def tell(m: Mutant, killed: bool) -> None:
+        seen(json.dumps(m.key), lambda: killed)
+        print(f"{m.file}:{m.line} `{m.source}`: `{m.change}`: {'killed' if killed else 'SURVIVES'}", flush=True)
 
-    for number, m in enumerate(order, 1):
-        tried.append((m, seen(json.dumps(m.key), partial(killed, m))))
-        print(f"{number}: {m.file}:{m.line} {m.change}: {'killed' if tried[-1][1] else 'SURVIVES'}", flush=True)
-        OUT.write_text(written(asked.seed, len(every), tried), encoding="utf-8", newline="\n")
+    for first in range(0, len(order), asked.batch):
+        batch = order[first : first + asked.batch]
+        for file in dict.fromkeys(m.file for m in batch):
+            mine = [m for m in batch if m.file == file and json.dumps(m.key) not in seen.known]
+            for m in mine:
+                if m.key in known:
+                    tell(m, False)
+            if left := [m for m in mine if m.key not in known]:
+                try_all(left, CORE[file], keep=asked.folder, tell=tell)
+        tried = [(m, seen.known[json.dumps(m.key)]) for m in order[: first + asked.batch]]
+        text = written(asked.seed, len(every), tried)
+        print(text.splitlines()[4], flush=True)
+        if asked.write:
+            OUT.write_text(text, encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

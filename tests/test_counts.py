@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lmeasure.counts import Counts, read_counts, unwrap, write_counts
+from lmeasure.counts import Counts, RateEvidence, read_counts, unwrap, write_counts
 from lmeasure.errors import FileFormatError
 from lmeasure.kernels.counter import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 
@@ -248,3 +248,62 @@ def test_a_sync_that_is_high_from_the_start_did_not_rise() -> None:
     assert counts.rising().tolist() == [times(6)[3]]
     assert Counts(times(6), ("ch1",), np.zeros((6, 1)), np.ones(6)).rising().tolist() == []
     assert Counts(times(6), ("ch1",), np.zeros((6, 1))).rising().tolist() == []
+
+
+def believed(steps: list[float], pauses: list[float], rate: float, *, bits: int = 16, piece: int = 10**6) -> float:
+    """The rate that is believed of a counter that goes by such steps in such pauses, read in pieces."""
+    full, seen = 2.0**bits, RateEvidence(rate, 2.0**bits)
+    recorded, time_s = np.cumsum([0.0, *steps]) % full, np.cumsum([0.0, *pauses])
+    for first in range(0, len(time_s), piece):
+        seen.add(recorded[first : first + piece], time_s[first : first + piece])
+    return seen.believed()
+
+
+def test_what_a_motion_tells_of_a_counters_rate() -> None:
+    """Twice the fastest that was seen, at least a tenth of the bound, at most all of it; nothing where the bound leaves no doubt in the
+    longest pause, or a step is a quarter of the range: each limit from both sides."""
+    second = [1.0] * 40
+    # in a second no drum goes half round at 32,766 a second, and may at 32,767
+    assert believed([10.0] * 40, second, 32_766.0) == 0.0
+    assert believed([10.0] * 40, second, 32_767.0) == 3_276.7
+    assert believed([10.0] * 40, second, 32_766.5) == 0.0
+    assert believed([10.0] * 40, [0.01] * 40, 40_000.0) == 0.0
+    # a tenth against twice the fastest, whichever way it goes round
+    for step in (3_000.0, -3_000.0):
+        assert believed([step] * 40, second, 60_001.0) == 6_000.1
+        assert believed([step] * 40, second, 59_999.0) == 6_000.0
+    # a quarter of the range; and of what was fast in half a second twice is more than the bound
+    assert believed([16_383.0] * 40, second, 40_000.0) == 32_766.0
+    assert believed([16_384.0] * 40, second, 40_000.0) == 0.0
+    assert believed([12_000.0] * 40, [0.5] * 20 + [1.0] + [0.5] * 19, 40_000.0) == 40_000.0
+
+
+def test_in_pauses_steps_may_be_long_and_what_no_drum_does_is_passed_over() -> None:
+    """A step behind a long pause is no proof that steps are long; one that is faster than the bound is no motion."""
+    # of a pause as long as two and a half usual ones it is not a pause yet
+    for pause, rate in ((2.5, 0.0), (2.6, 2.0 * 20_000.0 / 2.6)):
+        got = believed([100.0] * 20 + [20_000.0] + [100.0] * 19, [1.0] * 20 + [pause] + [1.0] * 19, 40_000.0)
+        assert got == pytest.approx(rate)
+    # in half a second it may have gone as far as in the usual one
+    slow, second = [100.0] * 20, [1.0] * 20
+    assert believed([*slow, 15_000.0, *slow], [*second, 0.5, *second], 40_000.0) == pytest.approx(2.0 * 15_000.0)
+    # at 9,000 a second a drum goes 9,001 counts between readings, and no more
+    assert believed([*slow, 9_001.0, *slow, 0.0], [*second, 1.0, *second, 4.0], 9_000.0) == 9_000.0
+    assert believed([*slow, 9_002.0, *slow, 0.0], [*second, 1.0, *second, 4.0], 9_000.0) == 900.0
+    assert believed([*slow, 9_001.25, *slow, 0.0], [*second, 1.0, *second, 4.0], 9_000.0) == 900.0
+    assert believed([*slow, 9_001.0, *slow], [*second, 4.0, *second], 9_000.0) == pytest.approx(2.0 * 9_001.0 / 4.0)
+
+
+def test_a_counter_that_goes_over_its_end_goes_the_shorter_way() -> None:
+    seen = RateEvidence(40_000.0, 2.0**16)
+    seen.add(np.array([63_036.0, 2_500.0, 63_036.0, 2_500.0]), np.arange(4.0))
+    assert seen.believed() == 10_000.0
+    # slowly, of four values: nothing is taken for faster than it is
+    assert believed([0.1] * 40, [1.0] * 40, 8.0, bits=2) == 0.8
+
+
+@pytest.mark.parametrize("piece", [1, 2, 7, 40])
+def test_a_rate_is_believed_whatever_the_pieces(piece: int) -> None:
+    """Pieces of a few samples know the usual interval worse, where none is shorter than usual it does not matter."""
+    steps = np.random.default_rng(5).uniform(-4_000.0, 4_000.0, 120)
+    assert believed(list(steps), [1.0] * 120, 40_000.0, piece=piece) == believed(list(steps), [1.0] * 120, 40_000.0)

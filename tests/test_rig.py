@@ -97,6 +97,26 @@ def test_a_rig_comes_back_from_its_file(tmp_path: Path) -> None:
     assert read_rig(tmp_path / "rig.toml").to_dict() == rig.to_dict()
 
 
+def test_a_limit_that_nobody_stated_is_not_stated_by_the_file() -> None:
+    """Of drums and of encoders: what is written is what was stated, so that the motion tells of the others after a round too."""
+    given = data()
+    given["observation_point"][0]["drum"]["max_cable_speed_mm_s"] = 700.0
+    given["swivel"] = [{"point": f"B{i}", "channel": f"sw{i}", "counts_per_revolution": 4096} for i in (1, 2)]
+    given["swivel"][1]["max_speed_deg_s"] = 90.0
+    for _ in range(2):
+        rig = rig_from_dict(given)
+        drums, swivels = [p.drum for p in rig.observation_point], list(rig.swivel)
+        assert [d.rate_stated for d in drums] == [True, False]
+        assert [s.rate_stated for s in swivels] == [False, True]
+        given = rig.to_dict()
+        assert [p["drum"].get("max_cable_speed_mm_s") for p in given["observation_point"]] == [700.0, None]
+        assert [s.get("max_speed_deg_s") for s in given["swivel"]] == [None, 90.0]
+    # of what a rig may have, encoders alone are no key where there are none
+    plain = rig_from_dict(data() | {"assumed": []}).to_dict()
+    assert plain["assumed"] == []
+    assert not {"swivel", "joint_encoder"} & set(plain)
+
+
 def test_every_double_comes_back(tmp_path: Path) -> None:
     d = data()
     for value in (0.1, 1 / 3, 5e-324, 1e-17, 123456.78901234567, math.pi):

@@ -6,11 +6,13 @@ from itertools import pairwise
 import numpy as np
 import oracles
 import pytest
+import scipy.optimize
 from numpy.typing import NDArray
 from rows import HOME, cell, cell_rows, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
 from screw_poses import U, changes_of, random_pose
 
+from lmeasure import se3
 from lmeasure.kernels import cable, screw
 from lmeasure.status import Status
 
@@ -325,3 +327,29 @@ def test_near_a_singular_pose_and_back_nothing_is_lost() -> None:
         else:
             # until the next run all is refused, though it comes back to where it was sound
             assert (status[-100:] == Status.OTHER_ASSEMBLY).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_three_standard_uncertainties_from_a_singular_pose(seed: int) -> None:
+    """Lengths uncertain by u along the column of the inverse that moves the tool most: with a little less the determinant keeps its sign
+    within three standard uncertainties of the pose, with a little more it does not."""
+    rows, g = cell_rows(), np.random.default_rng(seed)
+    if seed % 2:
+        rows[[0, 3]] = rows[[3, 0]]  # the other sign
+    pose, size = turned(np.array([singular_angle(rows) - 0.005]))[0], screw.platform_size(rows)
+    side, inverse = np.linalg.det(cable.span_rows(rows, pose)), np.linalg.inv(cable.span_rows(rows, pose))
+    u = g.uniform(0.2, 1.0, 6)
+    moved = np.linalg.norm(inverse * np.repeat([[size], [1.0]], 3, axis=0), axis=0) * u  # mm
+    worst = int(np.argmax(moved))
+    twist = inverse[:, worst] * u[worst] * np.sqrt((moved**2).sum()) / moved[worst]
+
+    def turns(scale: float) -> bool:
+        probes = se3.displaced(np.tile(pose, (2, 1)), np.outer([3.0 * scale, -3.0 * scale], twist))
+        return any(np.linalg.det(cable.span_rows(rows, probe)) * side < 0.0 for probe in probes)
+
+    beyond = next(scale for scale in np.geomspace(1e-3, 1e3, 200) if turns(scale))
+    limit = scipy.optimize.bisect(lambda scale: turns(scale) - 0.5, 0.9 * beyond, beyond, xtol=1e-4 * beyond)
+    assert 3.0 * limit * np.linalg.norm(twist[:3]) < screw.MAX_STEP_ROTATION
+    for part, sees in ((0.98, False), (1.02, True)):
+        work = np.empty(7), np.empty((6, 6)), inverse.copy(), size
+        assert screw._could_turn(rows, pose, part * limit * u, side, *work) == sees

@@ -16,6 +16,8 @@ from lmeasure.robots.mechanisms.crank import CrankPlatform
 from lmeasure.robots.mechanisms.four_chains import FourChains
 from lmeasure.robots.mechanisms.ring_limits import RingLimits
 from lmeasure.robots.mechanisms.rotopod import Rotopod
+from lmeasure.robots.parallel import limits
+from lmeasure.robots.parallel.bounds import Limits
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.parallel.limits import checked, own_roots
 from lmeasure.robots.parallel.model import Parallel
@@ -113,6 +115,14 @@ def test_robots_are_the_mechanisms_of_the_documents() -> None:
     # however the legs are listed
     other_way = ParallelFile.model_validate(file.model_dump(by_alias=True) | {"leg": [leg.model_dump() for leg in file.leg[::-1]]})
     np.testing.assert_array_equal(checked(other_way.model, other_way.limits, poses).all, kept)
+    # round the guide once more all is as it was; a carriage beyond its neighbour is refused, though gaps from 0 to 360 degrees are allowed
+    any_gap = Limits(least_gap_deg=0.0)
+    round_again = file.model.home_joints + 2.0 * np.pi
+    order = np.argsort(np.mod(angles := file.model.home_joints + [leg.values[2] for leg in file.model.legs], 2.0 * np.pi))
+    passed = file.model.home_joints.copy()
+    passed[order[0]] += np.mod(angles[order[1]] - angles[order[0]], 2.0 * np.pi) + 0.01
+    drives = np.stack([file.model.home_joints, round_again, passed])
+    np.testing.assert_array_equal(limits._gaps(file.model, any_gap, drives), [True, True, False])
     points = 150.0 * np.array([[1.0, 2.0, 0.0], [-1.0, 2.0, 0.0], [-1.0, -2.0, 0.0], [1.0, -2.0, 0.0]])
     for name, arms in (("four-chains", None), ("four-chains-arms", np.array([100.0, 80.0]))):
         robot, chains = shipped(name).model, FourChains(points, 450.0, 194.79, arms, raised=(-1.0, -1.0))
