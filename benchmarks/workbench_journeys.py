@@ -19,7 +19,7 @@ sys.path[:0] = [str(TESTS / name) for name in ("workbench", "report")]
 
 from bench import served  # noqa: E402
 from browser import Page, opened  # noqa: E402
-from journeys import engineer, looked, mechanic  # noqa: E402
+from journeys import Job, engineer, looked, mechanic  # noqa: E402
 
 
 def main() -> None:
@@ -47,7 +47,7 @@ def main() -> None:
         with served(project) as address, opened(address, Path(scratch) / "profile") as page:
             begin = last = time.monotonic()
             if asked.who == "mechanic":
-                mechanic(page, told, poses=asked.poses)
+                mechanic(page, told, Job(poses=asked.poses))
             else:
                 engineer(page, told, project)
 

@@ -13,6 +13,11 @@ _open: list[str] = []
 _since = 0.0
 
 
+def now() -> tuple[str, float] | None:
+    """The kernel that is being compiled, and for how long [s]; None when none is."""
+    return (_open[0], time.perf_counter() - _since) if _open else None
+
+
 def start(name: str) -> None:
     """A kernel is not kept and will be compiled."""
     global _since

@@ -12,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
 
+from lmeasure import compiling
 from lmeasure.errors import LMeasureError
 from lmeasure.files import read_toml, rewrite_toml
 from lmeasure.run import read_run_head
@@ -180,6 +181,12 @@ async def coarse(request: Request) -> Response:
     return JSONResponse(told)
 
 
+async def compiled(request: Request) -> Response:
+    """Which kernel this server compiles just now, and for how long [s]: why the first coarse zone on a machine takes so long."""
+    now = compiling.now()
+    return JSONResponse({} if now is None else {"name": now[0], "seconds": now[1]})
+
+
 async def start(request: Request) -> Response:
     """Where the counters of a run were zeroed: shown, and stated."""
     bench, error = bench_of(request), ""
@@ -213,6 +220,7 @@ def routes() -> Sequence[Route]:
         Route("/rig", rig, methods=["GET", "POST"]),
         Route("/scene", rig_scene),
         Route("/coarse", coarse, methods=["POST"]),
+        Route("/compiling", compiled),
         Route("/start/{path:path}", start, methods=["GET", "POST"]),
         Route("/files", everything),
         Route("/upload", everything, methods=["POST"]),

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -63,6 +63,21 @@ LOOK = """(() => {
 })()"""
 """What is wrong with how a page looks, as far as a machine can tell: a list of texts."""
 
+PATIENCE_S = 180.0
+"""How long a page is waited for: longer than a machine with much else to do keeps it."""
+
+PLACE = """(selector, across, down) => {
+  const e = document.querySelector(selector);
+  if (!e) return null;
+  e.scrollIntoView({block: 'center', behavior: 'instant'});
+  const box = e.getBoundingClientRect(), x = box.x + across * box.width, y = box.y + down * box.height;
+  const own = (hit) => hit && (e.contains(hit) || e.ownerSVGElement?.contains(hit) || hit.closest('label')?.control === e);
+  window.pressed = false;
+  document.addEventListener('mousedown', (event) => { window.pressed = Boolean(own(event.target)); }, {once: true, capture: true});
+  return own(document.elementFromPoint(x, y)) ? [x, y] : null;
+}"""
+"""Where the mouse goes to press an element, nothing while it is not there or covered; `pressed` says afterwards whether it was."""
+
 LEAVING = ("Inspected target navigated or closed", "Execution context was destroyed", "Cannot find context with specified id")
 """What the browser answers to a script of a page that it is just leaving."""
 
@@ -74,17 +89,23 @@ class Page:
         self.browser = browser
         self.errors: list[str] = []
         self.requests: list[str] = []
+        self._arrived: list[str] = []
         self._socket, self._session, self._number = socket, session, 0
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Answer of one protocol command; events that come before it are heard."""
+        """Answer of one protocol command."""
+        told = self._told(method, **parameters)
+        assert "error" not in told, told
+        return dict(told["result"])
+
+    def _told(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Answer or error of one protocol command; events that come before it are heard."""
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters, "sessionId": self._session}))
         while True:
-            message = json.loads(self._socket.recv(timeout=60))
+            message = json.loads(self._socket.recv(timeout=PATIENCE_S))
             if message.get("id") == self._number and message.get("sessionId") == self._session:
-                assert "error" not in message, message
-                return dict(message["result"])
+                return dict(message)
             self._hear(message)
 
     def _hear(self, message: dict[str, Any]) -> None:
@@ -95,47 +116,66 @@ class Page:
             self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in told["args"]))
         elif method == "Network.requestWillBeSent":
             self.requests.append(told["request"]["url"])
+        elif method == "Page.frameNavigated" and "parentId" not in told["frame"]:
+            self._arrived.append(told["frame"]["loaderId"])
         elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
             self.errors.append(told["entry"]["text"])
 
     def evaluate(self, script: str) -> Any:
-        """Value of a script in the page."""
-        answer = self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in answer, answer
-        return answer["result"].get("value")
+        """Value of a script in the page; one that is just leaving is asked again once the next is there."""
+        end = time.monotonic() + PATIENCE_S
+        while "error" in (told := self._told("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)):
+            assert any(text in str(told) for text in LEAVING), told
+            assert time.monotonic() < end, told
+            time.sleep(0.05)
+        assert "exceptionDetails" not in told["result"], told
+        return told["result"]["result"].get("value")
 
-    def now(self, script: str) -> Any:
-        """Value of a script in a page that may go to another, or load itself again, at any moment: nothing while it does."""
-        try:
-            return self.evaluate(script)
-        except AssertionError as error:
-            if not any(text in str(error) for text in LEAVING):
-                raise
-            return None
-
-    def wait(self, script: str, seconds: float = 60.0) -> None:
-        """Until the script is true, in whatever page is there by then; AssertionError when it never is."""
+    def wait(self, script: str, seconds: float = PATIENCE_S) -> None:
+        """Until the script is true, in whatever page is there by then; AssertionError when it never is. What it asks for may not be there
+        yet: a script that fails is not true."""
         end = time.monotonic() + seconds
-        while not self.now(script):
-            assert time.monotonic() < end, f"never true: {script}; {self.errors}"
-            time.sleep(0.1)
+        asked = f"(() => {{ try {{ return {{is: !!({script})}} }} catch (error) {{ return {{is: false, error: String(error)}} }} }})()"
+        while not (told := self.evaluate(asked))["is"]:
+            assert time.monotonic() < end, f"never true: {script}; {told.get('error', '')} {self.errors}"
+            time.sleep(0.05)
 
     def click(self, selector: str, across: float = 0.5, down: float = 0.5) -> None:
-        """Press and release the mouse on the first element of a selector, at a fraction of its width and height."""
-        box = self.evaluate(
-            f"(() => {{const e = document.querySelector({json.dumps(selector)}); e.scrollIntoView({{block: 'center'}});"
-            "const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]})()"
-        )
-        x, y = box[0] + across * box[2], box[1] + down * box[3]
-        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        """Press and release the mouse on the first element of a selector, at a fraction of its width and height, once it stands still and
+        nothing covers it; again where the page moved just then, as a person would who sees that nothing happens."""
+        place = f"({PLACE})({json.dumps(selector)}, {across}, {down})"
+        end, before, here = time.monotonic() + PATIENCE_S, None, None
+        while before is None or self.evaluate("window.pressed === false"):
+            while here is None or here != before:
+                assert time.monotonic() < end, f"{selector}: is not there, is covered, or does not stand still; {self.errors}"
+                before, here = here, self.evaluate(place)
+                time.sleep(0.02)
+            for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+                self.call("Input.dispatchMouseEvent", type=kind, x=here[0], y=here[1], button="left", buttons=1, clickCount=1)
+            here = None
 
     def go(self, page: Path | str) -> None:
         """Open a page in place of this one."""
         address = page.resolve().as_uri() if isinstance(page, Path) else page
-        self.call("Page.navigate", url=address)
-        here = f" && location.href === {json.dumps(address)}" if isinstance(page, Path) else ""
-        self.wait(f"document.readyState === 'complete'{here}")
+        told = self.call("Page.navigate", url=address)
+        # a place within the page that is there already has no loader; an address that is saved, not shown, has an error
+        if "loaderId" in told and "errorText" not in told:
+            self._arrival(lambda: told["loaderId"] in self._arrived)
+        self.wait("document.readyState === 'complete'")
+
+    def again(self) -> None:
+        """Load the page anew, as F5 does."""
+        before = len(self._arrived)
+        self.call("Page.reload")
+        self._arrival(lambda: len(self._arrived) > before)
+        self.wait("document.readyState === 'complete'")
+
+    def _arrival(self, there: Callable[[], bool]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not there():
+            assert time.monotonic() < end, "the page never came"
+            self.evaluate("0")  # events are heard while an answer is waited for
+            time.sleep(0.02)
 
     def resize(self, width: int, height: int = 1000) -> None:
         """Look at the page at another width; what follows the width has drawn itself anew when this returns."""
@@ -197,7 +237,7 @@ def _shared() -> str:
 def window(browser: str, page: Path | str) -> Iterator[Page]:
     """The page in a window of a browser that runs, `Page.browser`, which shares no cookie and no storage with its other windows."""
     with connect(
-        browser, max_size=None, max_queue=None, ping_interval=None, open_timeout=60
+        browser, max_size=None, max_queue=None, ping_interval=None, open_timeout=PATIENCE_S
     ) as socket:  # another may be looked at for long
         context = _bare(socket, "Target.createBrowserContext", disposeOnDetach=True)["browserContextId"]
         target = _bare(socket, "Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
@@ -212,7 +252,7 @@ def _bare(socket: ClientConnection, method: str, **parameters: Any) -> dict[str,
     """Answer of a command to the browser itself."""
     socket.send(json.dumps({"id": 0, "method": method, "params": parameters}))
     while True:
-        message = json.loads(socket.recv(timeout=60))
+        message = json.loads(socket.recv(timeout=PATIENCE_S))
         if message.get("id") == 0 and "sessionId" not in message:
             assert "error" not in message, message
             return dict(message["result"])

@@ -76,7 +76,7 @@ def kill_server(address_file: Path) -> None:
     raise AssertionError(f"no server at {port}")
 
 
-def until(true: "object", seconds: float = 60.0) -> None:
+def until(true: "object", seconds: float = 180.0) -> None:
     """Wait for what is called to be true; AssertionError when it never is."""
     end = time.monotonic() + seconds
     while not true():  # type: ignore[operator]

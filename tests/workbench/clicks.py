@@ -16,8 +16,8 @@ def visit(page: Page, base: str, path: str) -> None:
 
 def press(page: Page, selector: str, then: str) -> None:
     """Press what a selector finds, once it is there, and wait."""
-    page.wait(f"document.readyState === 'complete' && !!document.querySelector({selector!r})")
-    page.now(f"document.querySelector({selector!r}).click()")
+    found = f"(e => e && document.readyState === 'complete' && (e.click(), true))(document.querySelector({json.dumps(selector)}))"
+    page.wait(found)
     page.wait(then)
 
 

@@ -5,6 +5,7 @@ pictures."""
 import json
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from browser import LOOK, Page
@@ -27,20 +28,13 @@ def to(page: Page, path: str) -> None:
     tap(page, f"header nav a[href='{path}']", f"location.pathname === '{path}'")
 
 
-def again(page: Page) -> None:
-    """Load the page anew, as F5 does."""
-    page.evaluate("window.before = true")
-    page.call("Page.reload")
-    page.wait(f"window.before === undefined && {READY}")
-
-
 def begun(page: Page, command: str, **values: str) -> None:
     """Fill in a command's form, load the page anew in the middle of it, and press its button; what was typed is still there."""
     form = f"form[data-command='{command}']"
     page.wait(f"{READY} && !!document.querySelector({json.dumps(form)})")
     page.evaluate(f"for (const e of document.querySelectorAll({json.dumps(form + ' details')})) e.open = true")
     fill(page, form, **values)
-    again(page)
+    page.again()
     typed = [f"document.querySelector({json.dumps(f'{form} [name={name}]')}).value === {json.dumps(v)}" for name, v in values.items()]
     page.wait(" && ".join(["true", *typed]))
     tap(page, f"{form} button.go", "location.pathname.startsWith('/jobs/')")
@@ -48,7 +42,7 @@ def begun(page: Page, command: str, **values: str) -> None:
 
 def done(page: Page) -> None:
     """Load the page of a job anew while it works, and wait until it has ended well."""
-    again(page)
+    page.again()
     page.wait(f"{ENDED} && {READY}", seconds=1200.0)  # kernels may have to be compiled
     state, told = page.evaluate("[document.getElementById('job').dataset.state, document.querySelector('main').innerText]")
     assert state == "done", told
@@ -71,19 +65,19 @@ WANTED = "(b => b && !b.hidden ? b.textContent : '')(document.getElementById('ce
 def self_test(page: Page, *, reload_at: int) -> str:
     """Do what a self-test asks, by the buttons of the simulated cell; the state in which it ends. At a step the page is loaded anew."""
     seen, steps, end = "", 0, time.monotonic() + 550.0
-    while not page.now(ENDED):
-        assert time.monotonic() < end, page.now("document.querySelector('main').innerText")
-        asked = str(page.now(ASKED) or "")
+    while not page.evaluate(ENDED):
+        assert time.monotonic() < end, page.evaluate("document.querySelector('main').innerText")
+        asked = str(page.evaluate(ASKED) or "")
         if asked and asked != seen:
             steps += 1
             if steps == reload_at:
-                again(page)
+                page.again()
                 page.wait(f"{ASKED} === {json.dumps(asked)}")
-            if page.now(WANTED):
+            if page.evaluate(WANTED):
                 page.click("#cell-asked")
                 page.wait("document.querySelector('#lines .moves, #lines .unwanted') !== null")
                 before = ""
-                while before != (before := str(page.now("document.getElementById('lines').innerText"))):
+                while before != (before := str(page.evaluate("document.getElementById('lines').innerText"))):
                     time.sleep(0.4)
             seen = asked
             page.click("[data-type='']:not([data-asked])")
@@ -97,19 +91,16 @@ def captured(page: Page, *, reload_at: int) -> None:
     """Send the robot to each pose that is wanted; the first is read by its button, the others as they rest. With so many read the page
     is loaded anew."""
     goal, end = "", time.monotonic() + 550.0
-    while not page.now(ENDED):
-        assert time.monotonic() < end, (goal, page.now("document.querySelector('main').innerText"))
-        asked = str(page.now(WANTED) or "")
-        read = page.now("document.querySelectorAll('#capture-poses .read').length") or 0
+    while not page.evaluate(ENDED):
+        assert time.monotonic() < end, (goal, page.evaluate("document.querySelector('main').innerText"))
+        asked = str(page.evaluate(WANTED) or "")
+        read = page.evaluate("document.querySelectorAll('#capture-poses .read').length") or 0
         if asked and asked != goal:
             if read == reload_at:
-                again(page)
+                page.again()
                 page.wait(f"document.querySelectorAll('#capture-poses .read').length === {read} && {WANTED} === {json.dumps(asked)}")
-            # a page that fills itself shifts below the mouse: whoever sees that nothing happens presses again
-            place = f"document.getElementById('cell-at')?.textContent.includes({json.dumps(f' {asked.split()[-1]}:')})"
-            while not page.now(place):
-                page.click("#cell-asked")
-                time.sleep(1.5)
+            page.click("#cell-asked")
+            page.wait(f"document.getElementById('cell-at').textContent.includes({json.dumps(f' {asked.split()[-1]}:')})")
             goal = asked
             if read == 0:
                 stands = f"document.getElementById('cell-at')?.textContent.includes({json.dumps(f'stands at {asked.split()[-1]}:')})"
@@ -123,59 +114,94 @@ def captured(page: Page, *, reload_at: int) -> None:
     )
 
 
-def mechanic(page: Page, told: Told, *, poses: int = 20, exchange: str = "ch2,ch5") -> None:
+def who_speaks(page: Page, cables: int) -> None:
+    """Listen on the bus, and pull the third cable: one line moves, that of its node."""
+    page.wait(f"document.querySelectorAll('#cell-cables button').length === {cables}")
+    tap(page, "#scan-listen", f"document.querySelectorAll('#scan-lines tbody tr').length === {cables + 1}")
+    tap(page, "[data-cable=c3]", "document.querySelector('#scan-lines tr.lit') !== null")
+    assert page.evaluate("document.querySelectorAll('#scan-lines tr.lit').length") == 1
+    tap(page, "[data-cable=c3]", "document.querySelector('[data-cable=c3].out') === null")
+    tap(page, "#scan-end", "document.getElementById('scan-end').hidden")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a mechanic does: the shape of the rig, how many drums it has, how many poses are read, which plugs are exchanged, whether a turn
+    of each drum is counted, whether the zone is mapped and better places are searched."""
+
+    template: str = "six-cables"
+    drums: int = 6
+    poses: int = 20
+    exchange: str = "ch2,ch5"
+    turns: bool = True
+    zone: bool = True
+
+
+QUICK = Job(template="three-drums", drums=3, poses=4, exchange="ch1,ch3", turns=False, zone=False)
+"""For a suite."""
+GRID = dict.fromkeys("xyz", "-200:200:100")
+
+
+def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
     """From an empty folder to a calibrated rig in its zone, with its points placed anew: dimensions put in, drums worked out, poses
     planned, a cell played whose plugs are exchanged, found and mended, poses captured."""
     tap(page, "a.button[href='/rig']", "location.pathname === '/rig'")
-    begun(page, "init")
+    begun(page, "init", template=job.template)
     done(page)
     told("a rig is begun", page)
     onward(page, "/rig")
     fill(page, "#rig-form", **{"observation_point.0.position_mm.2": "2025"})
-    again(page)
+    page.again()
     page.wait("document.getElementById('observation_point.0.position_mm.2').value === '2025'")
     page.wait("document.getElementById('scene-zone').textContent.includes('m³')", seconds=300.0)  # kernels may have to be compiled
     tap(page, "#rig-form button.go", "location.search.includes('saved')")
     told("its dimensions", page)
     tap(page, "nav.inside a[href='/rig?file=drums.toml']", "location.search === '?file=drums.toml'")
     fill(page, "#rig-form", **{"drum.0.centre_distance_mm": "181.5"})
-    again(page)
+    page.again()
     page.wait("document.getElementById('drum.0.centre_distance_mm').value === '181.5'")
     tap(page, "#rig-form button.go", "location.search.includes('saved')")
     begun(page, "drum")
     done(page)
     told("its drums", page)
     to(page, "/calibrate")
-    begun(page, "plan-poses", poses=str(poses), box="-200:200,-200:200,-200:200")
+    begun(page, "plan-poses", poses=str(job.poses), box="-200:200,-200:200,-200:200")
     done(page)
     told("poses are planned", page)
     to(page, "/check")
-    begun(page, "play", exchange=exchange)
-    page.wait("document.querySelectorAll('#cell-cables button').length === 6", seconds=180.0)
-    again(page)
+    begun(page, "play", exchange=job.exchange)
+    page.wait(f"document.querySelectorAll('#cell-cables button').length === {job.drums}")
+    page.again()
     told("a cell is played", page)
     to(page, "/check")
+    who_speaks(page, job.drums)
+    told("who speaks", page)
+    if not job.turns:
+        tap(page, "form[data-command=check] details summary", "document.querySelector('form[data-command=check] details').open")
+        tap(page, "form[data-command=check] [name=turns]", "!document.querySelector('form[data-command=check] [name=turns]').checked")
     begun(page, "check")
     first = self_test(page, reload_at=4)
-    told("plugs are found exchanged" if exchange else "the self-test", page)
-    if exchange:
-        assert first == "failed", page.evaluate("document.querySelector('main').innerText")
-        assert page.evaluate("document.querySelectorAll('.cables .red').length") == 2
-        onward(page, "rig=rig-checked.toml")
-        begun(page, "check", write="")
-        assert self_test(page, reload_at=3) == "done", page.evaluate("document.querySelector('main').innerText")
-        told("the mended rig is checked", page)
+    assert first == "failed", page.evaluate("document.querySelector('main').innerText")
+    red = page.evaluate("[...document.querySelectorAll('.cables .red')].map(row => row.cells[0].textContent)")
+    assert red == [channel.replace("ch", "c") for channel in job.exchange.split(",")]
+    told("plugs are found exchanged", page)
+    onward(page, "rig=rig-checked.toml")
+    begun(page, "check", write="")
+    assert self_test(page, reload_at=3) == "done", page.evaluate("document.querySelector('main').innerText")
+    assert page.evaluate("document.querySelectorAll('.cables .red').length") == 0
+    told("the mended rig is checked", page)
     onward(page, "/calibrate")
-    checked = {"rig": "rig-checked.toml"} if exchange else {}
-    begun(page, "capture", u_position_mm="0.02", u_rotation_deg="0.003", u_repeatability_mm="0", **checked)
+    begun(page, "capture", u_position_mm="0.02", u_rotation_deg="0.003", u_repeatability_mm="0", rig="rig-checked.toml")
     captured(page, reload_at=2)
     told("poses are captured", page)
     onward(page, "/calibrate")
     begun(page, "calibrate")
     done(page)
     told("calibrated", page)
+    if not job.zone:
+        return
     onward(page, "/run/zone")
-    begun(page, "zone", x="-200:200:100", y="-200:200:100", z="-200:200:100")
+    begun(page, "zone", **GRID)
     done(page)
     told("its zone", page)
     to(page, "/zone")
@@ -183,7 +209,7 @@ def mechanic(page: Page, told: Told, *, poses: int = 20, exchange: str = "ch2,ch
     done(page)
     told("its points placed anew", page)
     onward(page, "/run/zone")
-    begun(page, "zone", x="-200:200:100", y="-200:200:100", z="-200:200:100")
+    begun(page, "zone", **GRID)
     done(page)
     told("the zone of the placed rig", page)
 

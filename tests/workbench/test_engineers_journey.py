@@ -48,7 +48,7 @@ def by_hand(lines: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_engineer_from_nothing_to_a_verified_certificate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A rig begun, simulated, calibrated and mapped; a robot's run that is brought in, reconstructed and certified."""
+    """A rig begun, simulated and mapped; a robot's run that is brought in, reconstructed and certified."""
     brought, project, hand = tmp_path / "brought", tmp_path / "project", tmp_path / "hand"
     write_campaign(brought)
     with served(project) as address, opened(address) as page:
@@ -57,10 +57,8 @@ def test_an_engineer_from_nothing_to_a_verified_certificate(tmp_path: Path, monk
         begin(page, "init")
         visit(page, base, "/run/simulate")
         begin(page, "simulate", scenario="scenario.toml")
-        onward(page, "/run/calibrate")
-        begin(page, "calibrate")
-        onward(page, "/run/zone")
-        begin(page, "zone", x="-100:100:100", y="-100:100:100", z="-100:100:100")
+        visit(page, base, "/run/zone")
+        begin(page, "zone", rig="rig.toml", x="-100:100:100", y="-100:100:100", z="-100:100:100")
         visit(page, base, "/files")
         choose(page, "#upload", *sorted((brought / "run").iterdir()), brought / "program.toml")
         page.evaluate("document.getElementById('into').value = 'measured'")
@@ -78,11 +76,11 @@ def test_an_engineer_from_nothing_to_a_verified_certificate(tmp_path: Path, monk
         assert [error for error in page.errors if "404" not in error] == []
     with client(project) as asked:
         lines = [job["line"] for job in reversed(asked.get("/api/jobs").json()["jobs"])]
-    assert len(lines) == 9
+    assert len(lines) == 8
     hand.mkdir()
     monkeypatch.chdir(hand)
     shutil.copytree(project / "measured", "measured")
-    for folder in ("runs", "zones", "calibration"):
+    for folder in ("runs", "zones"):
         Path(folder).mkdir()
     by_hand([line for line in lines if line.split()[1] not in ("key", "certify", "verify")], monkeypatch)
     files = [path.relative_to(hand) for path in sorted(hand.rglob("*")) if path.is_file()]

@@ -2,9 +2,13 @@
 
 import json
 import random
+import re
+import shutil
 import sys
+from html import unescape
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 from urllib.request import Request, urlopen
 
 import numpy as np
@@ -17,6 +21,8 @@ from lmeasure.rig import write_rig
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
 from capture_bench import motion, on_bus, some_poses, true_rig, write_inputs
+
+SEALED = Path(__file__).parents[1] / "authorities" / "sealed-before" / "with-run"
 
 
 def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,6 +124,42 @@ def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
             assert [one["pose"] for one in asked.get("/jobs/2/last").json()["last"]["capture"]["readings"]] == ["1"]
             asked.delete("/api/jobs/2")
         assert counts.read_bytes() == kept
+
+
+def test_a_certificate_is_whole_or_not_there_when_the_server_is_killed(tmp_path: Path) -> None:
+    """The server is killed while figures are computed: there is no folder, nothing half-written, the next server says interrupted, and the
+    same command, by the button of its page, makes what it would have made."""
+    shutil.copytree(SEALED / "inputs", tmp_path / "measured")
+    settings: dict[str, Any] = {"trajectory": "measured/trajectory.parquet", "run": "measured/run", "program": "measured/program.toml"}
+    settings |= {"out": "certificates/first", "trials": 2_000_000}
+    with served_apart(tmp_path) as address:
+        base, token = address.split("/?token=")
+        head = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+        begin = Request(f"{base}/api/jobs", json.dumps({"command": "certify", "settings": settings}).encode(), head)
+        with urlopen(begin) as answer:
+            assert json.load(answer)["number"] == 1
+        process = json.loads((tmp_path / ".workbench/jobs/0001/asked.json").read_text())["process"]
+
+        def told() -> dict[str, Any]:
+            with urlopen(Request(f"{base}/api/jobs/1", headers=head)) as answer:
+                return dict(json.load(answer))
+
+        until(lambda: told()["last"].get("progress", {}).get("fraction", 0.0) > 0.0, 300.0)
+        kill_server(tmp_path / ".workbench" / "address")
+        until(lambda: not Path(f"/proc/{process}/cmdline").exists() or not Path(f"/proc/{process}/cmdline").read_bytes(), 300.0)
+    left = [path for path in tmp_path.rglob("*") if not {".workbench", "measured"} & set(path.parts) and path.name != "certificates"]
+    assert left == []
+    with client(tmp_path) as asked:
+        page = asked.get("/jobs/1").text
+        assert asked.get("/api/jobs/1").json()["state"] == "interrupted"
+        assert "interrupted" in page
+        again = unescape(re.search(r'href="(/run/certify\?[^"]+)"', page)[1])  # type: ignore[index]
+        form = dict(parse_qsl(urlsplit(again).query)) | {"trials": "100"}
+        assert form["out"] == "certificates/first"
+        assert asked.post("/run/certify", data=form).headers["location"] == "/jobs/2"
+        until(lambda: asked.get("/api/jobs/2").json()["state"] != "running", 300.0)
+        assert asked.get("/api/jobs/2").json()["state"] == "done", asked.get("/api/jobs/2").json()
+    assert (tmp_path / "certificates" / "first" / "certificate.pdf").is_file()
 
 
 def test_a_long_job_is_ended_by_its_button(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Who is not let in, on every route; what leads out of the project; what is brought in."""
 
 import io
+import re
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +12,19 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from lmeasure import workbench, workflows
 from lmeasure.cli import main
+from lmeasure.errors import SettingsError
+from lmeasure.workbench import forms
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.server import ROUTES
 from lmeasure.workbench.shelf import Shelf
+from lmeasure.workflows.options import options_of
 
 EVERY = [route for module in ROUTES for route in module.routes()]
+SECRET = "nobody's business 4711"
+NAMED = ("file", "old", "new", "_file", "folder", "into", "back", "then", "name", "run", "path", "out", "rig", "zone", "start")
+"""What addresses and forms name files and places by."""
 AWAY = (
     "../secret.txt",
     "..%2fsecret.txt",
@@ -31,10 +39,10 @@ AWAY = (
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
     """A project with a rig, beside a file that is nobody's business, and a link to it."""
-    (tmp_path / "secret.txt").write_text("secret")
+    (tmp_path / "secret.txt").write_text(SECRET)
     folder = tmp_path / "project"
     (folder / ".workbench").mkdir(parents=True)
-    (folder / ".workbench" / "address").write_text("secret")
+    (folder / ".workbench" / "address").write_text(SECRET)
     (folder / "link.txt").symlink_to(tmp_path / "secret.txt")
     return folder
 
@@ -67,7 +75,7 @@ def test_nobody_is_let_in_without_the_token_on_any_route(project: Path) -> None:
             for one in (stranger, guesser):
                 answer = one.request(method, path)
                 assert answer.status_code == 403, (method, path)
-                assert "secret" not in answer.text
+                assert SECRET not in answer.text
         assert stranger.get(f"/rig?token={TOKEN}").status_code == 403  # the first page alone takes it from the address
         assert stranger.get("/?token=wrong").status_code == 403
 
@@ -123,12 +131,30 @@ def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, pr
     assert "connect-src" not in own  # so that default-src holds: nothing can be asked
 
 
+def test_every_name_that_pages_ask_for_is_walked() -> None:
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(workbench.__file__).parent.glob("*.py"))
+    asked = set(re.findall(r"""query_params\.get(?:list)?\("(\w+)\"""", source))
+    asked |= set(re.findall(r"""form\.get\("(\w+)\"""", source))
+    assert asked - {"token", "tour", "saved", "begin", "end", "line", "language", "_digest"} <= {*NAMED}
+
+
 @pytest.mark.parametrize("path", AWAY)
-def test_no_path_leads_out_of_the_project(asked: TestClient, project: Path, path: str) -> None:
-    for page in ("/raw/", "/look/", "/start/", "/rig?file=", "/scene?file=", "/calibrations?new=rig.toml&old="):
-        answer = asked.get(page + path)
-        assert answer.status_code in (404, 422), (page, answer.status_code)
-        assert "secret" not in answer.text.replace("secret.txt", "")
+def test_no_path_leads_out_of_the_project_on_any_route(asked: TestClient, project: Path, path: str) -> None:
+    """In the address itself, in every parameter, in every field of a form, where a % is a letter as others are."""
+    before = sorted(project.parent.rglob("*"))
+    for route in (route for route in EVERY if isinstance(route, Route)):
+        there = route.path.replace("{number:int}", "1").replace("{command}", "zone").replace("{name}", path)
+        for method in sorted(route.methods or ()):
+            fields = {} if "%" in path else dict.fromkeys(NAMED, path)
+            query = {} if "{path:path}" in route.path else {"params": fields}
+            body = {"data": fields} if method == "POST" else {}
+            answer = asked.request(method, there.replace("{path:path}", path), **query, **body)
+            assert SECRET not in answer.text, (method, there)
+            assert answer.status_code < 500, (method, there, answer.text)
+            assert "secret" not in answer.headers.get("location", ""), (method, there)
+            if "{path:path}" in route.path:
+                assert answer.status_code in (404, 422), (method, there, answer.status_code)
+    assert sorted(project.parent.rglob("*")) == before
     with pytest.raises(OutsideError):
         inside(project, path.replace("%2f", "/").replace("%2e", "."))
 
@@ -166,18 +192,28 @@ def test_no_project_lies_outside_the_folder_of_projects(project: Path, name: str
     assert sorted(p for p in project.parent.rglob("*") if ".workbench" not in p.parts) == [p for p in before if ".workbench" not in p.parts]
 
 
-@pytest.mark.parametrize("command", ["zone", "calibrate", "certify", "import", "identify", "record", "verify", "play", "capture"])
-def test_no_file_of_a_form_lies_outside(asked: TestClient, project: Path, command: str) -> None:
-    from lmeasure import workflows
-    from lmeasure.workflows.options import options_of
+@pytest.mark.parametrize("away", ["../secret.txt", "/etc/passwd", "link.txt", ".workbench/address"])
+def test_no_file_of_any_command_lies_outside(project: Path, away: str) -> None:
+    """Options that are paths, and texts that may hold one."""
+    walked = 0
+    for command in (name for name in workflows.COMMANDS if name not in forms.NOT_HERE):
+        for option in options_of(workflows.load(command).settings):
+            if option.name in forms.HIDDEN or option.kind not in ("path", "list", "text"):
+                continue
+            for text in (away,) if option.kind == "path" else (away, f"replay:{away}", f"x={away}"):
+                walked += 1
+                with pytest.raises(SettingsError) as refused:
+                    forms.asked(command, {option.name: [text] if option.kind == "list" else text}, project)
+                assert refused.value.option == option.name, (command, option.name, text)
+    assert walked > 300
 
-    for option in options_of(workflows.load(command).settings):
-        if option.kind != "path":
-            continue
-        for away in ("../secret.txt", "/etc/passwd", "link.txt", ".workbench/address"):
-            told = asked.post(f"/line/{command}", data={option.name: away, "_form": "1"}).json()
-            assert told["option"] == option.name, (option.name, away, told)
-            assert asked.post("/api/jobs", json={"command": command, "settings": {option.name: away}}).status_code == 422
+
+def test_what_leads_outside_begins_no_job(asked: TestClient, project: Path) -> None:
+    for away in ("../secret.txt", "link.txt"):
+        told = asked.post("/line/zone", data={"rig": away, "_form": "1"}).json()
+        assert told["option"] == "rig", told
+        assert asked.post("/run/zone", data={"rig": away, "_form": "1"}).status_code == 422
+        assert asked.post("/api/jobs", json={"command": "zone", "settings": {"rig": away}}).status_code == 422
     assert not list((project / ".workbench").glob("jobs/*"))
 
 

@@ -20,12 +20,11 @@ def test_what_was_typed_outlives_a_reload_and_the_button_back(tmp_path: Path) ->
         visit(page, base, "/run/init")
         fill(page, "form[data-command=init]", out="mine")
         shown = "document.querySelector('form[data-command=init] [name=out]')?.value"
-        page.evaluate("location.reload()")
-        page.wait(f"document.readyState === 'complete' && {shown} === 'mine'")
+        page.again()
+        page.wait(f"{shown} === 'mine'")
         page.wait("document.querySelector('[data-line]')?.textContent.includes(' mine ')")
         press(page, "form[data-command=init] button.go", "location.pathname === '/jobs/1' && document.readyState === 'complete'")
-        page.evaluate("location.reload()")  # in the middle of the job
-        page.wait("document.readyState === 'complete'")
+        page.again()  # in the middle of the job
         assert ended(page) == 1
         page.evaluate("history.back()")
         page.wait(f"location.pathname === '/run/init' && document.readyState === 'complete' && {shown} === 'mine'")

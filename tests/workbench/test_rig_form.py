@@ -1,16 +1,23 @@
 """The rig as a form: what is typed is written with the file's comments, and nothing that is no rig is written."""
 
+import json
+import sys
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import client
+from bench import client, served
 
-from lmeasure import workflows
-from lmeasure.rig import read_rig
+from lmeasure import compiling, workflows
+from lmeasure.rig import read_rig, write_rig
 from lmeasure.simulation import cell_rig
 from lmeasure.templates import TEMPLATES, Answers, rig_of, rig_text
 from lmeasure.workbench import rig_form
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from browser import opened
+from clicks import press, visit
 
 
 @pytest.fixture
@@ -97,7 +104,6 @@ def test_a_coarse_zone_is_the_zone_on_its_grid(tmp_path: Path) -> None:
     from lmeasure.accuracy.limits import Limits
     from lmeasure.accuracy.surroundings import box_around
     from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
-    from lmeasure.rig import write_rig
 
     rig = cell_rig(0)
     write_rig(tmp_path / "rig.toml", rig)
@@ -116,6 +122,30 @@ def test_a_coarse_zone_is_the_zone_on_its_grid(tmp_path: Path) -> None:
         ]
         < 0.2 * told["zone_volume_mm3"]
     )
+
+
+def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which one, how long all of it takes, and how long this has taken; in both languages."""
+    write_rig(tmp_path / "rig.toml", cell_rig(0))
+    done, coarse = threading.Event(), rig_form.coarse
+
+    def cold(*asked: Any) -> dict[str, float]:
+        compiling.start("worst_angle")
+        assert done.wait(300.0)
+        compiling.end("worst_angle")
+        return coarse(*asked)
+
+    monkeypatch.setattr(compiling, "names", [])
+    monkeypatch.setattr(rig_form, "coarse", cold)
+    shown = "document.getElementById('scene-zone').textContent"
+    with served(tmp_path) as address, opened(address) as page:
+        for language, told in (("ru", r"worst_angle \.\.\.. прошло \d+ с"), ("en", r"worst_angle \.\.\.. \d+ s so far")):
+            press(page, f".language [value={language}]", f"document.documentElement.lang === '{language}'")
+            visit(page, address.split("/?")[0], "/rig")
+            page.wait(f"new RegExp({json.dumps(told)}).test({shown})")
+        done.set()
+        page.wait(f"{shown}.includes('m³')")
+    assert compiling.now() is None
 
 
 def test_drums_and_the_task_of_a_placement_have_forms_too(tmp_path: Path) -> None:

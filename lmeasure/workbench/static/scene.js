@@ -45,16 +45,23 @@ export async function draw(place, form) {
       if (input) input.value = String(+(document.getElementById('inches').checked ? v / 25.4 : v).toFixed(6));
     });
   };
+  const where = document.getElementById('scene-zone');
   let asking = false, again = false;
+  // the first time on a machine it takes long, and says why
+  const compiled = async () => {
+    const now = await (await fetch('/compiling')).json();
+    if (asking && now.name) where.textContent = where.dataset.compiling.replace('{name}', now.name).replace('{seconds}', now.seconds.toFixed(0));
+  };
   const judge = async () => {
     if (asking) { again = true; return; }
     asking = true;
-    const points = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
-    const answer = await fetch('/coarse', {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
-    const found = await answer.json();
-    const where = document.getElementById('scene-zone');
-    where.textContent = found.error ?? `${(found.zone_volume_mm3 / 1e9).toFixed(2)} m³ ≤ 60°, ${found.least_angle_deg.toFixed(1)}°, U95 ${found.median_u95_mm.toFixed(3)} mm`;
-    asking = false;
+    const patience = setInterval(compiled, 500);
+    try {
+      const points = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
+      const answer = await fetch('/coarse', {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
+      const found = await answer.json();
+      where.textContent = found.error ?? `${(found.zone_volume_mm3 / 1e9).toFixed(2)} m³ ≤ 60°, ${found.least_angle_deg.toFixed(1)}°, U95 ${found.median_u95_mm.toFixed(3)} mm`;
+    } finally { asking = false; clearInterval(patience); }
     if (again) { again = false; judge(); }
   };
   judge();

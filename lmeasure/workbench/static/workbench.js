@@ -1,5 +1,6 @@
 // Every page works without this; with it, command lines, progress and live values renew themselves.
-const words = JSON.parse(document.getElementById('words')?.textContent ?? '{}');
+import '/static/bus.js';
+
 const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form), headers: {'Accept': 'application/json'}});
 
 for (const form of document.querySelectorAll('form[data-command]')) {
@@ -16,8 +17,6 @@ for (const form of document.querySelectorAll('form[data-command]')) {
   renew();
 }
 
-if (document.getElementById('cell') || document.getElementById('scan') || document.getElementById('job')) await import('/static/bus.js');
-
 const job = document.getElementById('job');
 if (job && job.dataset.state === 'running') follow(job.dataset.number);
 
@@ -32,7 +31,7 @@ function follow(number) {
   };
   const told = {
     progress: (e) => { at('progress').value = e.fraction; at('doing').textContent = e.text; },
-    compiling: (e) => { at('doing').textContent = `${words.compiling ?? 'compiling'} ${e.text}`; },
+    compiling: (e) => { const text = at('doing').dataset.compiling.replace('{name}', e.text); at('doing').textContent = text; line(text, 'said'); },
     said: (e) => line(e.text, 'said'),
     typed: (e) => { line(`> ${e.text}`, 'typed'); at('asked').hidden = true; at('typing').classList.remove('question'); },
     state: (e) => { at('now').hidden = false; at('now').textContent = e.text; at('typing').hidden = false; },
