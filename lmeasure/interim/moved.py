@@ -7,6 +7,7 @@ makes y = A d more, and takes A (A' V^-1 A)^-1 A' V^-1 y of chi-squared away, wi
 named where no other comes near: their remaining chi-squared, with twice their degrees of freedom on top (Akaike), must be more by `APART`.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -80,7 +81,7 @@ def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Ver
 
 class Together:
     """Samples of a run at poses (n, 7) near the true ones, all their contradictions together: y (f,) whitened, and how causes change them.
-    more (n, m, q): further errors of the readings that they share, by variables of unit variance."""
+    more (n, m, q): further errors of the readings that they share, by variables of unit variance at most."""
 
     def __init__(
         self, reconstruction: Reconstruction, redundancy: Redundancy, epochs: Epochs, poses: FloatArray, *, more: FloatArray | None = None
@@ -101,13 +102,17 @@ class Together:
         origins = origins.max(axis=(0, 1), initial=0.0)
         anywhere = shared[:, shared.shape[1] - len(origins) :][:, origins > UNKNOWN_MM / 2.0]
         self.start_known = not anywhere.shape[1]
-        if more is not None:
-            shared = np.hstack([shared, self.seen(np.where(used[:, :, None], more, 0.0))])
         V = scipy.linalg.block_diag(*(b.T @ (own[i][:, None] * b) for i, b in enumerate(self._basis))) + shared @ shared.T
+        self.freedom = len(V) - int(np.linalg.matrix_rank(anywhere))
+        if more is not None:
+            wide = self.seen(np.where(used[:, :, None], more, 0.0))
+            against = np.linalg.svd(scipy.linalg.solve_triangular(np.linalg.cholesky(V), wide, lower=True), compute_uv=False) ** 2
+            # they may be none: as many degrees of freedom as they could take
+            self.freedom -= math.ceil(float(np.sum(against / (1.0 + against))))
+            V = V + wide @ wide.T
         self._L = np.linalg.cholesky(V)
         y = np.concatenate([b.T @ r for b, r in zip(self._basis, residual, strict=True)])
         self.y = scipy.linalg.solve_triangular(self._L, y, lower=True)
-        self.freedom = len(self.y) - int(np.linalg.matrix_rank(anywhere))
 
     def remainder(self) -> Remainder:
         """The contradictions as residuals (n m,) in the units of `columns`."""
