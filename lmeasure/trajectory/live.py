@@ -4,6 +4,7 @@ What redundant channels tell of their origins, and absolute ones of a start that
 whenever the run has become twice as long, by what `reconstruct` does with the samples that there are, and followed from there on.
 """
 
+import math
 import threading
 import time
 from dataclasses import dataclass
@@ -147,7 +148,7 @@ class LivePose:
         return np.asarray(found.random[0] + found.systematic[0])
 
     def _sample(self, status: int, pose: FloatArray, angle: float) -> LiveSample:
-        return LiveSample(WORDS[status], pose, float(np.degrees(angle)))
+        return LiveSample(WORDS[status], pose, math.degrees(angle))
 
     def _keep(self, time_s: float, recorded: FloatArray) -> None:
         if self._n == MOST:

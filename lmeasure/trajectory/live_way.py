@@ -79,6 +79,8 @@ class AnyChannels:
             begun = self._state[layout.CHANGES : layout.CHANGES + m]
             chance = reconstruction.redundancy.chance(self._epochs(0.0, begun), self._start[None], np.ones(m, np.bool_))
             self._limit[m] = chance.limit(SIGNIFICANCE / SAMPLES)
+        # how many channels were read is only counted where any number of them would be too much
+        self._least = float(self._limit.min())
         now = 0.0 if time_s is None else float(time_s[-1])
         open_ = [d for d in doubts.every if np.isinf(d.until_s)]
         self._doubt = next((d.status for d in open_ if d.cable == EVERY), None)
@@ -124,18 +126,20 @@ class AnyChannels:
         if status == Status.OK and self._doubt is not None:
             status = int(self._doubt)
         # by the counts alone is an upper bound of what they contradict each other by
-        elif status == Status.OK and chi > self._limit[np.isfinite(change).sum()] and self._contradicts(time_s, pose, change):
+        elif status == Status.OK and chi > self._least and self._contradicts(time_s, pose, change, chi):
             status = int(Status.INCONSISTENT)
         if status != Status.OK:
             pose[:] = angle = np.nan
         return status, pose, angle
 
-    def _contradicts(self, time_s: float, pose: FloatArray, change: FloatArray) -> bool:
-        """Whether a sample does so with everything that its readings share in their covariance."""
-        redundancy = self.reconstruction.redundancy
+    def _contradicts(self, time_s: float, pose: FloatArray, change: FloatArray, chi: float) -> bool:
+        """Whether a sample does so with everything that its readings share in their covariance; chi: by the counts alone."""
+        redundancy, limit = self.reconstruction.redundancy, self._limit[int(np.isfinite(change).sum())]
+        if not chi > limit:
+            return False
         assert redundancy is not None
         parities = redundancy.parities(self._epochs(time_s, change), pose[None])
-        return bool(parities.chi_squared[0] > self._limit[int(np.isfinite(change).sum())])
+        return bool(parities.chi_squared[0] > limit)
 
     def _epochs(self, time_s: float, change: FloatArray) -> Epochs:
         """A sample, its changes (m,), as the reconstruction's redundancy takes it."""
