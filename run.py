@@ -29,8 +29,9 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 WINDOWS = os.name == "nt"
 SAY_S = 5.0
-ON_ALL_PROCESSORS = ("-n", "logical", "--maxprocesses", "8", "--dist", "worksteal")
-"""Of the whole suite. A worker goes through neighbouring tests, which share what is made once, and at the end takes others' tests."""
+ON_ALL_PROCESSORS = ("-n", str(min((os.cpu_count() or 1) + 1, 8)), "--dist", "worksteal")
+"""Of the whole suite. A worker goes through neighbouring tests, which share what is made once, and at the end takes others' tests. One
+more than there are processors: tests of programs and pages wait for a good part of their time."""
 PROBE = "import importlib.metadata as m, sys; m.distribution('lmeasure'); print(sys.version)"
 
 

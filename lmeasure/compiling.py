@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 begun: Callable[[str], None] | None = None
-"""Is told the name of the first kernel that must be compiled."""
+"""Is told the name of the next kernel that must be compiled, once."""
 names: list[str] = []
 """Kernels compiled by this process, in the order in which they were done."""
 seconds = 0.0
@@ -14,18 +14,24 @@ _since = 0.0
 
 
 def now() -> tuple[str, float] | None:
-    """The kernel that is being compiled, and for how long [s]; None when none is."""
+    """The kernel that is being compiled, here or by another process that this one waits for, and for how long [s]; None when none is."""
     return (_open[0], time.perf_counter() - _since) if _open else None
 
 
 def start(name: str) -> None:
-    """A kernel is not kept and will be compiled."""
-    global _since
+    """A kernel is not kept: it will be compiled, here or by another process."""
+    global _since, begun
     if not _open:
         _since = time.perf_counter()
-        if not names and begun is not None:
-            begun(name)
+        if begun is not None:
+            tell, begun = begun, None
+            tell(name)
     _open.append(name)
+
+
+def by_another(name: str) -> None:
+    """Another process has compiled it."""
+    del _open[_open.index(name) :]
 
 
 def end(name: str) -> None:

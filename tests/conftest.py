@@ -1,5 +1,6 @@
 """Before numpy is loaded, here and in started processes: matrices are small, and threads of BLAS only wait for each other."""
 
+import gc
 import os
 import signal
 from collections.abc import Generator
@@ -27,3 +28,9 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
         return (yield)
     with turn(item.config.rootpath / ".pytest_cache" / "turns", item.get_closest_marker("live") is not None):
         return (yield)
+
+
+def pytest_collection_finish() -> None:
+    """What was collected stays to the end: nobody need look through it again and again for what could be thrown away."""
+    gc.collect()
+    gc.freeze()

@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 NONE: frozenset[str] = frozenset()
 TEST = frozenset({"test"})
-EVERYWHERE = ["-n", "logical", "--maxprocesses", "8", "--dist", "worksteal"]
+EVERYWHERE = ["-n", str(min((os.cpu_count() or 1) + 1, 8)), "--dist", "worksteal"]
 
 
 @pytest.fixture

@@ -181,12 +181,13 @@ def told_of_compiling() -> Iterator[None]:
         events.tell("compiling", text=name)
 
     before, since = len(compiling.names), compiling.seconds
-    compiling.begun = told if events.asked() else begun if sys.stderr is not None and sys.stderr.isatty() else None
+    on_terminal = not events.asked() and sys.stderr is not None and sys.stderr.isatty()
+    compiling.begun = told if events.asked() else begun if on_terminal else None
     try:
         yield
     finally:
         done = compiling.names[before:]
-        if compiling.begun is begun and done:
+        if on_terminal and done:
             last = "lmeasure: compiled {count} kernels in {seconds} s, kept for later: {names}"
             names = ", ".join(dict.fromkeys(done))
             print(said(last, count=len(done), seconds=f"{compiling.seconds - since:.0f}", names=names), file=sys.stderr, flush=True)

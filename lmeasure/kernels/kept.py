@@ -3,6 +3,9 @@
 Numba keeps its code pickled: who writes an index or a code file runs what he likes in every process that loads it. The folder is therefore
 the user's own, of mode 0700; each file in it must be his too, and begins with a digest of what follows. What is not so, what is cut off or
 changed, is passed over, and the function is compiled as if nothing were kept. A full disk costs the compile time, nothing else.
+
+Processes that start together compile each function once: who comes second waits until the first has kept it. Functions call each other in
+one direction only, so that two never wait for each other; who holds a lock too long is not waited for.
 """
 
 import contextlib
@@ -10,17 +13,26 @@ import hashlib
 import os
 import pickle
 import stat
+import time
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from numba.core import caching
 
 from lmeasure import compiling
 
+try:
+    import fcntl
+except ImportError:  # on Windows each compiles for itself
+    fcntl = None  # type: ignore[assignment]
+
 _Function: Any = caching.FunctionCache
 _IndexAndData: Any = caching.IndexDataCacheFile
 
 MARK = b"lmeasure kept code 1\n"
+LONGEST_WAIT_S = 180.0
+"""For another process that compiles the same function: several times as long as the longest of them takes."""
+LOOK_AGAIN_S = 0.05
 
 
 def own_folder(path: Path) -> bool:
@@ -90,14 +102,17 @@ class KeptCode(_Function):  # type: ignore[misc]
         super().__init__(function)
         self._name = str(function.__name__)
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._turn: IO[bytes] | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kept code for a signature, or None."""
-        kept = None
-        with contextlib.suppress(Exception):
-            kept = super().load_overload(sig, target_context)
+        kept = self._loaded(sig, target_context)
         if kept is None:
             compiling.start(self._name)
+            kept = self._loaded(sig, target_context) if self._waited() else None
+            if kept is not None:
+                compiling.by_another(self._name)
+                self._end_turn()
         return kept
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -105,3 +120,33 @@ class KeptCode(_Function):  # type: ignore[misc]
         compiling.end(self._name)
         with contextlib.suppress(Exception):
             super().save_overload(sig, data)
+        self._end_turn()
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        with contextlib.suppress(Exception):
+            return super().load_overload(sig, target_context)
+        return None
+
+    def _waited(self) -> bool:
+        """Take the turn of compiling this function; whether another process had it until now."""
+        self._end_turn()  # of a compilation that failed
+        if fcntl is None:
+            return False
+        until, waited = time.monotonic() + LONGEST_WAIT_S, False
+        try:
+            self._impl.locator.ensure_cache_path()
+            self._turn = (Path(self._cache_path) / f"{self._impl.filename_base}.lock").open("wb")
+            while time.monotonic() < until:
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(self._turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                waited = True
+                time.sleep(LOOK_AGAIN_S)
+        except OSError:  # a folder that cannot be written, a file system without locks
+            self._end_turn()
+        return waited
+
+    def _end_turn(self) -> None:
+        if self._turn is not None:
+            self._turn.close()
+            self._turn = None

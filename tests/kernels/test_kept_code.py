@@ -111,7 +111,7 @@ def test_what_was_planted_among_the_kept_code_does_not_run(tmp_path: Path) -> No
     assert one(folder) == "hits 0 misses 1"
     assert folder.stat().st_mode & 0o777 == 0o700
     assert here(folder) == "hits 1 misses 0"
-    kept = [path for path in folder.rglob("*") if path.is_file()]
+    kept = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".lock"]
     assert {path.suffix for path in kept} == {".nbi", ".nbc"}
     for path in kept:
         path.write_bytes(pickle.dumps(numba.__version__) + pickle.dumps(Payload(ran)))
@@ -155,3 +155,29 @@ def test_a_full_disk_costs_the_compile_time_only(tmp_path: Path) -> None:
     for _ in range(2):
         done = subprocess.run([sys.executable, "-c", limited], env=environment, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == "hits 0 misses 1"
+
+
+TOGETHER = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from lmeasure import compiling
+from lmeasure.kernels.counter import rests
+Path(sys.argv[1]).touch()
+while not all(map(Path.exists, map(Path, sys.argv[1:]))):
+    time.sleep(0.001)
+rests(np.arange(5.0), np.array([1.0, 2.0, 2.0, 2.0, 3.0]), 1.5)
+print(*compiling.names)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="each compiles for itself there")
+def test_processes_that_start_together_compile_a_kernel_once(tmp_path: Path) -> None:
+    ready = [str(tmp_path / name) for name in "ab"]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    started = [
+        subprocess.Popen([sys.executable, "-c", TOGETHER, *order], env=environment, stdout=subprocess.PIPE, text=True)
+        for order in (ready, ready[::-1])
+    ]
+    said = [process.communicate(timeout=120)[0].split() for process in started]
+    assert sorted(map(bool, said)) == [False, True]
