@@ -9,6 +9,7 @@ from lmeasure import files, se3
 from lmeasure.arrays import FloatArray
 from lmeasure.certification.command_files import read_commands
 from lmeasure.errors import FileFormatError
+from lmeasure.program import CommandedPose, Program, write_program
 from lmeasure.rig import Rig
 from lmeasure.robots.commands import Command
 from lmeasure.robots.identify import family
@@ -16,6 +17,7 @@ from lmeasure.robots.mounted import Mounted
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.parallel.limits import checked
 from lmeasure.robots.platform import PlatformFile
+from lmeasure.robots.read_measurements import read_measurements
 from lmeasure.robots.robot import AnyRobot, any_shipped, read_robot, shipped_names, write_robot
 from lmeasure.robots.simulated import Performance, SimulatedRobot
 from lmeasure.simulation import Scenario, Simulated, simulate, write_simulated
@@ -28,17 +30,19 @@ RAMP_S = (0.08, 0.03)
 
 @dataclass(frozen=True)
 class RobotRun:
-    """What a scenario with a robot gives: counts and true poses, how the robot performed, as drawn and as it was built, and remarks."""
+    """What a scenario with a robot gives: counts and true poses, how the robot performed, as drawn and as it was built, the program of
+    its rests where the commands' file is none of a program, and remarks."""
 
     simulated: Simulated
     performance: Performance
     drawn: AnyRobot
     built: AnyRobot
+    program: Program | None
     remarks: tuple[str, ...]
 
 
 def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "scenario") -> RobotRun:
-    """Let the scenario's robot go through its waypoints, or the commands of its file, in the folder if relative, and read the counts.
+    """Let the scenario's robot go through its waypoints, or what its file tells it, in the folder if relative, and read the counts.
 
     The robot stands so that its tool is at the scenario's start when it is at home, where the scenario does not say where it stands.
     FileFormatError or RobotError says what cannot be read, or names the command that the robot cannot carry out.
@@ -48,9 +52,7 @@ def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "sc
         raise FileFormatError(f"{source}: robot: is missing")
     drawn = _drawn(asked.model, folder, source)
     built = _built(asked, drawn, np.random.default_rng([scenario.seed, 1]), source)
-    commands = _commands(scenario, asked, folder)
     home = _home(drawn)
-    start = scenario.start_pose if asked.commands is None else commands[0].poses[0]
     if asked.position_mm is None:
         at_home = se3.compose(home, drawn.tool_pose)
         base = se3.compose(scenario.start_pose, se3.inverse(at_home))
@@ -71,13 +73,15 @@ def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "sc
         backlash_rad=np.zeros(len(rest)),
         stiffness_n_mm_rad=np.where(sliding, asked.stiffness_n_mm, 1e3 * asked.stiffness_nm_deg / np.radians(1.0)),
     )
-    done = robot.perform(commands, start, scenario.rate_hz, np.random.default_rng([scenario.seed, 2]))
-    remarks = _remarks(drawn, nominal, done)
-    return RobotRun(simulate(scenario, rig, (done.time_s, done.poses)), done, drawn, built, remarks)
+    programmed, done = _performed(scenario, asked, folder, robot, drawn)
+    simulated = simulate(scenario, rig, (done.time_s, done.poses))
+    program = None if programmed else _program(drawn, nominal, done)
+    return RobotRun(simulated, done, drawn, built, program, _remarks(drawn, nominal, done, programmed=programmed))
 
 
 def write_robot_run(folder: Path, run: RobotRun) -> None:
-    """`write_simulated`, and in `robot/` the drawn robot.toml, joints.csv of every rest, and in `robot/true/` the robot as it was built."""
+    """`write_simulated`, and in `robot/` the drawn robot.toml, joints.csv of every rest and program.toml of the poses there, and in
+    `robot/true/` the robot as it was built."""
     folder = Path(folder)
     write_robot(folder / "robot" / "robot.toml", run.drawn)
     write_robot(folder / "robot" / "true" / "robot.toml", run.built)
@@ -89,6 +93,8 @@ def write_robot_run(folder: Path, run: RobotRun) -> None:
         values = done.asked[at, i]
         columns[f"{name}_{'mm' if slides else 'deg'}"] = values if slides else np.degrees(values)
     files.write_table(folder / "robot" / "joints.csv", columns)
+    if run.program is not None:
+        write_program(folder / "robot" / "program.toml", run.program)
     write_simulated(folder, run.simulated)
 
 
@@ -115,10 +121,52 @@ def _built(asked: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source
     return drawn.with_values({name: known[name] + error for name, error in errors.items() if error != 0.0})
 
 
-def _commands(scenario: Scenario, asked: TestedRobot, folder: Path) -> tuple[Command, ...]:
-    if asked.commands is not None:
-        return read_commands(folder / asked.commands)
-    return tuple(Command(leg.pose[None], leg.speed_mm_s, leg.dwell_s, rotation_rad_s=leg.rotation_speed_rad_s) for leg in scenario.legs())
+def _performed(scenario: Scenario, asked: TestedRobot, folder: Path, robot: SimulatedRobot, drawn: AnyRobot) -> tuple[bool, Performance]:
+    """Whether it went through the commands of a program, which has a file of its own, and how it went: straight through waypoints or
+    commands, or by its joints through a table of their values."""
+    motion, rng = scenario.motion, np.random.default_rng([scenario.seed, 2])
+    if asked.commands is None:
+        ways = [Command(leg.pose[None], leg.speed_mm_s, leg.dwell_s, rotation_rad_s=leg.rotation_speed_rad_s) for leg in scenario.legs()]
+        return False, robot.perform(ways, scenario.start_pose, scenario.rate_hz, rng)
+    path = folder / asked.commands
+    if "move" in files.read_table(path).columns:
+        commands = read_commands(path)
+        return True, robot.perform(commands, commands[0].poses[0], scenario.rate_hz, rng)
+    rows = read_measurements(path, drawn.model, joints_alone=True)
+    rates = np.where(drawn.model.sliding, motion.speed_mm_s, np.radians(motion.rotation_speed_deg_s))
+    every, names = np.tile(rows.joints, (motion.cycles, 1)), rows.names * motion.cycles
+    return False, robot.drive(every, names, scenario.rate_hz, rng, rates=rates, dwell_s=motion.dwell_s)
+
+
+def _attained(drawn: AnyRobot, nominal: Mounted, poses: FloatArray) -> FloatArray:
+    """(N, 7) where the drawing has the tool when it is told poses (N, 7)."""
+    return nominal.placed(drawn.model.nearest(nominal.flange(poses))) if isinstance(drawn, ParallelFile) else poses
+
+
+def _program(drawn: AnyRobot, nominal: Mounted, done: Performance) -> Program | None:
+    """What `certify` holds the rests against: each pose once, by its name or as P1, P2, ..., with the second half of each rest there, when
+    its servos have settled, as a window."""
+    rests = [(c, s) for c, s in zip(done.commands, done.spans, strict=True) if c.dwell_s > 0.0]
+    if not rests:
+        return None
+    poses = _attained(drawn, nominal, np.array([command.poses[-1] for command, _ in rests]))
+    windows: dict[str | bytes, list[tuple[float, float]]] = {}
+    at: dict[str | bytes, FloatArray] = {}
+    for (command, span), pose in zip(rests, poses, strict=True):
+        key = command.target or command.poses[-1].round(9).tobytes()
+        at.setdefault(key, pose)
+        windows.setdefault(key, []).append((0.5 * (span.arrival_s + span.end_s), span.end_s))
+    own = tuple(
+        CommandedPose(
+            name=key if isinstance(key, str) else f"P{number}",
+            position_mm=tuple(at[key][:3]),
+            quaternion_xyzw=tuple(at[key][3:]),
+            windows_s=tuple(found),
+            cycles=len(found),
+        )
+        for number, (key, found) in enumerate(windows.items(), 1)
+    )
+    return Program(schema="lmeasure.program/1", name=f"rests of {drawn.name}", pose=own)
 
 
 def _home(drawn: AnyRobot) -> FloatArray:
@@ -140,7 +188,7 @@ def _rest(drawn: AnyRobot) -> FloatArray:
     return rest
 
 
-def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance) -> tuple[str, ...]:
+def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance, *, programmed: bool) -> tuple[str, ...]:
     """What a person should know before believing such a robot."""
     ends = np.array([command.poses[-1] for command in done.commands])
     out = []
@@ -158,4 +206,6 @@ def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance) -> tuple[str,
                 f"{drawn.name!r} is told {', '.join(drawn.model.commanded)} alone: the others follow, and its tool goes up to "
                 f"{off.max():.3f} mm beside the commanded places"
             )
+            if programmed:
+                out.append(f"{drawn.name!r}: told by [[waypoint]] or joint values, robot/program.toml has them where it goes")
     return tuple(out)

@@ -6,11 +6,13 @@ import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
-from lmeasure.kernels.screw import MAX_ITERATIONS, NOT_CONVERGED, OK, SINGULAR, TOLERANCE_MM, displace, eliminate
+from lmeasure.kernels.layout import ORIENTATION, POSE_COLUMNS
+from lmeasure.kernels.screw import MAX_ITERATIONS, NOT_CONVERGED, OK, SINGULAR, TOLERANCE_MM, copy, displace, eliminate
 from lmeasure.kernels.vector import add, cross, dot, norm, orientation, rotate, scale, sub, vec
 
 EQUATIONS, UNKNOWNS = 6, 9
 FLOOR_MM = 1e-9  # residuals below it that no longer fall are rounding
+ON_THE_WAY = 1e-3  # of the platform's size: residual with which a part of a way that is not the last is left behind
 
 
 @inline
@@ -46,6 +48,42 @@ def _fill(
     return worst
 
 
+@inline
+def _close(
+    points: FloatArray,
+    ends: FloatArray,
+    lengths: FloatArray,
+    normals: FloatArray,
+    tolerance: float,
+    pose: FloatArray,
+    J: FloatArray,
+    r: FloatArray,
+    size: float,
+) -> int:
+    """Move the pose (in place) until nothing lacks by more than the tolerance: the status. When OK, J holds the rows there."""
+    previous = math.inf
+    for _ in range(MAX_ITERATIONS):
+        worst = _fill(points, ends, lengths, normals, pose, J, r[:, 0], size)
+        if worst <= tolerance or (worst < FLOOR_MM and worst >= 0.5 * previous):
+            return OK
+        if not worst < 1e9:
+            break
+        previous = worst
+        if eliminate(J, r) == 0.0:
+            return SINGULAR
+        displace(pose, r[:, 0], size)
+    return NOT_CONVERGED
+
+
+@inline
+def _size(points: FloatArray) -> float:
+    """What a radian moves [mm]: the largest distance of a point from the platform's origin."""
+    size = 1e-3
+    for j in range(EQUATIONS):
+        size = max(size, norm(vec(points[j], 0)))
+    return size
+
+
 @kernel
 def placed(
     points: FloatArray, ends: FloatArray, lengths: FloatArray, normals: FloatArray, starts: FloatArray
@@ -53,24 +91,49 @@ def placed(
     """Status (n,) and poses (n, 7) from starts (n, 7) of platforms with points a (6, 3), one for each equation: |a - c| = length, or
     where a normal is not nothing, normal . (a - c) = length; ends c (n, 6, 3), lengths (n, 6) [mm], normals (n, 6, 3)."""
     poses, status = starts.copy(), np.empty(len(starts), np.int64)
-    J, r = np.empty((EQUATIONS, EQUATIONS)), np.empty((EQUATIONS, 1))
-    size = 1e-3
-    for j in range(EQUATIONS):
-        size = max(size, norm(vec(points[j], 0)))
+    J, r, size = np.empty((EQUATIONS, EQUATIONS)), np.empty((EQUATIONS, 1)), _size(points)
     for i in range(len(starts)):
-        status[i], previous = NOT_CONVERGED, math.inf
-        for _ in range(MAX_ITERATIONS):
-            worst = _fill(points, ends[i], lengths[i], normals[i], poses[i], J, r[:, 0], size)
-            if worst <= TOLERANCE_MM or (worst < FLOOR_MM and worst >= 0.5 * previous):
-                status[i] = OK
+        status[i] = _close(points, ends[i], lengths[i], normals[i], TOLERANCE_MM, poses[i], J, r, size)
+    return status, poses
+
+
+@kernel
+def driven(
+    points: FloatArray, ends: FloatArray, lengths: FloatArray, normals: FloatArray, first: IntArray, home: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Status (n,) and poses (n, 7) at the ends of n ways that platforms of `placed` are driven from home (7,): the equations' row 0 is
+    that of home, rows first[i] to first[i + 1] (n + 1,) are those of way i.
+
+    Newton's method begins every part straight ahead of the two before. SINGULAR where the rows' determinant has another sign than at
+    home: behind a singular pose the nearest other assembly lies.
+    """
+    n = len(first) - 1
+    poses, status = np.empty((n, POSE_COLUMNS)), np.empty(n, np.int64)
+    J, r, size = np.empty((EQUATIONS, EQUATIONS)), np.empty((EQUATIONS, 1)), _size(points)
+    begin, before = home.copy(), np.empty(POSE_COLUMNS)
+    at_home = _close(points, ends[0], lengths[0], normals[0], TOLERANCE_MM, begin, J, r, size)
+    side = eliminate(J, r)
+    for i in range(n):
+        pose = poses[i]
+        copy(begin, pose)
+        copy(begin, before)
+        status[i] = at_home
+        for k in range(first[i], first[i + 1]):
+            if status[i] != OK:
                 break
-            if not worst < 1e9:
-                break
-            previous = worst
-            if eliminate(J, r) == 0.0:
+            square = 0.0
+            for c in range(POSE_COLUMNS):
+                on = 2.0 * pose[c] - before[c]
+                before[c] = pose[c]
+                pose[c] = on
+                if c >= ORIENTATION:
+                    square += on * on
+            for c in range(ORIENTATION, POSE_COLUMNS):
+                pose[c] /= math.sqrt(square)
+            tolerance = TOLERANCE_MM if k + 1 == first[i + 1] else ON_THE_WAY * size
+            status[i] = _close(points, ends[k], lengths[k], normals[k], tolerance, pose, J, r, size)
+            if status[i] == OK and not eliminate(J, r) * side > 0.0:
                 status[i] = SINGULAR
-                break
-            displace(poses[i], r[:, 0], size)
     return status, poses
 
 

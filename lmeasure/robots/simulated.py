@@ -77,10 +77,42 @@ class SimulatedRobot:
         """Carry out the commands from rest at the pose `start` (7,), since_s after the robot was cold; RobotError names the command that
         the arm cannot reach."""
         setpoints, spans = _setpoints(commands, start, self.ramp_s, rate_hz)
-        n = len(setpoints)
+        asked = self._joints(commands, setpoints, spans, rate_hz)
+        return self._gone(commands, setpoints, spans, asked, rate_hz, rng, since_s=since_s, progress=progress)
+
+    def drive(
+        self, joints: FloatArray, names: Sequence[str], rate_hz: float, rng: np.random.Generator, *, rates: FloatArray, dwell_s: float
+    ) -> "Performance":
+        """Drive all joints together to one row of joints (k, n) after the other, evenly, none faster than rates (n,) a second, with a
+        rest at each; it begins at the first. RobotError names a sample whose joint values have no pose."""
+        spans, knots, rows = [], [0.0], [joints[0]]
+        for row in joints:
+            arrival = knots[-1] + float(np.abs((row - rows[-1]) / rates).max())
+            spans.append(Span(knots[-1], arrival + sum(self.ramp_s), arrival + sum(self.ramp_s) + dwell_s))
+            knots += [arrival, spans[-1].end_s]
+            rows += [row, row]
+        asked = _sampled(knots, np.array(rows), self.ramp_s, rate_hz)
+        setpoints = self.nominal.forward(asked)
+        ends = np.searchsorted(np.arange(len(asked)) / rate_hz, [s.end_s + 1e-9 for s in spans], side="right") - 1
+        commands = [Command(setpoints[end][None], np.inf, dwell_s, name) for name, end in zip(names, ends, strict=True)]
+        return self._gone(commands, setpoints, spans, asked, rate_hz, rng)
+
+    def _gone(
+        self,
+        commands: Sequence[Command],
+        setpoints: FloatArray,
+        spans: Sequence["Span"],
+        asked: FloatArray,
+        rate_hz: float,
+        rng: np.random.Generator,
+        *,
+        since_s: float = 0.0,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> "Performance":
+        """Where it goes with joint values (n, axes) asked of it."""
+        n = len(asked)
         time_s = np.arange(n) / rate_hz
         out = np.empty((n, 7))
-        asked = self._joints(commands, setpoints, spans, rate_hz)
         joints = self._servo(asked, rate_hz)
         errors = self._errors(asked, spans, rate_hz, rng)
         first = np.concatenate([[0], [math.ceil(span.begin_s * rate_hz) for span in spans[1:]], [n]]).astype(int)
@@ -167,15 +199,19 @@ def _setpoints(
         spans.append(Span(knots[-1], float(times[-1]) + ramp, float(times[-1]) + ramp + command.dwell_s))
         knots += [*(float(t) for t in times), spans[-1].end_s]
         rows += [*command.poses, command.poses[-1]]
+    table = np.array(rows)
+    vectors = (se3.rotation(table) * reference.inv()).as_rotvec()
+    smooth = _sampled(knots, np.column_stack([table[:, :3], vectors]), ramp_s, rate_hz)
+    return se3.pose(smooth[:, :3], Rotation.from_rotvec(smooth[:, 3:]) * reference), spans
+
+
+def _sampled(knots: Sequence[float], table: FloatArray, ramp_s: tuple[float, float], rate_hz: float) -> FloatArray:
+    """(n, c) values between rows of the table (k, c) at times knots (k,) [s], averaged over both ramps."""
     n = math.floor(knots[-1] * rate_hz + 1e-9) + 1
     if n > MAX_SAMPLES:
         raise RobotError(f"the commands take {knots[-1]:.6g} s, {n} samples at {rate_hz:g} Hz; at most {MAX_SAMPLES} are simulated")
-    table = np.array(rows)
-    vectors = (se3.rotation(table) * reference.inv()).as_rotvec()
     time_s = np.arange(n) / rate_hz
-    columns = [_averaged(np.interp(time_s, knots, c), ramp_s, rate_hz) for c in np.column_stack([table[:, :3], vectors]).T]
-    smooth = np.column_stack(columns)
-    return se3.pose(smooth[:, :3], Rotation.from_rotvec(smooth[:, 3:]) * reference), spans
+    return np.column_stack([_averaged(np.interp(time_s, knots, column), ramp_s, rate_hz) for column in table.T])
 
 
 def _averaged(values: FloatArray, spans_s: Sequence[float], rate_hz: float) -> FloatArray:

@@ -105,7 +105,7 @@ class TestedRobot(Strict):
     quaternion_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     """Orientation of its base, with position_mm."""
     commands: str | None = None
-    """commands.csv of `lmeasure program`, beside this file; absent: the waypoints."""
+    """File beside this one: commands.csv of `lmeasure program`, or joint values of `plan-poses --robot`; absent: the waypoints."""
     errors: dict[str, Annotated[float, Field(ge=-1e4, le=1e4)]] = Field(default_factory=dict)
     """By how much parameters of the robot that was built are more, by their names: "leg_1.rod_mm" = 0.3."""
     u_mm: Annotated[float, Field(ge=0, le=100)] = 0.0

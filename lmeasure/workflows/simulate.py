@@ -22,7 +22,10 @@ class Settings(Asked):
         campaign = self.out / "calibration"
         counted = inside(campaign, "rig.toml", "reference_poses.csv", "counts.csv")
         true = inside(campaign / "true", "rig.toml", "reference_poses.csv")
-        robot = (*inside(self.out / "robot", "robot.toml", "joints.csv"), *inside(self.out / "robot" / "true", "robot.toml"))
+        robot = (
+            *inside(self.out / "robot", "robot.toml", "joints.csv", "program.toml"),
+            *inside(self.out / "robot" / "true", "robot.toml"),
+        )
         return Paths((*in_run_folder(self.out, "truth.parquet"), *counted, *true, *robot, *present(self.rerun)), (self.scenario,))
 
 
@@ -63,5 +66,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Simulated]":
         figures |= {"samples": float(len(passes[0].time_s)), "duration_s": float(passes[0].time_s[-1]), "passes": float(len(passes))}
     if simulated.campaign is not None:
         figures["reference_poses"] = float(len(simulated.campaign.poses))
-    told = () if scenario.robot is None else ("the robot as drawn and joints.csv of its rests in robot/, as built in robot/true/",)
+    told: tuple[str, ...] = ()
+    if scenario.robot is not None:
+        rests = " and joints.csv of its rests" if performed.program is None else ", joints.csv of its rests and program.toml of their poses"
+        told = (f"the robot as drawn{rests} in robot/, as built in robot/true/",)
     return Result(simulated, (*simulated.summary().splitlines(), *told, *(f"note: {text}" for text in remarks)), figures, remarks)

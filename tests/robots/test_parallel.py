@@ -16,7 +16,7 @@ from lmeasure.robots.mechanisms.crank import CrankPlatform
 from lmeasure.robots.mechanisms.four_chains import FourChains
 from lmeasure.robots.mechanisms.ring_limits import RingLimits
 from lmeasure.robots.mechanisms.rotopod import Rotopod
-from lmeasure.robots.parallel import limits
+from lmeasure.robots.parallel import limits, model
 from lmeasure.robots.parallel.bounds import Limits
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.parallel.limits import checked, own_roots
@@ -147,6 +147,43 @@ def test_another_assembly_is_not_taken_for_the_one_of_home() -> None:
     assert len(robot.inverse(mirrored)) == 0
     with pytest.raises(RobotError, match=r"sample 1: the platform cannot be at \(0, 0, 900"):
         robot.follow(np.array([robot.home, robot.home + [0.0, 0.0, 500.0, 0, 0, 0, 0]]), robot.home_joints)
+
+
+@pytest.mark.parametrize(("name", "part"), [("rotopod-cell", 0.4), ("four-chains-arms", 0.08), ("logos", 0.2), ("seven-link", 0.4)])
+def test_far_ways_are_those_gone_in_small_steps(name: str, part: float) -> None:
+    """In 60 steps from home, each from the pose before, lost where the rows' determinant changes its sign."""
+    robot, rng = shipped(name).model, np.random.default_rng(12)
+    low, high = robot.limits
+    far = np.where(robot.sliding, high - low, np.minimum(high - low, 3.0))
+    joints = robot.home_joints + part * rng.uniform(-1.0, 1.0, (40, len(low))) * far
+
+    def side(poses: FloatArray, drives: FloatArray) -> FloatArray:
+        return np.asarray(np.sign(np.linalg.det(robot.rows(poses, drives).pluecker * robot.units)))
+
+    at, good, there = np.tile(robot.home, (40, 1)), np.ones(40, np.bool_), side(robot.home[None], robot.home_joints[None])
+    for done in np.linspace(0.0, 1.0, 61):
+        drives = robot.home_joints + done * (joints - robot.home_joints)
+        at, closed = robot.near(drives, at)
+        at[~closed] = robot.home
+        good &= closed & (side(at, drives) == there)
+    assert good.sum() > 5
+    found = robot.forward(joints)
+    np.testing.assert_array_equal(~np.isnan(found[:, 0]), good)
+    assert np.abs(se3.displacement(found[good], at[good])).max() < 1e-8
+
+
+def test_poses_do_not_depend_on_what_else_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What cannot be reached, and how many are found together, is nothing to the others."""
+    robot = shipped("rotopod-cell").model
+    joints = some_joints(robot, 9, np.random.default_rng(4))
+    alone = np.concatenate([robot.forward(q[None]) for q in joints])
+    assert np.isfinite(alone).all()
+    for block in (model.BLOCK, 4):
+        monkeypatch.setattr(model, "BLOCK", block)
+        among = robot.forward(np.concatenate([joints[:5], joints[:1] + 1e4, np.full((1, 6), np.nan), joints[5:]]))
+        assert np.isnan(among[5:7]).all()
+        np.testing.assert_allclose(np.delete(among, [5, 6], axis=0), alone, atol=1e-10)
+    assert robot.forward(joints[:0]).shape == (0, 7)
 
 
 def seen(true: Parallel, joints: FloatArray, rng: np.random.Generator, u_mm: float = 0.02) -> Measurements:

@@ -13,8 +13,10 @@ from lmeasure.certification.command_files import write_commands
 from lmeasure.certification.cube import largest_cube
 from lmeasure.cli import app
 from lmeasure.errors import FileFormatError, RobotError
+from lmeasure.program import read_program
 from lmeasure.robot_scenario import simulate_robot
-from lmeasure.robots.robot import read_robot
+from lmeasure.robots.parallel.model import Parallel
+from lmeasure.robots.robot import any_shipped, read_robot
 from lmeasure.run import read_run
 from lmeasure.simulation import scenario_from_dict
 from lmeasure.trajectory import reconstruct
@@ -106,6 +108,39 @@ def test_what_a_robot_cannot_do_is_said_in_one_line(
     with pytest.raises((FileFormatError, RobotError), match=complaint) as raised:
         simulate_robot(*scenario_from_dict(of(robot, **more)), tmp_path)
     assert "\n" not in str(raised.value)
+
+
+def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_command(tmp_path: Path) -> None:
+    """From joint values of its cranks: robot/program.toml has the rests where its drawing attains them."""
+
+    def run(*words: object) -> str:
+        done = CliRunner().invoke(app, [str(w) for w in words])
+        assert done.exit_code == 0, f"{done.output}\n{done.exception!r}"
+        return done.output
+
+    cranks = np.random.default_rng(1).uniform(-40.0, 40.0, (14, 3))
+    columns = {"name": [f"P{i}" for i in range(1, 15)], **dict(zip(("leg_1_deg", "leg_3_deg", "leg_5_deg"), cranks.T, strict=True))}
+    files.write_table(tmp_path / "joints.csv", columns)
+    motion = "motion = { dwell_s = 0.6, cycles = 2 }"
+    robot = 'model = "crank-platform"\ncommands = "joints.csv"\nu_mm = 0.2\nu_deg = 0.02\nrepeatability_deg = 0.002'
+    (tmp_path / "scenario.toml").write_text(f'schema = "lmeasure.scenario/1"\nrate_hz = 50.0\n{motion}\n[robot]\n{robot}\n')
+    assert "program.toml of their poses in robot/" in run("simulate", tmp_path / "scenario.toml", "--out", tmp_path / "run")
+    folder = tmp_path / "run" / "robot"
+    program, model = read_program(folder / "program.toml"), any_shipped("crank-platform").model
+    assert [(p.name, p.cycles) for p in program.pose] == [(f"P{i}", 2) for i in range(1, 15)]
+    # its tool is at the start when it is at home
+    assert isinstance(model, Parallel)
+    drawn = se3.compose(np.tile(se3.inverse(model.home), (14, 1)), model.forward(np.radians(cranks)))
+    told = np.array([[*p.position_mm, *p.quaternion_xyzw] for p in program.pose])
+    assert np.abs(se3.displacement(told, drawn)).max() < 1e-5
+    run("reconstruct", tmp_path / "run", "--out", tmp_path / "trajectory.parquet")
+    asked = ("--run", tmp_path / "run", "--program", folder / "program.toml", "--out", tmp_path / "certificate")
+    assert "AP_p" in run("certify", tmp_path / "trajectory.parquet", *asked)
+    built = ("--u-links-mm", 0.2, "--u-links-deg", 0.02, "--free", "links")
+    measured = ("--measurements", tmp_path / "run", "--joints", folder / "joints.csv")
+    out = run("identify", "--robot", folder / "robot.toml", *measured, *built, "--out", tmp_path / "identified")
+    before, after = (float(v) for v in out.partition("errors ")[2].partition(" after")[0].split(" mm before, "))
+    assert after < 0.2 * before
 
 
 def test_a_platform_of_three_freedoms_says_that_the_rest_follows(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.errors import RobotError
-from lmeasure.kernels.legs import placed
+from lmeasure.kernels.legs import driven, placed
 from lmeasure.robots.mechanisms.jacobians import Jacobians
 from lmeasure.robots.model import Parameter
 from lmeasure.robots.parallel.bounds import Limits
@@ -30,6 +30,8 @@ EQUATIONS = 6
 STRIDE_RAD, STRIDE = 0.2, 0.1
 """Longest part of a way from home: of a turning joint, and of a sliding one in parts of the platform's size."""
 MOST_PARTS = 400
+BLOCK = 50_000
+"""Parts of ways that are gone together: some 20 MB of equations."""
 NEAR = 0.05
 """Of the platform's size: how far a robot hardly different stands from where another did at the same joint values."""
 REACHED_MM = 1e-6
@@ -178,33 +180,27 @@ class Parallel:
     def _driven(self, joints: FloatArray) -> FloatArray:
         """`forward` along the whole way from home."""
         way = joints - self.home_joints
-        finite = np.isfinite(way).all(axis=1)
         strides = np.where(self.sliding, self.stride_mm, STRIDE_RAD)
-        parts = 1 + int(np.ceil(np.abs(way[finite] / strides).max(initial=0.0)))
+        parts = np.maximum(np.ceil(np.abs(way / strides).max(axis=1)), 1.0)
+        # NaN is no number of parts either
+        some = np.flatnonzero(parts <= MOST_PARTS)
         poses = np.full((len(joints), 7), np.nan)
-        if parts > MOST_PARTS or not finite.any():
-            return poses
-        at = np.tile(self.home, (int(finite.sum()), 1))
-        good, sign = np.ones(len(at), np.bool_), 0.0
-        for part in np.linspace(0.0, 1.0, parts):
-            drives = self.home_joints + part * way[finite]
-            at, found = self.near(drives, at)
-            good &= found
-            at[~good] = self.home  # a lost platform must not run away from the others' numbers
-            turned = np.sign(np.linalg.det(self.rows(at, drives).pluecker * self.units))
-            # at home every platform of the rows has one sign, that of this assembly
-            sign = sign if part > 0.0 else turned
-            good &= turned == sign
-        at[~good] = np.nan
-        poses[finite] = at
+        for of in np.array_split(some, 1 + int(parts[some].sum()) // BLOCK):
+            poses[of] = self._ends(way[of], parts[of].astype(np.int64))
         return poses
+
+    def _ends(self, way: FloatArray, parts: IntArray) -> FloatArray:
+        """(N, 7) poses behind changes (N, n) of the joints from home, each gone in so many even parts (N,); NaN where lost on the way."""
+        first = 1 + np.concatenate([[0], np.cumsum(parts)])
+        of = np.repeat(np.arange(len(parts)), parts)
+        done = (np.arange(1, first[-1]) - (first[of] - 1)) / parts[of]
+        drives = np.concatenate([self.home_joints[None], self.home_joints + done[:, None] * way[of]])
+        status, poses = driven(*self._held(drives), first, self.home)
+        return np.where((status == Status.OK)[:, None], poses, np.nan)
 
     def near(self, drives: FloatArray, starts: FloatArray) -> tuple[FloatArray, BoolArray]:
         """(N, 7) poses at drives (N, n) by Newton's method from starts (N, 7), in whichever assembly that leads to, and whether it did."""
-        equations = self._equations(drives)
-        ends, lengths, normals = (np.ascontiguousarray(np.stack(part, axis=1)) for part in zip(*equations, strict=True))
-        points = np.ascontiguousarray([self.legs[i].point for i in self.owners])
-        status, poses = placed(points, ends, lengths, normals, np.ascontiguousarray(starts))
+        status, poses = placed(*self._held(drives), np.ascontiguousarray(starts))
         return poses, np.asarray(status == Status.OK)
 
     def residuals(self, poses: FloatArray, drives: FloatArray) -> FloatArray:
@@ -353,6 +349,11 @@ class Parallel:
                 out.append((np.real(e.end), np.real(e.length), np.real(normal)))
         return out
 
+    def _held(self, drives: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Points (6, 3) on the platform, and what holds them at drives (N, n): ends (N, 6, 3), lengths (N, 6), normals (N, 6, 3)."""
+        ends, lengths, normals = (np.stack(part, axis=1) for part in zip(*self._equations(drives), strict=True))
+        return np.array([self.legs[i].point for i in self.owners]), ends, lengths, normals
+
     def _changes(self, poses: FloatArray, drives: FloatArray) -> tuple[Rows, FloatArray, FloatArray]:
         """Rows, and right sides (N, 6, n) by the drives and (N, 6, p) by the parameters."""
         rows = self.rows(poses, drives)
@@ -367,11 +368,11 @@ class Parallel:
             by_values[:, at, parameter : parameter + 3] = of_platform[:, at]
             changes = leg.derivatives(own)
             for k in range(0, len(changes), many):
-                for i, (change, driven) in zip(at, changes[k : k + many], strict=True):
+                for i, (change, by_drive) in zip(at, changes[k : k + many], strict=True):
                     right = np.einsum("nc,nc->n", rows.directions[:, i], change.end) + change.length
                     if change.normal is not None:
                         right = right - np.einsum("nc,nc->n", change.normal, rows.spans[:, i])
-                    if driven:
+                    if by_drive:
                         by_drives[:, i, joint + k // many] = right
                     else:
                         by_values[:, i, parameter + 3 + k // many - len(leg.of.drives)] = right
