@@ -166,7 +166,7 @@ def _program(drawn: AnyRobot, nominal: Mounted, done: Performance) -> Program | 
         )
         for number, (key, found) in enumerate(windows.items(), 1)
     )
-    return Program(schema="lmeasure.program/1", name=f"rests of {drawn.name}", pose=own)
+    return Program.model_validate({"schema_": "lmeasure.program/1", "name": f"rests of {drawn.name}", "pose": own})
 
 
 def _home(drawn: AnyRobot) -> FloatArray:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mechanism_tables import MINIMAX_L5, TABLE_1, TABLE_2, TABLE_3, TABLE_4, mechanism, poses
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -11,60 +12,9 @@ from lmeasure import se3
 from lmeasure.errors import GeometryError
 from lmeasure.robots.mechanisms import dyads
 from lmeasure.robots.mechanisms.completion import KINDS, completed
-from lmeasure.robots.mechanisms.seven_link import SevenLink, coordinates_of, exact_positions, pose_of
+from lmeasure.robots.mechanisms.seven_link import SevenLink, coordinates_of, exact_positions
 
-# table 1: X, Y, Z, psi, theta, and phi as it was begun with; table 3: phi as it was found
-TABLE_1 = np.array(
-    [
-        [5.002, 4.005, 2.998, 6.709, 48.771, 109.357],
-        [4.941, 3.950, 3.161, 6.129, 51.907, 107.786],
-        [4.737, 3.746, 3.678, 7.621, 60.315, 103.811],
-        [4.457, 3.555, 4.181, 11.045, 71.083, 101.072],
-        [4.175, 3.486, 4.517, 14.656, 80.383, 100.432],
-        [3.854, 3.497, 4.786, 18.317, 88.596, 100.600],
-        [3.628, 3.570, 4.907, 19.573, 92.861, 99.771],
-        [3.324, 4.006, 4.784, 14.138, 93.633, 91.446],
-        [3.070, 4.522, 4.485, 8.398, 90.039, 83.861],
-        [2.840, 5.011, 4.100, 4.257, 85.597, 78.948],
-    ]
-)
-TABLE_3 = np.array([109.31628, 107.71351, 103.72216, 100.98456, 100.36138, 100.55560, 99.75441, 91.45164, 83.87869, 78.96665])
-TABLE_2 = np.array(
-    [
-        [0.0719, 0.1017, 0.0870, 0.0360, -0.0041, 0.0017, 6.9443, 0.0010],
-        [-0.0577, 1.0088, 6.0376, 5.6409, -0.0029, 3.0300, 5.8457, 0.0005],
-        [8.0163, -5.0071, -1.0001, 6.0916, -1.7899, -2.658, 17.1448, 0.0016],
-        [6.0091, 1.0059, 3.9998, 11.8596, 4.4247, 0.8208, 14.2324, 0.0008],
-        [4.9661, 6.0074, 6.9915, 8.9407, -14.607, -2.036, 14.2527, 0.0006],
-    ]
-)
-TABLE_4 = np.array(
-    [
-        [5.00192, 4.00319, 2.99812],
-        [4.94099, 3.95164, 3.16127],
-        [4.73656, 3.74450, 3.68020],
-        [4.45688, 3.55451, 4.18139],
-        [4.17501, 3.48542, 4.51670],
-        [3.85521, 3.49785, 4.78396],
-        [3.62933, 3.57108, 4.90523],
-        [3.32300, 4.00503, 4.78555],
-        [3.07022, 4.52121, 4.48532],
-        [2.83974, 5.01125, 4.09979],
-    ]
-)
 DISTANCES = np.array([0.00182, 0.00167, 0.00270, 0.00063, 0.00065, 0.00252, 0.00246, 0.00208, 0.00088, 0.00042])
-MINIMAX_L5 = 14.2531
-"""Half of the range; 14.2527 is printed."""
-
-
-def poses(phi: np.ndarray) -> np.ndarray:
-    return pose_of(np.column_stack([TABLE_1[:, :3], np.radians(TABLE_1[:, 3:5]), np.radians(phi)]))
-
-
-def mechanism() -> SevenLink:
-    lengths = TABLE_2[:, 6].copy()
-    lengths[4] = MINIMAX_L5
-    return SevenLink(TABLE_2[:, :3], TABLE_2[:, 3:6], lengths)
 
 
 def test_table_2_misses_the_poses_of_table_3() -> None:
