@@ -46,6 +46,69 @@ HELP = {
     "full_wind_counts": "Counts that wind the cable up from its end until it is taut to the robot at the zero pose.",
     "count_sign": "1 when counts grow as cable is paid out, else -1; the self-test tells.",
 }
+NAMES = {
+    "name": "Name",
+    "angles": "Angles of the controller",
+    "position_mm": "Position",
+    "guide_alpha_deg": "Guide, angle α",
+    "guide_beta_deg": "Guide, angle β",
+    "pulley_radius_mm": "Pulley radius",
+    "u_position_mm": "Uncertainty of the position",
+    "u_guide_deg": "Uncertainty of the guide",
+    "u_pulley_radius_mm": "Uncertainty of the pulley radius",
+    "drum": "Drum",
+    "counts_per_revolution": "Counts in a turn",
+    "count_length_mm": "Cable of one count",
+    "groove_pitch_mm": "Groove pitch",
+    "tangent_length_mm": "Tangent length",
+    "axial_offset_mm": "Axial offset",
+    "count_sign": "Sign of the counts",
+    "zero_exact": "Zeroed exactly on a count",
+    "counter_bits": "Bits of the counter",
+    "max_cable_speed_mm_s": "Largest speed of the cable",
+    "scale": "Decoding factor",
+    "channel": "Channel",
+    "from": "From",
+    "to": "To",
+    "pass": "Pass",
+    "point": "Point",
+    "absolute": "Absolute",
+    "zero_deg": "Angle at count 0",
+    "u_zero_deg": "Uncertainty of that angle",
+    "fixed_pulley_radius_mm": "Radius of the fixed pulley",
+    "centre_distance_mm": "Distance of the axes",
+    "pulley_plane_mm": "Plane of the fixed pulley",
+    "cable_end_mm": "Fastening of the cable",
+    "full_wind_counts": "Counts of a full wind",
+    "objective": "What is made best",
+    "tolerance_mm": "Tolerance of mounting",
+    "low_mm": "From the least",
+    "high_mm": "To the largest",
+    "nodes": "Nodes",
+    "points": "Points",
+    "tilt_rad": "Tilt",
+    "tilt_steps": "Steps of tilt",
+    "observation_point": "Observation point",
+    "cable": "Cable",
+    "swivel": "Swivel encoder",
+    "inclination": "Inclinometer",
+    "mount": "Where points may be",
+    "tool": "Tool",
+    "task": "Task",
+}
+"""What values and tables are called; the others by their keys."""
+DRAWN = (
+    "swivel axis",
+    "swivel pulley",
+    "fixed pulley",
+    "drum with encoder: k counts",
+    "tangent length",
+    "free span, length t",
+    "attachment point",
+    "on the gripper",
+    "k · count length = [h(k) + Rφ + t] − [h(0) + Rφ₀ + t₀]",
+)
+"""Words of the drawing of a cable."""
 _NUMBER = re.compile(r"\d+")
 FIXED = ("schema", "assumed", "calibration")
 
@@ -70,16 +133,30 @@ LARGEST = 2_000_000
 
 
 class Leaf(NamedTuple):
-    """A value of the file: its place as a text, `observation_point.0.position_mm.1`, and what its field shows."""
+    """A value of the file: its place as a text, `observation_point.0.position_mm.1`, and what its field shows. within: the table inside
+    that of its thing; axis: which of a row of numbers."""
 
     key: str
+    within: str
     label: str
+    axis: str
     value: str
     kind: str
     unit: str
     arrow: str
     help: str
     assumed: bool
+
+    def named(self, say: Callable[[str], str]) -> str:
+        """What the field is called."""
+        return " ".join(part for part in (self.within and f"{say(self.within)}:", say(self.label), self.axis) if part)
+
+
+class Thing(NamedTuple):
+    """What values belong to: what kind of thing, and its own name."""
+
+    kind: str
+    name: str
 
 
 def read(path: Path) -> tuple[Any, str]:
@@ -101,13 +178,13 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def parts(document: Mapping[str, Any]) -> list[tuple[str, list[Leaf]]]:
+def parts(document: Mapping[str, Any]) -> list[tuple[Thing, list[Leaf]]]:
     """The values of a rig by the thing that they belong to."""
     guesses = set(document.get("assumed", ()))
-    out: list[tuple[str, list[Leaf]]] = []
+    out: list[tuple[Thing, list[Leaf]]] = []
     general = list(_leaves({k: v for k, v in document.items() if not isinstance(v, dict | list)}, "", guesses, ""))
     if general:
-        out.append((str(document.get("name", "rig")), general))
+        out.append((Thing("", str(document.get("name", "rig"))), general))
     for key, value in document.items():
         if key in FIXED:
             continue
@@ -115,9 +192,9 @@ def parts(document: Mapping[str, Any]) -> list[tuple[str, list[Leaf]]]:
             for i, one in enumerate(value):
                 if isinstance(one, dict):
                     name = str(next((one[known] for known in ("name", "channel", "point") if known in one), i + 1))
-                    out.append((f"{key.replace('_', ' ')} {name}", list(_leaves(one, f"{key}.{i}.", guesses, name))))
+                    out.append((Thing(_readable(key), name), list(_leaves(one, f"{key}.{i}.", guesses, name))))
         elif isinstance(value, dict):
-            out.append((key, list(_leaves(value, f"{key}.", guesses, key))))
+            out.append((Thing(_readable(key), ""), list(_leaves(value, f"{key}.", guesses, key))))
     return out
 
 
@@ -125,19 +202,19 @@ def _leaves(table: Mapping[str, Any], before: str, guesses: set[str], owner: str
     for name, value in table.items():
         if not before and name in FIXED:
             continue
-        key, label = f"{before}{name}", f"{inside}{name}"
+        key = f"{before}{name}"
         if isinstance(value, dict):
-            yield from _leaves(value, f"{key}.", guesses, owner, f"{label} ")
+            yield from _leaves(value, f"{key}.", guesses, owner, _readable(name))
         elif isinstance(value, list):
             if all(isinstance(v, int | float | str) and not isinstance(v, bool) for v in value):
                 for i, one in enumerate(value):
                     axis = "xyz"[i] if len(value) == 3 else str(i + 1)
-                    yield _leaf(f"{key}.{i}", f"{_readable(label)} {axis}", one, name, guesses, owner)
+                    yield _leaf(f"{key}.{i}", (inside, _readable(name), axis), one, name, guesses, owner)
         else:
-            yield _leaf(key, _readable(label), value, name, guesses, owner)
+            yield _leaf(key, (inside, _readable(name), ""), value, name, guesses, owner)
 
 
-def _leaf(key: str, label: str, value: Any, name: str, guesses: set[str], owner: str) -> Leaf:
+def _leaf(key: str, words: tuple[str, str, str], value: Any, name: str, guesses: set[str], owner: str) -> Leaf:
     kind = "flag" if isinstance(value, bool) else "number" if isinstance(value, int | float) else "text"
     text = str(value).lower() if kind == "flag" else repr(value) if kind == "number" else str(value)
     known = "tool" if key.startswith("tool.") else name
@@ -145,10 +222,12 @@ def _leaf(key: str, label: str, value: Any, name: str, guesses: set[str], owner:
         "mm" if known == "tool" else next((unit for end, unit in sorted(UNITS.items(), key=lambda e: -len(e[0])) if name.endswith(end)), "")
     )
     guess = f"{owner}.{name}" in guesses or f"{owner}.drum.{name}" in guesses
-    return Leaf(key, label, text, kind, unit, ARROWS.get(known, ""), HELP.get(known, ""), guess)
+    return Leaf(key, *words, text, kind, unit, ARROWS.get(known, ""), HELP.get(known, ""), guess)
 
 
 def _readable(name: str) -> str:
+    if name in NAMES:
+        return NAMES[name]
     for end in sorted(UNITS, key=len, reverse=True):
         name = name.removesuffix(end)
     return name.replace("_", " ")

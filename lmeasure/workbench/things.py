@@ -18,10 +18,11 @@ from lmeasure.files import read_toml, rewrite_toml
 from lmeasure.run import read_run_head
 from lmeasure.start import start_from_text
 from lmeasure.workbench import rig_form
-from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, lost, page
+from lmeasure.workbench.answers import HERE, as_file, bench_of, file_of, form_of, language_of, lost, page
 from lmeasure.workbench.cards import card
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.uploads import take_in
+from lmeasure.workbench.words import said
 
 LARGEST_TEXT = 200_000
 BELOW: tuple[tuple[str, str, Callable[[str], dict[str, str]]], ...] = (
@@ -149,13 +150,14 @@ async def rig(request: Request) -> Response:
         ]
         values |= {"file": file, "parts": shown, "digest": digest, "links": "calibration" in document}
         below = [card(command, project, page="rig", told=told(file)) for of, command, told in BELOW if of == kind]
-        values |= {"drawing": _drawing(), "kind": kind, "cards": below}
+        values |= {"drawing": _drawing(language_of(request)), "kind": kind, "cards": below}
     return page(request, "rig.html", 422 if complaints else 200, **values)
 
 
-def _drawing() -> str:
-    """The picture of one cable; its style is in the page's own, which alone may set one."""
-    return re.sub(r"<style>.*?</style>", "", (HERE / "static" / "cable.svg").read_text(encoding="utf-8"), flags=re.DOTALL)
+def _drawing(language: str) -> str:
+    """The picture of one cable in a language; its style is in the page's own, which alone may set one."""
+    picture = re.sub(r"<style>.*?</style>", "", (HERE / "static" / "cable.svg").read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.sub(r">([^<>]+)</text>", lambda found: f">{said(language, found[1])}</text>", picture)
 
 
 async def rig_scene(request: Request) -> Response:

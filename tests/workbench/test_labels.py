@@ -34,7 +34,7 @@ def test_labels_and_words_of_pages_are_said_in_russian() -> None:
     spoken |= {text for page in cards.PAGES.values() for text in (page.title, page.lead)}
     spoken |= {text for _, text in cards.NEEDS.values()} | {text for ways in cards.ONWARD.values() for _, text in ways}
     spoken |= set(details.FORM) | {entry.label for entry in details.ENTRIES if entry.label}
-    spoken |= {stop.text for stop in tour.STOPS} | set(rig_form.HELP.values())
+    spoken |= {stop.text for stop in tour.STOPS} | set(rig_form.HELP.values()) | set(rig_form.NAMES.values()) | set(rig_form.DRAWN)
     for template in (HERE / "templates").glob("*.html"):
         spoken |= {a or b for a, b in SPOKEN.findall(template.read_text(encoding="utf-8"))}
     assert sorted(spoken - set(known)) == [], "add them to lmeasure/locale/ru/workbench.po"

@@ -87,7 +87,7 @@ if (rig) {
       if (inches.checked) { input.dataset.mm = input.value; input.dataset.shown = input.value = String(+(input.value / 25.4).toPrecision(9)); }
       else input.value = input.value === input.dataset.shown ? input.dataset.mm : String(+(input.value * 25.4).toPrecision(12));
     }
-    for (const unit of rig.querySelectorAll('.unit')) if (/mm\]|in\]/.test(unit.textContent)) unit.textContent = inches.checked ? '[in]' : '[mm]';
+    for (const input of rig.querySelectorAll('input[data-unit=mm]')) { const unit = input.labels[0].querySelector('.unit'); unit.textContent = inches.checked ? unit.dataset.in : unit.dataset.mm; }
   });
   rig.addEventListener('submit', () => { if (inches.checked) inches.click(); });
   if (document.getElementById('scene')) import('/static/scene.js').then((module) => module.draw(document.getElementById('scene'), rig));
