@@ -161,6 +161,11 @@ def _joints(
         every = [q for way in found for q in whole_turns(robot.nominal, way)]
         found = np.array(sorted(every, key=lambda q: 0.0 if last is None else float(np.abs(q - last).max())))
     fitting = [q for q in found if fits(dialect.name, target.flags, robot.nominal, q, slack_deg=AS_WRITTEN_DEG)]
+    if target.loose and last is not None:
+        # nearest to where the robot comes from, unless what is stated says another
+        if fitting and not np.array_equal(fitting[0], found[0]):
+            return None, "its configuration may not hold (ConfJ or ConfL \\Off), and the target before says another"
+        return found[0], ""
     if not fitting:
         return None, f"none of its {len(found)} ways has the configuration that it states"
     if last is None and len(fitting) > 1:
@@ -169,7 +174,7 @@ def _joints(
 
 
 def _other_flags(target: Target, dialect: Dialect, found: Correction, robot: IdentifiedRobot) -> str:
-    if target.joints or fits(dialect.name, target.flags, robot.nominal, found.joints):
+    if target.joints or target.loose or fits(dialect.name, target.flags, robot.nominal, found.joints):
         return ""
     return "corrected it would have another configuration than the program states"
 

@@ -237,3 +237,19 @@ def test_lengths_that_no_pose_has_are_refused_in_words() -> None:
     outcomes = corrected_program(listing, tables.ROBODK, identified(wide, built(wide, 1)), limits=Limits()).outcomes
     assert outcomes[0].left.startswith("no pose")
     assert not outcomes[1].left
+
+
+@pytest.mark.parametrize(
+    ("conf", "off", "left"),
+    [((0, 0, 0, 0), False, False), ((1, 0, 0, 0), False, True), ((1, 0, 0, 0), True, False), ((0, -2, -2, 1), True, True)],
+)
+def test_a_configuration_that_may_be_passed_over_is_no_proof(conf: tuple[int, ...], off: bool, left: bool) -> None:
+    """With ConfL off the controller takes the nearest way: quarters that no way has do not matter then, those of another way do."""
+    q = np.radians([20.0, -10.0, 15.0, 30.0, 60.0, 10.0])
+    text = "ConfL\\Off;\n" * off + program([(q, conf)])
+    outcome = done_with(text, rapid.DIALECT, built(ARM, 1), Limits(), near=q).outcomes[0]
+    assert bool(outcome.left) == left
+    assert not off or not left or "its configuration may not hold" in outcome.left
+    if not left:
+        assert outcome.correction is not None
+        np.testing.assert_allclose(outcome.correction.before, q, atol=1e-6)

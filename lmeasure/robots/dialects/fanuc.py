@@ -7,7 +7,7 @@ extended axes are not at 0, is left, and so are those in frames that the program
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,9 +19,9 @@ POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
 _POSITION = re.compile(r"^[ \t]*P\[\s*(\d+)[^\]]*\]\s*(?=\{)", re.M)
 _MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCAS])\s+(.*?);", re.M | re.S)
 _NAMED = re.compile(r"\b(PR?)\[\s*([^\]:]*)[^\]]*\]")
-_BY_DIFFERENCE = re.compile(r"\b(Offset|Tool_Offset|INC|VOFFSET|TRACK|COORD|RTCP)\b", re.I)
+_BY_DIFFERENCE = re.compile(r"\b(\w*OFFSET|INC|TRACK|COORD|RTCP)\b", re.I)
 _ASSIGNED = re.compile(r"^[ \t]*\d*\s*:\s*P\[\s*(\d+)[^\]]*\]\s*=", re.M)
-_SET_FRAME = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME|UTOOL)\s*\[\s*(\w+)[^\]]*\]\s*=", re.M)
+_SET_FRAME = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME|UTOOL)\s*\[\s*(?:GP\d+\s*:\s*)?(\w+).*?=", re.M)
 _FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
 _CURRENT = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME_NUM|UTOOL_NUM)\s*=\s*(\w+)", re.M)
 _FIELD = re.compile(rf"\b([XYZWPR]|[JE]\d)\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
@@ -51,9 +51,13 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
     for m in _MOTION.finditer(text, *body):
         if m[2].lstrip().startswith("!"):
             continue
-        by = _BY_DIFFERENCE.search(m[2])
-        for register in _NAMED.finditer(m[2]):
+        by, registers = _BY_DIFFERENCE.search(m[2]), list(_NAMED.finditer(m[2]))
+        if not registers:
+            leave(m.start(1), f"{m[1]} {m[2].split()[0]}: a position that is computed")
+        for register in registers:
             number = register[2].strip()
+            if m[2][register.end() :].lstrip().startswith("="):
+                continue  # what a skip condition keeps
             if register[1] == "PR" or not number.isdigit():
                 if not (by and register.start() > by.start()):
                     leave(m.start(1), f"{m[1]} {register[0]}: a position that is computed")
@@ -62,7 +66,8 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
                 first.setdefault(int(number), m.start(2) + register.start())
     current = {"UF": {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UFRAME_NUM"}}
     current["UT"] = {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UTOOL_NUM"}
-    set_here = {f"{m[1][:2]}[{m[2]}]": source.line(m.start(1)) for m in _SET_FRAME.finditer(text, *body)}
+    # of a number that is computed any may be meant
+    set_here = {f"{m[1][:2]}[{m[2] if m[2].isdigit() else ''}": source.line(m.start(1)) for m in _SET_FRAME.finditer(text, *body)}
     changed = {int(m[1]): source.line(m.start(1)) for m in _ASSIGNED.finditer(text, *body)}
     for m in _POSITION.finditer(text, *positions):
         number, end = int(m[1]), closing(text, m.end(), "{}")
@@ -79,13 +84,19 @@ def _read(k: int, source: Source, targets: list[Target], unread: list[Unread]) -
             leave(m.start(), f"{name}: is moved to with {', '.join(differences)}")
         else:
             found = _target(k, source, name, (m.end(), end), current)
-            frame = next((f for f in (found.base, found.tool) if f in set_here), "") if isinstance(found, Target) else ""
+            frame = "" if isinstance(found, str) else next((f for f in (found.base, found.tool) if _set_at(f, set_here)), "")
             if isinstance(found, str):
                 leave(m.start(), f"{name}: {found}")
             elif frame and not found.joints:
-                leave(m.start(), f"{name}: its frame {frame} is set by the program in {source.name}:{set_here[frame]}")
+                leave(m.start(), f"{name}: its frame {frame} is set by the program in {source.name}:{_set_at(frame, set_here)}")
             else:
                 targets.append(replace(found, moved=(k, first[number])))
+
+
+def _set_at(frame: str, set_here: Mapping[str, int]) -> int:
+    """The line that sets a frame, 0 where none does: that of the robot, number 0, is never set."""
+    which, number = frame[:2], frame[3:-1]
+    return 0 if number == "0" else set_here.get(f"{which}[{number}", set_here.get(f"{which}[", 0))
 
 
 def _target(k: int, source: Source, name: str, span: Span, current: dict[str, set[str]]) -> Target | str:

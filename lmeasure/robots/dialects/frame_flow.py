@@ -17,7 +17,8 @@ NONE: States = frozenset()
 @dataclass(frozen=True)
 class Event:
     """Something that a program does at a place. begin, finish: of the subroutine `name`, which may stand in another; branch, else, loop,
-    close: of a block, else with `whole` where nothing is left beside it, loop where only an exit ends it; exit, next: of the loop that it
+    close: of a block, branch of the name "switch" where the first of its ways begins with an else, else with `whole` where nothing is left
+    beside it, loop where only an exit ends it; exit, next: of the loop that it
     stands in; return: of the subroutine; jump, label: of that `name`; set: `change` of the state; call: of `name`; move: asked for."""
 
     place: int
@@ -32,6 +33,7 @@ class _Block:
     kind: str
     ways: list[list["Event | _Block"]]
     whole: bool = False
+    first: bool = False
 
 
 _Body = list[Event | _Block]
@@ -84,14 +86,16 @@ def _bodies(events: Iterable[Event]) -> dict[str, _Body]:
         elif event.kind == "finish":
             here, open_blocks = outer.pop() if outer else (bodies[""], [])
         elif event.kind in ("branch", "loop"):
-            block = _Block(event.kind, [[]], event.whole)
+            block = _Block(event.kind, [[]], event.whole, event.name == "switch")
             here.append(block)
             open_blocks.append((block, here))
             here = block.ways[-1]
         elif event.kind == "else" and open_blocks:
             block = open_blocks[-1][0]
             block.whole |= event.whole
-            block.ways.append([])
+            if not block.first:
+                block.ways.append([])
+            block.first = False
             here = block.ways[-1]
         elif event.kind == "close":
             here = open_blocks.pop()[1] if open_blocks else here

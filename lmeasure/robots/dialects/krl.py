@@ -14,7 +14,7 @@ import numpy as np
 from lmeasure.arrays import FloatArray
 from lmeasure.robots.dialects import krl_flow
 from lmeasure.robots.dialects.euler import of_angles
-from lmeasure.robots.dialects.krl_flow import NULL, Motion
+from lmeasure.robots.dialects.krl_flow import FIXED, NULL, Motion, fdat_frames
 from lmeasure.robots.dialects.program_text import (
     IDENTITY,
     NUMBER,
@@ -35,7 +35,7 @@ POSE, AXES, EXTERNAL = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in ra
 FLAGS = "S", "T"
 _DECLARED = re.compile(r"^[ \t]*((?:(?:GLOBAL|DECL|CONST)\s+)*)(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)\s+(\$?\w+)\s*=\s*(?=\{)", re.I | re.M)
 _DATA = re.compile(r"\b((?:BASE|TOOL)_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(?=\{)", re.I)
-_ASSIGNED = re.compile(r"^[ \t]*(\w+(?:\s*\[\s*\d+\s*\])?)[ \t]*(\.[ \t]*\w+[ \t]*)?=(?!=)", re.M)
+_ASSIGNED = re.compile(r"^[ \t]*(\w+(?:\s*\[[^\]\n]*\])?)[ \t]*(\.[ \t]*\w+[ \t]*)?=(?!=)", re.M)
 _FIELD = re.compile(rf"([A-Z]\w*)\s+(?:({NUMBER})|'([BH])\s*([\dA-F]+)')", re.I)
 _FRAME_SET = re.compile(r"(?:.*\bWITH\s+)?\$(BASE|TOOL)\s*=\s*(.*?)(?:\s+C_\w+)?", re.I | re.S)
 _OF_FDAT = re.compile(r"S(?:BASE|TOOL2?)\((\w+)(?:\.\w+)?\)")
@@ -55,6 +55,7 @@ class _Reader:
         self.points = Points()
         self.fdat: dict[tuple[str, str], tuple[str, str]] = {}
         self.frames: dict[str, FloatArray] = {NULL: np.array(IDENTITY)}
+        self.moving: dict[str, str] = {}
         self.told: dict[str, list[tuple[int, int, FloatArray | None]]] = {}
         self.elsewhere, self.without = False, set[int]()
         self.targets: list[Target] = []
@@ -92,12 +93,7 @@ class _Reader:
             if span[1] < 0:
                 self._leave(k, m.start(2), f"{name}: an aggregate that is not closed")
             elif kind == "FDAT":
-                numbers = dict(re.findall(r"(TOOL_NO|BASE_NO)\s+(\d+)", text[slice(*span)].upper()))
-                at_tool = "#TCP" in text[slice(*span)].upper()
-                tool, base = (numbers.get(f"{what}_NO") for what in ("TOOL", "BASE"))
-                self.fdat[self.modules[k], name.upper()] = (
-                    ("fixed tool", "") if at_tool or tool is None or base is None else (_numbered("BASE", base), _numbered("TOOL", tool))
-                )
+                self.fdat[self.modules[k], name.upper()] = fdat_frames(text[slice(*span)])
             elif kind == "FRAME":
                 self.told.setdefault(name.upper(), []).append((k, span[0], self._frame_of(k, span)))
             else:
@@ -131,8 +127,9 @@ class _Reader:
             point = self.points.at(name, k, m.start())
             if point is not None:
                 point.changed = point.changed or f"is changed by the program in {where}"
-            if m[2] or not text[m.end() :].lstrip(" \t").startswith("{") or not name.endswith("]"):
-                self.frames.pop(name, None)
+            if m[2] or not text[m.end() :].lstrip(" \t").startswith("{") or not re.search(r"\[\d+\]$", name):
+                self.moving.setdefault(re.sub(r"\[(?!\d+\]).*", "", name), where)
+                self.fdat.pop((self.modules[k], name), None)
 
     def _passed(self, k: int, call: str, place: int, given: str) -> None:
         """Points that a subroutine is given: where it moves to them is not told."""
@@ -147,7 +144,7 @@ class _Reader:
         value = text[slice(*span)].strip().upper().replace(" ", "")
         numbered = re.fullmatch(r"(BASE|TOOL)_DATA\[(\d+)\]", value)
         if numbered:
-            return _numbered(numbered[1], numbered[2])
+            return krl_flow.numbered(numbered[1], numbered[2])
         if value.startswith("{"):
             start = text.index("{", span[0])
             end = closing(text, start, "{}")
@@ -195,7 +192,7 @@ class _Reader:
                 continue
             of = _OF_FDAT.fullmatch(m[2].upper().replace(" ", ""))
             both = self._of_fdat(k, of[1]) if of else None
-            if both is not None and both[0] == "fixed tool":
+            if both == FIXED:
                 return {both}
             name = both[m[1].upper() == "TOOL"] if both else self._frame(k, m[1].upper(), m.span(2))
             frames = {(name, t) if m[1].upper() == "BASE" else (b, name) for b, t in frames}
@@ -234,7 +231,9 @@ class _Reader:
             self._leave(k, span[0], f"{name}: {key} is at {out[key]:g}: where robot and workpiece then are is not known")
         elif len(used) > 1 and not joints:
             self._leave(k, span[0], f"{name}: moved to in several frames: {several}")
-        elif frames[0] == "fixed tool":
+        elif not joints and (frame := next((f for f in frames if self._set_at(f)), "")):
+            self._leave(k, span[0], f"{name}: its frame {frame} is set by the program in {self._set_at(frame)}")
+        elif frames[0] == FIXED[0]:
             self._leave(k, span[0], f"{name}: the robot holds the workpiece, the tool stands still")
         else:
             flags = {key: int(found[key][0]) for key in FLAGS if key in found}
@@ -242,6 +241,10 @@ class _Reader:
                 self.without.add(len(self.targets))
             values, spans = zip(*(found[key] for key in wanted), strict=True)
             self.targets.append(Target(name, k, self.sources[k].line(span[0]), joints, values, spans, *frames, flags, moved))
+
+    def _set_at(self, frame: str) -> str:
+        """Where the program changes a frame, itself or with others of its array; empty where it does not."""
+        return self.moving.get(frame) or self.moving.get(frame.partition("[")[0], "")
 
     def _aggregate(self, k: int, span: Span) -> dict[str, tuple[float, Span]] | None:
         """Fields of {E6POS: X 1.0, Y ...} with their places; None where one is no number, or stands there twice."""
@@ -263,11 +266,6 @@ class _Reader:
 
     def _leave(self, k: int, place: int, why: str) -> None:
         self.unread.append(Unread(self.sources[k].name, self.sources[k].line(place), why))
-
-
-def _numbered(which: str, number: str) -> str:
-    """The name of the frame of that number; 0 is none."""
-    return f"{which.upper()}_DATA[{int(number)}]" if int(number) else NULL
 
 
 def _whole(digits: str, base: int) -> float | None:

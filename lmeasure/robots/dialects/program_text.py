@@ -54,7 +54,8 @@ class Target:
     """A position of a program. values: its numbers as written, in the dialect's units, spans their places in the source; joints: whether
     they are joint values; base, tool: names of the frames that it is told in, of `Listing.frames`; flags: of its configuration, by name;
     moved: source and place of the first motion to it, which need not stand where the target does; near: joint values in the dialect's units
-    that the program states beside a pose, the way to which is the nearest to them."""
+    that the program states beside a pose, the way to which is the nearest to them; loose: the controller may be told to pass over the
+    flags, so that a way is known where the target before says none but theirs."""
 
     name: str
     source: int
@@ -67,6 +68,7 @@ class Target:
     flags: Mapping[str, int] = field(default_factory=dict)
     moved: tuple[int, int] = (0, 0)
     near: tuple[float, ...] = ()
+    loose: bool = False
 
 
 @dataclass(frozen=True)

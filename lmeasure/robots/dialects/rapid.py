@@ -37,8 +37,11 @@ _DECLARED = re.compile(
 _MODULE = re.compile(r"\bMODULE\b.*?\bENDMODULE\b", re.I | re.S)
 _ROUTINE = re.compile(r"\b(PROC|FUNC|TRAP)\b.*?\bEND\1\b", re.I | re.S)
 _MOVE = re.compile(r"\b(Move(?:Abs)?(?:J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?:J|L|C)|Search(?:L|C))\b\s*", re.I)
-_ASSIGNED = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.M | re.I)
-_GIVEN = re.compile(r"(?:^|;|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*(\w+)(?=[ \t]+(?!:=)([^;]*);)", re.M | re.I)
+_ASSIGNED = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.M | re.I)
+_GIVEN = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*(\w+|%[^%;\n]*%)(?=[ \t]+(?!:=)([^;]*);)", re.M | re.I)
+_KINDS = r"(?:robtarget|jointtarget|tooldata|wobjdata)"
+_ARGUMENTS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(([^)]*)\)", re.I)
+_OWN = re.compile(rf"\b(?:VAR|PERS)\s+{_KINDS}\s+(\w+)\s*;", re.I)
 _DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.I)
 _WORDS = re.compile(
     r"const|pers|var|local|task|sysmodule|(end)?(module|proc|func|trap|record)|alias|return|raise|exit|retry|trynext|(else|end)?if|else|(end)?(for|while|test)"
@@ -58,6 +61,9 @@ class _Reader:
         self.sources = tuple(sources)
         self.plain = [masked(s.text, "!") for s in sources]
         self.points = Points()
+        self.moving: dict[str, str] = {}
+        self.hidden = [self._hidden(k) for k in range(len(sources))]
+        self.loose = any(re.search(r"\bConf[JL]\s*\\\s*Off\b", text, re.I) for text in self.plain)
         self.frames: dict[str, FloatArray] = {"wobj0": np.array(IDENTITY), "tool0": np.array(IDENTITY)}
         self.stated: set[str] = set()
         self.targets: list[Target] = []
@@ -84,17 +90,39 @@ class _Reader:
                 self._take(k, name, point.span, next(iter(used)), point.first or (k, point.span[0]))
         return Listing(self.sources, tuple(self.targets), self.frames, tuple(self.unread))
 
+    def _hidden(self, k: int) -> list[tuple[str, int, int]]:
+        """Names that a routine is given, or has without a value, and where they hide those of the module."""
+        out = []
+        for block in _ROUTINE.finditer(self.plain[k]):
+            names = [m[1] for m in _OWN.finditer(block[0])]
+            for m in _ARGUMENTS.finditer(block[0]):
+                names += re.findall(rf"\b{_KINDS}\s+(\w+)", m[2], re.I)
+            out += [(name.lower(), *block.span()) for name in names]
+        return out
+
+    def _hides(self, k: int, name: str, place: int) -> bool:
+        return any(name.lower() == own and start <= place < stop for own, start, stop in self.hidden[k])
+
+    def _frame_at(self, k: int, name: str, place: int) -> str:
+        """The name of a frame; what a routine is given has one that nobody states."""
+        return f"{name} of line {self.sources[k].line(place)}, which its routine is given" if self._hides(k, name, place) else name
+
     def _changed(self, k: int, text: str) -> None:
         """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not told; all
         targets are elsewhere where a displacement may be on."""
         for m in _ASSIGNED.finditer(text):
             self._mark(k, m[1], m.start(1), "is changed by the program")
-            self.frames.pop(m[1].lower(), None)
+            if not self._hides(k, m[1], m.start(1)):
+                self.moving.setdefault(m[1].lower(), f"{self.sources[k].name}:{self.sources[k].line(m.start(1))}")
         for m in _GIVEN.finditer(text):
             at_once = m[1].upper() == "IF" and not re.search(r"\bTHEN\b", m[2], re.I) and not _MOVE.search(m[2])
             if at_once or not (_MOVE.match(m[1]) or _WORDS.fullmatch(m[1].lower())):
                 for word in re.findall(r"\w+", m[2]):
                     self._mark(k, word, m.start(1), f"is passed to {m[1]}")
+        for m in re.finditer(r"\bFUNC\s+\w+\s+(\w+)", "\n".join(self.plain), re.I):
+            for call in re.finditer(rf"(?<!\w)(?<!FUNC )\b{m[1]}\s*\(([^()]*)\)", text, re.I):
+                for word in re.findall(r"\w+", call[1]):
+                    self._mark(k, word, call.start(), f"is passed to {m[1]}")
         for point in self.points:
             displaced = self._displacement()
             if displaced and point.kind == "robtarget":
@@ -108,7 +136,7 @@ class _Reader:
         return ""
 
     def _mark(self, k: int, name: str, place: int, why: str) -> None:
-        point = self.points.at(name, k, place)
+        point = None if self._hides(k, name, place) else self.points.at(name, k, place)
         if point is not None:
             point.changed = point.changed or f"{why} in {self.sources[k].name}:{self.sources[k].line(place)}"
 
@@ -182,12 +210,21 @@ class _Reader:
         tool = len(targets) + (1 if move.startswith("search") else 3 if move.startswith("trigg") else 2)
         word = re.match(r"\w+", text[slice(*plain[tool])]) if len(plain) > tool else None
         wobj = re.search(r"\\\s*WObj\s*:=\s*(\w+)(\s*\{)?", text[m.end() : end], re.I)
-        frames = (wobj[1].lower() + (wobj[2] or "") if wobj else "wobj0"), (word[0].lower() if word else "")
+        frames = (
+            self._frame_at(k, wobj[1].lower() + (wobj[2] or "") if wobj else "wobj0", m.start()),
+            self._frame_at(k, word[0].lower() if word else "", m.start()),
+        )
+        sensed = re.search(r"\\\s*Corr\b", text[m.end() : end], re.I) is not None
         for start, stop in targets:
             line = f"{m[1]} of line {self.sources[k].line(start)}"
             operand = re.sub(r"(?<=[\w\]])\s*\\.*", "", text[start:stop], flags=re.S).strip()
-            point = self.points.at(operand, k, start)
-            if operand.startswith("[") and (why := self._displacement()):
+            point = None if self._hides(k, operand, start) else self.points.at(operand, k, start)
+            if sensed:
+                why = f"{m[1]} with \\Corr: a sensor shifts the way"
+                self._leave(k, start, why)
+                if point is not None:
+                    point.changed = point.changed or f"is moved to by {why}"
+            elif operand.startswith("[") and (why := self._displacement()):
                 self._leave(k, start, f"{line}: {why}")
             elif operand.startswith("["):
                 self._take(k, line, (start, start + len(operand) - 1), frames, (k, start))
@@ -216,12 +253,14 @@ class _Reader:
             self._leave(k, span[0], f"{name}: neither a robtarget nor a jointtarget")
         elif why := wrong(own, own[3:7]):
             self._leave(k, span[0], f"{name}: {why}")
+        elif frame := next((f for f in frames if f in self.moving), ""):
+            self._leave(k, span[0], f"{name}: its frame {frame} is set by the program in {self.moving[frame]}")
         elif out:
             self._leave(k, span[0], f"{name}: an external axis is at {out[0]:g}: where robot and workpiece then are is not known")
         else:
             numbers, spans = zip(*lists[0], *lists[1], strict=True)
             flags = dict(zip(("cf1", "cf4", "cf6", "cfx"), (int(v) for v, _ in lists[2]), strict=True))
-            self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags, moved))
+            self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags, moved, loose=self.loose))
 
     def _lists(self, k: int, span: Span) -> list[list[tuple[float, Span]]] | None:
         """Lists of numbers within a list, with their places; None where anything else stands there."""

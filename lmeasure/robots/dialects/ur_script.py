@@ -36,10 +36,16 @@ from lmeasure.robots.dialects.program_text import pose as _placed
 _SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
 _ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)
 _BLOCK = re.compile(
-    r"^[ \t]*(?:(?:def|thread)\s+(?P<def>\w+)|(?P<block>if|elif|else|while|end)\b|(?P<leaves>break|continue|return|halt)\b)", re.M
+    r"^[ \t]*(?:(?:def|thread|sec)\s+(?P<def>\w+)|(?P<block>if|elif|else|while)\b|(?P<leaves>break|continue|return|halt)\b)"
+    r"|\b(?P<end>end)\b",
+    re.M,
 )
-_DEFINED = re.compile(r"^[ \t]*(?:def|thread)\s+(\w+)\s*\(([^)]*)\)", re.M)
-_CALL = re.compile(r"\b(set_tcp|movej|movel|movep|movec|servoj)\s*(?=\()")
+_DEFINED = re.compile(r"^[ \t]*(?:def|thread|sec)\s+(\w+)\s*\(([^)]*)\)", re.M)
+_CALL = re.compile(r"\b(set_tcp|movej|movel|movep|movec|servoj|servoc)\s*(?=\()")
+_MOVED_ALONG = re.compile(
+    r"\b(?:(track_conveyor_linear|track_conveyor_circular|path_offset_enable)|stop_conveyor_tracking|path_offset_disable)\s*\("
+)
+_TARGET_KEYS = "q", "pose", "pose_via", "pose_to"
 _TRANS = re.compile(r"pose_trans\s*(?=\()")
 _INVERSE = re.compile(r"get_inverse_kin\s*(?=\()")
 _KEY = re.compile(r"(\w+)\s*=\s*")
@@ -92,16 +98,25 @@ class _Reader:
             if end < 0:
                 self._leave(m.start(), f"{m[1]}: a call that is not closed")
                 continue
-            arguments = pieces(text, (m.end() + 1, end))
+            arguments = [self._unnamed(part) for part in pieces(text, (m.end() + 1, end))]
             if m[1] == "set_tcp":
                 events.append(Event(m.start(), "set", change=partial(_told, (self._tool(arguments[0]),))))
             else:
                 moves[m.start()] = m[1], arguments[: 2 if m[1] == "movec" else 1]
                 events.append(Event(m.start(), "move"))
-        for place, found in states(sorted(events, key=lambda e: e.place), ("tcp",)).items():
+        for m in _MOVED_ALONG.finditer(text):
+            along = f"{m[1]} of line {self.source.line(m.start())}" if m[1] else ""
+            events.append(Event(m.start(), "set", change=partial(_along, along)))
+        for place, found in states(sorted(events, key=lambda e: e.place), ("tcp", "")).items():
             move, arguments = moves[place]
             for argument in arguments:
-                if found:
+                along = max((state[1] for state in found), default="")
+                if along:
+                    self._leave(place, f"{move} {text[slice(*argument)]}: is moved along by {along}")
+                    for name in re.findall(r"\w+", text[slice(*argument)]):
+                        if name in self.named:
+                            self.named[name].changed = f"is moved along by {along}"
+                elif found:
                     self._moved(move, argument, {state[0] for state in found})
                 else:
                     self._leave(place, f"{move} {text[slice(*argument)]}: nothing leads to it")
@@ -117,7 +132,7 @@ class _Reader:
         events = []
         inside: list[bool] = []  # of the `end`s to come: whether each is a function's
         for m in _BLOCK.finditer(self.text):
-            place, word = m.start(), m["block"] or m["leaves"] or ""
+            place, word = m.start(), m["block"] or m["leaves"] or m["end"] or ""
             if m["def"]:
                 inside.append(True)
                 events.append(Event(place, "begin", m["def"]))
@@ -146,6 +161,11 @@ class _Reader:
         for name in re.findall(r"\w+", self.text[slice(*given)]):
             if name in self.named:
                 self.named[name].changed = f"is passed to {function} in {self.source.name}:{self.source.line(place)}"
+
+    def _unnamed(self, argument: Span) -> Span:
+        """What is given as pose=... or q=..., without that."""
+        m = _KEY.match(self.text, *argument)
+        return (m.end(), argument[1]) if m and m[1] in _TARGET_KEYS else argument
 
     def _tool(self, argument: Span) -> str:
         """The name of the tool that a set_tcp sets; one that is computed is stated nowhere."""
@@ -262,8 +282,12 @@ class _Reader:
         self.unread.append(Unread(self.source.name, self.source.line(place), why))
 
 
-def _told(tool: State, _: State) -> State:
-    return tool
+def _told(tool: State, state: State) -> State:
+    return (*tool, state[1])
+
+
+def _along(by: str, state: State) -> State:
+    return state[0], by
 
 
 def _pose(values: Sequence[float]) -> FloatArray:

@@ -95,7 +95,7 @@ def test_what_a_rapid_program_changes_is_left() -> None:
     for part in (
         "pTaught: is changed by the program in m.mod:9",
         "pGiven: is passed to Sub in m.mod:11",
-        "pMoved: the frame wa is not stated",
+        "pMoved: its frame wa is set by the program in m.mod:",
     ):
         assert part in said, (part, said)
     displaced = RAPID_CHANGED.replace("PROC main()", "PROC main()\n  PDispSet shift;")

@@ -4,6 +4,9 @@
 %%%
 
 MODULE Polish
+  ! polish of the left and right housings, taught with the long pad
+  ! MoveL pEdge, v100, fine, tPad; was here before the second shift
+
   !***************************************************************
   ! Polishing of pump covers on two fixtures and a belt grinder.
   ! Positions pOld10, pOld20 were taken out; MoveL pOld10 is gone.
