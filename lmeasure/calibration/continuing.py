@@ -53,8 +53,13 @@ class Continued:
 def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     """Refine the record of a campaign's rig by its samples, at poses that nobody knows.
 
-    CalibrationError where the record has dimensions that are no parameters, the channels leave nothing over, or it does not settle.
+    CalibrationError where the record has dimensions that are no parameters or was made of the same counts, the channels leave nothing over,
+    or it does not settle.
     """
+    known = {given.sha256 for given in record.inputs}
+    again = [given.file for given in campaign.inputs if given.sha256 in known and given.file != "run.toml"]
+    if again:
+        raise CalibrationError(f"{again[0]}: its counts are in the record already, and would count twice: go on with another run")
     if record.dimensions:
         listed = ", ".join(d.name for d in record.dimensions[:3])
         raise CalibrationError(f"calibration.json: corrects unsolved dimensions ({listed}, ...): solve for them (--solve) first")

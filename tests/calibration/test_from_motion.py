@@ -198,6 +198,7 @@ def test_commands_write_a_new_rig_or_one_line(tmp_path: Path) -> None:
     for more, text in (
         (["--out", str(tmp_path / "x")], "a run has no reference poses"),
         (["--self", "--distance", "start,99,100,0.1", "--out", str(tmp_path / "x")], "99 s lies outside of"),
+        (["--continue", "--rig", str(tmp_path / "new" / "rig.toml"), "--out", str(tmp_path / "x")], "are in the record already"),
     ):
         result = invoke(app, ["calibrate", folder, *more])
         assert result.exit_code == 1
