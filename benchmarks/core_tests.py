@@ -72,6 +72,7 @@ CORE = {
     "estimation/observability.py": ["tests/estimation/test_observability.py"],
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
+    "observation/parameters.py": ["tests/observation/test_parameters.py"],
     "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
     "calibration/residuals.py": _CAMPAIGNS,
     "calibration/unknowns.py": _CAMPAIGNS,

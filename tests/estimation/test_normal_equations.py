@@ -83,3 +83,46 @@ def test_steps_made_short_by_damping_settle_nothing() -> None:
     found = optimum(decay((100.0, 100.0), sign=-1.0), np.zeros(2))
     assert not found.converged
     np.testing.assert_array_equal(found.theta, 0.0)
+
+
+def levenberg(problem: Decay, start: FloatArray) -> list[FloatArray]:
+    """Where Levenberg's rule tries, by the inverse of the normal matrix: damping tenfold with every step uphill, a tenth with every one
+    downhill, until the whole step is a ten-thousandth of a standard uncertainty or damping is beyond 1e8."""
+    theta, damping, out = start, 0.0, [start]
+    while damping <= 1e8:
+        r, J = problem.whitened(problem.linearised(theta))
+        N, g = J.T @ J + np.diag(problem.width**-2.0), J.T @ r - theta / problem.width**2
+        if g @ np.linalg.solve(N, g) < 1e-8:
+            break
+        out.append(theta + np.linalg.solve(N + damping * np.diag(np.diag(N)), g))
+        if np.sum(problem.both(out[-1]) ** 2) <= np.sum(problem.both(theta) ** 2):
+            theta, damping = out[-1], damping / 10.0 if damping > 1.01e-9 else 0.0
+        else:
+            damping = max(10.0 * damping, 1e-6)
+    return out
+
+
+@pytest.mark.parametrize(
+    ("width", "start", "sign"),
+    [
+        ((100.0, 100.0), (-0.5, 4.0), 1.0),  # first uphill
+        ((0.02, 3.0), (-0.5, 4.0), 1.0),  # far from what was known before
+        ((100.0, 100.0), (-1.9, -0.9), 1.0),  # long damped
+        ((0.5, 0.1), (3.0, -2.0), 1.0),
+        ((100.0, 100.0), (0.0, 0.0), -1.0),  # always uphill
+    ],
+)
+def test_it_tries_where_levenbergs_rule_says(width: tuple[float, float], start: tuple[float, float], sign: float) -> None:
+    tried: list[FloatArray] = []
+
+    @dataclass(frozen=True)
+    class Told(Decay):
+        def linearised(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            tried.append(theta)
+            return super().linearised(theta)
+
+    problem = decay(width, sign)
+    optimum(Told(problem.x, problem.y, problem.width, sign=sign), np.array(start))
+    expected = levenberg(problem, np.array(start))
+    assert len(tried) == len(expected)
+    np.testing.assert_allclose(tried, expected, rtol=1e-5, atol=1e-7)
