@@ -23,8 +23,8 @@ from lmeasure.simulation.motion import Leg, smooth_path
 
 sys.path.append(str(Path(__file__).parents[1] / "acquisition"))
 
-from test_buses import a_group, feeding  # noqa: E402
-from test_interim import HOME, PLACES, calibrated, true_rig  # noqa: E402
+from test_buses import a_group, feeding
+from test_interim import HOME, PLACES, calibrated, true_rig
 
 RATE_HZ = 100.0
 pytestmark = [pytest.mark.live, pytest.mark.slow]
