@@ -5,8 +5,8 @@ from pathlib import Path
 
 from lmeasure import workbench, workflows
 from lmeasure.catalogue import texts
-from lmeasure.workbench import cards, details, forms, pages, rig_form, tour
-from lmeasure.workbench.project import Project
+from lmeasure.workbench import api, cards, details, forms, pages, rig_form, tour
+from lmeasure.workbench.project import _BY_SCHEMA, Project
 from lmeasure.workbench.words import said
 from lmeasure.workflows.labels import LABELS
 from lmeasure.workflows.options import options_of
@@ -35,6 +35,8 @@ def test_labels_and_words_of_pages_are_said_in_russian() -> None:
     spoken |= {text for _, text in cards.NEEDS.values()} | {text for ways in cards.ONWARD.values() for _, text in ways}
     spoken |= set(details.FORM) | {entry.label for entry in details.ENTRIES if entry.label}
     spoken |= {stop.text for stop in tour.STOPS} | set(rig_form.HELP.values()) | set(rig_form.NAMES.values()) | set(rig_form.DRAWN)
+    spoken |= set(_BY_SCHEMA.values()) | set(re.findall(r'Found\("([\w ]+)"', (HERE / "project.py").read_text(encoding="utf-8")))
+    spoken |= {verb["summary"] for ways in api.described()["paths"].values() for verb in ways.values() if "summary" in verb}
     for template in (HERE / "templates").glob("*.html"):
         spoken |= {a or b for a, b in SPOKEN.findall(template.read_text(encoding="utf-8"))}
     assert sorted(spoken - set(known)) == [], "add them to lmeasure/locale/ru/workbench.po"

@@ -20,17 +20,18 @@ function paint(canvas) {
   canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio; pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   const high = canvas.clientHeight, known = values.map((v, i) => v !== null ? i : -1).filter((i) => i >= 0);
   const low = Math.min(...known.map((i) => values[i] - (half?.[i] ?? 0))), top = Math.max(...known.map((i) => values[i] + (half?.[i] ?? 0)));
-  const room = (top - low) || Math.abs(top) || 1, y = (v) => 8 + (high - 30) * (1 - (v - low + 0.04 * room) / (1.08 * room));
+  const room = (top - low) || Math.abs(top) || 1, y = (v) => 26 + (high - 48) * (1 - (v - low + 0.04 * room) / (1.08 * room));
   pen.clearRect(0, 0, canvas.clientWidth, high); pen.font = '13px system-ui'; pen.fillStyle = colour('--ink');
   pen.fillText(canvas.getAttribute('aria-label'), 4, 14);
   if (!known.length) { pen.fillText('–', 80, high / 2); return; }
-  const step = 10 ** Math.floor(Math.log10(room)), ticks = Math.max(0, Math.min(9, 1 - Math.floor(Math.log10(room))));
+  const ten = 10 ** Math.floor(Math.log10(room)), step = room < 2 * ten ? ten / 5 : room < 5 * ten ? ten / 2 : ten;
+  const ticks = Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
   pen.fillStyle = colour('--soft'); pen.strokeStyle = colour('--line'); pen.lineWidth = 1;
   for (let v = Math.ceil(low / step) * step, n = 0; v <= top && n < 12; v += step, n++) {
     pen.beginPath(); pen.moveTo(70, y(v)); pen.lineTo(canvas.clientWidth - 10, y(v)); pen.stroke();
-    if (y(v) > 22) pen.fillText(v.toFixed(ticks), 4, y(v) + 4);
+    pen.fillText(v.toFixed(ticks).replace(/^-(0(\.0*)?)$/, '$1'), 4, y(v) + 4);
   }
-  pen.fillText(`${span[0].toFixed(2)} s`, 70, high - 6); const end = `${span[1].toFixed(2)} s`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
+  pen.fillText(`${span[0].toFixed(2)} ${place.dataset.s}`, 70, high - 6); const end = `${span[1].toFixed(2)} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
   if (half) {
     pen.fillStyle = colour('--blue'); pen.globalAlpha = 0.3;
     let run = [];
@@ -51,7 +52,7 @@ function draw() {
   for (const name of ['x', 'y', 'z']) id(`at-${name}`).textContent = `${number(data[name][i], 3)} ± ${number(data[`u_${name}`][i], 4)}`;
   for (const name of ['u95', 'angle']) id(`at-${name}`).textContent = number(data[name][i], digits[name]);
   id('cursor').value = 1000 * (at - whole[0]) / (whole[1] - whole[0] || 1);
-  id('cursor-told').textContent = `${data.time_s[i].toFixed(3)} s`; id('near-told').textContent = `${(span[1] - span[0]).toPrecision(3)} s`;
+  id('cursor-told').textContent = `${data.time_s[i].toFixed(3)} ${place.dataset.s}`; id('near-told').textContent = `${(span[1] - span[0]).toPrecision(3)} ${place.dataset.s}`;
   place.dataset.at = data.time_s[i]; plots.forEach(paint);
 }
 

@@ -27,7 +27,8 @@ export async function draw(place, form) {
     pen.setTransform(ratio, 0, 0, ratio, 0, 0); pen.clearRect(0, 0, canvas.width, canvas.height);
     pen.font = '14px system-ui'; pen.strokeStyle = pen.fillStyle = style.getPropertyValue('--ink') || '#000';
     const stroke = (a, b, colour, width) => { pen.beginPath(); pen.strokeStyle = colour; pen.lineWidth = width; pen.moveTo(...screen(a)); pen.lineTo(...screen(b)); pen.stroke(); };
-    [['X', '#b3261e', [1, 0, 0]], ['Y', '#146c3f', [0, 1, 0]], ['Z', '#0b5394', [0, 0, 1]]].forEach(([name, colour, way]) => {
+    [['X', '--bad', [1, 0, 0]], ['Y', '--good', [0, 1, 0]], ['Z', '--blue', [0, 0, 1]]].forEach(([name, its, way]) => {
+      const colour = style.getPropertyValue(its);
       const end = way.map((v) => v * reach * 0.3); stroke([0, 0, 0], end, colour, 2); pen.fillStyle = colour; pen.fillText(name, ...screen(end));
     });
     const at = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
