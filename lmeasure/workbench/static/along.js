@@ -24,7 +24,7 @@ function paint(canvas) {
   pen.clearRect(0, 0, canvas.clientWidth, high); pen.font = '13px system-ui'; pen.fillStyle = colour('--ink');
   pen.fillText(canvas.getAttribute('aria-label'), 4, 14);
   if (!known.length) { pen.fillText('–', 80, high / 2); return; }
-  const ten = 10 ** Math.floor(Math.log10(room)), step = room < 2 * ten ? ten / 5 : room < 5 * ten ? ten / 2 : ten;
+  const ten = 10 ** Math.floor(Math.log10(room / 4)), step = [1, 2, 5, 10].map((n) => n * ten).find((v) => v >= room / 4);
   const ticks = Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
   pen.fillStyle = colour('--soft'); pen.strokeStyle = colour('--line'); pen.lineWidth = 1;
   for (let v = Math.ceil(low / step) * step, n = 0; v <= top && n < 12; v += step, n++) {
@@ -43,7 +43,7 @@ function paint(canvas) {
   }
   pen.strokeStyle = colour('--blue'); pen.lineWidth = 1.5; pen.beginPath(); let down = false;
   values.forEach((v, i) => { if (v === null) { down = false; return; } pen[down ? 'lineTo' : 'moveTo'](across(canvas, data.time_s[i]), y(v)); down = true; });
-  pen.stroke(); pen.strokeStyle = colour('--bad'); pen.beginPath(); pen.moveTo(across(canvas, at), 0); pen.lineTo(across(canvas, at), high - 20); pen.stroke();
+  pen.stroke(); pen.strokeStyle = colour('--bad'); pen.beginPath(); pen.moveTo(across(canvas, at), 20); pen.lineTo(across(canvas, at), high - 20); pen.stroke();
 }
 
 function draw() {
