@@ -1,5 +1,6 @@
 """Files: read with errors that name the file, row and key; written whole or not at all."""
 
+import errno
 import hashlib
 import os
 import re
@@ -27,22 +28,47 @@ from lmeasure.toml_lines import Document
 
 
 LARGEST_TOML = 1 << 26
+TO_DO = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "make room there, or write to another disk"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "give a folder that you may write to"),
+    errno.EFBIG: "no file may be so large there; write to another disk",
+}
+"""What a person does about a file that cannot be written."""
+_becomes: dict[Path, Path] = {}  # temporary names, and what they become
+
+
+def not_written(path: Path, error: OSError, cannot: str = "cannot be written") -> str:
+    """What is said of a file that could not be written, why, and what to do about it."""
+    # other libraries put their own words before the system's
+    why = os.strerror(error.errno) if error.errno else " ".join(str(error).split())
+    return "; ".join(filter(None, [f"{path}: {cannot}: {why}", TO_DO.get(error.errno or 0)]))
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path` to write to; it becomes `path` only when the block ends without an error."""
+    """A temporary name beside `path` to write to; it becomes `path` only when the block ends without an error.
+
+    Given such a temporary name, it is written to: the block around makes it whole.
+    """
     path = Path(path)
+    if path in _becomes:
+        try:
+            yield path
+        except OSError as error:
+            raise LMeasureError(not_written(_becomes[path], error)) from error
+        return
     if not path.name:
         raise LMeasureError(f"{path}: cannot be written: it names no file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
+    _becomes[temporary] = path
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise LMeasureError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise LMeasureError(not_written(path, error)) from error
     finally:
+        _becomes.pop(temporary, None)
         with suppress(OSError):  # where it could not even be made
             temporary.unlink(missing_ok=True)
 

@@ -31,20 +31,33 @@ def writing(command: str, outputs: Iterable[Path], inputs: Iterable[Path] = ()) 
     block has written.
 
     OverwriteError, before anything is done, where an output is there and is an input, or was not written by this command, or was changed
-    since. What the block has written is entered, also when it ends early: each file by itself is whole.
+    since; LMeasureError where a folder cannot be written to. What the block has written is entered, also when it ends early: each file by
+    itself is whole. Where it ends early and that cannot be entered, as on a full disk, the files that are new are taken away again.
     """
     candidates = list(dict.fromkeys(Path(path) for path in outputs))
     for path in candidates:
         _claim(command, path, inputs)
     before = {path: _stamp(path) for path in candidates}
     done: list[Path] = []
+
+    def enter() -> None:
+        done.extend(path for path in candidates if _stamp(path) not in (None, before[path]))
+        for folder in dict.fromkeys(path.parent for path in done):
+            _enter(command, folder, [path for path in done if path.parent == folder])
+
     try:
         yield done
-    finally:
-        done += [path for path in candidates if _stamp(path) not in (None, before[path])]
-        with contextlib.suppress(OSError, LMeasureError):  # then the files are somebody's, and the next command says so
-            for folder in dict.fromkeys(path.parent for path in done):
-                _enter(command, folder, [path for path in done if path.parent == folder])
+    except BaseException:
+        try:
+            enter()
+        except (OSError, LMeasureError):
+            for path in done:
+                if before[path] is None:  # else the next command would take it for somebody's
+                    with contextlib.suppress(OSError):
+                        path.unlink()
+        raise
+    with contextlib.suppress(OSError, LMeasureError):  # then the files are somebody's, and the next command says so
+        enter()
 
 
 def left_over(folders: Iterable[Path]) -> list[Path]:
@@ -63,6 +76,7 @@ def _claim(command: str, path: Path, inputs: Iterable[Path]) -> None:
     try:
         mode = path.lstat().st_mode
     except (OSError, ValueError):  # not there, or no name at all, which the writer says
+        _writable(path)
         return
     if stat.S_ISDIR(mode):
         return  # which the writer says too
@@ -74,6 +88,15 @@ def _claim(command: str, path: Path, inputs: Iterable[Path]) -> None:
         raise OverwriteError(
             f"{path}: is there already, and not as `lmeasure {command}` wrote it, and is not written over: remove it or give another name"
         )
+    _writable(path)
+
+
+def _writable(path: Path) -> None:
+    """Said before the work is done: LMeasureError where the file's folder, or the one in which that is made, may not be written to."""
+    with contextlib.suppress(OSError, ValueError):
+        folder = next(one for one in path.parents if one.exists())
+        if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
+            raise LMeasureError(f"{path}: cannot be written: no permission in {folder}; give a folder that you may write to")
 
 
 def _is_own(command: str, path: Path) -> bool:

@@ -342,7 +342,7 @@ def named_figures(figures: FloatArray, flags: IntArray, *, full: bool, near: boo
 def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
     """What the uncertainties hold, in words."""
     exact = zeroed_exactly(rig)
-    counts = "counts of +-1/2 (variance c^2/12 each)"
+    counts = "counts of +-1/2"
     if not exact.all():
         which = "the zero phase" if not exact.any() else "the zero phase of those whose zero is not exact"
         counts += f", {which} (as much again)"

@@ -95,7 +95,7 @@ def record(
     except LMeasureError as error:
         ended = str(error)
     except OSError as error:
-        ended = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
+        ended = files.not_written(Path(error.filename), error) if error.filename else " ".join(str(error).split())
     return writer.close(ended)
 
 
@@ -136,8 +136,10 @@ class _Writer:
         except OSError as error:
             self._take_back()
             there = isinstance(error, FileExistsError) and self.folder.is_dir()
-            what = "is there already; nothing is written over a recording" if there else f"cannot be written: {error.strerror or error}"
-            raise (RecordedError if there else AcquisitionError)(f"{error.filename or folder}: {what}") from error
+            path = Path(error.filename or folder)
+            if there:
+                raise RecordedError(f"{path}: is there already; nothing is written over a recording") from error
+            raise AcquisitionError(files.not_written(path, error)) from error
         except LMeasureError:
             self._take_back()
             raise
@@ -237,7 +239,7 @@ class _Writer:
             self.counting.tell(np.empty(0), last=True)
             self._to_disk()
         except OSError as error:
-            ended = ended if ended != "complete" else f"{path}: cannot be written: {error.strerror or error}"
+            ended = ended if ended != "complete" else files.not_written(path, error)
         self._log.close()
         self._csv.close()
         if self.counting.samples == 0:

@@ -59,7 +59,7 @@ def new_folder(out: Path) -> Iterator[Path]:
         _claim(out)
         target = out.resolve()
     except OSError as error:
-        raise CertificationError(f"{out}: cannot be written: {error.strerror or error}") from error
+        raise CertificationError(files.not_written(out, error)) from error
     except ValueError as error:
         if isinstance(error, LMeasureError):
             raise
@@ -83,7 +83,7 @@ def new_folder(out: Path) -> Iterator[Path]:
             if target.exists():
                 shutil.rmtree(old, ignore_errors=True)
     except OSError as error:
-        raise CertificationError(f"{out}: cannot be written: {error.strerror or error}") from error
+        raise CertificationError(files.not_written(out, error)) from error
 
 
 def _claim(out: Path) -> None:
@@ -115,16 +115,17 @@ def found_files(folder: Path) -> set[str]:
 
 
 def copy_into(folder: Path, copies: dict[str, Path]) -> None:
-    """Copy files to the places in the folder that are their keys. FileFormatError when one cannot be read."""
+    """Copy files to the places in the folder that are their keys. FileFormatError when one cannot be read, OSError when written."""
     for name, source in copies.items():
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             shutil.copyfile(source, target)
-        except (OSError, ValueError) as error:
-            files.read_bytes(source)  # says which of the two it was
-            told = error.strerror if isinstance(error, OSError) and error.strerror else error
-            raise CertificationError(f"{source}: cannot be copied: {told}") from error
+        except OSError:
+            files.read_bytes(source)  # says so where it was this one of the two
+            raise
+        except ValueError as error:
+            raise CertificationError(f"{source}: cannot be copied: {error}") from error
 
 
 def regular_bytes(path: Path) -> bytes:
@@ -191,6 +192,8 @@ def check_seal(folder: Path, public_key: Any | None = None) -> Seal:
     if not folder.is_dir():
         raise CertificationError(f"{folder}: is no folder of a certificate")
     found = found_files(folder)
+    if not found & {MANIFEST, CERTIFICATE}:
+        raise CertificationError(f"{folder}: is no folder of a certificate: it holds neither {MANIFEST} nor {CERTIFICATE}")
     out: list[Difference] = []
     text, content = b"", None
     if MANIFEST in found:
@@ -314,7 +317,11 @@ def opened_zip(path: Path, scratch: Path) -> Iterator[Path]:
         again = hashlib.sha256()
         for piece in zip_pieces(folder, names):
             again.update(piece)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, OSError, zlib.error, struct.error) as error:
+    except OSError as error:
+        if error.errno in files.TO_DO:
+            raise CertificationError(files.not_written(scratch, error, f"{path.name} cannot be unpacked there")) from None
+        raise CertificationError(f"{path}: was changed, or is not the .zip of a certificate: {error}") from None
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error, struct.error) as error:
         raise CertificationError(f"{path}: was changed, or is not the .zip of a certificate: {error}") from None
     if again.hexdigest() != actual:
         raise CertificationError(f"{path}: was changed: it is not, byte for byte, the .zip of the files in it")

@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from lmeasure import files
 from lmeasure.certification.canonical import canonical
-from lmeasure.errors import CertificationError, KeyKeptError
+from lmeasure.errors import CertificationError, KeyKeptError, LMeasureError
 
 SCHEMA = "lmeasure.signature/1"
 _RAW = serialization.Encoding.Raw, serialization.PublicFormat.Raw
@@ -35,7 +35,11 @@ def new_key(path: Path) -> str:
     with files.whole(path) as temporary:
         temporary.touch(mode=0o600)
         temporary.write_bytes(private)
-    files.write_text(public_path, public.decode("ascii"))
+    try:
+        files.write_text(public_path, public.decode("ascii"))
+    except LMeasureError:
+        path.unlink()  # half a pair is no key, and would be in the way of the next
+        raise
     return fingerprint(key.public_key())
 
 

@@ -42,9 +42,9 @@ def rig_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
         )
     points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.drums)]
     x, y, z = zip(*(p.position_mm for p in points), strict=True)
-    names = [f"\u00a0\u00a0{html.label(p.name)}" for p in points]
+    names = [html.label(p.name) for p in points]
     figure.add_scatter3d(
-        x=x, y=y, z=z, mode="markers+text", text=names, textposition="middle right", marker={"size": 4, "color": "black"},
+        x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 4, "color": "black"},
         name=say("observation points"),
     )  # fmt: skip
     x, y, z = campaign.poses.rows[:, :3].T

@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 
 from lmeasure import files
 from lmeasure.catalogue import texts
+from lmeasure.report.labels import place_labels
 from lmeasure.report.words import with_indices
 
 _STYLE = Path(__file__).with_name("page.css")
@@ -179,6 +180,7 @@ def _with_room(drawing: go.Figure) -> None:
         # as large along an axis that is short: a label beside its wall would go behind the next one
         room = max(BEYOND * widest, 1.0)
         drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]} for axis, (low, high) in ends.items()})
+        place_labels(drawing)
 
 
 _SCRIPT = re.compile(r"<script\b[^>]*>(.*?)</script>", re.DOTALL | re.IGNORECASE)

@@ -81,8 +81,8 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
     figure.add_scatter3d(x=along[0], y=along[1], z=along[2], mode="lines", line=look, name=say("cables"), hoverinfo="skip")
     points = np.array([p.position_mm for p in rig.observation_point])
     figure.add_scatter3d(
-        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text", textposition="middle right",
-        text=[f"\u00a0\u00a0{html.label(p.name)}" for p in rig.observation_point],
+        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text",
+        text=[html.label(p.name) for p in rig.observation_point],
         marker={"size": 4, "color": "black"}, name=say("observation points"),
     )  # fmt: skip
     others = [True] * (len(figure.data) - len(levels))

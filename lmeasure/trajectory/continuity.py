@@ -81,7 +81,7 @@ class Away:
 class Continuity:
     """What a run's counts tell of its channels: breaks, moments away and channels that stood, in order of time; acceleration_mm_s2 of the
     motion, least_mm (m,) the smallest step that would have been seen everywhere, infinite where none would, clock_s where all channels
-    step as if the clock did."""
+    step as if the clock did, jitter_mm (m,) what of least_mm is from time stamps that jitter."""
 
     breaks: tuple[Break, ...]
     away: tuple[Away, ...]
@@ -89,6 +89,7 @@ class Continuity:
     acceleration_mm_s2: float
     least_mm: FloatArray
     clock_s: tuple[float, ...] = ()
+    jitter_mm: FloatArray | None = None
 
 
 class ContinuityFinder:
@@ -168,7 +169,7 @@ class ContinuityFinder:
         lost, away = self._bridged(breaks)
         least = STEP_MM + SMALLEST_COUNTS * self._count_mm + MARGIN * acceleration * self._geometry + self._jitter_mm
         least = np.where(self._looked, least, np.inf)
-        return Continuity(tuple(lost), tuple(away), stood, self._acceleration, least, tuple(sorted(clock)))
+        return Continuity(tuple(lost), tuple(away), stood, self._acceleration, least, tuple(sorted(clock)), self._jitter_mm.copy())
 
     def _usual(self, number: int) -> FloatArray:
         """(m,) the acceleration of each cable by habit, in all but some hundredths of the run: a tool may have a way along which it

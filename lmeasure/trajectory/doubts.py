@@ -134,7 +134,12 @@ def _seen(rig: Rig, continuity: Continuity) -> Finding:
     j = int(np.argmax(np.where(np.isfinite(continuity.least_mm), continuity.least_mm, 0.0)))
     drum = rig.point(rig.cable[j].from_point).drum
     mm = float(continuity.least_mm[j])
-    seen = finding("steps.seen", counts=mm / drum.count_length_mm * drum.scale, mm=mm, mm_s2=float(continuity.acceleration_mm_s2))
+    step = {"counts": mm / drum.count_length_mm * drum.scale, "mm": mm}
+    if continuity.jitter_mm is not None and continuity.jitter_mm[j] > mm / 2.0:
+        return finding("steps.seen.clock", **step)
+    if continuity.acceleration_mm_s2 == 0.0:
+        return finding("steps.seen.rounding", **step)
+    seen = finding("steps.seen", **step, mm_s2=float(continuity.acceleration_mm_s2))
     return finding("steps.seen.slow", seen=seen) if mm > COARSE_MM else seen
 
 

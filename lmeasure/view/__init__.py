@@ -16,3 +16,8 @@ Entities
 
 Timelines: `time` (seconds of the run) and `sample` (its row), or `pose` (number of the reference pose, from 1).
 """
+
+import os
+
+# what rerun logs of files that it cannot write is said by the error of whoever writes them; read when rerun is first loaded
+os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")

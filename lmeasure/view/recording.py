@@ -37,16 +37,25 @@ def recording(path: Path, name: str) -> Iterator[rr.RecordingStream]:
         rec = rr.RecordingStream("lmeasure")
         if not rr.is_enabled(rec):
             raise LMeasureError(f"{path}: the environment variable RERUN switches recordings off")
+        _room(temporary)  # without any, rerun may wait for ever
+        temporary.unlink()
         try:
             rec.save(temporary)
             rec.send_recording_name(name)
             yield rec
             rec.flush()
         except RuntimeError as error:
+            _room(temporary)  # rerun does not say whether the disk is full
             raise LMeasureError(f"{path}: cannot be written: {error}") from error
         finally:
             rec.disconnect()
         check_recording(temporary, path)
+
+
+def _room(path: Path) -> None:
+    """OSError where the file cannot grow; it is left as one that cannot be used."""
+    with path.open("ab") as file:
+        file.write(bytes(1 << 16))
 
 
 def entity_path(*parts: str) -> str:

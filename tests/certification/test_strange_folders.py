@@ -15,6 +15,11 @@ from lmeasure.certification.verify import read_certificate, verify
 from lmeasure.errors import CertificationError, KeyKeptError, LMeasureError
 
 
+def test_a_folder_without_a_certificate_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CertificationError, match=f"{tmp_path}: is no folder of a certificate: it holds neither manifest.json nor"):
+        verify(tmp_path)
+
+
 def test_keys_are_kept_and_refused(tmp_path: Path) -> None:
     path = tmp_path / "k.pem"
     new_key(path)

@@ -41,7 +41,7 @@ WORDS = {
     "report": "run --out out",
     "simulate": "scenario.toml --out out",
     "zone": f"rig.toml {GRID} --out out.nc --report out",
-    "check-instrument": "run --calibration calibrated --out out",
+    "check-instrument": "run --rig calibrated/rig.toml --out out",
 }
 QUICK = ("certify", "verify", "identify")
 

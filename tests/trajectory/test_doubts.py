@@ -1,5 +1,7 @@
 """What becomes of breaks, moments and stands: from when until when a channel is in doubt, what proves it right, and what is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells import FloatArray, cell
@@ -183,6 +185,10 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
     )
     assert "too slowly" not in str(unseen(cell(), found(least_mm=1.0)))
     assert str(unseen(cell(), found(least_mm=1.01))).endswith("; it is sampled too slowly for its speed to show smaller ones")
+    jitter = replace(found(least_mm=1.5), jitter_mm=np.full(6, 1.0))
+    assert str(unseen(cell(), jitter)).endswith("(1.5 mm) and more are seen, the jitter of the time stamps being the limit")
+    still = replace(found(least_mm=0.1), acceleration_mm_s2=0.0, jitter_mm=np.zeros(6))
+    assert str(unseen(cell(), still)).endswith("(0.1 mm) and more are seen, the rounding of the counts being the limit")
     (stepped,) = judged(scaled(0.5), found(at(0, 1.0, cell().observation_point[0].drum.count_sign * 2.4)), NO_RESTS).notes
     assert "+100 counts" in str(stepped)
 

@@ -1,0 +1,77 @@
+"""Labels of a drawing in space: each on the side of its marker where, as the page opens, nothing else stands."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from scipy.spatial.distance import cdist
+
+from lmeasure.arrays import FloatArray
+
+SIDES: dict[str, tuple[float, float]] = {
+    "middle right": (1.0, 0.0),
+    "middle left": (-1.0, 0.0),
+    "top center": (0.0, 0.8),
+    "bottom center": (0.0, -0.8),
+}
+REACH = 0.05
+"""From a marker to the middle of its label, in widths of the drawing."""
+STEPS = np.linspace(0.0, 1.0, 20)
+GAP = "\u00a0\u00a0"
+
+
+def place_labels(drawing: go.Figure) -> None:
+    """Give each label its side, seen from the eye of the drawing's camera. What is hidden as the page opens is in nobody's way."""
+    own = [t for t in drawing.data if t.type == "scatter3d" and t.visible in (None, True)]
+    named = [t for t in drawing.data if t.type == "scatter3d" and "text" in (t.mode or "")]
+    camera = drawing.layout.scene.camera.eye
+    eye = (camera.x, camera.y, camera.z)
+    taken = [_seen(place, eye) for t in own for place in _places(t)]
+    every = np.concatenate([_seen(_points(t), eye) for t in {id(t): t for t in own + named}.values()] or [np.empty((0, 2))])
+    if not named or not len(every):
+        return
+    reach = REACH * max(float(np.ptp(every, axis=0).max()), 1e-9)
+    obstacles = np.concatenate([*taken, np.empty((0, 2))])
+    for trace in named:
+        texts = [str(text) for text in trace.text]
+        sides, obstacles = _sides(_seen(_points(trace, whole=True), eye), texts, obstacles, reach)
+        pads = {"middle right": (GAP, ""), "middle left": ("", GAP)}
+        trace.text = [f"{pads[s][0]}{t}{pads[s][1]}" if t and s in pads else t for s, t in zip(sides, texts, strict=True)]
+        trace.textposition = sides
+
+
+def _sides(at: FloatArray, texts: list[str], obstacles: FloatArray, reach: float) -> tuple[list[str], FloatArray]:
+    """A side for each label at (n, 2), and the obstacles (m, 2) with the labels among them."""
+    sides = []
+    for place, text in zip(at, texts, strict=True):
+        middles = place + reach * np.array(list(SIDES.values()))
+        # its own marker is as near on every side
+        others = obstacles[np.hypot(*(obstacles - place).T) > 1e-3 * reach]
+        room = np.minimum(cdist(middles, others).min(axis=1), 2.0 * reach) if len(others) else np.ones(len(middles))
+        best = int(np.argmax(room)) if text and np.isfinite(room).all() else 0
+        sides.append(list(SIDES)[best])
+        if text and np.isfinite(middles[best]).all():
+            obstacles = np.vstack([obstacles, middles[best]])
+    return sides, obstacles
+
+
+def _seen(points: FloatArray, eye: tuple[float, float, float]) -> FloatArray:
+    """(n, 2) of points (n, 3): to the right and up, as seen from the eye."""
+    ahead = -np.array(eye) / np.linalg.norm(eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= max(float(np.linalg.norm(right)), 1e-9)
+    return points @ np.column_stack([right, np.cross(right, ahead)])
+
+
+def _points(trace: Any, *, whole: bool = False) -> FloatArray:
+    """(n, 3) of a trace, without gaps unless whole."""
+    points = np.column_stack([np.array(trace[axis], dtype=np.float64) for axis in "xyz"])
+    return points if whole else points[np.isfinite(points).all(axis=1)]
+
+
+def _places(trace: Any) -> list[FloatArray]:
+    """Where a trace draws: its markers, and points along its lines."""
+    points = _points(trace, whole=True)
+    drawn = [points] if "lines" not in (trace.mode or "") else [a + STEPS[:, None] * (b - a) for a, b in itertools.pairwise(points)]
+    return [each[np.isfinite(each).all(axis=1)] for each in drawn]
