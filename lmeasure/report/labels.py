@@ -12,11 +12,17 @@ from lmeasure.arrays import FloatArray
 SIDES: dict[str, tuple[float, float]] = {
     "middle right": (1.0, 0.0),
     "middle left": (-1.0, 0.0),
-    "top center": (0.0, 0.8),
-    "bottom center": (0.0, -0.8),
+    "top center": (0.0, 0.7),
+    "bottom center": (0.0, -0.7),
+    "top right": (0.9, 0.6),
+    "top left": (-0.9, 0.6),
+    "bottom right": (0.9, -0.6),
+    "bottom left": (-0.9, -0.6),
 }
-REACH = 0.05
-"""From a marker to the middle of its label, in widths of the drawing."""
+REACH = 0.1
+"""From a marker to the middle of its label, in widths of the drawing: between a telephone's and a desk's."""
+WIDE = np.array([1.6, 1.0])
+"""A label is wider than high."""
 STEPS = np.linspace(0.0, 1.0, 20)
 GAP = "\u00a0\u00a0"
 
@@ -48,7 +54,8 @@ def _sides(at: FloatArray, texts: list[str], obstacles: FloatArray, reach: float
         middles = place + reach * np.array(list(SIDES.values()))
         # its own marker is as near on every side
         others = obstacles[np.hypot(*(obstacles - place).T) > 1e-3 * reach]
-        room = np.minimum(cdist(middles, others).min(axis=1), 2.0 * reach) if len(others) else np.ones(len(middles))
+        room = cdist(middles / WIDE, others / WIDE, "chebyshev").min(axis=1) if len(others) else np.ones(len(middles))
+        room = np.minimum(room, reach)
         best = int(np.argmax(room)) if text and np.isfinite(room).all() else 0
         sides.append(list(SIDES)[best])
         if text and np.isfinite(middles[best]).all():

@@ -54,12 +54,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     head = read_run_head(settings.run, settings.rig, stated)
     named = head.rig.angles if settings.angles else None
     linear = settings.uncertainty == "linear"
+    progress(0.0, "reconstruct")
     if can_stream(head) and linear:
         with _each_piece(settings.rerun, head) as each:
             told = steps(progress, "reconstruct")
             summary = reconstruct_stream(head, settings.out, settings.constraint, named, progress=told, each=each, judge=explained)
         return Result(summary, tuple(summary.text().splitlines()), summary.figures())
-    progress(0.0, "reconstruct")
     recorded = read_run(settings.run, settings.rig, stated)
     trajectory = reconstruct(
         recorded,
