@@ -88,7 +88,7 @@ def facts(certificate: dict[str, Any]) -> say.Rows:
     )
     program = certificate["program"]
     rows.append(
-        (word(language, "section.commanded"), word(language, "summary.program", poses=len(program["pose"]), paths=len(program["path"])))
+        (word(language, "summary.commanded"), word(language, "summary.program", poses=len(program["pose"]), paths=len(program["path"])))
     )
     rows.append((word(language, "summary.instrument"), "; ".join(say.instrument(certificate))))
     return rows

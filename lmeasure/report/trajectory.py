@@ -12,6 +12,7 @@ from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, mer
 from lmeasure.arrays import FloatArray
 from lmeasure.catalogue import decimal, texts
 from lmeasure.causes import Cause
+from lmeasure.certification.printed import with_u95
 from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.kernels.layout import BASE_XYZ
 from lmeasure.report import html
@@ -103,8 +104,8 @@ def summary(found: Along, language: str) -> list[tuple[str, str]]:
         rows.append((words["angle"], f"{number(np.nanmax(trajectory.worst_pressure_angle_deg), '.1f')}°"))
     if found.motion is not None:
         speed, u95 = found.motion.largest_speed()
-        stated = f" ± {number(u95, '.3g')}" if u95 > 0.0 else ""
-        rows.append((words["speed"], f"{number(speed)}{stated} {words['mm/s']}"))
+        told = [decimal(language, one) for one in with_u95(speed, u95)] if u95 > 0.0 else [number(speed)]
+        rows.append((words["speed"], f"{' ± '.join(told)} {words['mm/s']}"))
         rows.append((words["path"], f"{number(float(np.nanmax(found.motion.path_mm)), '.6g')} {words['mm']}"))
     else:
         rows.append((words["speed"], words["no speed"].format(why=found.no_motion)))
@@ -186,7 +187,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
                 x=px, y=py, z=pz, mode="markers", marker={"size": 4, "color": colour, "symbol": "diamond"}, text=told, name=words[key],
                 hoverinfo="text",
             )  # fmt: skip
-    scene = axes(say) | {"camera": {"eye": {"x": 1.7, "y": -1.7, "z": 1.1}}}
+    scene = axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.2}, "center": html.CAMERA["center"]}}
     return figure.update_layout(height=720, margin={"l": 0, "r": 0, "t": 30, "b": 135}, scene=scene, legend=html.LEGEND)
 
 

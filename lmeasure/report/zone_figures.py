@@ -92,7 +92,7 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
     ]
     figure.update_layout(
         sliders=[{"active": first, "currentvalue": {"prefix": say("level Z = "), "suffix": say(" mm")}, "steps": steps, "pad": {"t": 70}}],
-        scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}}},
+        scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}, "center": html.CAMERA["center"]}},
         height=760,
         margin={"t": 10, "b": 10, "l": 10, "r": 10},
         legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
