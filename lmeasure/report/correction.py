@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
 from lmeasure.report import html
 from lmeasure.report.words import axes
@@ -71,19 +72,20 @@ def _figures(found: Corrected, say: Say) -> list[tuple[str, str]]:
 
 
 def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
-    """Error of each target before and after, and the U95 of where the robot goes."""
+    """Error of each target before, and on a scale of their own below what is left and the U95 of where the robot goes."""
     names = [html.label(o.target.name) for o in done]
     columns = (
-        (say("before"), BEFORE, [o.correction.was_mm for o in done if o.correction is not None]),
-        (say("left"), AFTER, [o.correction.left_mm for o in done if o.correction is not None]),
-        ("U95", U95, [o.u95_mm for o in done]),
+        (1, say("before"), BEFORE, "circle", [o.correction.was_mm for o in done if o.correction is not None]),
+        (2, say("left"), AFTER, "circle", [o.correction.left_mm for o in done if o.correction is not None]),
+        (2, "U95", U95, "line-ew-open", [o.u95_mm for o in done]),
     )
-    figure = go.Figure()
+    figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.08)
     place = list(range(1, len(done) + 1))
-    for name, colour, values in columns:
-        figure.add_scatter(x=place, y=values, text=names, mode="markers", name=name, marker={"color": colour, "size": 7})
-    figure.update_layout(height=420, margin={"t": 20})
-    return figure.update_xaxes(title=say("target, in the program's order")).update_yaxes(title=say("mm"), rangemode="tozero")
+    for row, name, colour, symbol, values in columns:
+        look = {"color": colour, "size": 7, "symbol": symbol}
+        figure.add_scatter(x=place, y=values, text=names, mode="markers", name=name, marker=look, row=row, col=1)
+    figure.update_layout(height=520, margin={"t": 20})
+    return figure.update_xaxes(title=say("target, in the program's order"), row=2).update_yaxes(title=say("mm"), rangemode="tozero")
 
 
 def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure, float]:

@@ -110,9 +110,13 @@ LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "co
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
 """A colour bar under its figure, for the same reason."""
-CAMERA = {"eye": {"x": 1.45, "y": 1.45, "z": 0.95}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+CAMERA = {"eye": {"x": 1.6, "y": 1.6, "z": 1.05}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
 BESIDE = 120
 """Height of what stands beside a scene, buttons, legend, colour bar, in pixels."""
+NAMES, NAME = 4, 18
+"""Of a legend: names for which that is enough on a telephone, and pixels for each more."""
+FLATTEST = 0.05
+"""Of the widest side of a scene: what a side of none counts for."""
 BEYOND = 0.08
 """Of the extent: room around a scene, beyond which labels would be cut off."""
 
@@ -139,7 +143,9 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
     ready = str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
     if not scene:
         return ready
-    return f'<div class="scene" style="height:min({given}px, calc(72vw + {BESIDE}px))">{ready}</div>'
+    names = sum(trace.showlegend is not False and bool(trace.name) for trace in drawing.data)
+    beside = BESIDE + NAME * max(0, names - NAMES)
+    return f'<div class="scene" style="height:min({given}px, calc(72vw + {beside}px))">{ready}</div>'
 
 
 def settled(drawing: go.Figure) -> go.Figure:
@@ -167,19 +173,28 @@ def _in_space(trace: Any) -> bool:
 
 
 def _with_room(drawing: go.Figure) -> None:
-    """Figures at the axes that do not stand in each other where one is short beside the others, and ranges in which labels have room."""
+    """Figures at the axes that do not stand in each other where one is short beside the others, ranges in which labels have room, and an
+    eye that sees all of it."""
     own = [trace for trace in drawing.data if _in_space(trace) and trace.visible != "legendonly"]
     values = {axis: np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own]) for axis in "xyz"} if own else {}
     ends = {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items() if np.isfinite(each).any()}
     widest = max((high - low for low, high in ends.values()), default=0.0)
+    labelled = any("text" in str(getattr(trace, "mode", "")) for trace in own)
+    # as large along an axis that is short: a label beside its wall would go behind the next one
+    room = max(BEYOND * widest, 1.0) if labelled else 0.0
     for axis in "xyz":
         low, high = ends.get(axis, (0.0, 0.0))
         ticks = 5 if not widest else max(2, round(5.0 * (high - low) / widest))
         drawing.update_scenes({f"{axis}axis": {"nticks": ticks}})
-    if any("text" in str(getattr(trace, "mode", "")) for trace in own):
-        # as large along an axis that is short: a label beside its wall would go behind the next one
-        room = max(BEYOND * widest, 1.0)
+    if labelled:
         drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]} for axis, (low, high) in ends.items()})
+    if widest:
+        sides = np.array([max(high - low, FLATTEST * widest) + 2.0 * room for low, high in (ends.get(axis, (0.0, 0.0)) for axis in "xyz")])
+        # plotly keeps the product of the sides: what is flat or long is drawn larger than a cube, and the eye goes back as much
+        away = float(np.linalg.norm(sides) / np.cbrt(np.prod(sides)) / np.sqrt(3.0))
+        eye = drawing.layout.scene.camera.eye
+        drawing.update_scenes({"camera": {"eye": {axis: away * eye[axis] for axis in "xyz"}}})
+    if labelled:
         place_labels(drawing)
 
 

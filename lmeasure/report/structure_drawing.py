@@ -7,6 +7,7 @@ from itertools import permutations
 from lmeasure.lcoordinate.structures import Structure
 
 WIDTH, HEIGHT = 190.0, 150.0
+BELOW = 8.0  # for the letter under the nearest point
 BASE_INK, PLATFORM_INK, LINK_INK, WARN = "#1f2933", "#1d4ed8", "#8a94a0", "#c2410c"
 Place = tuple[float, float]
 
@@ -57,7 +58,8 @@ def _polygon(places: Sequence[Place], fill: str, ink: str) -> str:
 
 def svg(structure: Structure) -> str:
     """A picture of its own, for a page."""
-    return f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" height="{HEIGHT:g}" role="img">{drawing(structure)}</svg>'
+    high = HEIGHT + BELOW
+    return f'<svg viewBox="0 0 {WIDTH:g} {high:g}" width="{WIDTH:g}" height="{high:g}" role="img">{drawing(structure)}</svg>'
 
 
 def sheet(structures: Sequence[Structure], captions: Sequence[Sequence[str]], columns: int = 6) -> str:
