@@ -40,13 +40,14 @@ def write_trajectory_page(
 ) -> None:
     """Write a self-contained HTML page of the trajectory called name, whole or not at all; inputs: files with their SHA-256."""
     words = texts(DOMAIN, language)
+    shown = {"space.told": True, "space.colour": found.worst is not None, "space.rig": rig is not None}
     body = [
         STYLE,
         *_verdict(found, rig, language),
         html.table(("", ""), summary(found, language), "figures"),
         *_left_out(found, language),
         html.heading(words["space"]),
-        html.paragraph(words["space.told"]),
+        html.paragraph(" ".join(words[key] for key, there in shown.items() if there)),
         html.figure(space_figure(found, rig, language), "space", first=True, language=language),
         html.heading(words["time"]),
         html.paragraph(words["time.told"] + (f" {words['time.thinned']}" if len(found.rows) < len(found.u95_mm) else "")),
