@@ -4,7 +4,8 @@ poses.
     python simulated_cell.py RIG.toml PLANNED.csv '{"interface": "udp_multicast", ...}'
 
 RIG.toml is the rig as it was built. What is done stands on standard input, a line each: `pull c1`, `let c1`, `turn B1`, `rest all` (what
-was pulled or turned goes back), `go 3` (the pose of that name). Counters were zeroed at the first pose, where the robot stands.
+was pulled or turned goes back), `go 3` (the pose of that name); `done` on standard output when it is. Counters were zeroed at the first
+pose, where the robot stands.
 """
 
 import json
@@ -47,10 +48,13 @@ def main(rig_file: str, planned: str, bus: dict[str, Any]) -> None:
         row = np.zeros(len(order))
         with can.Bus(**bus) as sender:
             while not ended.is_set():
-                rows = ways.get() if not ways.empty() else row[None]
+                way = None if ways.empty() else ways.get()
+                rows = row[None] if way is None else way
                 for row in rows:
                     send(frames_from_counts(np.zeros(1), np.rint(row[order])[None], fields, rig.can_table.sync_id), sender, paced=False)
                     time.sleep(SAMPLES_S)  # a host that is busy makes the robot slow, not the drums fast
+                if way is not None:
+                    print("done", flush=True)
 
     def counted(here: int, there: int) -> np.ndarray:
         # it stands at the end: the last sample of a motion lies up to a sample before its end
@@ -94,10 +98,12 @@ def cell(folder: Path, rig_file: Path, planned: Path, bus: dict[str, Any]) -> It
     """The process, and who is asked to do something there."""
     root = str(Path(__file__).parent.parent)
     words = [sys.executable, __file__, str(rig_file), str(planned), json.dumps(bus)]
-    with subprocess.Popen(words, cwd=folder, stdin=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": root}) as process:
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(words, cwd=folder, env=os.environ | {"PYTHONPATH": root}, **pipes) as process:
         assert process.stdin is not None
+        assert process.stdout is not None
         try:
-            yield Person(process.stdin)
+            yield Person(process.stdin, process.stdout)
         finally:
             process.stdin.close()
 
@@ -105,8 +111,8 @@ def cell(folder: Path, rig_file: Path, planned: Path, bus: dict[str, Any]) -> It
 class Person:
     """Does in the cell what commands ask in English."""
 
-    def __init__(self, cell: IO[str]) -> None:
-        self._cell = cell
+    def __init__(self, cell: IO[str], told: IO[str]) -> None:
+        self._cell, self._told, self._asked = cell, told, 0
 
     def do(self, text: str) -> None:
         """What a step of `lmeasure check` asks, or a line of `lmeasure capture` that names a pose."""
@@ -122,7 +128,14 @@ class Person:
         elif "pose" in words and "of" in words:
             self._tell("go", words[words.index("pose") + 1])
 
+    def done(self) -> None:
+        """Wait until all that was asked is done: on a machine that is busy, the cell takes its time."""
+        while self._asked:
+            assert self._told.readline() == "done\n"
+            self._asked -= 1
+
     def _tell(self, what: str, name: str) -> None:
+        self._asked += 1
         print(what, name, file=self._cell, flush=True)
 
 

@@ -61,7 +61,8 @@ def walked(capsys: pytest.CaptureFixture[str], person: Person, *words: Any, code
             lines.append(line.rstrip())
             if line.rstrip().endswith("then press Enter"):
                 person.do(line.partition(" ")[2])
-                time.sleep(0.2)  # a cable takes its time to be pulled
+                person.done()
+                time.sleep(0.2)  # until the last counts have come
                 print(file=process.stdin, flush=True)
             elif line.startswith(("pose ", "back to the first: pose ")):
                 person.do(line)
