@@ -5,21 +5,25 @@
 The brute force reads robot.toml by itself and knows a leg as a drawing shows it: a carriage by the angle between two circles, a hinged one
 by the vertical plane through it, an arm by the law of cosines, a strut by its length, a slider by a quadratic. Limits are joints', gaps',
 cones', the centre of mass and the distance from singular poses. Its volume is that of random places; the grid's can be off by half of the
-cells at the boundary at most, which is its error here.
+cells at the boundary at most, which is its error here. Robots of fewer freedoms are in `workspaces_told`.
 """
 
 import argparse
 import math
 import sys
 import tomllib
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import workspaces_told
 from numpy.typing import NDArray
 
+from lmeasure import se3
 from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.limits import checked
 from lmeasure.robots.parallel.study import over_grid
 from lmeasure.robots.robot import any_shipped
 
@@ -49,6 +53,24 @@ CASES = (
     Case("logos", (-500, 500, 25), (-500, 500, 25), (400, 1000, 25), 20.0),
     Case("three-prr", (-250, 250, 5), (-250, 250, 5), (-1, 1, 1), 10.0),
 )
+
+
+class Told(NamedTuple):
+    """A robot of fewer freedoms, the grid (least, most, step) of what it is told, their unit, and which of them by brute force it can
+    take: `workspaces_told`."""
+
+    robot: str
+    axes: tuple[tuple[float, float, float], ...]
+    unit: str
+    can: Callable[[dict[str, Any], FloatArray], BoolArray]
+
+
+TOLD = (
+    Told("crank-platform", ((-8, 8, 1), (-8, 8, 1), (180, 206, 2)), "deg deg mm", workspaces_told.crank_platform),
+    Told("seven-link", ((30, 200, 0.5),), "mm", workspaces_told.seven_link),
+)
+MOST_TOLD = 5000
+"""Random values of what these are told: each is looked for by itself."""
 
 
 def kept(data: dict[str, Any], places: FloatArray, yaw: float) -> BoolArray:
@@ -244,6 +266,37 @@ def beside(case: Case, poses: int) -> tuple[int, int, float, float, float, float
     )
 
 
+def taken(robot: str, told: FloatArray) -> BoolArray:
+    """(N,) whether by the program it can take told (N, k): turns about x and y [deg] and z, or x [mm], as from home."""
+    file = any_shipped(robot)
+    assert isinstance(file, ParallelFile)
+    model, delta = file.model, np.zeros((len(told), 6))
+    if told.shape[1] == 3:
+        delta[:, :2] = np.radians(told[:, :2])
+    asked = se3.displaced(np.tile(model.home, (len(told), 1)), delta)
+    asked[:, 2 if told.shape[1] == 3 else 0] = told[:, -1]
+    poses = model.nearest(asked)
+    lost = np.isnan(poses[:, :1])
+    return checked(model, file.limits, np.where(lost, model.home, poses)).all & ~lost[:, 0]
+
+
+def beside_told(case: Told, poses: int) -> tuple[int, int, float, float, float, float]:
+    """As `beside`, sizes in the units of what is told."""
+    data, axes = read(case.robot), tuple(np.arange(a, b + 0.5 * step, step) for a, b, step in case.axes)
+    scale = np.array([np.radians(1.0)] * 2 + [1.0]) if len(axes) == 3 else np.ones(1)
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    inside, own = taken(case.robot, nodes), case.can(data, nodes * scale)
+    padded = np.pad(inside.reshape([len(axis) for axis in axes]), 1)
+    differs = np.logical_or.reduce([padded != np.roll(padded, shift, axis) for axis in range(len(axes)) for shift in (-1, 1)])
+    steps = np.array([step for _, _, step in case.axes])
+    cell, box = float(np.prod(steps)), float(np.prod([len(axis) * step for axis, step in zip(axes, steps, strict=True)]))
+    low, high = (np.array([axis[end] for axis in axes]) + way * 0.5 * steps for end, way in ((0, -1.0), (-1, 1.0)))
+    places = np.random.default_rng(SEED).uniform(low, high, (min(poses, MOST_TOLD), len(axes)))
+    part = float(case.can(data, places * scale).mean())
+    u = box * math.sqrt(part * (1.0 - part) / len(places))
+    return len(nodes), int((own != inside).sum()), float(inside.sum()) * cell, 0.5 * float(differs.sum()) * cell, part * box, u
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--poses", type=int, default=2_000_000)
@@ -259,6 +312,20 @@ def main() -> None:
         turn = "any" if case.yaw is None else f"{case.yaw:g} deg"
         sizes = " | ".join(f"{v / 1e6:.4f}" for v in (volume, error, random, u))
         lines.append(f"| {case.robot} | {turn} | {nodes} | {other} | {sizes} |")
+        print(lines[-1], flush=True)
+        bad |= other > 0 or abs(volume - random) > error + 3.0 * u
+    head = "| robot | unit | nodes | judged otherwise | size | at most off by | of random ones | standard uncertainty |"
+    lines += [
+        "",
+        "Of what robots of fewer freedoms are told: tilts and height of the crank platform, x of the body on five rods.",
+        "",
+        head,
+    ]
+    lines.append("|---" * 8 + "|")
+    for told in TOLD:
+        nodes, other, volume, error, random, u = beside_told(told, asked.poses)
+        sizes = " | ".join(f"{v:.2f}" for v in (volume, error, random, u))
+        lines.append(f"| {told.robot} | {told.unit} | {nodes} | {other} | {sizes} |")
         print(lines[-1], flush=True)
         bad |= other > 0 or abs(volume - random) > error + 3.0 * u
     if asked.write:

@@ -10,11 +10,14 @@ from lmeasure import se3
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.calibration.reach import Limits, Usable
 from lmeasure.errors import RobotError
+from lmeasure.kernels.cable import wrap_geometry
 from lmeasure.rig import Rig
 from lmeasure.robots.inverse import reach_mm
+from lmeasure.robots.mechanisms.jacobians import nearness
 from lmeasure.robots.model import RobotModel
 from lmeasure.robots.parallel import limits
 from lmeasure.robots.parallel.model import EQUATIONS, Parallel
+from lmeasure.robots.platform import Platform
 from lmeasure.robots.serial_robot import SerialRobot
 
 if TYPE_CHECKING:
@@ -29,6 +32,8 @@ BETWEEN = 9
 WRIST, CLEARANCE = 3, 0.1
 """Joints whose links may come near each other, and parts of the reach by which flange and target keep away from the others: where an arm
 runs into itself its links alone do not say."""
+LEAST_PART = 0.1
+"""Of what it is at home: the determinant of the cables, and a planned mechanism's distance from its singular poses, least."""
 FACTOR = 64
 """Most candidates tried for each one that is wanted."""
 
@@ -36,13 +41,15 @@ FACTOR = 64
 @dataclass(frozen=True)
 class Allowed:
     """robot; instrument_from_base, tool (7,): where it is taken to stand and its target to sit; keep_out (k, 3, 2): boxes [mm, robot's
-    base] that neither its links nor its target may enter; zone: of `lmeasure zone`, or a rig whose cables must be usable, None: all."""
+    base] that neither its links nor its target may enter; zone: of `lmeasure zone`, or a rig whose cables must be usable, None: all;
+    regular: part of its home's distance from singular poses that a mechanism keeps, to be there too where it was built otherwise."""
 
     robot: RobotModel
     instrument_from_base: FloatArray
     tool: FloatArray
     keep_out: FloatArray
     zone: "xr.Dataset | Rig | None" = None
+    regular: float = 0.0
 
     def __call__(self, joints: FloatArray) -> BoolArray:
         """(N,) whether joint values (N, n) are allowed."""
@@ -57,6 +64,7 @@ class Allowed:
         good = np.asarray(((joints >= low) & (joints <= high)).all(axis=1) & np.isfinite(target).all(axis=1))
         if isinstance(self.robot, Parallel):
             good &= limits.checked(self.robot, self.robot.bounds, flange).all
+            good &= self._regular(self.robot, flange, joints)
         body = self._body(joints, flange, target)
         for box in self.keep_out:
             good &= ~((body >= box[:, 0]) & (body <= box[:, 1])).all(axis=2).any(axis=1)
@@ -65,9 +73,24 @@ class Allowed:
             return good
         seen = se3.compose(np.broadcast_to(self.instrument_from_base, target.shape), target)
         if isinstance(self.zone, Rig):
-            usable = Usable(self.zone, tuple(c for c in self.zone.cable if c.passage == 1), Limits(), seen[0])
-            return np.asarray(good & usable(seen))
+            cables = tuple(c for c in self.zone.cable if c.passage == 1)
+            usable = Usable(self.zone, cables, Limits(), seen[0])
+            return np.asarray(good & usable(seen) & self._told(self.zone.cable_rows(cables), seen))
         return good & _in_zone(self.zone, seen)
+
+    def _regular(self, robot: Parallel, flange: FloatArray, joints: FloatArray) -> BoolArray:
+        """(N,) whether poses (N, 7) of the mechanism keep away from singular ones."""
+        poses, drives = np.concatenate([robot.home[None], flange]), np.concatenate([robot.home_joints[None], joints])
+        near = nearness(robot.jacobians(poses, drives).output, robot.units)
+        return np.asarray(near[1:] >= self.regular * near[0])
+
+    def _told(self, cables: FloatArray, seen: FloatArray) -> BoolArray:
+        """(N,) whether six cables tell target poses (N, 7) of a platform: on the side of the cables' singular poses where its home is."""
+        if not isinstance(self.robot, Parallel | Platform) or len(cables) != EQUATIONS:
+            return np.ones(len(seen), np.bool_)
+        home = se3.compose(self.instrument_from_base, se3.compose(self.robot.home, self.tool))
+        det = _determinants(cables, np.concatenate([home[None], seen]))
+        return np.asarray(det[1:] > LEAST_PART * det[0] if det[0] > 0.0 else det[1:] < LEAST_PART * det[0])
 
     def _body(self, joints: FloatArray, flange: FloatArray, target: FloatArray) -> FloatArray:
         """(N, k, 3) points of the links, or where these are not known of the flange and the target."""
@@ -117,6 +140,14 @@ class Allowed:
             return limits.spread(self.robot, unit, most_rad=TURN_RAD)
         low, high = (np.where(self.robot.sliding, v, np.clip(v, -TURN_RAD, TURN_RAD)) for v in self.robot.limits)
         return np.asarray(low + unit * (high - low))
+
+
+def _determinants(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(N,) of the Pluecker coordinates of six cables' free spans about the target at poses (N, 7); NaN where one cannot run."""
+    _, tangent, attachment, _ = wrap_geometry(cables, np.ascontiguousarray(poses))
+    span = attachment - tangent
+    d = span / np.linalg.norm(span, axis=-1, keepdims=True)
+    return np.asarray(np.linalg.det(np.concatenate([np.cross(attachment - poses[:, None, :3], d), d], axis=-1)))
 
 
 def _in_zone(zone: "xr.Dataset", poses: FloatArray) -> BoolArray:

@@ -18,6 +18,8 @@ GRAVITY_M_S2 = 9.80665
 MAX_SAMPLES = 50_000_000
 APPROACH_S = 0.05
 """Before its arrival, the time over which a joint's direction decides on which side its backlash lies."""
+BETWEEN = 101
+"""Joint values of a way that are looked at before it is gone."""
 
 
 class Mechanics(Protocol):
@@ -84,11 +86,16 @@ class SimulatedRobot:
         self, joints: FloatArray, names: Sequence[str], rate_hz: float, rng: np.random.Generator, *, rates: FloatArray, dwell_s: float
     ) -> "Performance":
         """Drive all joints together to one row of joints (k, n) after the other, evenly, none faster than rates (n,) a second, with a
-        rest at each; it begins at the first. RobotError names a sample whose joint values have no pose."""
+        rest at each; it begins at the first, and goes over where it rests where the straight way has no poses. RobotError names a sample
+        whose joint values have none."""
         spans, knots, rows = [], [0.0], [joints[0]]
         for row in joints:
+            begin = knots[-1]
+            if not self._there(rows[-1], row):
+                knots.append(begin + float(np.abs((self.rest - rows[-1]) / rates).max()))
+                rows.append(self.rest)
             arrival = knots[-1] + float(np.abs((row - rows[-1]) / rates).max())
-            spans.append(Span(knots[-1], arrival + sum(self.ramp_s), arrival + sum(self.ramp_s) + dwell_s))
+            spans.append(Span(begin, arrival + sum(self.ramp_s), arrival + sum(self.ramp_s) + dwell_s))
             knots += [arrival, spans[-1].end_s]
             rows += [row, row]
         asked = _sampled(knots, np.array(rows), self.ramp_s, rate_hz)
@@ -96,6 +103,14 @@ class SimulatedRobot:
         ends = np.searchsorted(np.arange(len(asked)) / rate_hz, [s.end_s + 1e-9 for s in spans], side="right") - 1
         commands = [Command(setpoints[end][None], np.inf, dwell_s, name) for name, end in zip(names, ends, strict=True)]
         return self._gone(commands, setpoints, spans, asked, rate_hz, rng)
+
+    def _there(self, begin: FloatArray, end: FloatArray) -> bool:
+        """Whether all joint values (n,) between two have a pose."""
+        try:
+            self.nominal.forward(begin + np.linspace(0.0, 1.0, BETWEEN)[:, None] * (end - begin))
+        except RobotError:
+            return False
+        return True
 
     def _gone(
         self,

@@ -11,16 +11,21 @@ from lmeasure import se3
 from lmeasure.cli import app
 from lmeasure.errors import RobotError, SettingsError
 from lmeasure.poses import read_poses
+from lmeasure.rig import read_rig
 from lmeasure.robots.allowed import Allowed
 from lmeasure.robots.frame_start import Frames
 from lmeasure.robots.identify import freed
 from lmeasure.robots.measurements import POSITION, measured
+from lmeasure.robots.mechanisms.jacobians import nearness
 from lmeasure.robots.parallel.file import ParallelFile
+from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.parallel.study import inside
 from lmeasure.robots.plan import chosen
 from lmeasure.robots.read_measurements import read_measurements
 from lmeasure.robots.robot import any_shipped, shipped
 from lmeasure.robots.unknowns import Unknowns
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_planned_poses_are_better_than_random_ones() -> None:
@@ -87,11 +92,25 @@ def test_poses_of_mechanisms_are_planned_within_all_their_limits(name: str, tmp_
     rows = read_measurements(out, file.model, joints_alone=True)
     flange = file.model.forward(rows.joints)
     assert inside(file, flange).all()
+    # one that was built a little otherwise must be there too
+    near = nearness(file.model.jacobians(flange, rows.joints).output, file.model.units)
+    assert near.min() >= 0.1 * nearness(file.model.jacobians(file.model.home[None], file.model.home_joints[None]).output, file.model.units)
     # spread over what it can do, and better than as many at random
     assert np.ptp(flange[:, 2]) > 10.0
     line = next(line for line in done.output.splitlines() if line.startswith("  after  12: "))
     expected, random = (float(v) for v in line.removeprefix("  after  12: ").replace(" mm, at random", "").split())
     assert expected < random
+
+
+def test_a_platform_is_not_planned_behind_a_singular_pose_of_the_cables() -> None:
+    """A rotopod turns without end; cables that would run as well half a turn on cannot tell how it came there."""
+    robot, rig = any_shipped("rotopod-cell").model, read_rig(ROOT / "tests" / "authorities" / "truth" / "cell-run" / "rig.toml")
+    assert isinstance(robot, Parallel)
+    base = np.array([0.0, 0.0, -400.0, 0.0, 0.0, 0.0, 1.0])
+    turned = robot.home_joints + np.radians([[10.0], [40.0], [-40.0], [170.0], [-170.0]])
+    for zone, expected in ((None, [True] * 5), (rig, [True, True, True, False, False])):
+        allowed = Allowed(robot, base, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros((0, 3, 2)), zone)
+        assert allowed(turned).tolist() == expected
 
 
 def test_plan_poses_of_a_robot_from_the_command_line(tmp_path: Path) -> None:

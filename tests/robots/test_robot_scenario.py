@@ -15,6 +15,8 @@ from lmeasure.cli import app
 from lmeasure.errors import FileFormatError, RobotError
 from lmeasure.program import read_program
 from lmeasure.robot_scenario import simulate_robot
+from lmeasure.robots.mechanisms.jacobians import nearness
+from lmeasure.robots.parallel.limits import spread
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.robot import any_shipped, read_robot
 from lmeasure.run import read_run
@@ -108,6 +110,28 @@ def test_what_a_robot_cannot_do_is_said_in_one_line(
     with pytest.raises((FileFormatError, RobotError), match=complaint) as raised:
         simulate_robot(*scenario_from_dict(of(robot, **more)), tmp_path)
     assert "\n" not in str(raised.value)
+
+
+def test_joints_go_over_home_where_no_straight_way_is(tmp_path: Path) -> None:
+    """Between two poses of four chains hinged on arms; it rests where its joint values are, all the same."""
+    model = any_shipped("four-chains-arms").model
+    assert isinstance(model, Parallel)
+    far = spread(model, np.random.default_rng(3).random((2000, 6)), most_rad=1.0)
+    near = nearness(model.jacobians(model.forward(far), far).output, model.units)
+    far = far[near > 0.1 * nearness(model.jacobians(model.home[None], model.home_joints[None]).output, model.units)]
+    lines = far[:-1] + np.linspace(0.0, 1.0, 21)[:, None, None] * (far[1:] - far[:-1])
+    lost = np.isnan(model.forward(lines.reshape(-1, 6))[:, 0]).reshape(21, -1).any(axis=0)
+    first = int(np.argmax(lost))
+    assert lost[first]
+    joints = far[first : first + 2]
+    names = [f"{n}_deg" for n in model.joint_names]
+    files.write_table(tmp_path / "joints.csv", dict(zip(names, np.degrees(joints).T, strict=True)))
+    scenario = {**FIRST, "motion": {"dwell_s": 0.4}, "robot": {"model": "four-chains-arms", "commands": "joints.csv"}}
+    done = simulate_robot(*scenario_from_dict(scenario), tmp_path).performance
+    rests = [int(s.end_s * 100) for s in done.spans]
+    np.testing.assert_allclose(done.asked[rests], joints, atol=1e-9)
+    own = se3.compose(np.tile(se3.inverse(model.home), (len(joints), 1)), model.forward(joints))
+    assert np.abs(se3.displacement(done.poses[rests], own)).max() < 1e-6
 
 
 def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_command(tmp_path: Path) -> None:

@@ -33,3 +33,16 @@ def test_no_node_is_judged_otherwise(case: workspaces.Case) -> None:
     own = workspaces.judged(workspaces.read(case.robot), nodes, case.yaw)
     assert (own.reshape(found.shape) == found).all()
     assert 0 < found.sum() < found.size
+
+
+@pytest.mark.parametrize("case", workspaces.TOLD, ids=lambda case: case.robot)
+def test_no_value_that_a_robot_of_fewer_freedoms_is_told_is_judged_otherwise(case: workspaces.Told) -> None:
+    """About home, where some can be taken and some not."""
+    axes = [np.arange(a, b + 0.5 * step, (5 if len(case.axes) == 3 else 9) * step) for a, b, step in case.axes]
+    if len(axes) == 3:
+        axes[2] = np.array([187.0, 195.0, 201.0])
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    scale = np.array([np.radians(1.0)] * 2 + [1.0]) if len(axes) == 3 else np.ones(1)
+    found = workspaces.taken(case.robot, nodes)
+    np.testing.assert_array_equal(case.can(workspaces.read(case.robot), nodes * scale), found)
+    assert 0 < found.sum() < len(found)
