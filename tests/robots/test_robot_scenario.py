@@ -121,7 +121,7 @@ def test_joints_go_over_home_where_no_straight_way_is(tmp_path: Path) -> None:
     near = nearness(model.jacobians(model.forward(far), far).output, model.units)
     far = far[near > 0.1 * nearness(model.jacobians(model.home[None], model.home_joints[None]).output, model.units)]
     lines = far[:-1] + np.linspace(0.0, 1.0, 21)[:, None, None] * (far[1:] - far[:-1])
-    lost = np.isnan(model.forward(lines.reshape(-1, 6))[:, 0]).reshape(21, -1).any(axis=0)
+    lost = np.asarray(np.isnan(model.forward(lines.reshape(-1, 6))[:, 0]).reshape(21, -1).any(axis=0))
     first = int(np.argmax(lost))
     assert lost[first]
     joints = far[first : first + 2]
