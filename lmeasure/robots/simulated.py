@@ -105,9 +105,11 @@ class SimulatedRobot:
         return self._gone(commands, setpoints, spans, asked, rate_hz, rng)
 
     def _there(self, begin: FloatArray, end: FloatArray) -> bool:
-        """Whether all joint values (n,) between two have a pose."""
+        """Whether all joint values (n,) between two have a pose, as drawn and as built."""
+        way = begin + np.linspace(0.0, 1.0, BETWEEN)[:, None] * (end - begin)
         try:
-            self.nominal.forward(begin + np.linspace(0.0, 1.0, BETWEEN)[:, None] * (end - begin))
+            for robot in (self.nominal, self.built):
+                robot.forward(way)
         except RobotError:
             return False
         return True
