@@ -73,7 +73,7 @@ CORE = {
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
     "observation/parameters.py": ["tests/observation/test_parameters.py"],
-    "observation/cable_effects.py": ["tests/kernels/test_cable_effects.py"],
+    "observation/cable_effects.py": ["tests/observation/test_parts.py", "tests/test_unsolved.py", "tests/test_taken_as_exact.py"],
     "calibration/residuals.py": _CAMPAIGNS,
     "calibration/unknowns.py": _CAMPAIGNS,
     "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],

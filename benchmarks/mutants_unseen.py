@@ -3,10 +3,12 @@
     python benchmarks/mutants_unseen.py --seed 23 --faults 70 --folder FOLDER [--write]
 
 `mutants.py` says what a fault is. What was tried is kept in FOLDER, so that the command goes on where it was ended. Those of a file are
-tried together, so that only whole draws of --batch faults count. Writes `benchmarks/results/mutants_unseen.md`.
+tried together, --batch at a time; what counts is what was drawn before the first that was not tried. Writes
+`benchmarks/results/mutants_unseen.md`.
 """
 
 import argparse
+import itertools
 import json
 import random
 from pathlib import Path
@@ -74,7 +76,7 @@ def main() -> None:
                     tell(m, False)
             if left := [m for m in mine if m.key not in known]:
                 try_all(left, CORE[file], keep=asked.folder, tell=tell)
-        tried = [(m, seen.known[json.dumps(m.key)]) for m in order[: first + asked.batch]]
+        tried = [(m, seen.known[json.dumps(m.key)]) for m in itertools.takewhile(lambda m: json.dumps(m.key) in seen.known, order)]
         text = written(asked.seed, len(every), tried)
         print(text.splitlines()[4], flush=True)
         if asked.write:

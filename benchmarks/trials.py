@@ -9,6 +9,7 @@ project.
 
 import ast
 import hashlib
+import importlib
 import importlib.abc
 import importlib.machinery
 import importlib.util
@@ -23,7 +24,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import CodeType, FunctionType
 from typing import Any, NamedTuple
 
 import coverage
@@ -225,7 +226,7 @@ class _Trials:
             failed.write_text("", encoding="utf-8")
             if order:
                 some = [items[test] for test in order]
-                end = _end(_forked(partial(_tried, mutant, sys.modules[name], text, some, failed)), limit_s)
+                end = _end(_forked(partial(_tried, mutant, name, text, some, failed)), limit_s)
             test = failed.read_text(encoding="utf-8")
             if passed is None and end == SEEN and test and test not in sound:
                 if _end(_forked(partial(_run, [items[test]], failed)), limit_s) != UNSEEN:
@@ -236,8 +237,9 @@ class _Trials:
         return True
 
 
-def _tried(mutant: Mutant, module: ModuleType, text: str, items: list[pytest.Item], failed: Path) -> int:
+def _tried(mutant: Mutant, name: str, text: str, items: list[pytest.Item], failed: Path) -> int:
     """Whether the tests, run one after the other until one fails, see a fault."""
+    module = importlib.import_module(name)  # it may be imported by a test only
     before, after = (compile(t, str(module.__file__), "exec") for t in (text, mutant.applied(text)))
     held = {(f.__qualname__, f.__code__.co_firstlineno): f for f in _functions(vars(module), module.__name__)}
     changed = list(_changed(before, after, held))

@@ -109,6 +109,7 @@ def levenberg(problem: Decay, start: FloatArray) -> list[FloatArray]:
         ((0.02, 3.0), (-0.5, 4.0), 1.0),  # far from what was known before
         ((100.0, 100.0), (-1.9, -0.9), 1.0),  # long damped
         ((0.5, 0.1), (3.0, -2.0), 1.0),
+        ((0.001, 0.001), (-0.4, 0.3), 1.0),  # where the readings alone are best, and nothing else was expected
         ((100.0, 100.0), (0.0, 0.0), -1.0),  # always uphill
     ],
 )

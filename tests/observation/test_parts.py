@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 import scipy.optimize
@@ -12,6 +13,7 @@ from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknowns import Model
 from lmeasure.errors import CalibrationError, RigError
 from lmeasure.lengths import counts_from_poses
+from lmeasure.observation.cable_effects import thicker
 from lmeasure.observation.parameters import GROUPS, solved_parameters, value_of, with_values
 from lmeasure.observation.parts import phased
 from lmeasure.poses import poses_from_rows
@@ -140,3 +142,17 @@ def test_groups_may_be_of_one_point() -> None:
 def test_slips_of_the_pen_are_refused(point: dict[str, Any], drum: dict[str, Any], said: str) -> None:
     with pytest.raises(RigError, match=said):
         untrue(point, drum)
+
+
+def test_a_turn_of_a_thicker_cable() -> None:
+    """A helix: of a drum on which a turn holds so much cable, wound by half the difference farther out; to the last digits where it is
+    a thousandth of a micrometre."""
+    for turn, pitch, over in ((72.0, 0.0, 0.2), (72.0, 10.0, 0.2), (120.0, -40.0, -0.3), (500.0, 1.5, 1e-6)):
+        with mpmath.workdps(40):
+            r = mpmath.sqrt(mpmath.mpf(turn) ** 2 - mpmath.mpf(pitch) ** 2) / (2 * mpmath.pi)
+
+            def longer(by: mpmath.mpf, r: mpmath.mpf = r, turn: float = turn, pitch: float = pitch) -> mpmath.mpf:
+                return mpmath.sqrt((2 * mpmath.pi * (r + by / 2)) ** 2 + mpmath.mpf(pitch) ** 2) - turn
+
+            expected = float(longer(mpmath.mpf(over))), float(mpmath.diff(longer, mpmath.mpf(over)))
+        assert [float(v) for v in thicker(turn, pitch, over)] == pytest.approx(expected, rel=1e-13)
