@@ -58,7 +58,7 @@ CORE = {
     "lcoordinate/intervals.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/flat.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/bounds.py": ["tests/lcoordinate/test_workspace.py"],
-    "lcoordinate/detour.py": ["tests/lcoordinate/test_workspace.py", "-k", "path or led"],
+    "lcoordinate/detour.py": ["tests/lcoordinate/test_workspace.py", "-k", "path or led or least_step"],
     "estimation/least_squares.py": _ESTIMATED,
     "estimation/fit.py": _ESTIMATED,
     "estimation/elimination.py": _ESTIMATED,

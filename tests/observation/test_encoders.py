@@ -63,6 +63,8 @@ def test_eccentricity_is_in_reading_and_row() -> None:
     step = 1e-6 * np.eye(6)
     numeric = [span_lengths(channels, se3.displaced(PATH, s)) - span_lengths(channels, se3.displaced(PATH, -s)) for s in step]
     assert span_rows_of(channels, PATH)[:, 0] == pytest.approx(np.concatenate(numeric, axis=1) / 2e-6, abs=1e-8)
+    for ours, theirs in zip(span_rows(channels, PATH), (span_lengths(channels, PATH), span_rows_of(channels, PATH)), strict=True):
+        assert ours == pytest.approx(theirs, abs=1e-14)
 
 
 @pytest.mark.parametrize(
