@@ -28,7 +28,7 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
 
     from lmeasure import files, se3
     from lmeasure.poses import pose_columns, poses_from_rows
-    from lmeasure.robots.allowed import LEAST_PART, Allowed
+    from lmeasure.robots.allowed import REGULAR, Allowed
     from lmeasure.robots.identify import freed
     from lmeasure.robots.plan import planned, to_plan
     from lmeasure.robots.read_measurements import read_measurements
@@ -41,7 +41,7 @@ def run_robot(settings: Settings, progress: Progress) -> "Result[Plan]":
     sits = tool if tool is not None else robot.tool_pose
     stands = base if base is not None else np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     boxes = np.array([settings.keep_out] if settings.keep_out else []).reshape(-1, 3, 2)
-    allowed = Allowed(model, stands, sits, boxes, _zone(settings), LEAST_PART)
+    allowed = Allowed(model, stands, sits, boxes, _zone(settings), REGULAR)
     progress(0.0, "candidates")
     if settings.candidates is not None:
         given = read_measurements(settings.candidates, model, joints_alone=True)

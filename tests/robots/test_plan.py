@@ -94,7 +94,7 @@ def test_poses_of_mechanisms_are_planned_within_all_their_limits(name: str, tmp_
     assert inside(file, flange).all()
     # one that was built a little otherwise must be there too
     near = nearness(file.model.jacobians(flange, rows.joints).output, file.model.units)
-    assert near.min() >= 0.1 * nearness(file.model.jacobians(file.model.home[None], file.model.home_joints[None]).output, file.model.units)
+    assert near.min() >= 0.3 * nearness(file.model.jacobians(file.model.home[None], file.model.home_joints[None]).output, file.model.units)
     # spread over what it can do, and better than as many at random
     assert np.ptp(flange[:, 2]) > 10.0
     line = next(line for line in done.output.splitlines() if line.startswith("  after  12: "))
