@@ -147,7 +147,9 @@ def _pair(pair: Pair, say: Say, *, several: bool) -> list[str]:
         first, later, change = (with_u95(v, c.u95)[0] for v in (c.first, c.later, c.later - c.first))
         u95 = with_u95(0.0, c.u95)[1]
         cells = (decimal(say.language, v) for v in (first, later, change, u95))
-        rows.append((html.indexed(c.figure), *cells, c.unit, say("yes") if c.beyond else ""))
+        symbol, _, where = c.figure.partition(" of ")
+        name = say("{figure} of {pose}", figure=symbol, pose=where) if where else c.figure
+        rows.append((html.indexed(name), *cells, say.told(c.unit), say("yes") if c.beyond else ""))
     header = (say("figure"), say("before"), say("after"), say("difference"), "U95", say("unit"), say("beyond U95"))
     beyond, many = sum(c.beyond for c in pair.changes), len(pair.changes)
     chance = say(
