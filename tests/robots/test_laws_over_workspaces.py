@@ -1,0 +1,69 @@
+"""Laws of each shipped mechanism over its whole workspace, not about its home alone."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from lmeasure import se3
+from lmeasure.robots.parallel.limits import spread
+from lmeasure.robots.parallel.model import Parallel
+from lmeasure.robots.robot import any_shipped, shipped_names
+
+FloatArray = NDArray[np.float64]
+
+POSES, LOOKED_AT, MOST_RAD = 512, 24, 1.0
+MECHANISMS = {name: model for name in shipped_names() if isinstance(model := any_shipped(name).model, Parallel)}
+
+
+def over(robot: Parallel) -> FloatArray:
+    """(n, j) joint values over the workspace that are reached from home: of a robot of six joints those of poses within its limits, of
+    others what its joints allow."""
+    if len(robot.joint_names) == 6:
+        joints = spread(robot, qmc.Halton(6, rng=1).random(POSES), most_rad=MOST_RAD)[:LOOKED_AT]
+        assert np.isfinite(robot.forward(joints)).all()
+        return joints
+    low, high = robot.limits
+    joints = low + qmc.Halton(len(low), rng=1).random(LOOKED_AT * 8) * (high - low)
+    return np.asarray(joints[np.isfinite(robot.forward(joints)[:, 0])][:LOOKED_AT])
+
+
+def turned(robot: Parallel, change: FloatArray) -> FloatArray:
+    """Changes of joints without whole turns, sliding ones in parts of the platform's size."""
+    return np.where(robot.sliding, change / robot.size_mm, change - 2.0 * np.pi * np.round(change / (2.0 * np.pi)))
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_inverse_forward_inverse(name: str) -> None:
+    robot = MECHANISMS[name]
+    joints = over(robot)
+    poses = robot.forward(joints)
+    assert len(joints) >= 15
+    # as far from home, in the direction in which it goes farthest, as a good part of its size
+    assert np.abs(se3.displacement(poses, robot.home) / robot.units).max() > 0.05 * robot.size_mm
+    for pose, q in zip(poses, joints, strict=True):
+        every = robot.inverse(pose)
+        assert np.abs(turned(robot, every - q)).max(axis=1).min() < 1e-9
+        again = robot.forward(every)
+        assert np.abs(se3.displacement(again, np.broadcast_to(pose, again.shape)) / robot.units).max() < 1e-9 * robot.size_mm
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_derivatives_are_differences(name: str) -> None:
+    """Central ones of two steps, extrapolated."""
+    robot = MECHANISMS[name]
+    joints = over(robot)[:8]
+    poses, by_joints, _ = robot.derivatives(joints)
+    rates = by_joints.copy()
+    rates[..., 3:] += np.cross(by_joints[..., :3], poses[:, None, :3])  # of the flange, not of the base's origin
+    for j in range(joints.shape[1]):
+
+        def difference(h: float, j: int = j) -> FloatArray:
+            step = np.eye(joints.shape[1])[j] * h
+            there, back = robot.forward(joints + step), robot.forward(joints - step)
+            return np.asarray(se3.displacement(there, back) / (2.0 * h))
+
+        h = 2e-4 * (robot.size_mm if robot.sliding[j] else 1.0)
+        expected = (4.0 * difference(0.5 * h) - difference(h)) / 3.0
+        off = np.abs((rates[:, j] - expected) / robot.units).max(axis=1)
+        assert (off < 1e-7 * np.abs(expected / robot.units).max(axis=1)).all()
