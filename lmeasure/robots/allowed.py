@@ -36,6 +36,8 @@ LEAST_PART = 0.1
 """Of the determinant of the cables at home: a singular pose of the instrument is nearer where it is less."""
 REGULAR = 0.3
 """`Allowed.regular` of what is planned: four chains built 0.2 mm otherwise are lost at 1 to 5 % of poses that keep a tenth."""
+ON_THE_WAY = 41
+"""Points of the way from home that are looked at, home and the pose among them."""
 FACTOR = 64
 """Most candidates tried for each one that is wanted."""
 
@@ -66,7 +68,7 @@ class Allowed:
         good = np.asarray(((joints >= low) & (joints <= high)).all(axis=1) & np.isfinite(target).all(axis=1))
         if isinstance(self.robot, Parallel):
             good &= limits.checked(self.robot, self.robot.bounds, flange).all
-            good &= self._regular(self.robot, flange, joints)
+            good[good] = self._regular(self.robot, joints[good])
         body = self._body(joints, flange, target)
         for box in self.keep_out:
             good &= ~((body >= box[:, 0]) & (body <= box[:, 1])).all(axis=2).any(axis=1)
@@ -80,11 +82,17 @@ class Allowed:
             return np.asarray(good & usable(seen) & self._told(self.zone.cable_rows(cables), seen))
         return good & _in_zone(self.zone, seen)
 
-    def _regular(self, robot: Parallel, flange: FloatArray, joints: FloatArray) -> BoolArray:
-        """(N,) whether poses (N, 7) of the mechanism keep away from singular ones."""
-        poses, drives = np.concatenate([robot.home[None], flange]), np.concatenate([robot.home_joints[None], joints])
-        near = nearness(robot.jacobians(poses, drives).output, robot.units)
-        return np.asarray(near[1:] >= self.regular * near[0])
+    def _regular(self, robot: Parallel, joints: FloatArray) -> BoolArray:
+        """(N,) whether the mechanism keeps away from singular poses all the way from home to joint values (N, n), all driven together."""
+        if not self.regular:
+            return np.ones(len(joints), np.bool_)
+        part = np.linspace(0.0, 1.0, ON_THE_WAY)[:, None, None]
+        drives = (robot.home_joints + part * (joints - robot.home_joints)).reshape(-1, joints.shape[1])
+        poses = robot.forward(drives)
+        near = np.full(len(poses), -np.inf)
+        there = ~np.isnan(poses[:, 0])
+        near[there] = nearness(robot.jacobians(poses[there], drives[there]).output, robot.units)
+        return np.asarray((near.reshape(ON_THE_WAY, -1) >= self.regular * near[0]).all(axis=0))
 
     def _told(self, cables: FloatArray, seen: FloatArray) -> BoolArray:
         """(N,) whether six cables tell target poses (N, 7) of a platform: on the side of the cables' singular poses where its home is."""

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from lmeasure import se3
+from lmeasure.robots.allowed import REGULAR, Allowed
 from lmeasure.robots.parallel.limits import spread
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.robot import any_shipped, shipped_names
@@ -67,3 +68,20 @@ def test_derivatives_are_differences(name: str) -> None:
         expected = (4.0 * difference(0.5 * h) - difference(h)) / 3.0
         off = np.abs((rates[:, j] - expected) / robot.units).max(axis=1)
         assert (off < 1e-7 * np.abs(expected / robot.units).max(axis=1)).all()
+
+
+def test_planned_poses_are_reached_from_home_by_a_robot_built_otherwise() -> None:
+    """Ends alone would do for the drawing, whose way from home may leave the workspace between; 0.2 mm in each length are not drawn."""
+    robot = MECHANISMS["four-chains-arms"]
+    joints = spread(robot, qmc.Halton(6, rng=1).random(POSES), most_rad=MOST_RAD)
+    rng = np.random.default_rng(0)
+    built = [
+        robot.moved(np.where([p.unit == "mm" for p in robot.parameters], rng.normal(size=len(robot.parameters)) * 0.2, 0.0)) for _ in "ab"
+    ]
+    here = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    allowed = Allowed(robot, here, here, np.empty((0, 3, 2)), regular=REGULAR)(joints)
+    way = np.linspace(0.0, 1.0, 101)[:, None, None] * (joints - robot.home_joints) + robot.home_joints
+    lost = np.array([np.isnan(b.forward(way.reshape(-1, 6))[:, 0]).reshape(101, -1).any(axis=0) for b in (robot, *built)])
+    assert allowed.sum() > 20
+    assert not lost[:, allowed].any()
+    assert lost.any()
