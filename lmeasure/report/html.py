@@ -186,11 +186,19 @@ def _with_room(drawing: go.Figure) -> None:
         low, high = ends.get(axis, (0.0, 0.0))
         ticks = 5 if not widest else max(2, round(5.0 * (high - low) / widest))
         drawing.update_scenes({f"{axis}axis": {"nticks": ticks}})
-    if labelled:
-        drawing.update_scenes({f"{axis}axis": {"range": [low - room, high + room]} for axis, (low, high) in ends.items()})
-    if widest:
-        sides = np.array([max(high - low, FLATTEST * widest) + 2.0 * room for low, high in (ends.get(axis, (0.0, 0.0)) for axis in "xyz")])
-        # plotly keeps the product of the sides: what is flat or long is drawn larger than a cube, and the eye goes back as much
+    if widest or labelled:
+        whole = {}
+        for axis in "xyz":
+            low, high = ends.get(axis, (0.0, 0.0))
+            flat = max(FLATTEST * widest - (high - low), 0.0) / 2.0
+            whole[axis] = (low - flat - room, high + flat + room)
+            if labelled or flat:
+                drawing.update_scenes({f"{axis}axis": {"range": list(whole[axis])}})
+        sides = np.array([high - low for low, high in whole.values()])
+        if drawing.layout.scene.aspectmode == "data" and min(sides) <= FLATTEST * max(sides) * 1.001:
+            # plotly would go by the data, which have no height
+            drawing.update_scenes(aspectmode="manual", aspectratio=dict(zip("xyz", sides / np.cbrt(np.prod(sides)), strict=True)))
+        # of sides whose product is kept what is flat or long is drawn larger than a cube, and the eye goes back as much
         away = float(np.linalg.norm(sides) / np.cbrt(np.prod(sides)) / np.sqrt(3.0))
         eye = drawing.layout.scene.camera.eye
         drawing.update_scenes({"camera": {"eye": {axis: away * eye[axis] for axis in "xyz"}}})

@@ -35,3 +35,18 @@ def test_what_is_hidden_or_nowhere_is_in_nobodys_way() -> None:
     hidden = go.Scatter3d(x=[60.0], y=[0.0], z=[0.0], mode="markers", visible="legendonly")
     found = drawn([(0.0, 0.0, 0.0), (np.nan, 0.0, 0.0), (1000.0, 0.0, 0.0)], ["a", "b", "c"], hidden)
     assert found.textposition == ("middle right",) * 3
+
+
+def test_a_flat_drawing_has_a_side_of_its_own_and_is_seen_whole() -> None:
+    corners = go.Scatter3d(x=[0.0, 1000.0], y=[0.0, 800.0], z=[3.0, 3.0], mode="lines")
+    scene = html.settled(go.Figure([corners], {"scene": {"aspectmode": "data"}})).layout.scene
+    assert scene.zaxis.range == pytest.approx((3.0 - 25.0, 3.0 + 25.0))
+    sides = np.array([scene.aspectratio[axis] for axis in "xyz"])
+    assert scene.aspectmode == "manual"
+    np.testing.assert_allclose(sides / sides[0], [1.0, 0.8, 0.05])
+    eye = np.array([scene.camera.eye[axis] for axis in "xyz"])
+    cube = go.Scatter3d(x=[0.0, 9.0], y=[0.0, 9.0], z=[0.0, 9.0], mode="lines")
+    plain = html.settled(go.Figure([cube], {"scene": {"aspectmode": "data"}})).layout.scene
+    assert plain.aspectmode == "data"
+    # as far away, in diagonals of what is drawn
+    assert np.linalg.norm(eye) / np.linalg.norm(sides) == pytest.approx(np.linalg.norm([plain.camera.eye[a] for a in "xyz"]) / np.sqrt(3.0))
