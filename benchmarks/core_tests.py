@@ -73,6 +73,7 @@ CORE = {
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
     "observation/parameters.py": ["tests/observation/test_parameters.py"],
+    "observation/parts.py": ["tests/observation/test_parts.py"],
     "observation/cable_effects.py": ["tests/observation/test_parts.py", "tests/test_unsolved.py", "tests/test_taken_as_exact.py"],
     "calibration/residuals.py": _CAMPAIGNS,
     "calibration/unknowns.py": _CAMPAIGNS,
@@ -95,6 +96,7 @@ CORE = {
     "certification/again.py": ["tests/certification/test_verify.py"],
     **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},
     **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
+    "counts.py": ["tests/test_counts.py"],
     "findings.py": ["tests/test_findings.py"],
     "trajectory/pose_errors.py": [
         "tests/trajectory/test_pose_errors.py",

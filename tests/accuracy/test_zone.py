@@ -224,3 +224,18 @@ def test_play_is_once_where_it_was_zeroed_and_once_at_the_pose() -> None:
     found = drum_variance(rig_from_dict(data), None, np.array([[100.0, 50.0, -20.0]]), Rotation.identity(1), start=start)
     np.testing.assert_allclose(found, 2.0 * (3.0 * COUNT_MM) ** 2, rtol=1e-12)
     np.testing.assert_array_equal(drum_variance(cell(), None, np.zeros((1, 3)), Rotation.identity(1), start=start), np.zeros(6))
+
+
+def test_run_out_counts_by_the_turns_of_its_drum_on_the_mean_over_places() -> None:
+    """Of two components of u, each less what it was where the counter was zeroed: 2 u^2 (1 - cos theta)."""
+    data = cell().to_dict()
+    for number, point in enumerate(data["observation_point"]):
+        point["drum"]["u_run_out_mm"] = 0.01 * (number + 1)
+    rig, start = rig_from_dict(data), np.array([0, 0, 0, 0, 0, 0, 1.0])
+    places = np.array([[100.0, 50.0, -20.0], [-30.0, 80.0, 60.0], [0.0, -45.0, 10.0]])
+    counts = counts_from_poses(cell(), np.array([[*p, 0.0, 0.0, 0.0, 1.0] for p in places]), start)
+    theta = 2.0 * np.pi * counts / rig.cable_rows()[:, 16]
+    u = np.array([rig.point(c.from_point).drum.u_run_out_mm for c in rig.cable], dtype=np.float64)
+    expected = 2.0 * u**2 * (1.0 - np.cos(theta)).mean(axis=0)
+    found = drum_variance(rig, None, places, Rotation.identity(1), start=start)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)

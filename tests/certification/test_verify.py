@@ -19,7 +19,7 @@ from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import certificate, identification
 from lmeasure.certification.environment import environment
 from lmeasure.certification.measure import Inputs, Measured, measure
-from lmeasure.certification.method import METHOD
+from lmeasure.certification.method import METHOD, SAME_FOR_ONE_PASS
 from lmeasure.certification.verify import Printer, Verification, read_certificate, told, verify
 from lmeasure.errors import CertificationError
 from lmeasure.trajectory import write_trajectory
@@ -114,6 +114,12 @@ def test_a_manifest_of_another_certificate(folder: Path) -> None:
 def test_a_digest_of_figures_that_is_not_theirs(folder: Path) -> None:
     resealed(folder, {"figures_sha256": "0" * 64})
     assert texts(verify(folder)) == ["certificate.json: figures_sha256 is not that of its figures"]
+
+
+def test_an_earlier_method_of_the_same_figures_is_compared_as_its_own(folder: Path) -> None:
+    content = resealed(folder, {"method": SAME_FOR_ONE_PASS})
+    found = verify(folder)
+    assert (texts(found), found.figures, found.beside) == ([], len(content["characteristics"]), ())
 
 
 def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> None:

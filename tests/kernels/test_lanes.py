@@ -214,3 +214,38 @@ def test_tiles_beyond_75_degrees_go_sample_by_sample(rows: FloatArray) -> None:
     np.testing.assert_array_equal(tiles[beyond], alone[beyond])
     assert (tiles[~beyond] == tiles[~beyond][:, :1]).all(axis=1).mean() > 0.8
     assert (alone != alone[:, :1]).any(axis=1).all()
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_few_samples_of_a_tile_are_stepped_and_judged_as_by_whole_matrices(rows: FloatArray, first: int) -> None:
+    """Each cable once in each place, so that each is the one that decides: Newton's step, residual, angle and determinant by NumPy."""
+    table, n = np.roll(rows, first, axis=0), lanes.WIDTH
+    g = np.random.default_rng(first)
+    turns = Rotation.from_rotvec(g.uniform(-0.3, 0.3, (n, 3)))
+    poses = np.column_stack([g.uniform(-150.0, 150.0, (n, 3)), turns.as_quat()])
+    off = g.uniform(-5.0, 5.0, (n, 6))
+    targets = cable.span_lengths(table, poses) + off
+    tile = np.zeros((lanes.TILE_ROWS, n))
+    tile[:7] = poses.T
+    judged, stepped = tile.ravel().copy(), tile.ravel().copy()
+    lanes._judge(judged, targets.T.ravel().copy(), table)
+    lanes._step(stepped, targets.T.ravel().copy(), table)
+    judged, stepped = judged.reshape(tile.shape), stepped.reshape(tile.shape)
+    J = cable.span_rows_of(table, poses)
+    inverse = np.linalg.inv(J)
+    arms = np.einsum("nij,mj->nmi", turns.as_matrix(), table[:, 7:10])
+    twists = np.swapaxes(inverse, 1, 2)
+    speeds = np.linalg.norm(twists[:, :, 3:] + np.cross(twists[:, :, :3], arms), axis=2)
+    np.testing.assert_array_equal(judged[:7], tile[:7])
+    for found in (judged, stepped):
+        np.testing.assert_allclose(found[lanes.RESIDUAL], np.abs(off).max(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(judged[lanes.ANGLE], np.arccos(1.0 / speeds.max(axis=1)), rtol=1e-9)
+    clear = np.abs(np.linalg.det(J[:, :3, 3:])) > lanes.CLEAR_OF_FLAT
+    expected = np.where(clear, -np.linalg.det(J), 0.0)  # turns before shifts, which exchanges three columns with three
+    np.testing.assert_allclose(judged[lanes.DETERMINANT], expected, rtol=1e-9, atol=1e-9)
+    step = np.linalg.solve(J, off[:, :, None])[:, :, 0]
+    np.testing.assert_allclose(stepped[:3].T, poses[:, :3] + step[:, 3:], rtol=1e-9, atol=1e-9)
+    half = np.linalg.norm(step[:, :3], axis=1) / 2.0
+    turned = Rotation.from_rotvec(step[:, :3] * (np.arctan(half) / half)[:, None]) * turns
+    assert (Rotation.from_quat(stepped[3:7].T) * turned.inv()).magnitude().max() < 1e-12
+    np.testing.assert_allclose(np.linalg.norm(stepped[3:7], axis=0), 1.0, rtol=1e-14)

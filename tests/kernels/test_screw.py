@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import oracles
 import pytest
+import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 from rows import HOME, cell, cell_rows, singular_angle, straight_row, turned
@@ -353,3 +354,23 @@ def test_three_standard_uncertainties_from_a_singular_pose(seed: int) -> None:
     for part, sees in ((0.98, False), (1.02, True)):
         work = np.empty(7), np.empty((6, 6)), inverse.copy(), size
         assert screw._could_turn(rows, pose, part * limit * u, side, *work) == sees
+
+
+def test_a_step_turns_and_moves_by_its_twist_and_no_farther_than_a_step_may() -> None:
+    """By the matrix exponential of the twist, shortened as a whole where it turns too far."""
+    g = np.random.default_rng(4)
+    for turn in (0.1, 0.9 * screw.MAX_STEP_ROTATION, 1.1 * screw.MAX_STEP_ROTATION, 5.0):
+        omega, v = g.normal(size=3), g.uniform(-90.0, 90.0, 3)
+        omega *= turn / np.linalg.norm(omega)
+        pose, size = random_pose(g), 170.0
+        moved = pose.copy()
+        screw.displace(moved, np.concatenate([size * omega, v]), size)
+        part = min(1.0, screw.MAX_STEP_ROTATION / turn)
+        x, y, z = part * omega
+        twist = np.zeros((4, 4))
+        twist[:3] = np.array([[0.0, -z, y, part * v[0]], [z, 0.0, -x, part * v[1]], [-y, x, 0.0, part * v[2]]])
+        motion = scipy.linalg.expm(twist)
+        assert moved[:3] == pytest.approx(pose[:3] + motion[:3, 3], abs=1e-9)
+        found = Rotation.from_quat(moved[3:]).as_matrix()
+        np.testing.assert_allclose(found, motion[:3, :3] @ Rotation.from_quat(pose[3:]).as_matrix(), atol=1e-12)
+        assert np.linalg.norm(moved[3:]) == pytest.approx(1.0, abs=1e-15)

@@ -210,3 +210,17 @@ def test_thesis_4_2_what_is_printed_can_hardly_be_assembled() -> None:
     assert (named.xy, named.px, named.py, named.qx, named.qy) == ("l4", "l2", "p12", "b23", "l5")
     assert ((near <= 4.54) & (far >= 4.54)).mean() == pytest.approx(0.054, abs=0.002)
     assert not ((near <= 4.9) & (far >= 4.9)).any()
+
+
+@laws
+@given(seeds)
+def test_seen_from_each_edge_it_is_the_same_tetrahedron(seed: int) -> None:
+    """The volume tells: edges that are exchanged otherwise enclose another one, or none."""
+    corners = np.random.default_rng(seed).normal(size=(4, 3))
+    ends = {"xy": (0, 1), "px": (2, 0), "py": (2, 1), "qx": (3, 0), "qy": (3, 1), "pq": (2, 3)}
+    d = {k: float(np.linalg.norm(corners[a] - corners[b])) for k, (a, b) in ends.items()}
+    t = flat.Tetrahedron(*ends)
+    for edge in ends:
+        named = t.seen_from(edge)
+        assert named.pq == edge
+        assert volume({k: d[name] for k, name in vars(named).items()}) == pytest.approx(volume(d), rel=1e-9)

@@ -1,16 +1,18 @@
 """What redundant cables tell of each other, against generalised least squares written out, and against draws of what a run shares."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from cells import TOOL, FloatArray, motion, record
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, null_space, sqrtm
 from test_schemes import EIGHT, SEVEN, rig_of
 
 from lmeasure.kernels.cable import span_rows_of
 from lmeasure.lengths import lengths_from_counts
 from lmeasure.rig import Rig
+from lmeasure.trajectory.contradictions import chance_of
 from lmeasure.trajectory.redundancy import Redundancy
 from lmeasure.trajectory.screw_method import Reconstruction
 
@@ -143,3 +145,30 @@ def test_what_the_others_could_hardly_show_is_not_controlled(apart_mm: float, co
     u = redundancy.parities(epochs, poses).errors[1]
     assert np.isfinite(u[:, [0, 6]]).all()
     assert np.isfinite(u[:, 1:6]).any() == controlled
+
+
+def test_the_chance_of_contradictions_is_the_mean_of_places_spread_over_the_run() -> None:
+    """One cable is not used; what is rounded, within a count, and what is normal are told apart, in a basis of SciPy's."""
+    reconstruction, redundancy, poses, _, _ = prepared(EIGHT)
+    budget, rows = reconstruction.budget, span_rows_of(reconstruction.rig.cable_rows(), poses)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs = replace(epochs, variance_mm2=epochs.variance_mm2 + np.arange(8.0) * 1e-6)
+    used = np.arange(8) != 2
+    shared = redundancy.shared(epochs, poses, np.tile(used, (N, 1)))[:, used]
+    uniform = np.array(budget.uniform, dtype=np.bool_)
+    places = [0, 13, 26, 39]
+    U, V = [], []
+    for i in places:
+        basis = null_space((rows[i, used] * np.repeat([1.0 / 150.0, 1.0], 3)).T).T
+        own, rounding = epochs.variance_mm2[i, used], np.broadcast_to(budget.variance, 8)[used]
+        assert (own > rounding).any()
+        u = basis @ np.column_stack([np.diag(np.sqrt(np.minimum(own, rounding))), shared[i][:, uniform]])
+        v = basis @ np.column_stack([np.diag(np.sqrt(np.maximum(own - rounding, 0.0))), shared[i][:, ~uniform]])
+        whiten = np.linalg.inv(sqrtm(u @ u.T + v @ v.T))
+        U.append(whiten @ u)
+        V.append(whiten @ v)
+    expected = chance_of(np.array(U), np.array(V))
+    at = expected.limit(1e-3) * np.array([0.3, 1.0, 2.0])
+    np.testing.assert_allclose(redundancy.chance(epochs, poses, used).above(at), expected.above(at), rtol=1e-6)
+    each = [redundancy.chance(epochs.at(slice(i, i + 1)), poses[i : i + 1], used).above(at) for i in places]
+    np.testing.assert_allclose(np.mean(each, axis=0), expected.above(at), rtol=2e-2)
