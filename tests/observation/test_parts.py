@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from lmeasure import se3
 from lmeasure.calibration import Campaign
 from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknowns import Model
@@ -156,3 +157,21 @@ def test_a_turn_of_a_thicker_cable() -> None:
 
             expected = float(longer(mpmath.mpf(over))), float(mpmath.diff(longer, mpmath.mpf(over)))
         assert [float(v) for v in thicker(turn, pitch, over)] == pytest.approx(expected, rel=1e-13)
+
+
+def test_phases_are_stated_about_the_cable_that_is_out_where_counters_are_zeroed() -> None:
+    """In whole millimetres, of what is asked for and turns; what a rig states itself is kept."""
+    stated = {"B2": 700.0}
+    data = cell_rig(1).to_dict()
+    for point in data["observation_point"]:
+        if point["name"] in stated:
+            point["phase_length_mm"] = stated[point["name"]]
+    rig, zero = rig_from_dict(data), POSES[np.arange(6)]
+    assert phased(rig, (), zero, rig.cable) is rig
+    assert phased(rig, ("B1.x_mm", "B2.run_out_cos_mm"), zero, rig.cable) is rig
+    found = phased(rig, ("B1.run_out_cos_mm", "B2.run_out_sin_mm", "B3.pulley_eccentricity_cos_mm", "B4.scale"), zero, rig.cable)
+    for i, c in enumerate(rig.cable):
+        at = rig.cable_rows()[i]
+        out = float(np.linalg.norm(se3.apply(zero[i], at[7:10]) - at[:3]))
+        expected = stated.get(c.from_point, round(out) if c.from_point in ("B1", "B3") else None)
+        assert found.point(c.from_point).phase_length_mm == expected
