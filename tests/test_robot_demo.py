@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ import lmeasure.chains.robot_demo as chain
 from lmeasure import files
 from lmeasure.certification import Settings
 from lmeasure.certification.asked_tests import Tests
+from lmeasure.chains.folder import mark
 from lmeasure.chains.robot_demo import ROBOT_STAGES, RobotDemo, robot_demo
+from lmeasure.chains.robot_loop import LOOP_STAGES
 from lmeasure.cli import app
 from lmeasure.errors import LMeasureError
 from lmeasure.program import read_program
@@ -77,6 +80,7 @@ def test_every_stage_leaves_its_files(done: RobotDemo, out: Path, told: list[str
 
 
 def test_the_corrected_robot_is_shown_to_be_nearer(done: RobotDemo, out: Path) -> None:
+    assert done.loop is not None
     better = done.loop.improvement
     before, after = done.loop.true_mm
     # the arm of this seed errs little; what is left is what identification and instrument leave
@@ -112,7 +116,7 @@ def test_a_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chain, "robot_demo", lambda out, progress, seed: done)
+    monkeypatch.setattr(chain, "robot_demo", lambda out, progress, seed, correct: done if correct else replace(done, loop=None))
     ran = CliRunner().invoke(app, ["demo", "--robot"])
     assert ran.exit_code == 0, ran.output
     lines = ran.output.splitlines()
@@ -124,3 +128,23 @@ def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeyp
     assert "improvement: " in ran.output
     assert "truly " in ran.output
     assert f"of {len(done.held)} characteristics lie within U95 of the truth" in ran.output
+    # as it was certified alone, it prints the same but for the correction
+    alone = CliRunner().invoke(app, ["demo", "--robot", "--no-correct"])
+    assert alone.exit_code == 0, alone.output
+    assert alone.output.splitlines()[: lines.index("", 1)] == lines[: lines.index("", 1)]
+    assert "improvement: " not in alone.output
+    assert "truly " not in alone.output
+
+
+def test_it_may_be_certified_without_being_corrected(tmp_path: Path) -> None:
+    """A comparison that an earlier demo left is of another certificate, and goes."""
+    mark(tmp_path, ())
+    (tmp_path / "comparison.html").write_text("of another")
+    told: list[str] = []
+    few = replace(SHORT, tests=("pose",), cycles={"pose": 2})
+    done = robot_demo(tmp_path, lambda stage, done, of: told.append(stage), tests=few, settings=Settings(trials=100), correct=False)
+    assert done.loop is None
+    assert tuple(dict.fromkeys(told)) == tuple(stage for stage in ROBOT_STAGES if stage not in LOOP_STAGES)
+    assert all(path.exists() for path in done.look)
+    assert (tmp_path / "certificate" / "certificate.json").exists()
+    assert {"comparison.html", "again", "identified", "corrected"}.isdisjoint(path.name for path in tmp_path.iterdir())

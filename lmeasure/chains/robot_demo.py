@@ -20,7 +20,7 @@ from lmeasure.certification.measure import Inputs
 from lmeasure.chains.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
 from lmeasure.chains.folder import claim, mark
 from lmeasure.chains.robot_cell import RobotCell
-from lmeasure.chains.robot_loop import LOOP_STAGES, Loop, Retest, close_loop
+from lmeasure.chains.robot_loop import COMPARED, LOOP_STAGES, Loop, Retest, close_loop
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.poses import POSITION_COLUMNS
 from lmeasure.program import Program, write_program
@@ -77,10 +77,10 @@ class Held:
 @dataclass(frozen=True)
 class RobotDemo:
     """What the demo gave: every characteristic beside its truth, what correction made of the robot, and the files to look at, the most
-    telling first."""
+    telling first. loop: None where it was left out."""
 
     held: tuple[Held, ...]
-    loop: Loop
+    loop: Loop | None
     remarks: tuple[str, ...]
     look: tuple[Path, ...]
 
@@ -95,9 +95,16 @@ class RobotDemo:
 
 
 def robot_demo(
-    out: Path, progress: Progress | None = None, seed: int = 0, tests: Tests = TESTS, *, settings: Settings | None = None
+    out: Path,
+    progress: Progress | None = None,
+    seed: int = 0,
+    tests: Tests = TESTS,
+    *,
+    settings: Settings | None = None,
+    correct: bool = True,
 ) -> RobotDemo:
     """Calibrate the cell, let the simulated robot run the test cube, measure it and certify it by the settings; all files into `out`.
+    correct: correct the robot then, and certify it again.
 
     A folder that holds something else is refused with an LMeasureError; an earlier demo's is written over.
     """
@@ -138,15 +145,19 @@ def robot_demo(
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
     files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
 
-    again = campaign(CUBE, replace(tests, tests=tuple(t for t in AGAIN if t in tests.tests)))
-    retest = Retest(again, settings, tests.settle_s, RATE_HZ)
-    loop = close_loop(out, seen, robot, retest, first=(program, done), rng=rng, step=step)
+    for name in COMPARED:  # an earlier demo's is of another certificate
+        (out / name).unlink(missing_ok=True)
+    loop = None
+    if correct:
+        again = campaign(CUBE, replace(tests, tests=tuple(t for t in AGAIN if t in tests.tests)))
+        retest = Retest(again, settings, tests.settle_s, RATE_HZ)
+        loop = close_loop(out, seen, robot, retest, first=(program, done), rng=rng, step=step)
 
     step(DRAW)
     write_recording(out / "demo.rrd", run.rig, run=run, trajectory=trajectory, truth=done.poses, record=cell.calibration.record)
     mark(out, held)
     look = (
-        "comparison.html",
+        *(("comparison.html",) if loop else ()),
         "demo.rrd",
         "certificate/report.html",
         "certificate/certificate.pdf",

@@ -45,6 +45,8 @@ LOOP_STAGES = IDENTIFY, CORRECT, AGAIN, CERTIFY_AGAIN = (
     "let it run the corrected program",
     "certify it again",
 )
+COMPARED = COMPARISON, PAGE = "comparison.json", "comparison.html"
+"""Both certificates side by side: the figures, and what a person looks at."""
 IDENTIFIED_AT = 60
 """At which the robot is measured for its identification, between those of the test and beyond."""
 RESTS_S = 0.9
@@ -156,9 +158,9 @@ def _compared(out: Path, judged: Judged, corrected: Corrected, true_mm: tuple[fl
     certificates = [(name, read_certificate(folder / CERTIFICATE)) for name, folder in zip(("before", "after"), folders, strict=True)]
     comparison = compare_certificates(certificates)
     better = improvement(certificates[0][1], certificates[1][1], corrected.u_mm)
-    files.write_text(out / "comparison.json", canonical(as_dict(comparison)).decode("utf-8"))
-    write_comparison_page(out / "comparison.html", comparison, certificates, better, language=language)
-    look = ("comparison.html", "identified/report.html", "corrected/corrections.html", "again/certificate/report.html")
+    files.write_text(out / COMPARISON, canonical(as_dict(comparison)).decode("utf-8"))
+    write_comparison_page(out / PAGE, comparison, certificates, better, language=language)
+    look = (PAGE, "identified/report.html", "corrected/corrections.html", "again/certificate/report.html")
     return Loop(judged, corrected, comparison, better, true_mm, tuple(out / name for name in look))
 
 

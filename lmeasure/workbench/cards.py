@@ -76,7 +76,7 @@ FIRST = {
     "report": ("run", "out"),
     "motion": ("trajectory", "out"),
     "certify": ("trajectory", "run", "program", "out", "details", "language", "key"),
-    "demo": ("out", "robot", "seed"),
+    "demo": ("out", "robot", "correct", "seed"),
 }
 TITLES = {
     "init": "Begin a rig",

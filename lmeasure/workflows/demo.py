@@ -21,6 +21,9 @@ class Settings(Asked):
         bool,
         option("Let a simulated robot run the test cube of ISO 9283, certify it, correct it and certify it again. [lmeasure-robot-demo]"),
     ] = False
+    correct: Annotated[
+        bool, option("With a robot: correct it and certify it again; without takes half as long.", flag="--correct/--no-correct")
+    ] = True
 
 
 @workflow("demo")
@@ -35,7 +38,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
         from lmeasure.chains.robot_demo import robot_demo
         from lmeasure.report.comparison import told
 
-        tested = robot_demo(settings.out or Path("lmeasure-robot-demo"), step, settings.seed)
+        tested = robot_demo(settings.out or Path("lmeasure-robot-demo"), step, settings.seed, correct=settings.correct)
         head = ("characteristic", "value", "U95", "truth", "unit", "")
         rows = [
             (f"{h.name} {h.where}", *(f"{v:.4g}" for v in (h.value, h.u95, h.true_value)), h.unit, "inside" if h.inside else "OUTSIDE")
@@ -44,11 +47,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Demo | Robot
         held = tested.held
         figures = {"characteristics": float(len(held)), "truth_inside_u95": float(sum(h.inside for h in held))}
         figures |= {f"{h.name}_{'percent' if h.unit == '%' else h.unit}": h.value for h in tested.shown()}
-        loop, better = tested.loop, tested.loop.improvement
-        before, after = loop.true_mm
-        corrected = ("", "corrected and measured again:", *told(better), f"truly {before:.4f} mm before, {after:.4f} mm after")
-        figures |= {"mean_distance_before_mm": better.before_mm[0], "mean_distance_after_mm": better.after_mm[0]}
-        figures |= {"improvement": better.factor, "improvement_at_least": better.factor_95[0], "noise_floor_mm": better.floor_mm}
+        corrected: tuple[str, ...] = ()
+        if tested.loop is not None:
+            better, (before, after) = tested.loop.improvement, tested.loop.true_mm
+            corrected = ("", "corrected and measured again:", *told(better), f"truly {before:.4f} mm before, {after:.4f} mm after")
+            figures |= {"mean_distance_before_mm": better.before_mm[0], "mean_distance_after_mm": better.after_mm[0]}
+            figures |= {"improvement": better.factor, "improvement_at_least": better.factor_95[0], "noise_floor_mm": better.floor_mm}
         said = _told([head, *rows], tested.remarks, tested.look, corrected)
         return Result(tested, said, figures, tested.remarks, tested.look)
     from lmeasure.chains import demo

@@ -35,6 +35,7 @@ LABELS = {
     "cycles": "Cycles of the tests",
     "dbc": "DBC file",
     "dcc": "Digital certificate (DCC)",
+    "demo.correct": "Correct the robot, and certify it again",
     "demo.robot": "With a robot and its certificate",
     "design": "Find limits without singular poses",
     "details": "Details of the report",

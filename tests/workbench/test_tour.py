@@ -9,7 +9,7 @@ from bench import client
 
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
-from lmeasure.workbench import tour
+from lmeasure.workbench import forms, tour
 from lmeasure.workbench.project import look_at
 
 SEALED = Path(__file__).parents[1] / "authorities" / "sealed-before" / "with-run"
@@ -56,3 +56,12 @@ def test_without_the_demo_the_tour_stays_on_pages_that_are_there(tmp_path: Path)
             assert asked.get(tour.address(look_at(tmp_path), number)).status_code == 200
         assert "tour-bar" not in asked.get("/?tour=99").text
         assert "tour-bar" not in asked.get("/?tour=x").text
+
+
+def test_home_tries_a_robot_that_is_certified_once(tmp_path: Path) -> None:
+    """What the pages look at; correcting it and certifying it again would take as long once more."""
+    with client(tmp_path) as asked:
+        form = re.search(r'<form method="post" action="/run/demo">(.*?)</form>', asked.get("/").text)
+    assert form is not None
+    typed = {name: [value] for name, value in re.findall(r'name="(\w+)" value="(\w+)"', form[1])}
+    assert forms.asked("demo", forms.filled_in("demo", typed), tmp_path) == ["demo", "--out", "cell", "--robot", "--no-correct"]

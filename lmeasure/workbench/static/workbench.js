@@ -3,6 +3,11 @@ import '/static/bus.js';
 
 const post = (address, form) => fetch(address, {method: 'POST', body: new URLSearchParams(form), headers: {'Accept': 'application/json'}});
 
+// on a telephone the row of pages is pushed aside
+const row = document.querySelector('header nav'), here = row?.querySelector('[aria-current]');
+if (here) row.scrollLeft = here.offsetLeft - row.offsetLeft - (row.clientWidth - here.offsetWidth) / 2;
+row?.addEventListener('focusin', (event) => event.target.scrollIntoView({block: 'nearest', inline: 'nearest'}));
+
 for (const form of document.querySelectorAll('form[data-command]')) {
   let waiting;
   const renew = async () => {
