@@ -9,7 +9,10 @@ import scipy.stats
 from random_campaigns import Drawn, draw, errors, square_of, true_values
 from scipy.spatial.transform import Rotation
 
+from lmeasure import se3
 from lmeasure.calibration import Calibration, Settings, calibrate
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
 from lmeasure.lengths import span_lengths
 from lmeasure.rig import Rig, rig_from_dict
 
@@ -161,3 +164,24 @@ def test_too_few_poses_are_never_a_bare_optimum(seed: int) -> None:
 
 def test_same_draw_same_campaign() -> None:
     np.testing.assert_array_equal(draw(3).campaign.counts, draw(3).campaign.counts)
+
+
+def test_a_stated_pose_whose_turn_was_free_has_its_own_uncertainty_and_that_of_the_turn() -> None:
+    """By differences of the poses, for a covariance of the unknowns that couples them all."""
+    rng, campaign = np.random.default_rng(2), draw(0, points=2, poses=14, noise="gaussian", u_position_mm=0.05).campaign
+    u = np.linspace(0.02, 0.3, len(campaign.poses))
+    poses = replace(campaign.poses, u_position_mm=u, u_rotation_rad=np.zeros(len(u)), covariance=None)
+    campaign = replace(campaign, poses=poses)
+    model = Model(campaign, unknowns_of(campaign, ("position", "guide")), free=(0, 1, 2), frame="rig")
+    theta = model.start + 0.3 * rng.normal(size=len(model.start)) * (np.arange(len(model.start)) >= model.own)
+    root = rng.normal(size=(len(theta), len(theta)))
+    h, at = 1e-6, model.poses(theta)
+    ahead, behind = (np.stack([se3.displacement(model.poses(theta + sign * h * e), at) for e in np.eye(len(theta))]) for sign in (1, -1))
+    moved = np.einsum("pni,pq->nqi", (ahead - behind) / (2.0 * h), root)
+    expected = np.einsum("nqi,nqj->nij", moved, moved) + np.einsum("n,ij->nij", u**2, np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
+    found = model.found_poses(theta, root @ root.T)
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(found.rows, at)
+    squares = np.einsum("nii->ni", expected)
+    np.testing.assert_allclose(found.u_position_mm, np.sqrt(squares[:, 3:].mean(axis=1)), rtol=1e-5)
+    np.testing.assert_allclose(found.u_rotation_rad, np.sqrt(squares[:, :3].mean(axis=1)), rtol=1e-5)
