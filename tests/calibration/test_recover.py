@@ -180,6 +180,7 @@ def test_a_stated_pose_whose_turn_was_free_has_its_own_uncertainty_and_that_of_t
     moved = np.einsum("pni,pq->nqi", (ahead - behind) / (2.0 * h), root)
     expected = np.einsum("nqi,nqj->nij", moved, moved) + np.einsum("n,ij->nij", u**2, np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
     found = model.found_poses(theta, root @ root.T)
+    assert found.covariance is not None
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(found.rows, at)
     squares = np.einsum("nii->ni", expected)
