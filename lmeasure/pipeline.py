@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from lmeasure.certification.campaign import Campaign as TestCampaign
     from lmeasure.certification.sealed import Certificate
     from lmeasure.certification.verify import Verification
+    from lmeasure.findings import Finding
     from lmeasure.linkage.links import Linkage
     from lmeasure.linkage.noun import Described
     from lmeasure.linkage.record import Workspace
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from lmeasure.report.plots import Figure
     from lmeasure.trajectory.passes import Alignment
     from lmeasure.trajectory.pose_errors import ErrorModel
+    from lmeasure.trajectory.screw_method import Reconstruction
 
 File = Path | str
 Steps = Callable[[int, int], None]
@@ -83,11 +85,19 @@ def reconstruct(
 ) -> "trajectory.Trajectory":
     """The trajectory of a run folder or a run; rig, with its calibration, replaces the run's own. See `trajectory.reconstruct`."""
     from lmeasure import trajectory
-    from lmeasure.interim.explained import explained
 
     return trajectory.reconstruct(
         _run(run, rig), constraint, repeatability_mm, trials, seed=seed, progress=progress, covariances=covariances, judge=explained
     )
+
+
+def explained(reconstruction: "Reconstruction") -> "tuple[Finding, ...]":
+    """`interim.explained.explained`, which is loaded only where channels can contradict each other."""
+    if reconstruction.redundancy is None:
+        return ()
+    from lmeasure.interim.explained import explained
+
+    return explained(reconstruction)
 
 
 def zone(

@@ -45,7 +45,7 @@ class Settings(Asked):
 @workflow("reconstruct")
 def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory | Summary]":
     """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
-    from lmeasure.interim.explained import explained
+    from lmeasure.pipeline import explained
     from lmeasure.run import read_run, read_run_head
     from lmeasure.start import stated_start
     from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream, write_trajectory

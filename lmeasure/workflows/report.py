@@ -47,7 +47,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Along]":
     from lmeasure import files
     from lmeasure.accuracy.along import along
     from lmeasure.foreign import columns_of
-    from lmeasure.interim.explained import explained
+    from lmeasure.pipeline import explained
     from lmeasure.report.trajectory import summary, write_trajectory_page
     from lmeasure.run import read_linked_rig, read_run
     from lmeasure.start import stated_start
