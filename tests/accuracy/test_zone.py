@@ -11,7 +11,7 @@ from zone_rigs import cell, published
 
 from lmeasure.accuracy import limit_from_accuracy, read_zone, scan_zone, write_zone
 from lmeasure.accuracy.limits import REASONS, Limits
-from lmeasure.accuracy.zone import axis, drum_variance, tilts
+from lmeasure.accuracy.zone import axis, covers, drum_variance, tilts
 from lmeasure.accuracy.zone_dataset import summary
 from lmeasure.cable_parameters import cable_covariance
 from lmeasure.calibration_record import CalibrationRecord, Parameter
@@ -239,3 +239,6 @@ def test_run_out_counts_by_the_turns_of_its_drum_on_the_mean_over_places() -> No
     expected = 2.0 * u**2 * (1.0 - np.cos(theta)).mean(axis=0)
     found = drum_variance(rig, None, places, Rotation.identity(1), start=start)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+    said = covers(rig, None)
+    assert "what the rig states of run-out of drums" in said
+    assert said.endswith("; the rig links no calibration")
