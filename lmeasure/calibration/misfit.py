@@ -106,10 +106,12 @@ def _assumed(name: str) -> Finding:
 def _estimated(state: State[Model], name: str) -> Finding:
     u = _size(state, name)
     size = f"{u:.2g} mm" if name == "position" else f"{math.degrees(u):.2g} deg"
-    text = (
-        f"reference_poses.csv does not state how uncertain the {name}s are: the residuals ask for {size} (1 sigma per axis), which is "
-        f"taken; state it if it is known ({_OPTIONS[name]})"
+    told = (
+        f"the residuals ask for {size} (1 sigma per axis), which is taken"
+        if u
+        else "the residuals ask for nothing, they are taken as exact"
     )
+    text = f"reference_poses.csv does not state how uncertain the {name}s are: {told}; state it if it is known ({_OPTIONS[name]})"
     return Finding(code=f"assumed_{name}", text=text, value=u if name == "position" else math.degrees(u))
 
 

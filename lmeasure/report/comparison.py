@@ -158,7 +158,7 @@ def _pair(pair: Pair, say: Say, *, several: bool) -> list[str]:
         many=many,
         chance=0.05 * many,
     )
-    return [html.heading(title), html.paragraph(shared), *_moved(pair, say), html.paragraph(chance), html.table(header, rows, "figures")]
+    return [html.heading(title), html.paragraph(shared), *_moved(pair, say), html.paragraph(chance), html.table(header, rows, "changes")]
 
 
 def _moved(pair: Pair, say: Say) -> list[str]:

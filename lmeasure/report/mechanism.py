@@ -23,7 +23,12 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
     """Write a self-contained page of a mechanism, its record (`parallel.study.described`) and its workspace where it was looked for."""
     say = Say(language)
     pose = np.array([*record["position_mm"], *record["quaternion_xyzw"]])
-    told = say("{freedoms} freedoms, {parameters} parameters", freedoms=record["freedoms"], parameters=record["parameters"])
+    many = {"freedoms": record["freedoms"], "parameters": record["parameters"]}
+    told = (
+        say("1 freedom, {parameters} parameters", **many)
+        if many["freedoms"] == 1
+        else say("{freedoms} freedoms, {parameters} parameters", **many)
+    )
     near = say("distance from a singular pose, smallest over largest singular value: {near:.3g}", near=record["nearness"])
     body = [html.paragraph(told), html.paragraph(near), html.heading(say("In space"))]
     body.append(html.figure(space_figure(file, pose, grid, say), "space", first=True, language=language))

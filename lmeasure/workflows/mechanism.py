@@ -152,7 +152,8 @@ def _grid(settings: Settings, file: "ParallelFile") -> "Grid | None":
 
 
 def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
-    lines = [f"{record['name']}: {record['freedoms']} freedoms, {record['parameters']} parameters"]
+    freedoms = "1 freedom" if record["freedoms"] == 1 else f"{record['freedoms']} freedoms"
+    lines = [f"{record['name']}: {freedoms}, {record['parameters']} parameters"]
     lines.append("pose " + ", ".join(f"{v:z.3f}" for v in record["position_mm"]) + " mm")
     lines.append("joints " + ", ".join(f"{name} {value:z.3f}" for name, value in record["joints"].items()))
     lines.append(f"singular: {record['singular']}; smallest over largest singular value {record['nearness']:.4g}")
