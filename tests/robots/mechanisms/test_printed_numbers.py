@@ -1,5 +1,7 @@
 """Numbers of the documents that tests of the mechanisms' own modules do not look at; each by its section in the sources, slips named."""
 
+from itertools import permutations, product
+
 import numpy as np
 import pytest
 from mechanism_tables import TABLE_1, TABLE_2, TABLE_3, TABLE_4, poses
@@ -186,12 +188,27 @@ def test_turns_of_table_3() -> None:
 
     best = np.array([least_squares(turn, TABLE_3[i : i + 1], args=(i,), xtol=1e-14, ftol=1e-14).x[0] for i in range(10)])
     assert np.abs(best - TABLE_3).max() < 0.0095
-    spread = {}
-    for order in ("ZXZ", "ZYZ", "XYZ", "ZYX", "XZX", "YXY", "zxz", "zyz", "xyz", "zyx"):
-        at = se3.pose(TABLE_1[:, :3], Rotation.from_euler(order, np.radians(np.column_stack([TABLE_1[:, 3:5], TABLE_3]))))
-        spread[order] = dyads.misses(at, TABLE_2[:, :3], TABLE_2[:, 3:6], TABLE_2[:, 6]).std(axis=0).sum()
-    assert spread.pop("ZXZ") < 0.004
-    assert min(spread.values()) > 0.1
+    # the next best order of the axes, signs and angles is off by 0.322 with the turns of table 1, by 0.327 with those of table 3
+    for turns, right, next_best in ((TABLE_3, 0.0024, 0.327), (TABLE_1[:, 5], 0.0071, 0.322)):
+        spread = spreads(np.column_stack([TABLE_1[:, 3:5], turns]))
+        assert len(spread) == 12 * 6 * 8 * 2
+        # about the body's axes one after the other, or about the base's from the last to the first: the same turn
+        for same in (("ZXZ", (0, 1, 2)), ("zxz", (2, 1, 0))):
+            assert spread.pop((*same, (1.0, 1.0, 1.0))) == pytest.approx(right, abs=6e-5)
+        assert min(spread.values()) == pytest.approx(next_best, abs=5e-4)
+
+
+def spreads(angles: np.ndarray) -> dict[tuple[str, tuple[int, ...], tuple[float, ...]], float]:
+    """By axes, order and signs of angles (10, 3) [deg]: by how much the lengths that the links of table 2 would need differ, together."""
+    out = {}
+    for axes, order in product(product("xyz", repeat=3), permutations(range(3))):
+        if axes[0] == axes[1] or axes[1] == axes[2]:
+            continue
+        for signs, name in product(product((1.0, -1.0), repeat=3), ("".join(axes), "".join(axes).upper())):
+            at = se3.pose(TABLE_1[:, :3], Rotation.from_euler(name, np.radians(np.array(signs) * angles[:, order])))
+            misses = dyads.misses(at, TABLE_2[:, :3], TABLE_2[:, 3:6], TABLE_2[:, 6])
+            out[name, order, signs] = float(misses.std(axis=0).sum())
+    return out
 
 
 def test_table_4_from_the_turns_of_table_3() -> None:
@@ -223,5 +240,6 @@ def test_synthesis_again_with_the_turns_of_table_3_and_with_free_ones() -> None:
         return dyads.misses(poses(x[35:]), links[:, :3], links[:, 3:6], links[:, 6]).ravel()
 
     begin = np.concatenate([TABLE_2[:, :7].ravel(), TABLE_1[:, 5]])
-    free = least_squares(all_misses, begin, x_scale=np.abs(begin) + 0.1, max_nfev=30).fun.reshape(10, 5)
-    assert np.abs(free).max() < 0.7 * max(held)
+    free = least_squares(all_misses, begin, x_scale=np.abs(begin) + 0.1, max_nfev=300).fun.reshape(10, 5)
+    # in a flat valley, where turns go on to drift by degrees, each link's part is a matter of where one stops: the largest is told
+    assert np.abs(free).max() < 0.00044
