@@ -66,8 +66,9 @@ class Mounted:
         if isinstance(robot, Parallel):
             far = robot.forward(joints[::COARSE])
             self._say(far, COARSE)
-            flange, found = robot.near(joints, np.repeat(far, COARSE, axis=0)[: len(joints)])
-            flange[~found] = np.nan
+            flange, same = robot.beside(joints, np.repeat(far, COARSE, axis=0)[: len(joints)])
+            if not same.all():  # it moves far between: each by its own way from home
+                flange[~same] = robot.forward(joints[~same])
         else:
             flange = robot.forward(joints)
         self._say(flange, 1)

@@ -160,22 +160,24 @@ class Parallel:
         return replace(self, known={q.tobytes(): pose for q, pose in zip(joints, poses, strict=True) if not np.isnan(pose[0])})
 
     def _known(self, joints: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Poses (N, 7) from where they are known to have been, and whether they are the same assembly: not far from there, and on the same
-        side of singular poses, beyond which the nearest other assembly lies."""
+        """Poses (N, 7) from where they are known to have been, and whether they are known to be the same assembly."""
         kept = [self.known.get(q.tobytes()) for q in joints] if self.known else [None] * len(joints)
         of = np.flatnonzero([pose is not None for pose in kept])
         poses, good = np.full((len(joints), 7), np.nan), np.zeros(len(joints), np.bool_)
         if not len(of):
             return poses, good
-        starts = np.array([kept[i] for i in of])
-        near, closed = self.near(joints[of], starts)
-        here, drives = np.where(closed[:, None], near, starts), joints[of]
-        away = np.abs(se3.displacement(here, starts) / self.units).max(axis=1)
-        side = np.sign(np.linalg.det(self.rows(here, drives).pluecker * self.units))
-        own = np.sign(np.linalg.det(self.rows(self.home[None], self.home_joints[None]).pluecker * self.units))
-        good[of] = closed & (away < NEAR * self.size_mm) & (side == own)
-        poses[of] = near
+        poses[of], good[of] = self.beside(joints[of], np.array([kept[i] for i in of]))
         return poses, good
+
+    def beside(self, joints: FloatArray, starts: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Poses (N, 7) at joint values (N, n) found from poses starts (N, 7) where they stood a moment before, and whether they are of the
+        same assembly (N,): not far from there, and on the side of singular poses where home is, beyond which the nearest other one lies."""
+        near, closed = self.near(joints, starts)
+        here = np.where(closed[:, None], near, starts)
+        away = np.abs(se3.displacement(here, starts) / self.units).max(axis=1)
+        side = np.sign(np.linalg.det(self.rows(here, joints).pluecker * self.units))
+        own = np.sign(np.linalg.det(self.rows(self.home[None], self.home_joints[None]).pluecker * self.units))
+        return near, np.asarray(closed & (away < NEAR * self.size_mm) & (side == own))
 
     def _driven(self, joints: FloatArray) -> FloatArray:
         """`forward` along the whole way from home."""
