@@ -171,9 +171,7 @@ def _program(drawn: AnyRobot, nominal: Mounted, done: Performance) -> Program | 
 
 def _home(drawn: AnyRobot) -> FloatArray:
     """(7,) base_from_flange where it stands when nothing else is said."""
-    if isinstance(drawn, ParallelFile):
-        return drawn.model.home
-    if isinstance(drawn, PlatformFile):
+    if isinstance(drawn, ParallelFile | PlatformFile):
         return drawn.model.home
     return np.asarray(drawn.model.forward(_rest(drawn)[None])[0])
 

@@ -90,16 +90,20 @@ def corrections(nominal: RobotModel, found: RobotModel, joints: FloatArray, limi
     solved = np.where(kept, solved, joints)
     told = np.where(kept, nominal.forward(solved), wanted)
     at = found.forward(solved)
-    sizes = [np.linalg.norm(part, axis=1) for change in (se3.displacement(told, wanted), se3.displacement(at, wanted)) for part in
-        (change[:, 3:], change[:, :3])]  # fmt: skip
-    size_mm, size_rad, left_mm, left_rad = (part.tolist() for part in sizes)
-    was_mm = np.linalg.norm(se3.displacement(was, wanted)[:, 3:], axis=1).tolist()
+    size_mm, size_rad = _sizes(se3.displacement(told, wanted))
+    left_mm, left_rad = _sizes(se3.displacement(at, wanted))
+    was_mm, _ = _sizes(se3.displacement(was, wanted))
     return [
         Correction(
             joints[i], solved[i], wanted[i], told[i], size_mm[i], size_rad[i], was_mm[i], left_mm[i], left_rad[i], bool(clipped[i]), why
         )
         for i, why in enumerate(refused)
     ]
+
+
+def _sizes(changes: FloatArray) -> tuple[list[float], list[float]]:
+    """Shifts (N,) [mm] and turns (N,) [rad] of displacements (N, 6)."""
+    return np.linalg.norm(changes[:, 3:], axis=1).tolist(), np.linalg.norm(changes[:, :3], axis=1).tolist()
 
 
 def _shortened(nominal: RobotModel, joints: FloatArray, solved: FloatArray, *, wanted: FloatArray, limits: Limits) -> FloatArray:

@@ -1,5 +1,7 @@
 """Laws of each shipped mechanism over its whole workspace, not about its home alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -8,6 +10,7 @@ from scipy.stats import qmc
 from lmeasure import se3
 from lmeasure.robots.allowed import REGULAR, Allowed
 from lmeasure.robots.mounted import Mounted
+from lmeasure.robots.parallel import model as strides
 from lmeasure.robots.parallel.limits import spread
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.robot import any_shipped, shipped_names
@@ -93,3 +96,16 @@ def test_a_motion_stays_in_its_assembly_where_the_way_is_steep() -> None:
     alone = robot.forward(joints)
     assert np.linalg.norm(robot.near(joints, np.repeat(alone[::10], 10, axis=0))[0][:, :3] - alone[:, :3], axis=1).max() > 50.0
     np.testing.assert_allclose(Mounted(robot, HERE, HERE).forward(joints), alone, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", [name for name, robot in MECHANISMS.items() if len(robot.joint_names) == 6])
+def test_strides_step_over_nothing_in_the_workspace(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A twentieth as long, they lead to the same poses."""
+    robot = MECHANISMS[name]
+    joints = over(robot)
+    poses = robot.forward(joints)
+    monkeypatch.setattr(strides, "STRIDE_RAD", strides.STRIDE_RAD / 20.0)
+    monkeypatch.setattr(strides, "STRIDE", strides.STRIDE / 20.0)
+    monkeypatch.setattr(strides, "MOST_PARTS", 20 * strides.MOST_PARTS)
+    again = replace(robot).forward(joints)  # which has no strides kept
+    np.testing.assert_allclose(se3.displacement(again, poses) / robot.units, 0.0, atol=1e-9 * robot.size_mm)
