@@ -23,7 +23,7 @@ _CHANNELS = [
     "tests/observation/test_encoders.py",
     "tests/observation/test_runs_of_sensors.py",
 ]
-_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging")]
+_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging", "robust_loss")]
 _STRAIGHT = ["tests/lcoordinate/test_straight.py", "-k", "not forty and not monodromy"]
 _KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
@@ -73,7 +73,7 @@ CORE = {
     "estimation/normal_equations.py": ["tests/estimation/test_normal_equations.py"],
     **{f"observation/{name}.py": _CHANNELS for name in _KINDS.split()},
     "observation/parameters.py": ["tests/observation/test_parameters.py"],
-    "observation/parts.py": ["tests/observation/test_parts.py"],
+    "observation/parts.py": ["tests/observation/test_parts.py", "tests/observation/test_parts_of_unlike_cables.py"],
     "observation/cable_effects.py": ["tests/observation/test_parts.py", "tests/test_unsolved.py", "tests/test_taken_as_exact.py"],
     "calibration/residuals.py": _CAMPAIGNS,
     "calibration/unknowns.py": _CAMPAIGNS,

@@ -19,7 +19,7 @@ from lmeasure.estimation.problem import Problem
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
 LEFT = 1e-3  # of a group's least variance: what is counted at least of what the fit has left of it
-UNTOLD = 1e10  # condition from which the rest cannot do without these residuals
+UNTOLD = 1e10  # times less than they say by themselves the rest must leave of residuals that it cannot do without
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,7 @@ class Deletion(Remainder):
             self._seen = self._P @ fit.residuals
             # what of the residuals the fit could take away and did not: none at an optimum
             self._astray = fit.residuals - fit.V @ self._seen
+        self._alone = np.asarray(np.linalg.inv(fit.V), dtype=np.float64)
         self._chi2, self._freedom = fit.chi2, fit.freedom
 
     def shift(self, columns: FloatArray, extra: float = 0.0) -> Shift | None:
@@ -144,7 +145,7 @@ class Deletion(Remainder):
         nuisance = self._fit.problem.nuisance
         if not columns.shape[1]:
             return None
-        told = _told(columns.T @ self._P @ columns, 0 if nuisance is None else nuisance.size)
+        told = _told(columns.T @ self._P @ columns, columns.T @ self._alone @ columns, 0 if nuisance is None else nuisance.size)
         if told is None:
             return None
         values, vectors = told
@@ -158,7 +159,7 @@ class Deletion(Remainder):
         for group in np.unique(groups):
             rows = np.flatnonzero(groups == group)
             lost = 0 if nuisance is None else nuisance.size * len(np.unique(nuisance.of[rows]))
-            told = _told(self._P[np.ix_(rows, rows)], lost)
+            told = _told(self._P[np.ix_(rows, rows)], self._alone[np.ix_(rows, rows)], lost)
             if told is None:
                 continue
             values, vectors = told
@@ -166,12 +167,13 @@ class Deletion(Remainder):
         return out
 
 
-def _told(information: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] | None:
+def _told(information: FloatArray, alone: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] | None:
     """(k,) eigenvalues and (c, k) eigenvectors of what the others say about c residuals: all of it, but for as many combinations as these
-    have nuisance parameters of their own, which can make anything of them. None where the others cannot tell."""
+    have nuisance parameters of their own, which can make anything of them. None where the others cannot tell. alone (c, c): what would be
+    said of them if nothing had been fitted, beside which what is left of it may be rounding."""
     values, vectors = np.linalg.eigh(information)
     values, vectors = values[lost:], vectors[:, lost:]
-    if not len(values) or values[0] * UNTOLD < values[-1]:
+    if not len(values) or values[0] * UNTOLD < np.trace(alone):
         return None
     return values, vectors
 

@@ -113,7 +113,8 @@ def scatter(freedom: int) -> float:
     def mean(power: int) -> float:
         def part(d: float) -> float:
             weight = biweights(normal_deviates(np.array([d * d]), np.array([freedom])))[0]
-            return float(weight * d**power * 2.0 * d * scipy.stats.chi2.pdf(d * d, freedom))
+            # but for a factor, which cancels
+            return float(weight * d ** (power + 1) * scipy.stats.chi2.pdf(d * d, freedom))
 
         return float(scipy.integrate.quad(part, 0.0, 12.0, limit=200)[0])
 

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lmeasure import se3
-from lmeasure.arrays import FloatArray
+from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.kernels import cable as kernels
 from lmeasure.kernels import layout
 from lmeasure.observation.cable_effects import thicker
@@ -43,7 +43,7 @@ RUN_OUT, ECCENTRICITY, OFFSET, OVERSIZE, PLAY = slice(0, 2), slice(2, 4), 4, 5, 
 
 class Added(NamedTuple):
     """What parts add to F(P) - D(k) [mm], (n, m), its derivatives by their values (n, m, 7), by the way from B to P (n, m, 3) in base axes,
-    by the pulley's radius, by the pulley's angle psi and the drum's angle theta (n, m), and these angles."""
+    by the pulley's radius, by the pulley's angle psi and the drum's angle theta (n, m)."""
 
     mm: FloatArray
     by_values: FloatArray
@@ -51,8 +51,6 @@ class Added(NamedTuple):
     by_radius: FloatArray
     by_psi: FloatArray
     by_theta: FloatArray
-    psi: FloatArray
-    theta: FloatArray
 
 
 @dataclass(frozen=True)
@@ -70,8 +68,9 @@ class Parts:
         """(n, m) what they add to modelled less measured changes [mm], for the kernels' rows (m, columns), at (n, 7) poses and true
         counts (n, m) that are free of play, zeroed at poses (m, 7) with counts (m,). NaN where pose or count is NaN, or a cable cannot
         run."""
-        there, begun = self.added(rows, zero, poses, counts, travel=np.zeros(counts.shape))
-        return there.mm - begun.mm
+        known: BoolArray = np.isfinite(poses[:, 0])
+        there, begun = self.added(rows, zero, poses[known], counts[known], travel=np.zeros(counts[known].shape))
+        return _where(known, there.mm - begun.mm)
 
     def gradient(
         self,
@@ -83,10 +82,12 @@ class Parts:
         travel: FloatArray | None = None,
         since: bool = True,
     ) -> FloatArray:
-        """(n, m, 7) derivatives of `excess` by the values; travel (n, m): signs of the last travel; since: as there, less those where
-        counting began."""
-        there, begun = self.added(rows, zero, poses, counts, travel=np.zeros(counts.shape) if travel is None else travel)
-        return there.by_values - begun.by_values if since else there.by_values
+        """(n, m, 7) derivatives of `excess` by the values, NaN where the pose is; travel (n, m): signs of the last travel; since: as
+        there, less those where counting began."""
+        known: BoolArray = np.isfinite(poses[:, 0])
+        travel = np.zeros(counts.shape) if travel is None else travel
+        there, begun = self.added(rows, zero, poses[known], counts[known], travel=travel[known])
+        return _where(known, there.by_values - begun.by_values if since else there.by_values)
 
     def added(
         self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, *, travel: FloatArray
@@ -111,11 +112,9 @@ class Parts:
         by = np.stack([-c, -sine, *np.zeros((3, *k.shape)), -k * by_over / turn, -s * slope / self.scales], axis=2)
         by_theta = a * sine - b * c
         nothing = np.zeros(k.shape)
-        # neither pose nor count, no length
-        mm = np.where(np.isfinite(way[:, :, 0]), mm, np.nan)
         wrapped = R > 0.0
         if not (wrapped.any() and (self.pulleys or self.values[:, ECCENTRICITY.start : PLAY].any())):
-            return Added(mm, by, np.zeros(way.shape), nothing, nothing, by_theta, nothing, theta)
+            return Added(mm, by, np.zeros(way.shape), nothing, nothing, by_theta)
         safe = np.where(wrapped, R, 1.0)
         psi = (drum.paid_out(k) - drum.paid_out(k0) + since) / safe
         c, sine = np.cos(psi), np.sin(psi)
@@ -127,7 +126,7 @@ class Parts:
         lift, across = 1.0 - moved.cosine, -moved.sine
         by[:, :, ECCENTRICITY] = np.stack([c * lift + sine * across, -sine * lift + c * across], axis=2)
         by[:, :, OFFSET] = across
-        by[:, :, OVERSIZE] += 0.5 * moved.angle
+        by[:, :, OVERSIZE] += np.where(wrapped, 0.5 * moved.angle, 0.0)
         by[:, :, ECCENTRICITY.start : OFFSET + 1] *= wrapped[:, None]
         by_psi = (-x1 * sine - x2 * c) * lift + (x1 * c - x2 * sine) * across
         by_way = (moved.cosine - plain.cosine)[:, :, None] * u + (moved.sine - plain.sine)[:, :, None] * n
@@ -140,8 +139,6 @@ class Parts:
             np.where(wrapped, by_radius, 0.0),
             np.where(wrapped, by_psi, 0.0),
             by_theta,
-            psi,
-            theta,
         )
 
     def by_parameters(
@@ -150,8 +147,8 @@ class Parts:
         """Derivatives of `excess`, with the play of travel (n, m): (n, m, 7) by the values, (n, m, 13) by the kernels' parameters, and
         (2, n, m, 6) by small motions (omega; v) of the pose and of where counting began, base axes."""
         there, begun = self.added(rows, zero, poses, counts, travel=travel)
-        n, m = counts.shape
-        scales, at = self.scales, np.arange(m)
+        scales, m = self.scales, len(rows)
+        at = np.arange(m)
         g = kernels.length_gradients(rows, np.ascontiguousarray(poses), counts, scales)
         g0 = kernels.length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(zero[1], (m, 1)), scales)[at, at][None]
         R, count_mm, turn = rows[:, layout.RADIUS], rows[:, layout.COUNT_LENGTH], rows[:, layout.TURN_COUNTS]
@@ -159,22 +156,25 @@ class Parts:
         of_drum = np.isin(np.arange(layout.WIDTH), [layout.BY_SCALE, layout.BY_TANGENT, layout.BY_AXIAL, layout.BY_PITCH])
         # what has passed since: D(k) - D(k0) + F0 - L, and f = F - D
         begun_by = np.where(stated & ~of_drum, g0, 0.0)
-        out = np.zeros((n, m, layout.WIDTH))
-        for side, k, by, sign in ((there, counts, g, 1.0), (begun, zero[1][None], g0, -1.0)):
+        radius = np.where(R > 0.0, R, 1.0)
+
+        def by_kernels(side: Added, at: FloatArray, k: FloatArray, by: FloatArray, *, of_start: bool) -> FloatArray:
             passed = np.where(of_drum, g0 - by, 0.0) + begun_by
             turned = np.repeat(begun_by * (2.0 * np.pi / (count_mm * turn))[:, None], len(k), axis=0)
             turned[:, :, layout.BY_SCALE] = -2.0 * np.pi * (k - zero[1]) / (turn * scales)
-            own = side.by_theta[:, :, None] * turned + (side.by_psi / np.where(R > 0.0, R, 1.0))[:, :, None] * passed
+            own = side.by_theta[:, :, None] * turned + (side.by_psi / radius)[:, :, None] * passed
             own[:, :, layout.BY_RADIUS] += side.by_radius
-            out += sign * (own + self._of_lengths(rows, poses if sign > 0.0 else zero[0], side, k, of_start=sign < 0.0))
+            return own + self._of_lengths(rows, at, side, k, of_start=of_start)
+
+        of_kernels = by_kernels(there, poses, counts, g, of_start=False) - by_kernels(begun, zero[0], zero[1][None], g0, of_start=True)
         arm = arms(rows, poses), np.einsum("mmi->mi", arms(rows, zero[0]))[None]
-        moved = [np.concatenate([np.cross(way, side.by_way), side.by_way], axis=2) for way, side in zip(arm, (there, begun), strict=True)]
+        moved = [np.concatenate([np.cross(way, side.by_way), side.by_way], axis=2) for way, side in ((arm[0], there), (arm[1], begun))]
         # the phase follows what is out where counting began
         rate = np.where(np.isfinite(self.phase_mm), 1.0, 0.0)
         shift = np.array([kernels.span_rows(rows[j : j + 1], pose)[0] for j, pose in enumerate(zero[0])])
         by_begun = rate * (there.by_theta - begun.by_theta) * 2.0 * np.pi / (count_mm * turn)
-        by_begun = by_begun + rate * (there.by_psi - begun.by_psi) / np.where(R > 0.0, R, 1.0)
-        return there.by_values - begun.by_values, out, np.stack([moved[0], by_begun[:, :, None] * shift - moved[1]])
+        by_begun = by_begun + rate * (there.by_psi - begun.by_psi) / radius
+        return there.by_values - begun.by_values, of_kernels, np.stack([moved[0], by_begun[:, :, None] * shift - moved[1]])
 
     def _of_lengths(self, rows: FloatArray, poses: FloatArray, side: Added, k: FloatArray, *, of_start: bool) -> FloatArray:
         """(n, m, 13) derivatives at fixed angles of drum and pulley, but by the radius."""
@@ -197,6 +197,13 @@ class Parts:
         out[:, :, layout.BY_SCALE] = k * longer / turn / self.scales
         out[:, :, layout.BY_PITCH] = k / turn * pitch * over / (2.0 * r * (drum.count_mm * turn + longer))
         return out
+
+
+def _where(known: BoolArray, values: FloatArray) -> FloatArray:
+    """(n, ...) values (k, ...) of the k samples whose pose is known, NaN of the others."""
+    out = np.full((len(known), *values.shape[1:]), np.nan)
+    out[known] = values
+    return out
 
 
 def parts_of(rig: Rig, cables: tuple[Cable, ...] | None = None) -> Parts | None:
