@@ -44,13 +44,18 @@ class Turned:
     passage: int = 1
     from_point: str = ""
     to_point: str = ""
+    again: bool = False
+    """Whether other passes read it too."""
 
     @property
-    def name(self) -> str:
+    def channel(self) -> str:
         """That of its column."""
         return self.encoder.channel
 
-    channel = name
+    @property
+    def name(self) -> str:
+        """That of its column; `sw1@2` in pass 2, where several passes read sw1."""
+        return f"{self.channel}@{self.passage}" if self.again else self.channel
 
 
 Observed = Cable | Turned
@@ -200,12 +205,13 @@ class Rig(Shown, Strict):
     def observed(self) -> tuple[Observed, ...]:
         """All channels of readings, of all passes: the cables, the swivels that they turn, the inclinometers' axes."""
         swivels = [
-            Turned(s, c.passage, c.from_point, c.to_point)
+            Turned(s, c.passage, c.from_point, c.to_point, again=len(turning) > 1)
             for s in self.swivel
-            for c in self.cable
-            if c.from_point == s.point and s.cable in (None, c.name)
+            if (turning := [c for c in self.cable if c.from_point == s.point and s.cable in (None, c.name)])
+            for c in turning
         ]
-        leaning = [Turned(e, passage) for e in self.inclination for passage in range(1, self.passes + 1)]
+        passes = range(1, self.passes + 1)
+        leaning = [Turned(e, passage, again=self.passes > 1) for e in self.inclination for passage in passes]
         return (*self.cable, *swivels, *leaning)
 
     def counter(self, observed: Observed) -> Drum | Swivel | Inclination:

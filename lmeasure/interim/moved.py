@@ -165,12 +165,12 @@ class Together:
             own = np.array([o.to_point == name for o in observed])
             if own.any():
                 yield "attachment", name, "mm", 1.0, np.where(own[:, None], g[:, :, BY_ATTACHMENT : BY_ATTACHMENT + 3], 0.0)
-        for j, o in enumerate(observed):
-            alone = np.arange(len(observed)) == j
+        for o in {o.channel: o for o in observed}.values():  # several passes read one drum, one encoder
+            own = np.array([other.channel == o.channel for other in observed])
             if isinstance(o, Turned) and o.encoder.absolute:
-                yield "encoder", o.name, "deg", float(np.degrees(1.0)), np.where(alone, g[:, :, BY_ANGLE_ZERO], 0.0)[:, :, None]
+                yield "encoder", o.channel, "deg", float(np.degrees(1.0)), np.where(own, g[:, :, BY_ANGLE_ZERO], 0.0)[:, :, None]
             elif isinstance(o, Cable):
-                yield "drum", o.from_point, "%", 100.0, np.where(alone, g[:, :, BY_SCALE], 0.0)[:, :, None]
+                yield "drum", o.from_point, "%", 100.0, np.where(own, g[:, :, BY_SCALE], 0.0)[:, :, None]
         if not self.start_known:
             return
         begun = np.where(since[:, None], cable_kernels.span_rows(rows, budget.start), 0.0)

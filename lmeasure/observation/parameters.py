@@ -93,7 +93,7 @@ def tilt_names(observed: Observed) -> tuple[str, ...]:
 
 def zero_name(observed: Turned) -> str:
     """The calibration record's name of an encoder's zero."""
-    return f"{observed.name}.{ENCODER_ZERO}"
+    return f"{observed.channel}.{ENCODER_ZERO}"
 
 
 def attachment_names(point: str) -> tuple[str, ...]:

@@ -156,7 +156,8 @@ def find_start(rig: Rig, lengths: Lengths, source: str, make: Make) -> Reconstru
             except (GeometryError, TrajectoryError) as error:
                 failed = error
         # a fault contradicts every beginning alike: before it they are told apart
-        if not tried or any(told is None or told.chi_squared <= SOUND * told.freedom for _, told in tried):
+        chi, freedom = _contradicted(tried)
+        if chi.min(initial=np.inf) <= SOUND * freedom:
             break
     if not tried:
         assert failed is not None
@@ -198,14 +199,22 @@ def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usab
     return np.array([begun.pose for begun in every if begun.chi_squared <= limit])
 
 
-def _standing(tried: list[tuple[Reconstruction, Told | None]]) -> list[Reconstruction]:
-    """Those that the run does not contradict more than the best of them, each once."""
+def _contradicted(tried: list[tuple[Reconstruction, Told | None]]) -> tuple[FloatArray, int]:
+    """(k,) chi-squared by which a run contradicts beginnings, as of equally many readings, and its degrees of freedom: all zero where
+    nothing is redundant. What cannot be followed from a beginning as it can from another contradicts it by every sample that is lost."""
+    followed = np.array([0 if told is None else int(np.isfinite(told.poses[:, 0]).sum()) for _, told in tried])
     most = max((told.freedom for _, told in tried if told is not None), default=0)
-    # a beginning that loses samples on the way is contradicted by them
-    chi = [0.0 if told is None else told.chi_squared * most / max(told.freedom, 1) for _, told in tried]
-    limit = min(chi) + WORSE * max(min(chi) / max(most, 1), 1.0)
+    chi = np.array([0.0 if told is None else told.chi_squared * most / max(told.freedom, 1) for _, told in tried])
+    return chi + WORSE * (followed.max(initial=0) - followed), most
+
+
+def _standing(tried: list[tuple[Reconstruction, Told | None]]) -> list[Reconstruction]:
+    """Those that the run does not contradict more than the best of them, each once: as it begins nearest to where it is found to."""
+    chi, most = _contradicted(tried)
+    limit = chi.min() + WORSE * max(chi.min() / max(most, 1), 1.0)
+    moved = [0.0 if told is None else float(np.linalg.norm(told.mean)) for _, told in tried]
     out: list[tuple[Reconstruction, Told | None]] = []
-    for k in np.argsort(chi, kind="stable"):
+    for k in np.argsort(moved, kind="stable"):
         r, told = tried[k]
         if chi[k] <= limit and not any(told is not None and other is not None and _same(told, other) for _, other in out):
             out.append((r, told))

@@ -109,7 +109,7 @@ def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray
     u = np.zeros(len(rig.observed))
     for j, o in enumerate(rig.observed):
         encoder = rig.counter(o)
-        if isinstance(encoder, AngleEncoder) and encoder.absolute and f"{o.name}.zero_deg" not in solved:
+        if isinstance(encoder, AngleEncoder) and encoder.absolute and f"{o.channel}.zero_deg" not in solved:
             u[j] = ANYWHERE if encoder.zero_deg is None else math.radians(encoder.u_zero_deg or 0.0)
     # an encoder that is read in several passes has one zero
     names = [o.channel for o in rig.observed]
