@@ -25,6 +25,7 @@ _CHANNELS = [
 ]
 _ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging", "robust_loss")]
 _STRAIGHT = ["tests/lcoordinate/test_straight.py", "-k", "not forty and not monodromy"]
+_LIMITS = ["tests/lcoordinate/test_limits_in_closed_form.py", "tests/lcoordinate/test_workspace.py"]
 _KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
 _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
@@ -43,7 +44,7 @@ CORE = {
     "kernels/screw.py": ["tests/kernels/test_screw.py"],
     "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "few_samples or 75_degrees_in"],
     "kernels/least_squares.py": ["tests/observation/test_fast_paths.py", "-k", "few_samples"],
-    "lcoordinate/singularity.py": ["tests/lcoordinate/test_singularity.py"],
+    "lcoordinate/singularity.py": ["tests/lcoordinate/test_singularity.py", "tests/lcoordinate/test_around_singular_poses.py"],
     "lcoordinate/architecture.py": ["tests/lcoordinate/test_architecture.py"],
     "lcoordinate/certified.py": _STRAIGHT,
     "lcoordinate/levers.py": ["tests/lcoordinate/test_levers.py"],
@@ -54,11 +55,11 @@ CORE = {
     "lcoordinate/structures.py": ["tests/lcoordinate/test_structures.py", "tests/lcoordinate/test_architecture.py"],
     "lcoordinate/study.py": _STRAIGHT,
     "lcoordinate/tetrahedra.py": _STRAIGHT,
-    "lcoordinate/workspace.py": ["tests/lcoordinate/test_workspace.py", "-k", "not led"],
+    "lcoordinate/workspace.py": [*_LIMITS, "-k", "closed_form or lines_between or without_a_slope"],
     "lcoordinate/intervals.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/flat.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/bounds.py": ["tests/lcoordinate/test_workspace.py"],
-    "lcoordinate/detour.py": ["tests/lcoordinate/test_workspace.py", "-k", "path or led or least_step"],
+    "lcoordinate/detour.py": [*_LIMITS, "-k", "path or led or least or poses_between or limits_that_no"],
     "estimation/least_squares.py": _ESTIMATED,
     "estimation/fit.py": _ESTIMATED,
     "estimation/elimination.py": _ESTIMATED,

@@ -135,7 +135,7 @@ def _beside_lines(bounds: Bounds, plane: Slice, begin: FloatArray, way: FloatArr
     nearest to being broken, or broken most, at its middle. Infinite where a limit has no slope."""
     values, rates = bounds.with_rates(plane.poses(begin[:, None] + QUARTERS[:, None] * way[:, None]), plane.displacements)
     with np.errstate(divide="ignore", invalid="ignore"):
-        far = np.nan_to_num(values / np.linalg.norm(rates, axis=-1), nan=np.inf)
+        far = np.nan_to_num(values / np.linalg.norm(rates, axis=-1), nan=np.inf, posinf=np.inf, neginf=-np.inf)
     return np.abs(far.min(axis=-1)).max(axis=-1), np.asarray(far[:, 1].argmin(axis=-1))
 
 

@@ -249,3 +249,96 @@ def test_few_samples_of_a_tile_are_stepped_and_judged_as_by_whole_matrices(rows:
     turned = Rotation.from_rotvec(step[:, :3] * (np.arctan(half) / half)[:, None]) * turns
     assert (Rotation.from_quat(stepped[3:7].T) * turned.inv()).magnitude().max() < 1e-12
     np.testing.assert_allclose(np.linalg.norm(stepped[3:7], axis=0), 1.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("fine", "coarse", "last"), [(lanes.MIDDLE, lanes.COARSE, 700), (lanes.MIDDLE, lanes.COARSE, 60), (1, lanes.MIDDLE, 601)]
+)
+def test_few_samples_are_started_between_those_known(fine: int, coarse: int, last: int) -> None:
+    """By the cubic of Catmull and Rom through four of the far ones, straight at the ends and between near ones, whatever the signs of
+    quaternions are; behind the last sample by that."""
+    g = np.random.default_rng(coarse + last)
+    known = np.unique(np.r_[np.arange(0, last, coarse), last])
+    work = np.full((lanes.CHUNK, 7), np.nan)
+    work[known, :3] = g.normal(size=(len(known), 3)) * 100.0
+    straight = Rotation.from_rotvec(g.uniform(-0.4, 0.4, (len(known), 3))).as_quat()
+    work[known, 3:] = straight * g.choice([-1.0, 1.0], (len(known), 1))
+    targets, places = g.normal(size=(lanes.CHUNK, 6)), np.array([3, 1, 5, 0, 2, 4])
+    pose = dict(zip(known.tolist(), np.column_stack([work[known, :3], straight * np.sign(straight[:, 3:])]), strict=True))
+    for first in (0, coarse * (last // coarse // 2), coarse * (last // coarse)):
+        S, T = np.zeros((lanes.TILE_ROWS, lanes.WIDTH)), np.zeros((6, lanes.WIDTH))
+        flat = S.ravel(), T.ravel()
+        lanes._load(work, targets, places, first, fine, coarse, last, *flat)
+        samples = np.minimum(first + fine * np.arange(lanes.WIDTH), last)
+        np.testing.assert_array_equal(T, targets[samples][:, places].T)
+        for lane, i in enumerate(samples.tolist()):
+            a = i // coarse * coarse
+            if i in pose:
+                expected = pose[i]
+            else:
+                b = min(a + coarse, last)
+                f = (i - a) / (b - a)
+                p1, p2 = pose[a], pose[b]
+                expected = p1 + f * (p2 - p1)
+                if coarse == lanes.COARSE and a >= coarse and a + 2 * coarse <= last:
+                    p0, p3 = pose[a - coarse], pose[a + 2 * coarse]
+                    m1, m2 = (p2 - p0) / 2.0, (p3 - p1) / 2.0
+                    expected = (2 * f**3 - 3 * f**2 + 1) * p1 + (f**3 - 2 * f**2 + f) * m1 + (3 * f**2 - 2 * f**3) * p2 + (f**3 - f**2) * m2
+            turned = expected[3:] / np.linalg.norm(expected[3:])
+            np.testing.assert_allclose(S[:3, lane], expected[:3], atol=1e-11)
+            np.testing.assert_allclose(S[3:7, lane] * np.sign(S[6, lane]), turned, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("off_mm", "steps"), [(0.0, 1), (0.9 * 3e-5, 1), (1.1 * 3e-5, 2), (0.02, 2), (0.2, 3), (9.9, 4), (10.1, 0), (np.nan, 0)], ids=str
+)
+def test_few_samples_are_stepped_until_nothing_is_left(rows: FloatArray, off_mm: float, steps: int) -> None:
+    """Of a tile with one lane that is so far off: no more than 10 mm, and none is needed behind one of 0.03 micrometres."""
+    tile = np.zeros((lanes.TILE_ROWS, lanes.WIDTH))
+    tile[:7] = HOME[:, None]
+    targets = np.tile(cable.span_lengths(rows, HOME[None])[0][:, None], lanes.WIDTH)
+    if np.isnan(off_mm):  # where the samples around could not be found
+        tile[:7, 63] = np.nan
+    else:
+        targets[4, 63] -= off_mm
+    S, T = tile.ravel(), targets.ravel()
+    assert lanes._refine(S, T, rows) == steps
+    if steps:
+        found = cable.span_lengths(rows, tile[:7].T)
+        np.testing.assert_allclose(found, targets.T, atol=1e-8)
+
+
+@pytest.mark.parametrize("lane", [0, 63])
+@pytest.mark.parametrize(
+    ("row", "value", "safe"),
+    [
+        (lanes.RESIDUAL, 0.9 * screw.TOLERANCE_MM, True),
+        (lanes.RESIDUAL, 1.1 * screw.TOLERANCE_MM, False),
+        (lanes.DETERMINANT, -1e-6, True),
+        (lanes.DETERMINANT, 1e-6, False),
+        (lanes.DETERMINANT, 0.0, False),
+        (lanes.DETERMINANT, np.nan, False),
+    ],
+    ids=str,
+)
+def test_few_samples_that_are_far_off_or_on_the_other_side_are_not_taken(row: int, value: float, safe: bool, lane: int) -> None:
+    tile = np.zeros((lanes.TILE_ROWS, lanes.WIDTH))
+    tile[lanes.DETERMINANT] = -0.3
+    tile[row, lane] = value
+    assert lanes._safe(tile.ravel(), -2.0) == safe
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_few_samples_go_on_where_the_run_gets_to(rows: FloatArray, axis: int) -> None:
+    """Within a thousand-millionth of a metre along each axis, and only where the run gets there."""
+    there = path(400)[399:]
+    change, flag = changes(rows, there), np.zeros(1, np.int64)
+    for off, goes in ((0.9e-6, True), (1.1e-6, False), (-1.1e-6, False)):
+        tile = np.zeros((lanes.TILE_ROWS, lanes.WIDTH))
+        tile[:7] = there[0][:, None]
+        tile[axis, 0] += off
+        assert lanes._goes_on(rows, HOME, screw.new_state(HOME), change, flag, U, tile.ravel()) == goes
+    lost = change.copy()
+    lost[0, 0] -= 5000.0
+    tile[:7] = there[0][:, None]
+    assert not lanes._goes_on(rows, HOME, screw.new_state(HOME), lost, flag, U, tile.ravel())

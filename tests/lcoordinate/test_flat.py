@@ -177,6 +177,76 @@ def test_limits_that_are_none_are_refused() -> None:
         flat.bands(T1, LIMITS | {"l1": (3.5, 3.0)}, "l3")
     with pytest.raises(StructureError, match="cannot be assembled"):
         flat.bands(T1, LIMITS | {"l1": (9.0, 9.5)}, "l3")
+    for wrong in ((0.0, 3.5), (-1.0, 3.5), (3.0, np.inf), (np.nan, 3.5)):
+        with pytest.raises(StructureError, match="of b12, l1, l2, b13, b23: must be positive"):
+            flat.bands(T1, LIMITS | {"l1": wrong}, "l3")
+
+
+# all edges but PQ are what they are, and PQ is flat at two lengths
+FIVE = {"xy": 5.0, "px": 4.0, "py": 4.5, "qx": 3.0, "qy": 3.5}
+OWN = {name: (v, v) for name, v in FIVE.items()}
+NEAR, FAR = (float(v) for v in flat.flat(np.array(list(FIVE.values()))))
+SIX = flat.Tetrahedron("xy", "px", "py", "qx", "qy", "pq")
+
+
+def test_what_varies_nothing_has_bands_of_one_number() -> None:
+    found = flat.bands(SIX, OWN, "pq")
+    for band, value in ((found.near, NEAR), (found.far, FAR)):
+        assert (*band.low, *band.high) == pytest.approx([value] * 4, rel=1e-12)
+        assert band.low[0] <= value <= band.high[1]
+        assert 0.0 <= band.sharp < 1e-12
+    assert flat.Band((1.0, 1.5), (3.0, 3.25)).sharp == 0.5
+    assert flat.Band((1.0, 1.125), (3.0, 3.25)).sharp == 0.25
+    assert flat.safe_band([SIX], OWN, "pq") == pytest.approx((NEAR, FAR), rel=1e-12)
+    assert flat.safe_band([SIX], OWN, "other") is None
+    assert not flat.Flat(flat.Band((1.0, 1.0), (2.0, 2.0)), flat.Band((2.0, 2.0), (3.0, 3.0))).safe
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((NEAR - 0.5, 4.0), (NEAR + 0.25, 4.0)),
+        ((3.0, FAR + 1.0), (3.0, FAR - 0.25)),
+        ((NEAR - 0.5, FAR + 1.0), (NEAR + 0.25, FAR - 0.25)),
+        # nothing in common with what is safe: as wide as before, in its middle
+        ((FAR + 1.0, FAR + 1.5), ((NEAR + FAR) / 2.0 - 0.25, (NEAR + FAR) / 2.0 + 0.25)),
+        ((0.1, 0.3), ((NEAR + FAR) / 2.0 - 0.1, (NEAR + FAR) / 2.0 + 0.1)),
+        ((FAR + 1.0, FAR + 21.0), (NEAR + 0.25, FAR - 0.25)),
+        # the edge is safe as it stands
+        ((3.0, 4.0), (3.0, 4.0)),
+        ((NEAR + 0.125, 4.0), (NEAR + 0.125, 4.0)),
+    ],
+)
+def test_limits_are_cut_to_what_is_safe_but_for_a_margin(given: tuple[float, float], expected: tuple[float, float]) -> None:
+    assert flat.clear(SIX, OWN | {"pq": given}) == (given == expected)
+    found = flat.adjusted([SIX], OWN | {"pq": given}, ["pq"], 0.25)
+    assert found["pq"] == pytest.approx(expected, abs=3e-9)
+    assert {name: found[name] for name in OWN} == OWN
+    assert flat.clear(SIX, flat.adjusted([SIX], OWN | {"pq": given}, ["pq"]))
+
+
+def test_limits_that_touch_a_flat_length_are_not_clear() -> None:
+    near, far = flat.bands(SIX, OWN, "pq").safe or (0.0, 0.0)
+    assert not flat.clear(SIX, OWN | {"pq": (near, 4.0)})
+    assert not flat.clear(SIX, OWN | {"pq": (4.0, far)})
+    assert flat.clear(SIX, OWN | {"pq": (np.nextafter(near, 9.0), np.nextafter(far, 0.0))})
+
+
+def test_limits_that_no_edge_can_make_safe_are_named() -> None:
+    wide, half = OWN | {"pq": (0.1, 9.0)}, (FAR - NEAR) / 2.0
+    assert flat.adjusted([SIX], wide, ["pq"], half - 1e-3)["pq"] == pytest.approx(((NEAR + FAR) / 2.0,) * 2, abs=1.1e-3)
+    for adjustable, margin in ((["pq"], half + 1e-3), (["xy", "other"], 0.0)):
+        with pytest.raises(StructureError, match="tetrahedron xy, px, py, qx, qy, pq: may be flat") as told:
+            flat.adjusted([SIX], wide, adjustable, margin)
+        assert str(told.value).endswith(f"whatever {', '.join(adjustable)} are")
+    # two that share an edge: what is safe for both, and none where that is nothing
+    other = flat.Tetrahedron("a", "px", "py", "qx", "qy", "pq")
+    both = OWN | {"a": (6.0, 6.0)}
+    each = [float(v) for v in flat.flat(np.array([6.0, *list(FIVE.values())[1:]]))]
+    assert flat.safe_band([SIX, other], both, "pq") == pytest.approx((max(NEAR, each[0]), min(FAR, each[1])), rel=1e-12)
+    small = flat.Tetrahedron("s", "t", "t", "t", "t", "pq")
+    assert flat.safe_band([SIX, small], OWN | {"s": (1.0, 1.0), "t": (1.0, 1.0)}, "pq") == pytest.approx((NEAR, 3.0**0.5), rel=1e-12)
+    assert flat.safe_band([SIX, small], OWN | {"s": (1.0, 1.0), "t": (0.6, 0.6)}, "pq") is None
 
 
 @laws
