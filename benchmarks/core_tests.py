@@ -58,7 +58,7 @@ CORE = {
     "lcoordinate/workspace.py": [*_LIMITS, "-k", "closed_form or lines_between or without_a_slope"],
     "lcoordinate/intervals.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/flat.py": ["tests/lcoordinate/test_flat.py"],
-    "lcoordinate/bounds.py": ["tests/lcoordinate/test_workspace.py"],
+    "lcoordinate/bounds.py": ["tests/lcoordinate/test_bounds.py", "tests/lcoordinate/test_workspace.py", "-k", "test_bounds or in_several"],
     "lcoordinate/detour.py": [*_LIMITS, "-k", "path or led or least or poses_between or limits_that_no"],
     "estimation/least_squares.py": _ESTIMATED,
     "estimation/fit.py": _ESTIMATED,

@@ -222,7 +222,7 @@ def test_a_twist_is_lost_below_a_thousand_millionth_of_the_rows(off: float, told
     """However large the rig is, and only where there is one twist alone."""
 
     def values(shift: float, pairs: int) -> FloatArray:
-        return np.linalg.svd(singularity.link_rows(*mechanism(3, pairs_on_a_line=pairs, shift=shift))[0], compute_uv=False)
+        return np.asarray(np.linalg.svd(singularity.link_rows(*mechanism(3, pairs_on_a_line=pairs, shift=shift))[0], compute_uv=False))
 
     for pairs, at, drives in ((1, 5, told), (2, 4, not told)):
         part = values(1e-3, pairs)
@@ -249,4 +249,4 @@ def test_pressure_angles_of_links_beside_a_dependence_are_of_the_least_motion() 
         rows = np.hstack([np.cross(points - middle, M[:, :3]) / rim, M[:, :3]])
         least = np.linalg.lstsq(rows, np.eye(6)[i], rcond=1e-9)[0]
         v = least[3:] + np.cross(least[:3] / rim, points[i] - middle)
-        assert np.cos(found[i]) == pytest.approx(1.0 / max(1.0, np.linalg.norm(v)), rel=1e-6)
+        assert np.cos(found[i]) == pytest.approx(1.0 / max(1.0, float(np.linalg.norm(v))), rel=1e-6)
