@@ -1,0 +1,126 @@
+"""How start systems are grown, kept and told apart, and what tetrahedra say of heights."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from linkages import lengths_at, rig
+
+from lmeasure import se3
+from lmeasure.arrays import ComplexArray, IntArray
+from lmeasure.kernels.homotopy import REACHED
+from lmeasure.lcoordinate import starts, straight, study, tetrahedra
+from lmeasure.lcoordinate.structures import Structure, incidence, parse, structures
+
+
+def named(text: str) -> Structure:
+    return parse(text)[0]
+
+
+def test_a_grown_system_has_every_assembly_of_its_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(starts, "QUIET", 3)
+    structure = named("L-321-321")
+    links, points = starts.grown(structure, np.random.default_rng(5))
+    assert points.shape == (8, 8)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0, atol=1e-12)
+    residuals = np.einsum("ni,kij,nj->nk", points, study.quadrics(links), points)
+    assert np.abs(residuals).max() < 1e-10
+    assert np.abs((points[:, :4] ** 2).sum(axis=1)).min() > 1e-6
+
+
+def test_loops_go_on_until_eight_have_brought_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a stand-in that finds a second assembly in the fourth loop, and once a path that is lost."""
+    calls: list[int] = []
+    other = np.eye(8, dtype=complex)[3]
+
+    def follow(start: ComplexArray, aim: ComplexArray, ends: ComplexArray) -> tuple[ComplexArray, IntArray]:
+        calls.append(len(ends))
+        told = np.full(len(ends), REACHED)
+        if len(calls) == 2:
+            told[:] = REACHED + 1
+        if len(calls) == 12:
+            return np.concatenate([ends, other[None]]), np.append(told, REACHED)
+        return ends, told
+
+    monkeypatch.setattr(starts, "follow", follow)
+    structure = named("L-222-222")
+    links, found = starts.grown(structure, np.random.default_rng(1))
+    assert calls == [1, 1, 0] + [1] * 9 + [2] * 24
+    assert found.shape == (2, 8)
+    np.testing.assert_array_equal(found[1], other)
+    # the first one fits its links
+    residuals = np.einsum("i,kij,j->k", found[0], study.quadrics(links), found[0])
+    assert np.abs(residuals).max() < 1e-12 * np.abs(links).max()
+
+
+def test_links_at_random_have_the_structures_points_in_common() -> None:
+    structure = named("L-2211-321:ab-ac-a-b")
+    links = starts.random_links(structure, np.random.default_rng(2))
+    assert links.shape == (6, 7)
+    for columns, side in ((slice(3, 6), 0), (slice(0, 3), 1)):
+        same = (links[:, None, columns] == links[None, :, columns]).all(axis=2)
+        ends = np.array([link[side] for link in structure.links])
+        np.testing.assert_array_equal(same, ends[:, None] == ends)
+    every = links[:, [6]]
+    assert len(np.unique(every)) == 6
+    assert (np.abs(links.imag) > 0.0).all()
+
+
+@pytest.mark.parametrize(("off", "kept"), [(0.9e-6, False), (1.1e-6, True)])
+def test_points_are_distinct_from_a_millionth_on(off: float, kept: bool) -> None:
+    points = np.zeros((4, 8), complex)
+    points[0, 1], points[1, 1] = 1.0, 1j
+    points[2, [1, 5]] = -np.sqrt(1.0 - off**2), 1j * off
+    points[3, 2] = 1.0
+    found = starts.distinct(points)
+    np.testing.assert_array_equal(found, points[[0, 2, 3] if kept else [0, 3]])
+    np.testing.assert_allclose(starts.unit(np.array([[3.0, 4j]])), [[0.6, 0.8j]])
+
+
+def test_what_is_kept_is_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = starts.of_its_own()
+    assert len(own) == sum(s.degenerate is None for s in structures() if starts.one_of_two(s) == s)
+    before = [starts.start_of(s) for s in own]
+    monkeypatch.setattr(starts, "FILE", tmp_path / "starts.npz")
+    starts.write([(links, points[: 3 + i % 2]) for i, (links, points) in enumerate(before)])
+    with np.load(tmp_path / "starts.npz") as kept:
+        assert kept["counts"].tolist() == [3 + i % 2 for i in range(len(own))]
+        np.testing.assert_array_equal(kept["links"], [links for links, _ in before])
+        np.testing.assert_array_equal(kept["points"][3:7], before[1][1][:4])
+
+
+@pytest.mark.parametrize("structure", [s for s in structures() if s.closed_form][1::5], ids=lambda s: s.notation)
+def test_heights_are_those_of_tetrahedra_at_the_pose(structure: Structure) -> None:
+    """Of each corner over the three by which it is placed, as part of the squares of one edge to it and of one between those."""
+    base, platform, poses = rig(structure, 9, 5)
+    lengths = lengths_at(base, platform, poses)
+    found, heights = tetrahedra.closed_form(base, platform, lengths)[0], tetrahedra.heights(base, platform, lengths)
+    order = incidence(base, platform).order
+    for n, pose in enumerate(poses):
+        there = {("B", b): base[order[i]] for i, (_, b) in enumerate(structure.links)}
+        there |= {("P", p): se3.apply(pose, platform[order[i]]) for i, (p, _) in enumerate(structure.links)}
+        parts = []
+        for side, i, corners in structure.placements or ():
+            a, b, c = (there[corner] for corner in corners)
+            apex, normal = there[side, i], np.cross(b - a, c - a)
+            height = (apex - a) @ normal / np.linalg.norm(normal)
+            parts.append(height**2 / (((apex - a) ** 2).sum() + ((b - a) ** 2).sum()))
+        k = int(np.abs(se3.displacement(found[n], pose)).max(axis=1).argmin())
+        assert heights[n, k] == pytest.approx(min(parts), rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("base", "platform", "length", "unit"),
+    [
+        (90.0, 10.0, 10.0, 64.0),
+        (91.0, 10.0, 10.0, 128.0),
+        (10.0, 0.36, 3.0, 8.0),
+        (0.1, 6.0, 10.0, 8.0),
+        (0.1, 1.0, 11.0, 4.0),
+        (0.1, 1.0, 11.4, 8.0),
+    ],
+)
+def test_the_unit_is_the_power_of_two_nearest_to_the_rigs_size(base: float, platform: float, length: float, unit: float) -> None:
+    """The widest side of the base or the platform, or half of the longest link."""
+    points = np.array([(0.0, 0.0, 0.0), (0.2, -0.5, 0.1), (0.1, 0.5, 0.0)] * 2)
+    assert straight._unit(base * points + 500.0, platform * points - 300.0, np.array([1.0, 0.1, length, 1.0, 0.5, 0.2])) == unit
