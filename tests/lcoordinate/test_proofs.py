@@ -14,7 +14,7 @@ ROUNDING = 5e-15
 def system(seed: int, lean: float = 0.5) -> tuple[ComplexArray, ComplexArray, int]:
     """Quadrics (7, 8, 8) that meet in a point x (8,), whose e.e is lean, and which of its coordinates is held at 1."""
     g = np.random.default_rng(seed)
-    x = 0.3 * (g.normal(size=8) + 1j * g.normal(size=8))
+    x = np.asarray(0.3 * (g.normal(size=8) + 1j * g.normal(size=8)), dtype=np.complex128)
     x[:4] = 1.0, 1j * np.sqrt(1.0 - lean), 0.0, 0.0
     Q = g.normal(size=(7, 8, 8)) + 1j * g.normal(size=(7, 8, 8))
     Q = Q + np.swapaxes(Q, 1, 2)
