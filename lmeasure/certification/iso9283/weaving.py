@@ -57,9 +57,8 @@ def weaves(crossed: Crossings, stroke_mm: float) -> list[Weave]:
     for number, cycle in enumerate(crossed.cycles, 1):
         inside = (cycle.way_mm > 0.0) & (cycle.way_mm < crossed.line.length)
         samples, time_s, positions = cycle.samples[inside], cycle.time_s[inside], cycle.poses[inside, :3]
-        points, tangent = crossed.line.at(cycle.way_mm[inside])
-        away = positions - points
-        away = away - (away * tangent).sum(axis=1)[:, None] * tangent
+        # normal to the line: a sample's way is that of the nearest point
+        away = positions - crossed.line.at(cycle.way_mm[inside])[0]
         direction = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][0]
         y = away @ direction
         middle = y - 0.5 * (y.max() + y.min())
