@@ -1,6 +1,6 @@
 """What a run's counts tell of its channels against its definition, written out sample by sample, over random motions with faults."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from math import isfinite
@@ -68,8 +68,10 @@ def sizes(stamps: FloatArray, mm: FloatArray, w: int, interval: float, off_s: fl
     """(n - 2 w, m) accelerations by three samples, less what whole counts may make of them."""
     n, m = mm.shape
     time_s, rows = stamps.tolist(), mm.tolist()  # Python's own numbers are quicker one by one
-    uneven = max(abs(time_s[i + w] - time_s[i] - w * interval) for i in range(n - w)) > 0.02 * w * interval
-    out = np.empty((n - 2 * w, m))
+    uneven = (
+        max([0.0, *(abs(time_s[i + w] - time_s[i] - w * interval) for i in (*range(n - 2 * w), *range(w, n - w)))]) > 0.02 * w * interval
+    )
+    out = np.empty((max(n - 2 * w, 0), m))
     for i in range(n - 2 * w):
         before, after = time_s[i + w] - time_s[i], time_s[i + 2 * w] - time_s[i + w]
         for j in range(m):
@@ -120,7 +122,7 @@ def by_definition(time_s: FloatArray, mm: FloatArray) -> tuple[Continuity, set[s
     every = [c for k in (1, 2) for c in steps_seen(time_s, mm, mm.T, 0, stride=k, count_mm=np.full(m, COUNT_MM), off_s=off)]
     windows = [max(1, round(s / interval)) for s in (0.02, 0.005)]
     size = [sizes(time_s, mm, w, interval, float(off.max())) for w in windows]
-    hardest = [max(0.0, max(np.sort(np.nan_to_num(row, nan=-np.inf))[-2] for row in own)) for own in size]
+    hardest = [max([0.0, *(np.sort(np.nan_to_num(row, nan=-np.inf))[-2] for row in own)]) for own in size]
     habit = [np.array([usual(column) for column in own.T]) for own in size]
     allowed_for = np.maximum(hardest[0], habit[0])
 
@@ -200,23 +202,61 @@ def told(one: Break) -> FloatArray:
     return np.array([one.cable, one.before_s, one.after_s, one.by_mm, one.u_mm, *one.length_mm, *one.speed_mm_s])
 
 
+def slow(seed: int) -> tuple[FloatArray, FloatArray]:
+    """Twenty-five samples a second, which are farther apart than accelerations are taken over."""
+    time_s, mm = drawn(seed)
+    return 10.0 * time_s, mm
+
+
+def trembling(seed: int) -> tuple[FloatArray, FloatArray]:
+    """All channels together from sample to sample, which over longer stretches is nothing."""
+    time_s, mm = drawn(seed)
+    return time_s, mm + COUNT_MM * np.rint(15.0 * np.cos(np.pi * np.arange(len(time_s))))[:, None]
+
+
+def nearly_even(seed: int) -> tuple[FloatArray, FloatArray]:
+    """Stamps that are off by a hundredth of an interval are as even as can be; by four they are so over the longer stretches alone."""
+    time_s, mm = drawn(seed)
+    off = np.random.default_rng(seed).uniform(-1.0, 1.0, len(time_s))
+    return time_s + (0.005 if seed % 2 else 0.03) / RATE_HZ * off, mm
+
+
+def short(seed: int) -> tuple[FloatArray, FloatArray]:
+    """From four samples, of which alone a step is told, to a few more than accelerations are taken over."""
+    time_s, mm = drawn(seed)
+    part = slice(30, 34 + seed // 2)
+    return time_s[part], mm[part] + np.outer(np.arange(len(mm[part])) >= 2, [0.0, 3.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def is_the_definitions(time_s: FloatArray, mm: FloatArray, told_of: str) -> set[str]:
+    """Held against it; what was found."""
+    finder = ContinuityFinder(RIG)
+    finder.add(lengths(time_s, mm))
+    found = finder.found()
+    expected, seen = by_definition(time_s, mm)
+    assert len(found.breaks) == len(expected.breaks), told_of
+    for one, other in zip(found.breaks, expected.breaks, strict=True):
+        np.testing.assert_allclose(told(one), told(other), rtol=1e-7, atol=1e-9, err_msg=told_of)
+    assert found.away == expected.away, told_of
+    assert (found.stood, found.clock_s) == (expected.stood, expected.clock_s), told_of
+    assert found.acceleration_mm_s2 == pytest.approx(expected.acceleration_mm_s2, rel=1e-7)
+    np.testing.assert_allclose(found.least_mm, expected.least_mm, rtol=1e-7, err_msg=told_of)
+    return seen
+
+
 def test_what_is_found_is_what_the_definition_says() -> None:
     kinds = set[str]()
     for seed in range(24):
-        time_s, mm = drawn(seed)
-        finder = ContinuityFinder(RIG)
-        finder.add(lengths(time_s, mm))
-        found = finder.found()
-        expected, seen = by_definition(time_s, mm)
-        kinds |= seen
-        assert len(found.breaks) == len(expected.breaks), seed
-        for one, other in zip(found.breaks, expected.breaks, strict=True):
-            np.testing.assert_allclose(told(one), told(other), rtol=1e-7, atol=1e-9, err_msg=f"{seed}")
-        assert found.away == expected.away, seed
-        assert (found.stood, found.clock_s) == (expected.stood, expected.clock_s), seed
-        assert found.acceleration_mm_s2 == pytest.approx(expected.acceleration_mm_s2, rel=1e-7)
-        np.testing.assert_allclose(found.least_mm, expected.least_mm, rtol=1e-7, err_msg=f"{seed}")
+        kinds |= is_the_definitions(*drawn(seed), f"{seed}")
     assert kinds >= {"step", "rush", "away", "clock", "held", "stopped and came back"}
+
+
+@pytest.mark.parametrize("kind", [slow, trembling, nearly_even, short])
+def test_at_other_rates_and_of_few_samples_too(kind: Callable[[int], tuple[FloatArray, FloatArray]]) -> None:
+    kinds = set[str]()
+    for seed in range(20) if kind is short else (1, 2, 3, 4, 5, 12):
+        kinds |= is_the_definitions(*kind(seed), f"{kind.__name__} {seed}")
+    assert kinds >= {"step", *({"rush"} if kind is not short else {})}
 
 
 @pytest.mark.parametrize("seed", [2, 9, 12, 15, 20])
