@@ -192,8 +192,8 @@ def test_what_may_be_the_farthest_in_truth_is_drawn(rounded: bool) -> None:
         of = e[np.array([i])]
         kept = float(kept_over(of, np.array([c.step_mm]))[0])
         shares.append(kept + (1.0 - kept) / c.neighbours)
-        random = shares[-1] * CORNER.side @ of.random[0, 3:, 3:] @ CORNER.side
-        common = CORNER.side @ (of.covariance - of.random)[0, 3:, 3:] @ CORNER.side
+        random = float(shares[-1] * CORNER.side @ of.random[0, 3:, 3:] @ CORNER.side)
+        common = float(CORNER.side @ (of.covariance - of.random)[0, 3:, 3:] @ CORNER.side)
         near = (c.beyond >= -4.0 * np.sqrt(random + common)).any()
         likely = likely_by_definition(c.beyond, random, common) if near else c.beyond
         about, others = drawn_by_definition(c.beyond, likely, random)
@@ -206,10 +206,10 @@ def test_what_may_be_the_farthest_in_truth_is_drawn(rounded: bool) -> None:
     for which in (False, True):
         nearest, beyond = part.state(errors, which)
         np.testing.assert_allclose(nearest, [c.nearest for c in cycles])
-        for found, (about, others) in zip(beyond[..., 0], expected[which], strict=True):
-            np.testing.assert_allclose(found[: 14 * 16 + 1], finer(about[:, None], kinks=True)[:, 0], atol=1e-12)
-            np.testing.assert_allclose(found[14 * 16 + 1 :][: len(others)], others, atol=1e-12)
-            assert (found[14 * 16 + 1 + len(others) :] < -1e6).all()
+        for found, (near_top, far_off) in zip(beyond[..., 0], expected[which], strict=True):
+            np.testing.assert_allclose(found[: 14 * 16 + 1], finer(near_top[:, None], kinks=True)[:, 0], atol=1e-12)
+            np.testing.assert_allclose(found[14 * 16 + 1 :][: len(far_off)], far_off, atol=1e-12)
+            assert (found[14 * 16 + 1 + len(far_off) :] < -1e6).all()
     # errors move the nearest points first, then cycle by cycle what lies beyond, by what of them is across the second line
     errors[:] = np.random.default_rng(5).normal(size=errors.shape) * 0.01
     draws = np.stack([errors, -2.0 * errors])

@@ -64,7 +64,9 @@ def by_definition(cycle: Cycle, stroke_mm: float) -> dict[str, Any]:
     tops = [max(s, key=lambda i: abs(middle[i])) for s in strokes]
     width = min(max(min(len(s) for s in strokes) // 6, 1), 7)
     seen = max(width, 3)
-    rows = np.array([[min(max(t + k, 0), len(y) - 1) for k in range(-seen, seen + 1)] for t in [*tops, np.argmax(y), np.argmin(y)]])
+    rows = np.array(
+        [[min(max(t + k, 0), len(y) - 1) for k in range(-seen, seen + 1)] for t in [*tops, int(np.argmax(y)), int(np.argmin(y))]]
+    )
     edges = np.array([[before[0], before[0] + 1], [before[-1], before[-1] + 1]])
     at = np.array(kept)
     return {
@@ -192,7 +194,7 @@ def test_the_farthest_is_what_a_curve_through_samples_reaches_about_the_middle_o
             np.testing.assert_allclose(far[n][draw], tops, atol=1e-12)
             level = (max(tops) + min(tops)) / 2.0
             edge = w.edge_y + off[draw, w.y.size :].reshape(2, 2)
-            when = [np.interp(level, *zip(*sorted(zip(e, s, strict=True)), strict=True)) for e, s in zip(edge, w.edge_s, strict=True)]
+            when = [np.interp(level, np.sort(e), s[np.argsort(e)]) for e, s in zip(edge, w.edge_s, strict=True)]
             np.testing.assert_allclose(times[n][draw], when, atol=1e-12)
 
 

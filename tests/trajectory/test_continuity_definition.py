@@ -259,10 +259,10 @@ def test_at_other_rates_and_of_few_samples_too(kind: Callable[[int], tuple[Float
     assert kinds >= {"step", *({"rush"} if kind is not short else {})}
 
 
-@pytest.mark.parametrize("seed", [2, 9, 12, 15, 20])
-def test_wherever_a_run_is_cut_the_same_breaks_are_found(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "kind"), [(2, drawn), (9, drawn), (12, drawn), (15, drawn), (20, drawn), (2, slow)])
+def test_wherever_a_run_is_cut_the_same_breaks_are_found(seed: int, kind: Callable[[int], tuple[FloatArray, FloatArray]]) -> None:
     """In two pieces, the border before, within and behind each fault: what is seen of a fault needs samples of both."""
-    time_s, mm = drawn(seed)
+    time_s, mm = kind(seed)
     whole = ContinuityFinder(RIG)
     whole.add(lengths(time_s, mm))
     # what is allowed for is by habits, of which each piece is asked at samples of its own

@@ -1,5 +1,6 @@
 """What redundant cables tell of each other, against generalised least squares written out, and against draws of what a run shares."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -8,12 +9,14 @@ import pytest
 from cells import TOOL, FloatArray, motion, record
 from scipy.linalg import block_diag, null_space, sqrtm
 from test_schemes import EIGHT, SEVEN, rig_of
+from test_truth import AUTHORITY, truth_of
 
-from lmeasure.kernels.cable import span_rows_of
-from lmeasure.lengths import lengths_from_counts
+from lmeasure.kernels.cable import span_lengths, span_rows_of
+from lmeasure.lengths import changes_from_counts, lengths_from_counts
 from lmeasure.rig import Rig
+from lmeasure.run import read_run
 from lmeasure.trajectory.contradictions import chance_of
-from lmeasure.trajectory.redundancy import Redundancy
+from lmeasure.trajectory.redundancy import Epochs, Redundancy, repeats
 from lmeasure.trajectory.screw_method import Reconstruction
 
 N = 40
@@ -172,3 +175,123 @@ def test_the_chance_of_contradictions_is_the_mean_of_places_spread_over_the_run(
     np.testing.assert_allclose(redundancy.chance(epochs, poses, used).above(at), expected.above(at), rtol=1e-6)
     each = [redundancy.chance(epochs.at(slice(i, i + 1)), poses[i : i + 1], used).above(at) for i in places]
     np.testing.assert_allclose(np.mean(each, axis=0), expected.above(at), rtol=2e-2)
+
+
+def with_swivels() -> tuple[Redundancy, Epochs, FloatArray]:
+    """Six drums and six swivels at 40 samples of a run, and poses near the true ones."""
+    run = read_run(AUTHORITY / "swivel-run")
+    poses = truth_of("swivel-run")[:: len(run.passes[0].time_s) // N, 1:][:N]
+    (counts,) = run.passes
+    few = replace(counts, time_s=counts.time_s[::50][:N], recorded=counts.recorded[::50][:N])
+    redundancy = Redundancy(Reconstruction(run.rig, poses[0], None, u_start=(0.05, 1e-4)).budget)
+    return redundancy, redundancy.epochs(lengths_from_counts(replace(run, passes=(few,), start=poses[0])), None), poses
+
+
+def with_eight() -> tuple[Redundancy, Epochs, FloatArray]:
+    reconstruction, redundancy, poses, errors, _ = prepared(EIGHT)
+    epochs = redundancy.epochs(lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0), exact=True)), None)
+    epochs.gone_on_mm[:] += errors
+    return redundancy, epochs, poses
+
+
+@pytest.mark.parametrize(("made", "channel", "apart_from"), [(with_eight, 6, 3), (with_swivels, 8, 2), (with_swivels, 1, 0)])
+def test_what_a_channel_errs_by_is_the_best_estimate_that_no_motion_moves(
+    made: Callable[[], tuple[Redundancy, Epochs, FloatArray]], channel: int, apart_from: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Generalised least squares of the pose and one more unknown, whose weights say what of its error is a sample's own and what samples
+    share. A channel that is not used has no part; one that the others do not control, and a place without a pose, tell nothing."""
+    monkeypatch.setattr("lmeasure.trajectory.redundancy.CHUNK", 7)
+    redundancy, epochs, poses = made()
+    n, m = epochs.change_mm.shape
+    rows, offsets = span_rows_of(redundancy._rows, poses) * np.repeat([1.0 / 150.0, 1.0], 3), 0.003 * np.arange(1.0, m + 1.0)[None]
+    used = np.ones((n, m), np.bool_)
+    used[5:9, 2], used[10, channel] = False, False
+    used[20] = np.arange(m) > m - 6
+    used[20, channel] = True
+    there = poses.copy()
+    there[15] = np.nan
+    error, own, common = redundancy.error_of(channel, epochs, there, used, offsets=offsets, apart_from=apart_from)
+    parities = redundancy.parities(replace(epochs, gone_on_mm=epochs.gone_on_mm - offsets), there, used)
+    alone, u = parities.errors
+    nothing = {10, 15, 20}
+    assert set(np.flatnonzero(np.isnan(error))) == nothing
+    assert np.isnan(own).tolist() == np.isnan(common).tolist() == np.isnan(error).tolist()
+    every = redundancy.shared(epochs, poses, np.ones_like(used)) * redundancy.unit[:, None]
+    residual = redundancy.residuals(poses, epochs.gone_on_mm - offsets)
+    for i in sorted(set(range(n)) - nothing):
+        mine = used[i]
+        B = np.column_stack([rows[i], np.eye(m)[channel]])[mine]
+        for last, found in ((apart_from, None), (0, alone[i, channel])):
+            L = every[i][mine, : every.shape[2] - last]
+            S = L @ L.T + np.diag(epochs.variance_mm2[i][mine])
+            scale = 1.0 / np.sqrt(np.diag(S))
+            white, b = np.linalg.inv(np.linalg.cholesky(S * np.outer(scale, scale))), (B.T * scale).T
+            h = (np.linalg.pinv(white @ b, rcond=1e-12) @ white)[-1] * scale
+            if found is None:
+                assert error[i] == pytest.approx(h @ residual[i][mine], rel=1e-5, abs=1e-10)
+                assert own[i] == pytest.approx(np.sqrt((h**2 * epochs.variance_mm2[i][mine]).sum()), rel=1e-5)
+                assert common[i] == pytest.approx(np.linalg.norm(h @ L), rel=1e-5)
+            else:
+                assert found == pytest.approx(h @ residual[i][mine], rel=1e-5, abs=1e-10)
+                assert u[i, channel] == pytest.approx(np.sqrt(h @ S @ h), rel=1e-5)
+    assert parities.freedom.tolist() == [0 if i in (15, 20) else int(used[i].sum()) - 6 for i in range(n)]
+    assert np.isinf(u[20]).all()
+    np.testing.assert_array_equal(alone[20], 0.0)
+
+
+def test_weights_of_samples_without_what_they_share() -> None:
+    """N (N^T V N)^-1 N^T is V^-1 less what the pose takes of it."""
+    redundancy, epochs, poses = with_swivels()
+    m = epochs.change_mm.shape[1]
+    used, rows = (
+        np.ones((N, m), np.bool_),
+        span_rows_of(redundancy._rows, poses) * np.repeat([1.0 / 150.0, 1.0], 3) / redundancy.unit[:, None],
+    )
+    residual, variance = redundancy.residuals(poses, epochs.gone_on_mm), epochs.variance_mm2 * np.arange(1.0, m + 1.0)
+    r, P = redundancy.weighed(redundancy.basis(poses, used), residual, variance)
+    np.testing.assert_allclose(r, residual / redundancy.unit)
+    for i in range(0, N, 9):
+        V = np.diag(redundancy.unit**2 / variance[i])
+        expected = V - V @ rows[i] @ np.linalg.solve(rows[i].T @ V @ rows[i], rows[i].T @ V)
+        np.testing.assert_allclose(P[i], expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+
+
+def test_epochs_hold_what_was_used_and_what_was_shown() -> None:
+    reconstruction, redundancy, _, _, _ = prepared(EIGHT)
+    lengths = lengths_from_counts(record(reconstruction.rig, *motion(N, rate_hz=20.0)))
+    assert lengths.gone_on is not None
+    lengths.change_mm[3, 5] = np.nan
+    u_mm = 0.001 * np.arange(8.0) * np.ones((N, 1))
+    epochs = redundancy.epochs(replace(lengths, missed_mm=u_mm), None)
+    assert np.isnan(epochs.change_mm[3, 5])
+    # of what is not used the counts alone tell
+    shown = changes_from_counts(reconstruction.rig, lengths.gone_on, reconstruction.rig.cable)
+    assert epochs.gone_on_mm[3, 5] == pytest.approx(shown[3, 5])
+    np.testing.assert_array_equal(np.delete(epochs.gone_on_mm.ravel(), 29), np.delete(lengths.change_mm.ravel(), 29))
+    np.testing.assert_allclose(epochs.variance_mm2, reconstruction.budget.variance + u_mm**2)
+    without = epochs.without([1, 4])
+    assert np.isnan(without.change_mm[:, [1, 4]]).all()
+    assert np.isfinite(np.delete(without.change_mm, [1, 4, 5], axis=1)).all()
+    assert np.isfinite(epochs.change_mm[:, [1, 4]]).all()
+
+
+def test_how_often_a_reading_is_repeated() -> None:
+    readings = np.array([[1.0, 2.0], [1.0, 3.0], [1.0, 3.0], [4.0, 2.0], [1.0, 2.0], [1.0, 5.0]])
+    np.testing.assert_array_equal(repeats(readings), [[3, 1], [3, 2], [3, 2], [1, 2], [2, 2], [2, 1]])
+
+
+def test_readings_count_from_the_start_or_from_where_they_were_zeroed() -> None:
+    reconstruction, redundancy, poses, _, _ = prepared(EIGHT)
+    spans = span_lengths(reconstruction.scheme.rows, poses[:1])[0]
+    np.testing.assert_allclose(redundancy.zero, spans)
+    begun = np.arange(8.0)
+    np.testing.assert_allclose(Redundancy(reconstruction.budget, begun).zero, spans - begun)
+    run = read_run(AUTHORITY / "swivel-run")
+    absolute = Redundancy(Reconstruction(run.rig, poses[0], None).budget)
+    assert (absolute.zero[6:] == 0.0).all()
+    # on the circle: a turn more is the same
+    few = np.zeros((1, 12))
+    np.testing.assert_allclose(
+        absolute.residuals(poses[:1], few + 2.0 * np.pi * np.r_[np.zeros(6), np.ones(6)]), absolute.residuals(poses[:1], few), atol=1e-12
+    )
+    assert np.abs(absolute.residuals(poses[:1], few)[0, 6:]).max() <= np.pi
