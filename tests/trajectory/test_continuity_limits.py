@@ -168,6 +168,14 @@ def test_a_jump_may_be_the_first_sample_of_a_piece() -> None:
     assert found.u_mm == pytest.approx(0.2 + 2.0 * 2.0, abs=4.0)
 
 
+@pytest.mark.parametrize(("mm_s", "told"), [(6.6, True), (4.2, False)])
+def test_a_channel_that_runs_off_is_told_where_another_shows_the_tool_on_its_way(mm_s: float, told: bool) -> None:
+    """From 5 mm/s on."""
+    time_s, mm = going(mm_s, 2000)
+    mm[:, 5] += 80.0 * np.maximum(time_s - time_s[900], 0.0)
+    assert [b.cable for b in found_in(time_s, mm).breaks] == [5] * told
+
+
 @pytest.mark.parametrize("apart", [5, 6])
 def test_of_two_changes_of_speed_within_a_stretch_the_larger_is_told(apart: int) -> None:
     """Of two farther apart the first, beside which the second is none of its own."""
