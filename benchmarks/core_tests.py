@@ -99,9 +99,10 @@ CORE = {
     "certification/verify.py": ["tests/certification/test_verify.py"],
     "certification/again.py": ["tests/certification/test_verify.py"],
     **{f"certification/iso9283/{name}.py": _SEALED for name in _TESTS.split()},
+    **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
+    "certification/capability.py": ["tests/certification/test_capability_limits.py"],
     "certification/iso9283/corners.py": ["tests/certification/test_corner_laws.py", *_SEALED[:-1], f"test_corner_laws or {_SEALED[-1]}"],
     "certification/iso9283/weaving.py": ["tests/certification/test_weave_laws.py", *_SEALED[:-1], f"test_weave_laws or {_SEALED[-1]}"],
-    **{f"certification/{name}.py": _SEALED for name in _EVALUATED.split()},
     "counts.py": ["tests/test_counts.py"],
     "findings.py": ["tests/test_findings.py"],
     "trajectory/pose_errors.py": [
