@@ -59,7 +59,7 @@ CORE = {
     "lcoordinate/intervals.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/flat.py": ["tests/lcoordinate/test_flat.py"],
     "lcoordinate/bounds.py": ["tests/lcoordinate/test_bounds.py", "tests/lcoordinate/test_workspace.py", "-k", "test_bounds or in_several"],
-    "lcoordinate/detour.py": [*_LIMITS, "-k", "path or led or least or poses_between or limits_that_no"],
+    "lcoordinate/detour.py": [*_LIMITS, "-k", "closed_form or least_step or limit_angle_keeps"],
     "estimation/least_squares.py": _ESTIMATED,
     "estimation/fit.py": _ESTIMATED,
     "estimation/elimination.py": _ESTIMATED,

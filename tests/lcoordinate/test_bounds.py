@@ -145,3 +145,32 @@ def test_six_links_hold_from_a_million_millionth_of_the_rows_on(lean: float, sou
     else:
         with pytest.raises(StructureError, match="do not hold"):
             Bounds(base, body, AT)
+
+
+@pytest.mark.parametrize(("condition", "sound"), [(0.85e12, True), (1.15e12, False)])
+def test_eight_links_hold_up_to_a_condition_of_a_million_millions(condition: float, sound: bool) -> None:
+    """Points beside one line, about which the body turns: the condition of the normal equations goes by the square of how far."""
+    side = RNG.normal(size=(8, 3))
+
+    def beside(off: float) -> tuple[FloatArray, float]:
+        body = np.arange(8.0)[:, None] * [30.0, 10.0, -20.0] + off * side
+        M, _, points = link_rows(BASE, body, AT)
+        J = np.hstack([M[:, :3], np.cross((points - points.mean(axis=0)) / rim_mm(body), M[:, :3])])
+        return body, float(np.linalg.cond(J.T @ J))
+
+    body, found = beside(np.sqrt(beside(1e-2)[1] / condition) * 1e-2)
+    assert found == pytest.approx(condition, rel=0.05)
+    if sound:
+        assert Bounds(BASE, body, AT, LIMIT).values(AT).shape == (8,)
+    else:
+        with pytest.raises(StructureError, match="do not hold"):
+            Bounds(BASE, body, AT, LIMIT)
+
+
+def test_limits_of_every_orientation_stand_one_behind_the_other() -> None:
+    turns = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.06, np.sqrt(1.0 - 0.0036)]])
+    one, both = (Bounds(BASE, BODY, AT, LIMIT, (300.0, 1900.0), turns=t) for t in (None, turns))
+    found = both.values(POSES)
+    assert found.shape == (2, 3, 2 * len(one.names)) == (2, 3, len(both.names))
+    np.testing.assert_allclose(found[..., : len(one.names)], one.values(POSES), rtol=1e-9, atol=1e-12)
+    assert both.values(AT).shape == (len(both.names),)
