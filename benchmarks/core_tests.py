@@ -23,7 +23,7 @@ _CHANNELS = [
     "tests/observation/test_encoders.py",
     "tests/observation/test_runs_of_sensors.py",
 ]
-_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging", "robust_loss")]
+_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging", "robust_loss", "groups_left_out")]
 _STRAIGHT = ["tests/lcoordinate/test_straight.py", "-k", "not forty and not monodromy"]
 _LIMITS = ["tests/lcoordinate/test_limits_in_closed_form.py", "tests/lcoordinate/test_workspace.py"]
 _KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"
@@ -103,7 +103,7 @@ CORE = {
     "certification/capability.py": ["tests/certification/test_capability_limits.py"],
     "certification/iso9283/corners.py": ["tests/certification/test_corner_laws.py", *_SEALED[:-1], f"test_corner_laws or {_SEALED[-1]}"],
     "certification/iso9283/weaving.py": ["tests/certification/test_weave_laws.py", *_SEALED[:-1], f"test_weave_laws or {_SEALED[-1]}"],
-    "counts.py": ["tests/test_counts.py"],
+    "counts.py": ["tests/test_counts.py", "tests/test_counts_at_rest.py"],
     "findings.py": ["tests/test_findings.py"],
     "trajectory/pose_errors.py": [
         "tests/trajectory/test_pose_errors.py",
@@ -112,7 +112,7 @@ CORE = {
         "-k",
         "test_pose_errors or in_common or method_3",
     ],
-    "acquisition/samples.py": ["tests/acquisition/test_samples.py"],
+    "acquisition/samples.py": ["tests/acquisition/test_samples.py", "tests/acquisition/test_faults_of_samples.py"],
     "accuracy/zone.py": ["tests/accuracy/test_zone.py", "-k", "not 60_degrees and not limit_of and not volume and not limits_asked"],
 }
 """Files of the package, and the tests that are to see a fault in them; those of kernels are short without compiling."""

@@ -179,9 +179,9 @@ def unwrap(
     inferred = None
     if codes is not None:
         strange = ~((recorded > -0.5) & (recorded < codes)) & np.isfinite(recorded)
-        centred = np.where(strange, np.nan, recorded - codes * (recorded >= codes / 2))
+        of_turn = np.where(strange, np.nan, recorded)
         state = np.zeros(counter.STATE) if state is None else state
-        counts, what = counter.resume(centred, time_s, max_rate, float(codes), state, _usual(time_s))
+        counts, what = counter.resume(of_turn, time_s, max_rate, float(codes), state, _usual(time_s))
         # an absolute code is sure after any pause
         what[what == counter.UNSURE], state[counter.UNSURE_AT] = counter.FOLLOWED, 0.0
         what[strange] = counter.FOREIGN

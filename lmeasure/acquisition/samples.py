@@ -209,7 +209,7 @@ class SyncAssembler:
                 for _ in range(len(mine) - 1):
                     self._event(w, channel, "duplicate")
             else:
-                n[c, w] = -1  # neither one value nor a gap
+                # of which there are several still: neither one value nor a gap
                 self._event(w, channel, "conflict", ", ".join(str(v) for v in values[:4]))
 
     def _drop_double_syncs(self) -> None:
