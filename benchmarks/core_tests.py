@@ -23,7 +23,8 @@ _CHANNELS = [
     "tests/observation/test_encoders.py",
     "tests/observation/test_runs_of_sensors.py",
 ]
-_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in ("release", "gauge", "least_squares", "judging", "robust_loss", "groups_left_out")]
+_OF_ESTIMATION = "release gauge least_squares judging robust_loss groups_left_out rival_explanations"
+_ESTIMATED = [f"tests/estimation/test_{name}.py" for name in _OF_ESTIMATION.split()]
 _STRAIGHT = ["tests/lcoordinate/test_straight.py", "-k", "not forty and not monodromy"]
 _LIMITS = ["tests/lcoordinate/test_limits_in_closed_form.py", "tests/lcoordinate/test_workspace.py"]
 _KINDS = "cable channel continuation distance inclination joint of_rig parameters solver swivel wrap"

@@ -23,7 +23,7 @@ def ended(first: FloatArray, last: FloatArray) -> Counts:
     """Two channels that rest at the ends, and move by hundreds of counts in between."""
     between = np.array([[300.0, 500.0], [600.0, 900.0]])
     recorded = np.vstack([first, between, last])
-    return Counts(STEP_S * np.arange(len(recorded)), ("a", "b"), recorded)
+    return Counts(np.asarray(STEP_S * np.arange(len(recorded)), dtype=np.float64), ("a", "b"), recorded)
 
 
 REST = np.array([[10.0, 20.0], [12.0, 20.0], [11.0, 21.0]])
@@ -36,7 +36,7 @@ def test_what_has_changed_between_two_rests() -> None:
     assert list(found) == ["a", "b"]
     assert list(found.values()) == pytest.approx([4.0, -3.0], abs=1e-12)
     # by default a fifth of a second
-    quick = replace(ended(REST, BACK), time_s=0.075 * np.arange(8))
+    quick = replace(ended(REST, BACK), time_s=np.asarray(0.075 * np.arange(8), dtype=np.float64))
     assert closure_counts(quick) == found
 
 
