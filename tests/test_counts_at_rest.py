@@ -1,4 +1,4 @@
-"""What the ends of a run say when it rests there, counts that are read in pieces, and numbers just inside and just outside what is allowed."""
+"""What the ends of a run say when it rests there, counts read in pieces, and numbers just inside and just outside what is allowed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -64,7 +64,7 @@ def test_two_samples_are_no_rest() -> None:
 
 
 def test_pieces_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a file of which three rows are read at a time: the same counts, how much is done, and what does not rise from one to the next by its sample."""
+    """Of a file of which three rows are read at a time: the same counts, how much is done, and what does not rise, by its sample."""
     monkeypatch.setattr("lmeasure.tables.PIECE_ROWS", 3)
     path, times = tmp_path / "counts.parquet", 0.5 * np.arange(9.0)
 
