@@ -235,6 +235,8 @@ def test_what_a_channel_errs_by_is_the_best_estimate_that_no_motion_moves(
                 assert found == pytest.approx(h @ residual[i][mine], rel=1e-5, abs=1e-10)
                 assert u[i, channel] == pytest.approx(np.sqrt(h @ S @ h), rel=1e-5)
     assert parities.freedom.tolist() == [0 if i in (15, 20) else int(used[i].sum()) - 6 for i in range(n)]
+    assert (parities.residual_mm[~parities.used] == 0.0).all()
+    assert (parities.weight[~parities.used] == 0.0).all()
     assert np.isinf(u[20]).all()
     np.testing.assert_array_equal(alone[20], 0.0)
 
@@ -269,6 +271,9 @@ def test_epochs_hold_what_was_used_and_what_was_shown() -> None:
     assert epochs.gone_on_mm[3, 5] == pytest.approx(shown[3, 5])
     np.testing.assert_array_equal(np.delete(epochs.gone_on_mm.ravel(), 29), np.delete(lengths.change_mm.ravel(), 29))
     np.testing.assert_allclose(epochs.variance_mm2, reconstruction.budget.variance + u_mm**2)
+    gone_on = lengths.gone_on + 5.0
+    np.testing.assert_array_equal(redundancy.epochs(replace(lengths, gone_on=gone_on), None).counts, gone_on)
+    np.testing.assert_array_equal(redundancy.epochs(replace(lengths, gone_on=None), None).counts, lengths.counts)
     without = epochs.without([1, 4])
     assert np.isnan(without.change_mm[:, [1, 4]]).all()
     assert np.isfinite(np.delete(without.change_mm, [1, 4, 5], axis=1)).all()
@@ -295,3 +300,20 @@ def test_readings_count_from_the_start_or_from_where_they_were_zeroed() -> None:
         absolute.residuals(poses[:1], few + 2.0 * np.pi * np.r_[np.zeros(6), np.ones(6)]), absolute.residuals(poses[:1], few), atol=1e-12
     )
     assert np.abs(absolute.residuals(poses[:1], few)[0, 6:]).max() <= np.pi
+
+
+def test_angles_are_compared_in_units_of_about_the_scatter_of_lengths() -> None:
+    redundancy, _, _ = with_swivels()
+    variance = redundancy._budget.length_variance
+    np.testing.assert_array_equal(redundancy.unit[:6], 1.0)
+    np.testing.assert_allclose(variance[6:] / redundancy.unit[6:] ** 2, variance[:6].min())
+
+
+def test_an_error_that_is_known_to_centimetres_only_is_known() -> None:
+    """Whatever the unit: readings that scatter by 20 mm tell one of 40 mm."""
+    redundancy, epochs, poses = with_eight()
+    coarse = replace(epochs, variance_mm2=np.full_like(epochs.variance_mm2, 400.0))
+    error, u = redundancy.parities(coarse, poses).errors
+    assert u.min() > 20.0
+    assert np.isfinite(u).all()
+    assert (error != 0.0).all()
