@@ -24,10 +24,13 @@ from lmeasure.status import Status
 
 SAMPLES = 32
 """Of the run, by which its start is told."""
-DRAWN = 600
-"""Poses from which ones that fit the first readings are sought."""
-TRIED = 24
+DRAWN = 3000
+"""Poses from which ones that fit the first readings are sought: of 600 none lay near enough to where one run of 25 with three encoders
+began."""
+TRIED = 48
 """Of these, from which the start is sought: those that the run contradicts least."""
+SOUND = 3.0
+"""Chi-squared per degree of freedom up to which a run does not contradict where it began."""
 MET = 3
 """Times that each start must have been met for no others to be sought."""
 STEPS = 40
@@ -50,21 +53,25 @@ class Begun:
     freedom: int
     u_mm: float
 
+    @property
+    def sound(self) -> bool:
+        """Whether the run does not contradict it."""
+        return self.chi_squared <= SOUND * self.freedom
 
-def starts(rows: FloatArray, changes: FloatArray, *, u: FloatArray, absolute: BoolArray, seed: int = 0) -> list[Begun]:
+
+def starts(rows: FloatArray, changes: FloatArray, *, u: FloatArray, absolute: BoolArray, near: FloatArray) -> list[Begun]:
     """Poses at the first of n samples of a run that fit all of them, changes (n, m) [mm, rad] of channels with rows (m, columns), of
-    standard uncertainties u (m,), absolute (m,) readings among them; best first."""
+    standard uncertainties u (m,), absolute (m,) readings among them; best first. They are sought from poses (k, 7) that may be near."""
     used = np.isfinite(changes[0])
     rows, changes, u, absolute = np.ascontiguousarray(rows[used]), np.ascontiguousarray(changes[:, used]), u[used], absolute[used]
     size = platform_size(rows)
     residuals = partial(_residuals, rows, changes, u, absolute)
-    poses = _fitting(rows[absolute], changes[0, absolute], size, seed)
-    chi = [float((residuals(pose) ** 2).sum()) for pose in poses]
+    chi = [float((residuals(pose) ** 2).sum()) for pose in near]
     freedom = max(int(np.isfinite(changes).sum()) - 6 * len(changes) - int((~absolute).sum()), 1)
     found: list[Begun] = []
     met: list[int] = []
     for k in np.argsort(chi, kind="stable")[:TRIED]:
-        begun = _nearest(residuals, poses[k], size, freedom)
+        begun = _nearest(residuals, near[k], size, freedom)
         if begun is None:
             continue
         i = next((i for i, other in enumerate(found) if _apart(begun.pose, other.pose, size) < APART_MM), len(found))
@@ -74,7 +81,7 @@ def starts(rows: FloatArray, changes: FloatArray, *, u: FloatArray, absolute: Bo
         met[i] += 1
         best = int(np.argmin([other.chi_squared for other in found]))
         # what is contradicted many times as much is no start, however often it is met
-        if met[best] >= MET and sum(met) >= TRIED // 2:
+        if met[best] >= MET and sum(met) >= TRIED // 4 and found[best].sound:
             break
     return sorted(found, key=lambda other: other.chi_squared)
 
@@ -97,24 +104,25 @@ def _residuals(rows: FloatArray, changes: FloatArray, u: FloatArray, absolute: B
     return np.asarray(off.ravel())
 
 
-def _fitting(rows: FloatArray, readings: FloatArray, size: float, seed: int) -> FloatArray:
+def fitting(rows: FloatArray, readings: FloatArray, seed: int = 0) -> FloatArray:
     """(k, 7) poses, drawn anywhere and moved no farther than they must, at which angles with rows (n, columns) read readings (n,)."""
-    rng = np.random.default_rng(seed)
+    rng, size = np.random.default_rng(seed), platform_size(rows)
     middle, wide = rows[:, BASE_XYZ].mean(axis=0), float(np.linalg.norm(np.ptp(rows[:, BASE_XYZ], axis=0)))
     wide = max(wide, 2.0 * float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max()), 1000.0)
     poses = se3.pose(middle + wide * rng.uniform(-1.0, 1.0, (DRAWN, 3)), Rotation.random(DRAWN, rng=rng))
+    fit = np.zeros(DRAWN, np.bool_)
     for _ in range(STEPS):
-        off = readings - span_lengths(rows, poses)
+        far = np.flatnonzero(~fit)
+        off = readings - span_lengths(rows, poses[far])
         off -= 2.0 * np.pi * np.round(off / (2.0 * np.pi))
-        A = span_rows_of(rows, poses)
+        fit[far] = (np.abs(off) < FITS).all(axis=1)  # none of what is NaN
+        far, off = far[~fit[far]], off[~fit[far]]
+        A = span_rows_of(rows, poses[far])
         A[:, :, :3] /= size
         step = np.einsum("nck,nk->nc", np.linalg.pinv(np.nan_to_num(A), rcond=1e-6), np.nan_to_num(off))
         step *= np.minimum(1.0, 200.0 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
         step[:, :3] /= size
-        poses = se3.displaced(poses, step)
-    off = readings - span_lengths(rows, poses)
-    off -= 2.0 * np.pi * np.round(off / (2.0 * np.pi))
-    fit = np.isfinite(off).all(axis=1) & (np.abs(np.nan_to_num(off)) < FITS).all(axis=1)
+        poses[far] = se3.displaced(poses[far], step)
     return np.ascontiguousarray(poses[fit])
 
 

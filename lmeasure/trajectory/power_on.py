@@ -20,7 +20,7 @@ from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.run import known
 from lmeasure.trajectory.origins import LOOSE_RAD, learn
-from lmeasure.trajectory.over_motion import SAMPLES, Begun, starts
+from lmeasure.trajectory.over_motion import SAMPLES, SOUND, Begun, fitting, starts
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -41,8 +41,8 @@ NOTHING_MM = 1000.0
 STATE = "state [start] in run.toml, or give it to `reconstruct` by --start"
 BEGINNINGS = (1.0, 0.5, 0.25, 0.12)
 """Shares of a run by which its start is judged, the first in which it does not contradict itself."""
-SOUND = 3.0
-"""Chi-squared per degree of freedom up to which a run does not."""
+LEAST = 0.5
+"""Share of a run that must not contradict a start that fewer than six absolute channels tell."""
 TRIAL = 400
 """Samples by which beginnings are judged."""
 
@@ -176,24 +176,42 @@ def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usab
     """(k, 7) poses at sample i that fit the readings of the run behind it, channels rows (m, columns) with standard uncertainties u (m,),
     those that are usable (m,) absolute."""
     changes = lengths.change_mm[i:]
-    every: list[Begun] = []
-    for share in BEGINNINGS:
+
+    used = usable & np.isfinite(changes[0])
+    anywhere = fitting(rows[used], changes[0, used])
+
+    def of(share: float, near: FloatArray) -> list[Begun]:
         last = max(int(share * (len(changes) - 1)), 1)
         some = np.unique(np.linspace(0, last, min(SAMPLES, last + 1)).round().astype(np.intp))
-        found = starts(rows, changes[some], u=np.where(usable, u, np.sqrt(2.0) * u), absolute=usable)
-        if not every or (found and found[0].chi_squared <= SOUND * found[0].freedom):
-            every = found
-        if every and every[0].chi_squared <= SOUND * every[0].freedom:
+        return starts(rows, changes[some], u=np.where(usable, u, np.sqrt(2.0) * u), absolute=usable, near=near)
+
+    every: list[Begun] = []
+    longest = 0.0
+    for k, share in enumerate(BEGINNINGS):
+        found = of(share, anywhere)
+        every = every or found
+        # over a short way a start is found from farther off; whether it is one the longer ones say
+        for longer in (share, *reversed(BEGINNINGS[:k])):
+            found = found if longer == share else of(longer, np.array([begun.pose for begun in found if begun.sound]))
+            if not found or not found[0].sound:
+                break
+            if longer > longest:
+                every, longest = found, longer
+        if longest >= LEAST:
             break
     if not every:
         return np.empty((0, 7))
     best = every[0]
-    least = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0)
-    if least > TOLD_MM:
+    least, told = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0), ""
+    if longest < LEAST:
+        told = "fits no start that was found" + (f" beyond its first {100 * longest:.0f} %" if longest else "")
+    elif least > TOLD_MM:
         told = f"tells it to {least:.3g} mm only" if least < NOTHING_MM else "does not tell it"
+        told += ": move the tool farther, or turn it"
+    if told:
         raise TrajectoryError(
             f"{source}: the start pose of this run is not known, and its motion from {lengths.time_s[i]:.6g} s on, with "
-            f"{int(usable.sum())} of its channels absolute, {told}: move the tool farther, or turn it; {STATE}"
+            f"{int(usable.sum())} of its channels absolute, {told}; {STATE}"
         )
     limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
     return np.array([begun.pose for begun in every if begun.chi_squared <= limit])

@@ -23,7 +23,7 @@ from lmeasure.errors import TrajectoryError
 from lmeasure.lengths import length_residuals, span_lengths
 from lmeasure.rig import rig_from_dict
 from lmeasure.run import Run, read_run
-from lmeasure.trajectory import read_trajectory, reconstruct
+from lmeasure.trajectory import over_motion, read_trajectory, reconstruct
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.prepared import prepared
 from lmeasure.trajectory.redundancy import repeats
@@ -146,6 +146,20 @@ def test_fewer_than_six_absolute_angles_tell_the_start_over_a_motion(some: list[
     error = np.linalg.norm(found.poses[:, :3] - truth_of("swivel-run")[::4, 1:4], axis=1)
     assert error.max() < 0.03
     assert (error / np.linalg.norm(found.u[:, :3], axis=1)).max() < 3.0
+
+
+def test_a_start_that_the_run_soon_contradicts_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three angles fit a short way from where the tool was not."""
+    monkeypatch.setattr(over_motion, "TRIED", 4)  # nothing is there to be found
+    monkeypatch.setattr(over_motion, "DRAWN", 300)
+    run = with_swivels([0, 2, 4], every=8)
+    (counts,) = run.passes
+    recorded = counts.recorded.copy()
+    n = len(recorded)
+    for j, sign in ((0, 1.0), (3, -1.0), (4, 1.0)):
+        recorded[:, j] += np.rint(sign * 4000.0 * np.clip(np.arange(n) / n - 0.3, 0.0, 1.0))
+    with pytest.raises(TrajectoryError, match=r"3 of its channels absolute, fits no start that was found( beyond its first \d+ %)?; state"):
+        reconstruct(replace(run, passes=(replace(counts, recorded=recorded),)))
 
 
 def test_what_a_motion_cannot_tell_of_a_start_is_said() -> None:
