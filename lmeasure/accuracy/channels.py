@@ -1,9 +1,8 @@
 """How well any channels tell the pose over a cell: what `zone` works out for cables in compiled code, plainly and for every kind."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
@@ -11,6 +10,9 @@ from lmeasure.accuracy.radius import exact_radius_95
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, about
 from lmeasure.arrays import FloatArray
 from lmeasure.observation import Channels, pressure_angles, shared_errors, twists, variances
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Figures(NamedTuple):
@@ -46,7 +48,7 @@ def map_channels(
     rotations: Rotation,
     names: tuple[str, ...] = (),
     root: FloatArray | None = None,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """The worst of `figures` over the orientations, base_from_tool, at each node x, y, z [mm] of the tool origin: a dataset with the names
     of `scan_zone`."""
     axes = [np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (x, y, z)]
@@ -54,6 +56,8 @@ def map_channels(
     found = [figures(channels, se3.pose(places, turn), names, root) for turn in rotations]
     worst = {name: np.max([getattr(f, name) for f in found], axis=0) for name in ("worst_pressure_angle_deg", "u95_position_mm")}
     shape = [len(a) for a in axes]
+    import xarray as xr
+
     return xr.Dataset(
         {name: (DIMS, values.reshape(shape), about(*ABOUT[name])) for name, values in worst.items()},
         coords={name: (name, a, about(f"{name} of the tool origin, base frame", "mm")) for name, a in zip(DIMS, axes, strict=True)},

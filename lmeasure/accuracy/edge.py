@@ -1,9 +1,8 @@
 """The edge of an accuracy zone by following it, level by level: exact where a grid of nodes has steps (thesis 5.3)."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
@@ -14,10 +13,15 @@ from lmeasure.linkage.links import linkage_of
 from lmeasure.linkage.slices import Piece, bounds_of, followed
 from lmeasure.rig import CABLES_FOR_A_POSE, Rig
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 LEVELS = 60  # of a zone that are followed
 
 
-def edges(rig: Rig, zone: xr.Dataset, rotations: Rotation, lengths_mm: tuple[float, float] | None = None) -> tuple[list[Piece], list[str]]:
+def edges(
+    rig: Rig, zone: "xr.Dataset", rotations: Rotation, lengths_mm: tuple[float, float] | None = None
+) -> tuple[list[Piece], list[str]]:
     """The edge of every part of a scanned zone at every level, in the plane XY, and what there is to say of those without one.
 
     Of the angle and of the lengths' limits, in all the orientations it was scanned with; other limits asked for cut the zone further. Parts

@@ -1,13 +1,15 @@
 """What fits into a zone: its volume with the grid's error, the largest box and ball, and the test cube of ISO 9283."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from scipy.ndimage import binary_erosion, distance_transform_edt
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Extent:
     cube_points: tuple[dict[str, Any], ...]
 
 
-def extent(zone: xr.Dataset) -> Extent:
+def extent(zone: "xr.Dataset") -> Extent:
     """The figures of a scanned zone. A box lies in the zone when all its nodes do; a ball when it ends a step before any other node."""
     inside = zone["in_zone"].values.astype(bool)
     axes = [zone[name].values for name in "xyz"]
@@ -102,7 +104,7 @@ def _sizes(shape: tuple[int, ...], spacing: FloatArray, cube: bool) -> list[tupl
     return [tuple(int(v) for v in grid[i]) for i in np.argsort(-np.prod(grid * spacing, axis=1))]
 
 
-def _iso_points(zone: xr.Dataset, centre: FloatArray, edge: float) -> tuple[dict[str, Any], ...]:
+def _iso_points(zone: "xr.Dataset", centre: FloatArray, edge: float) -> tuple[dict[str, Any], ...]:
     """P1 to P5 of ISO 9283:1998 6.8: on the plane C1-C2-C7-C8, P1 in the middle, the others 10 % of a diagonal from its ends."""
     half = 0.4 * edge
     # the plane holds the lower edge towards +X and the upper one towards -X

@@ -1,7 +1,8 @@
 """Which faults of single channels would show at each place of a zone: reliability as Baarda states it (`trajectory.reliability`)."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from lmeasure.accuracy.readings import Readings, worst_faults
 from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, about
@@ -9,10 +10,13 @@ from lmeasure.arrays import FloatArray
 from lmeasure.errors import AccuracyError
 from lmeasure.rig import CABLES_FOR_A_POSE, Cable, Rig
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 VARIABLES = ("least_fault", "least_fault_apart", "fault_effect_mm")
 
 
-def with_faults(data: xr.Dataset, rig: Rig, readings: Readings, positions: FloatArray) -> xr.Dataset:
+def with_faults(data: "xr.Dataset", rig: Rig, readings: Readings, positions: FloatArray) -> "xr.Dataset":
     """The dataset of a zone with `VARIABLES` over its nodes, positions (n, 3), and channels, worst over the orientations: of single
     samples. AccuracyError where no channel is to spare."""
     if len(readings.rows) == CABLES_FOR_A_POSE:
@@ -32,7 +36,7 @@ def with_faults(data: xr.Dataset, rig: Rig, readings: Readings, positions: Float
     )
 
 
-def said(zone: xr.Dataset) -> list[str]:
+def said(zone: "xr.Dataset") -> list[str]:
     """For each channel, of the places in the zone: the largest of its smallest faults, and what one that is just not found does."""
     if "least_fault" not in zone or not zone["in_zone"].values.any():
         return []

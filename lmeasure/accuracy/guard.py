@@ -1,10 +1,9 @@
 """A robot program held against the zone: what the instrument can say along it."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -14,6 +13,9 @@ from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.program import CommandedPath, Program
 from lmeasure.rig import Rig
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 STEP_MM = 5.0
 
@@ -37,7 +39,7 @@ class Part:
 
 
 def guard(
-    rig: Rig, calibration: CalibrationRecord | None, zone: xr.Dataset, program: Program, *, rotation: Rotation, step_mm: float = STEP_MM
+    rig: Rig, calibration: CalibrationRecord | None, zone: "xr.Dataset", program: Program, *, rotation: Rotation, step_mm: float = STEP_MM
 ) -> list[Part]:
     """Each pose and path of the program against a scanned zone of the same rig.
 
@@ -73,7 +75,7 @@ def _along(path: CommandedPath, rotation: Rotation, step_mm: float) -> tuple[Flo
     return points, turns
 
 
-def _to_edge(zone: xr.Dataset, points: FloatArray) -> FloatArray:
+def _to_edge(zone: "xr.Dataset", points: FloatArray) -> FloatArray:
     axes = [zone[name].values for name in "xyz"]
     low, high = np.array([a[0] for a in axes]), np.array([a[-1] for a in axes])
     distance = np.minimum(points - low, high - points).min(axis=1)

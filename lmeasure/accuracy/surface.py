@@ -1,12 +1,16 @@
 """The skin of an accuracy zone as a closed mesh."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from lmeasure.arrays import FloatArray, IntArray
 
+if TYPE_CHECKING:
+    import xarray as xr
 
-def zone_surface(zone: xr.Dataset) -> tuple[FloatArray, IntArray]:
+
+def zone_surface(zone: "xr.Dataset") -> tuple[FloatArray, IntArray]:
     """Vertices (n, 3) [mm, base frame] and triangles (m, 3) of the zone's skin, their corners counter-clockwise seen from outside.
 
     One vertex in each cell of the grid that has nodes on both sides, in the mean of the places where its edges leave the zone: where the

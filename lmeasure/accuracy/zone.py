@@ -5,10 +5,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -35,6 +34,9 @@ from lmeasure.rig import Rig
 from lmeasure.roots import covariance_root
 from lmeasure.trajectory.sources import zero_columns
 from lmeasure.zeroing import length_variance, zeroed_exactly
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 MAX_NODES = 100_000_000
 MAX_ORIENTATIONS = 100_000
@@ -114,7 +116,7 @@ def scan_zone(
     scheduler: str | None = None,
     checkpoint: Path | None = None,
     refine: float | None = None,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """`map_zone` with its settings one by one; limit_deg and length_limits stand for `limits` where that is not given."""
     scan = Scan(
         limits=limits or Limits(limit_deg, length_limits),
@@ -138,7 +140,7 @@ def map_zone(
     *,
     scan: Scan | None = None,
     progress: Progress | None = None,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """Worst pressure angle and uncertainty over the orientations, at each node of a box, and what lies within the limits.
 
     nodes: of the tool origin [mm, base frame] along x, y, z; rotations: base_from_tool orientations, all tried at each node. In the zone
@@ -176,6 +178,8 @@ def map_zone(
 
     def named(found: tuple[FloatArray, IntArray]) -> dict[str, NDArray[Any]]:
         return named_figures(*found, full=full, near=near, six=plan.six)
+
+    import xarray as xr
 
     data = xr.Dataset(
         {

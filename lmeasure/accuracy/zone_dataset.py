@@ -3,16 +3,18 @@
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from lmeasure import files
 from lmeasure.accuracy.limits import REASONS, Limits, broken_limits
 from lmeasure.accuracy.scan import digest_of
 from lmeasure.errors import FileFormatError
 from lmeasure.opened import open_regular
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SCHEMA = "lmeasure.zone/1"
 DIMS = ("x", "y", "z")
@@ -39,7 +41,7 @@ def about(text: str, units: str) -> dict[str, Any]:
     return {"long_name": text, "units": units}
 
 
-def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
+def within(data: "xr.Dataset", limits: Limits) -> "xr.Dataset":
     """The dataset with the limits applied: in_zone, rejected_because, volume."""
     because, sign = broken_limits({str(name): values.values for name, values in data.data_vars.items()}, limits)
     inside = because == 0
@@ -66,13 +68,13 @@ def within(data: xr.Dataset, limits: Limits) -> xr.Dataset:
     return out.assign_attrs(result_sha256=digest_of({str(name): out[name].values for name in sorted(map(str, out.data_vars))}))
 
 
-def reasons(zone: xr.Dataset) -> dict[str, int]:
+def reasons(zone: "xr.Dataset") -> dict[str, int]:
     """How many nodes each of `REASONS` takes from the zone; a node may have several."""
     because = zone["rejected_because"].values
     return {reason: int((because >> bit & 1).sum()) for bit, reason in enumerate(REASONS)}
 
 
-def summary(zone: xr.Dataset) -> str:
+def summary(zone: "xr.Dataset") -> str:
     """A few lines for a person: how much of the box is in the zone, the best node, why the rest is not."""
     angle, inside = zone["worst_pressure_angle_deg"], zone["in_zone"].values.astype(bool)
     if "refined_volume_mm3" in zone.attrs:
@@ -100,7 +102,7 @@ def summary(zone: xr.Dataset) -> str:
     return "\n".join([*lines, f"the 95 % radius covers {zone.attrs['u95_covers']}"])
 
 
-def goes_on(zone: xr.Dataset) -> list[str]:
+def goes_on(zone: "xr.Dataset") -> list[str]:
     """Directions, such as +X, in which the zone reaches the scanned box's face."""
     inside = zone["in_zone"].values.astype(bool)
     out = []
@@ -111,7 +113,7 @@ def goes_on(zone: xr.Dataset) -> list[str]:
     return out
 
 
-def advice(zone: xr.Dataset, rig: Path) -> list[str]:
+def advice(zone: "xr.Dataset", rig: Path) -> list[str]:
     """What can be done where no node is in the zone."""
     because = zone["rejected_because"].values
     alone = {reason: int((because == 1 << bit).sum()) for bit, reason in enumerate(REASONS)}
@@ -124,14 +126,16 @@ def advice(zone: xr.Dataset, rig: Path) -> list[str]:
     ]
 
 
-def write_zone(path: Path, zone: xr.Dataset) -> None:
+def write_zone(path: Path, zone: "xr.Dataset") -> None:
     """Write netCDF-4, whole or not at all."""
     # the image in memory first: on a full disk HDF5 does not end, it crashes
     files.write_bytes(path, zone.to_netcdf(engine="h5netcdf", format="NETCDF4"))
 
 
-def read_zone(path: Path) -> xr.Dataset:
+def read_zone(path: Path) -> "xr.Dataset":
     """Read what `write_zone` wrote, into memory; FileFormatError names the file and what it lacks."""
+    import xarray as xr
+
     open_regular(path).close()
     try:
         with xr.open_dataset(path, engine="h5netcdf") as stored:
@@ -144,7 +148,7 @@ def read_zone(path: Path) -> xr.Dataset:
     return data
 
 
-def _check(path: Path, data: xr.Dataset) -> None:
+def _check(path: Path, data: "xr.Dataset") -> None:
     """FileFormatError names the axis, variable or attribute that does not hold what a zone needs: somebody else wrote or changed it."""
     for name in DIMS:
         if name not in data.coords or data.coords[name].dims != (name,):

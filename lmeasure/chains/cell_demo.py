@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from lmeasure import files
 from lmeasure.accuracy import scan_zone, write_zone
@@ -25,6 +25,9 @@ from lmeasure.simulation import Leg, cell_rig, scattered_poses, simulate_run, sm
 from lmeasure.simulation.cell import WORK_SPACE_MM, WORK_TILT_RAD
 from lmeasure.status import Status
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 STAGES = COUNT, CALIBRATE, RECORD, RECONSTRUCT, MAP, DRAW = (
     COUNT,
@@ -136,7 +139,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     return Demo(lines, figures, remarks, tuple(out / name for name in look))
 
 
-def map_zone(run: Run, progress: Callable[[int, int], None] | None = None) -> xr.Dataset:
+def map_zone(run: Run, progress: Callable[[int, int], None] | None = None) -> "xr.Dataset":
     """The accuracy zone of a run's rig about its start pose, over tilts up to the cell's work space."""
     nodes = axis(-ZONE_HALF_MM, ZONE_HALF_MM, ZONE_STEP_MM)
     return scan_zone(
@@ -172,6 +175,6 @@ def _trajectory_lines(trajectory: Trajectory, errors: Errors) -> tuple[Line, ...
     )
 
 
-def _volume(zone: xr.Dataset) -> float:
+def _volume(zone: "xr.Dataset") -> float:
     """Volume of the zone [m^3]."""
     return float(zone.attrs["zone_volume_mm3"]) * 1e-9

@@ -11,7 +11,8 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from lmeasure.errors import LMeasureError
-from lmeasure.workbench.answers import Bench, bench_of, page
+from lmeasure.saying import Say
+from lmeasure.workbench.answers import Bench, bench_of, language_of, page
 from lmeasure.workbench.project import inside
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ async def moved(request: Request) -> Response:
         values |= {"line": shlex.join(["lmeasure", "compare", old, new]), "chance": chance}
         try:
             found = await run_in_threadpool(_compared, bench, old, new)
-            values |= {"found": found, "values": shifts(found)}
+            values |= {"found": found, "values": shifts(found), "notes": [Say(language_of(request)).told(note) for note in found.notes]}
         except (LMeasureError, OSError) as error:
             values["error"] = str(error)
     return page(request, "moved.html", 422 if values["error"] else 200, **values)

@@ -99,7 +99,7 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
 
 def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
     """The server is killed between two readings: the capture ends with it, what was read is kept, and the same command goes on."""
-    rig, poses = true_rig(), some_poses(3)
+    rig, poses = true_rig(2), some_poses(3)
     write_inputs(tmp_path, rig, poses, u_position_mm=[0.05] * 3, u_rotation_deg=[0.01] * 3)
     still = np.tile(motion(rig, poses, 0.3, speed_mm_s=800.0).recorded[:1], (50, 1))
     group = f"239.75.{random.randrange(1, 255)}.{random.randrange(1, 255)}"
@@ -128,7 +128,7 @@ def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
 
 def test_a_certificate_is_whole_or_not_there_when_the_server_is_killed(tmp_path: Path) -> None:
     """The server is killed while figures are computed: there is no folder, nothing half-written, the next server says interrupted, and the
-    same command, by the button of its page, makes what it would have made."""
+    button of its page leads to the same command, which nothing hinders (to the end: test_engineers_journey)."""
     shutil.copytree(SEALED / "inputs", tmp_path / "measured")
     settings: dict[str, Any] = {"trajectory": "measured/trajectory.parquet", "run": "measured/run", "program": "measured/program.toml"}
     settings |= {"out": "certificates/first", "trials": 2_000_000}
@@ -154,12 +154,9 @@ def test_a_certificate_is_whole_or_not_there_when_the_server_is_killed(tmp_path:
         assert asked.get("/api/jobs/1").json()["state"] == "interrupted"
         assert "interrupted" in page
         again = unescape(re.search(r'href="(/run/certify\?[^"]+)"', page)[1])  # type: ignore[index]
-        form = dict(parse_qsl(urlsplit(again).query)) | {"trials": "100"}
-        assert form["out"] == "certificates/first"
-        assert asked.post("/run/certify", data=form).headers["location"] == "/jobs/2"
-        until(lambda: asked.get("/api/jobs/2").json()["state"] != "running", 300.0)
-        assert asked.get("/api/jobs/2").json()["state"] == "done", asked.get("/api/jobs/2").json()
-    assert (tmp_path / "certificates" / "first" / "certificate.pdf").is_file()
+        form = dict(parse_qsl(urlsplit(again).query))
+        assert asked.post("/line/certify", data=form).json() == {"line": asked.get("/api/jobs/1").json()["line"], "error": None}
+        assert asked.get(again).status_code == 200
 
 
 def test_a_long_job_is_ended_by_its_button(tmp_path: Path) -> None:

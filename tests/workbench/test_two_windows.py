@@ -23,7 +23,7 @@ JOBS = "[...document.querySelectorAll('.jobs tbody tr')].map(r => [r.cells[1].te
 @pytest.mark.live
 def test_one_window_records_and_another_works_in_the_same_project(tmp_path: Path) -> None:
     """They share no cookie. The other looks on, changes the rig, is led to the same recording, and works; both say the same in the end."""
-    rig = true_rig()
+    rig = true_rig(3)
     write_rig(tmp_path / "rig.toml", rig)
     there = motion(rig, some_poses(3), 0.3, speed_mm_s=800.0).recorded
     counts = np.tile(np.vstack([there, there[::-1]]), (30, 1))
@@ -62,7 +62,7 @@ def test_one_window_records_and_another_works_in_the_same_project(tmp_path: Path
     kept = read_counts(tmp_path / "run" / "pass1.csv")
     assert samples == [str(len(kept.time_s))] * 2
     gaps = np.isnan(kept.recorded).any(axis=1)
-    assert not gaps.any()
+    assert not gaps[:-1].any()  # the last row may be ended while it comes
     # as it was when the recording began, and as it is now
     assert read_rig(tmp_path / "run" / "rig.toml").observation_point == rig.observation_point
     assert read_rig(tmp_path / "rig.toml").observation_point[0].position_mm[0] == 861.5

@@ -34,7 +34,7 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
     zone(monkeypatch, "--out", "zones/zone.nc", "--report", "zones/page")
     with client(tmp_path) as asked:
         page = asked.get("/zone").text
-        assert 'src="/raw/zones/page/zone.html"' in page
+        assert 'src="/raw/zones/page/zone.html#level"' in page
         assert "/run/program?zone=zones/zone.nc" in page
         shown = asked.get("/raw/zones/page/zone.html")
     assert "sandbox" in shown.headers["content-security-policy"]

@@ -5,7 +5,8 @@ const plots = [...place.querySelectorAll('canvas')], digits = {u95: 4, angle: 1}
 let span = [...whole], at = whole[0], data = null, asked = 0;
 
 const colour = (name) => getComputedStyle(document.body).getPropertyValue(name);
-const number = (v, n) => v === null || v === undefined ? '–' : v.toFixed(n);
+const own = (text) => document.documentElement.lang === 'ru' ? text.replace('.', ',') : text;
+const number = (v, n) => v === null || v === undefined ? '–' : own(v.toFixed(n));
 const across = (canvas, t) => 70 + (canvas.clientWidth - 80) * (t - span[0]) / (span[1] - span[0] || 1);
 const timeAt = (canvas, x) => Math.min(span[1], Math.max(span[0], span[0] + (x - 70) / (canvas.clientWidth - 80) * (span[1] - span[0])));
 
@@ -29,9 +30,9 @@ function paint(canvas) {
   pen.fillStyle = colour('--soft'); pen.strokeStyle = colour('--line'); pen.lineWidth = 1;
   for (let v = Math.ceil(low / step) * step, n = 0; v <= top && n < 12; v += step, n++) {
     pen.beginPath(); pen.moveTo(70, y(v)); pen.lineTo(canvas.clientWidth - 10, y(v)); pen.stroke();
-    pen.fillText(v.toFixed(ticks).replace(/^-(0(\.0*)?)$/, '$1'), 4, y(v) + 4);
+    pen.fillText(own(v.toFixed(ticks).replace(/^-(0(\.0*)?)$/, '$1')), 4, y(v) + 4);
   }
-  pen.fillText(`${span[0].toFixed(2)} ${place.dataset.s}`, 70, high - 6); const end = `${span[1].toFixed(2)} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
+  pen.fillText(`${own(span[0].toFixed(2))} ${place.dataset.s}`, 70, high - 6); const end = `${own(span[1].toFixed(2))} ${place.dataset.s}`; pen.fillText(end, canvas.clientWidth - 10 - pen.measureText(end).width, high - 6);
   if (half) {
     pen.fillStyle = colour('--blue'); pen.globalAlpha = 0.3;
     let run = [];
@@ -52,7 +53,7 @@ function draw() {
   for (const name of ['x', 'y', 'z']) id(`at-${name}`).textContent = `${number(data[name][i], 3)} ± ${number(data[`u_${name}`][i], 4)}`;
   for (const name of ['u95', 'angle']) id(`at-${name}`).textContent = number(data[name][i], digits[name]);
   id('cursor').value = 1000 * (at - whole[0]) / (whole[1] - whole[0] || 1);
-  id('cursor-told').textContent = `${data.time_s[i].toFixed(3)} ${place.dataset.s}`; id('near-told').textContent = `${(span[1] - span[0]).toPrecision(3)} ${place.dataset.s}`;
+  id('cursor-told').textContent = `${number(data.time_s[i], 3)} ${place.dataset.s}`; id('near-told').textContent = `${own((span[1] - span[0]).toPrecision(3))} ${place.dataset.s}`;
   place.dataset.at = data.time_s[i]; plots.forEach(paint);
 }
 

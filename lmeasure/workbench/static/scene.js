@@ -61,7 +61,8 @@ export async function draw(place, form) {
       const points = Object.fromEntries(rig.points.map((p) => [p.name, p.position_mm]));
       const answer = await fetch('/coarse', {method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify({file: place.dataset.file, points})});
       const found = await answer.json();
-      where.textContent = found.error ?? `${(found.zone_volume_mm3 / 1e9).toFixed(2)} m³ ≤ 60°, ${found.least_angle_deg.toFixed(1)}°, U95 ${found.median_u95_mm.toFixed(3)} mm`;
+      const figures = {volume: (found.zone_volume_mm3 / 1e9)?.toFixed(2), angle: found.least_angle_deg?.toFixed(1), u95: found.median_u95_mm?.toFixed(3)};
+      where.textContent = found.error ?? where.dataset.figures.replace(/{(\w+)}/g, (_, name) => figures[name]);
     } finally { asking = false; clearInterval(patience); }
     if (again) { again = false; judge(); }
   };
