@@ -126,9 +126,9 @@ def who_speaks(page: Page, cables: int) -> None:
 
 @dataclass(frozen=True)
 class Job:
-    """What a mechanic does: the shape of the rig, how many drums it has, how many poses are read and for how long, which plugs are exchanged,
-    whether the drums are worked out from what a caliper said, whether a turn of each is counted, whether the zone is mapped and better
-    places are searched."""
+    """What a mechanic does: the shape of the rig, how many drums it has, how many poses are read and for how long, which plugs are
+    exchanged, whether the drums are worked out from what a caliper said, whether a turn of each is counted, whether the zone is mapped and
+    better places are searched."""
 
     template: str = "six-cables"
     drums: int = 6
@@ -195,7 +195,8 @@ def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
     assert page.evaluate("document.querySelectorAll('.cables .red').length") == 0
     told("the mended rig is checked", page)
     onward(page, "/calibrate")
-    begun(page, "capture", u_position_mm="0.02", u_rotation_deg="0.003", u_repeatability_mm="0", rig="rig-checked.toml", dwell_s=job.dwell_s)
+    known = {"u_position_mm": "0.02", "u_rotation_deg": "0.003", "u_repeatability_mm": "0", "dwell_s": job.dwell_s}
+    begun(page, "capture", rig="rig-checked.toml", **known)
     captured(page, reload_at=2)
     told("poses are captured", page)
     onward(page, "/calibrate")

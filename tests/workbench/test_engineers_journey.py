@@ -58,8 +58,8 @@ def simulated_and_mapped(page: Page, base: str) -> None:
 
 
 def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> None:
-    """A robot's run that is brought in, mapped, reconstructed, certified and verified; whole: after a rig of one's own, and with the page of
-    the trajectory. What the pages made is what the command lines that they showed make."""
+    """A robot's run that is brought in, mapped, reconstructed, certified and verified; whole: after a rig of one's own, and with the page
+    of the trajectory. What the pages made is what the command lines that they showed make."""
     brought, project, hand = tmp_path / "brought", tmp_path / "project", tmp_path / "hand"
     write_campaign(brought)
     with served(project) as address, opened(address) as page:

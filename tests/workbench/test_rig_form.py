@@ -3,6 +3,7 @@
 import json
 import sys
 import threading
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,17 @@ from browser import opened
 from clicks import press, visit
 
 
+@cache
+def begun() -> str:
+    """A rig as `lmeasure init` begins it."""
+    template = TEMPLATES["six-cables"]
+    return rig_text(rig_of(template, Answers()), template.text)
+
+
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    template = TEMPLATES["six-cables"]
     file = tmp_path / "rig.toml"
-    file.write_text(rig_text(rig_of(template, Answers()), template.text))
+    file.write_text(begun())
     return file
 
 
