@@ -1,7 +1,4 @@
-"""Pages of certificates: the form of their details, verification of what is dropped, and their figures over time.
-
-The form of details, which prints them, loads what makes certificates: only when it is asked for, so that the server answers at once.
-"""
+"""Pages of certificates: the form of their details, verification of what is dropped, and their figures over time."""
 
 import datetime
 import json
@@ -17,6 +14,7 @@ from starlette.routing import Route
 
 from lmeasure import files
 from lmeasure.errors import LMeasureError
+from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
 from lmeasure.workbench.answers import bench_of, form_of, language_of, lost, page
 from lmeasure.workbench.project import OutsideError, Project, inside
 from lmeasure.workbench.uploads import take_in, take_in_folder
@@ -29,8 +27,6 @@ HIGH, LEFT = 150, 60
 
 async def details(request: Request) -> Response:
     """A details file as a form; posted, it is saved, or all complaints are shown with what was typed."""
-    from lmeasure.workbench import details as form_of_details
-
     bench, language = bench_of(request), language_of(request)
     known = bench.project.of("details")
     typed = {key: values[-1] for key, values in (await form_of(request)).items()} if request.method == "POST" else {}
@@ -57,8 +53,6 @@ async def details(request: Request) -> Response:
 
 async def preview(request: Request) -> Response:
     """How what is typed will be printed, in both languages; which rows nothing fills; what is wrong."""
-    from lmeasure.workbench import details as form_of_details
-
     typed = {key: values[-1] for key, values in (await form_of(request)).items()}
     content = form_of_details.filled({}, typed)
     wrong = form_of_details.complaints(content, "details")
