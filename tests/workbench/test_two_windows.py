@@ -23,7 +23,7 @@ JOBS = "[...document.querySelectorAll('.jobs tbody tr')].map(r => [r.cells[1].te
 @pytest.mark.live
 def test_one_window_records_and_another_works_in_the_same_project(tmp_path: Path) -> None:
     """They share no cookie. The other looks on, changes the rig, is led to the same recording, and works; both say the same in the end."""
-    rig = true_rig(3)
+    rig = true_rig()
     write_rig(tmp_path / "rig.toml", rig)
     there = motion(rig, some_poses(3), 0.3, speed_mm_s=800.0).recorded
     counts = np.tile(np.vstack([there, there[::-1]]), (30, 1))
