@@ -13,14 +13,17 @@
 
 Each is one to two columns that may be added to the residuals; what they would take of chi-squared, against what the rest leaves, is an F
 test (`estimation.deletion`), whose probability is multiplied by the number of effects tried (Bonferroni): under `CHANCE` one is named,
-which a campaign without any does by chance no more often. Those that come within odds of a hundred of it are named with it. Then the rest
-are tried again on what it leaves, and so on. Nothing is corrected. How large an effect must be to be named follows from the noncentral F
-distribution.
+which a campaign without any does by chance no more often. Those that come within odds of a hundred of it are named with it: each is solved
+for, as a large one bends the fit, and those that still come near the best stay. Then the rest are tried again on what the best leaves, and
+so on; and in the end what stands for each beside all others. Where one law may stand for either of two, one finding says so. Nothing is
+corrected. How large an effect must be to be named follows from the noncentral F distribution.
 """
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.optimize
@@ -31,8 +34,9 @@ from lmeasure.calibration.frame import model_of
 from lmeasure.calibration.unknowns import Model
 from lmeasure.calibration_record import Finding, ShownEffect
 from lmeasure.effects import Zero
+from lmeasure.errors import LMeasureError
 from lmeasure.estimation import Fit, Parameters, fit
-from lmeasure.estimation.deletion import MIN_FREEDOM, Deletion, Remainder
+from lmeasure.estimation.deletion import MIN_FREEDOM, Deletion, Remainder, fall_test
 from lmeasure.kernels import cable as cable_kernels
 from lmeasure.kernels.layout import BASE_XYZ, BY_ALPHA, BY_BETA, BY_PITCH, BY_RADIUS, BY_SCALE, COUNT_LENGTH, GUIDE_XYZ
 from lmeasure.observation.cable_effects import ECCENTRICITY, OFFSET, RUN_OUT
@@ -66,52 +70,162 @@ class Effect:
     sized: int | None = None
     """How many of the components are its size; None: all."""
 
+    @property
+    def law(self) -> tuple[str, str]:
+        """By which it is told from others."""
+        return self.kind, self.channel
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A fit that takes some effects: those that can be solved for as unknowns of its own, the others by their columns."""
+
+    model: Model
+    found: Fit
+    by_columns: tuple[Effect, ...] = ()
+
+    @cached_property
+    def left(self) -> Remainder:
+        """What it leaves of the residuals."""
+        left: Remainder = Deletion(self.found)
+        for effect in self.by_columns:
+            left = left.freed(effect.columns)
+        return left
+
+    @cached_property
+    def tried(self) -> list[Effect]:
+        """Effects that it does not take."""
+        gone = {effect.law for effect in self.by_columns}
+        return [effect for effect in effects(self.model, self.found.theta) if effect.law not in gone]
+
+    def taking(self, *more: Effect) -> "_Fitted":
+        """The same with more: solved for where they can be, for a large one bends the fit."""
+        keys = tuple(effect.key for effect in more if ":" in effect.key)
+        if keys:
+            with suppress(LMeasureError):  # so large a one that a cable could not run
+                others = tuple(effect for effect in more if ":" not in effect.key)
+                return _Fitted(*_with(self.model, self.found, keys), (*self.by_columns, *others))
+        return _Fitted(self.model, self.found, (*self.by_columns, *more))
+
+
+@dataclass(frozen=True)
+class _Named:
+    """Effects that are followed together, each with log_p of chance where so many were tried; laws: of all that are not told apart, as they
+    are said, those followed first."""
+
+    followed: tuple[tuple[Effect, float, int], ...]
+    laws: dict[tuple[str, str], str]
+
+    @property
+    def best(self) -> Effect:
+        """The first that is followed."""
+        return self.followed[0][0]
+
+    def joined(self, later: "_Named") -> "_Named":
+        """Both, where something else may stand for either."""
+        followed = (*self.followed, *later.followed)
+        known = self.laws | later.laws
+        first = [effect.law for effect, _, _ in followed]
+        return _Named(followed, {law: known[law] for law in dict.fromkeys([*first, *known])})
+
+    @property
+    def finding(self) -> Finding:
+        """In words."""
+        (_, log_p, tried), count = self.followed[0], len(self.followed)
+        followed = "the law of" if count == 1 else f"{count} together of the laws of"
+        apart = ", which these data do not tell apart" if len(self.laws) > count else ""
+        laws = ", ".join(self.laws.values())
+        text = (
+            f"what is left of the residuals follows {followed} {laws}{apart}: p = {math.exp(log_p):.2g} for chance, with {tried} effects "
+            "tried; nothing was corrected"
+        )
+        keys = [effect.key for effect, _, _ in self.followed]
+        solved, stated = ([key for key in keys if key and (":" in key) is solvable] for solvable in (True, False))
+        if solved:
+            text += f"; look at {'it' if count == 1 else 'them'}, or --solve {','.join(solved)}"
+        text += "".join(f"; state {key}" for key in dict.fromkeys(stated))
+        return Finding(code="effect", channel=self.best.channel, text=text, value=math.exp(log_p))
+
 
 def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownEffect, ...]]:
-    """The effects that a fit's residuals ask for, in words, one after the other, each with those that are not told apart from it; and how
-    large each effect must be to be named with `POWER`."""
-    deletion, tried = Deletion(found), list(effects(model, found.theta))
-    shown = tuple(s for effect in tried if (s := _shown(deletion, effect, len(tried))))
-    out: list[Finding] = []
-    unsolved: list[Effect] = []
-    while len(out) < MOST:
-        judged = sorted(tested(deletion, tried), key=lambda pair: pair[0])
-        best = judged[0][0] + math.log(len(judged)) if judged else 0.0
-        if best > math.log(CHANCE) or not judged:
-            break
-        near = [effect for log_p, effect in judged if log_p <= judged[0][0] + NEAR]
-        said = [f"{effect.kind} of {effect.channel} ({size_of(deletion, effect):.2g} {effect.unit})" for effect in near[:4]]
-        text = (
-            f"what is left of the residuals follows the law of {', '.join(said)}: p = {math.exp(best):.2g} for chance, with {len(judged)} "
-            "effects tried; nothing was corrected"
-        )
-        solvable = ":" in near[0].key
-        if near[0].key:
-            text += f"; look at it, or --solve {near[0].key}" if solvable else f"; state {near[0].key}"
-        out.append(Finding(code="effect", channel=near[0].channel, text=text, value=math.exp(best)))
-        # the next is looked for in what this one leaves: solved for where it can be, for a large one bends the fit
-        if solvable:
-            model, found = _with(model, found, near[0].key)
-        else:
-            unsolved.append(near[0])
-        deletion, gone = Deletion(found), {(effect.kind, effect.channel) for effect in unsolved}
-        for effect in unsolved:
-            deletion = deletion.freed(effect.columns)
-        tried = [effect for effect in effects(model, found.theta) if (effect.kind, effect.channel) not in gone]
-    return out, shown
+    """The effects that a fit's residuals ask for, in words, each with those that are not told apart from it; and how large each effect must
+    be to be named with `POWER`."""
+    begun = _Fitted(model, found)
+    shown = tuple(s for effect in begun.tried if (s := _shown(begun.left, effect, len(begun.tried))))
+    named: list[_Named] = []
+    at = begun
+    while len(named) < MOST and (pair := _asked(at)) is not None:
+        # the next is looked for in what this one leaves
+        one, at = pair
+        named.append(one)
+    out: list[_Named] = []
+    for one in _beside_the_others(begun, named) if len(named) > 1 else named:
+        group = one
+        for other in [g for g in out if g.laws.keys() & group.laws.keys()]:
+            out.remove(other)
+            group = other.joined(group)
+        out.append(group)
+    return [one.finding for one in out], shown
 
 
-def _with(model: Model, found: Fit, solve: str) -> tuple[Model, Fit]:
+def _asked(at: _Fitted) -> tuple[_Named, _Fitted] | None:
+    """The effect that what is left asks for most, and the fit that takes it; None where chance may have made all of it."""
+    judged = sorted(tested(at.left, at.tried), key=lambda pair: pair[0])
+    log_p = judged[0][0] + math.log(len(judged)) if judged else 0.0
+    if log_p > math.log(CHANCE) or not judged:
+        return None
+    near, wider = _competed(at, [effect for each, effect in judged if each <= judged[0][0] + NEAR])
+    laws = {e.law: f"{e.kind} of {e.channel} ({size_of(at.left, e):.2g} {e.unit})" for e in near}
+    return _Named(((near[0], log_p, len(judged)),), laws), wider
+
+
+def _beside_the_others(begun: _Fitted, named: list[_Named]) -> list[_Named]:
+    """What stands for each where all others are taken: what was likely instead of the first may be the second itself, and what the first
+    stood for may be the others together."""
+    others = [one.best for one in named]
+    i, out = 0, list[_Named]()
+    while i < len(others):
+        pair = _asked(begun.taking(*others[:i], *others[i + 1 :]))
+        if pair is None or pair[0].best.law in [one.best.law for one in out]:
+            # nothing, or what stands for another already
+            del others[i]
+            i, out = 0, []
+            continue
+        out.append(pair[0])
+        i += 1
+    return out
+
+
+def _competed(at: _Fitted, near: list[Effect]) -> tuple[list[Effect], _Fitted]:
+    """Of effects that come near to each other by their columns those that still do when each is taken, the best first, and the fit that
+    takes the best: a large effect bends the fit, and its column alone may look more like another's."""
+    fits = [at.taking(effect) for effect in near]
+    if len(near) == 1:
+        return near, fits[0]
+    log_p = []
+    for fitted in fits:
+        left, bought = fitted.left, at.left.freedom - fitted.left.freedom
+        test = fall_test(at.left.chi_squared - left.chi_squared, bought, left.chi_squared, left.freedom) if bought > 0 else None
+        log_p.append(test[1] if test else 0.0)
+    order = sorted(range(len(near)), key=log_p.__getitem__)
+    return [near[i] for i in order if log_p[i] <= log_p[order[0]] + NEAR], fits[order[0]]
+
+
+def _with(model: Model, found: Fit, solve: tuple[str, ...]) -> tuple[Model, Fit]:
     """The fit that solves for something more."""
     known, campaign = model.parameters, model.campaign
-    more = [p for p in solved_parameters(campaign.rig, campaign.cables, (solve,)) if p.name not in known.names]
+    more = [p for p in solved_parameters(campaign.rig, campaign.cables, solve) if p.name not in known.names]
     nominal = np.array([p.value for p in more])
     wider = Parameters(
         (*known.names, *(p.name for p in more)), np.r_[known.nominal, nominal], np.r_[known.width, [p.prior_u for p in more]]
     )
     wide = model_of(campaign, wider, tuple(model.free.tolist()), model.frame).with_noise(model.noise)
-    start = np.r_[found.theta[: model.own], nominal, found.theta[model.own :]]
-    return wide, fit(wide, start, prior_everywhere=found.prior_everywhere)
+    near = fit(wide, np.r_[found.theta[: model.own], nominal, found.theta[model.own :]], prior_everywhere=found.prior_everywhere)
+    if scipy.stats.chi2.sf(near.chi2, max(near.freedom, 1)) > CHANCE:
+        return wide, near
+    # what the effect bent may have been driven to another optimum, from which there is no way back
+    afresh = fit(wide, wide.start, prior_everywhere=found.prior_everywhere)
+    return wide, min(near, afresh, key=lambda one: one.chi2)
 
 
 def tested(left: Remainder, tried: list[Effect]) -> Iterator[tuple[float, Effect]]:
@@ -123,7 +237,7 @@ def tested(left: Remainder, tried: list[Effect]) -> Iterator[tuple[float, Effect
             yield test[1], effect
 
 
-def _shown(deletion: Deletion, effect: Effect, tried: int) -> ShownEffect | None:
+def _shown(deletion: Remainder, effect: Effect, tried: int) -> ShownEffect | None:
     """The size at which the F test passes `CHANCE` with `POWER`, the mean over its components' directions; None where nothing tells it."""
     judged, left = deletion.added(effect.columns), deletion.freedom
     if judged is None or left - judged.freedom < MIN_FREEDOM:

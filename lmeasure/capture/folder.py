@@ -19,7 +19,7 @@ from lmeasure import files
 from lmeasure.acquisition.codes import folded, moduli
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration.dwells import mean_variance, pooled_scatter
-from lmeasure.errors import AcquisitionError, FileFormatError, OverwriteError
+from lmeasure.errors import AcquisitionError, FileFormatError, LMeasureError, OverwriteError
 from lmeasure.poses import AXIS_COLUMNS, Poses, read_poses
 from lmeasure.rig import Rig, read_rig, write_rig
 
@@ -155,18 +155,25 @@ def open_folder(
     path = Path(path)
     folder = CaptureFolder(path, rig, channels, passage)
     read_poses(planned, rig.angles, positions_alone=True)  # says what is wrong with them
-    if not (path / "capture.toml").exists():
-        for name in ("rig.toml", "reference_poses.csv", "counts.csv", *beside):
-            if (path / name).exists():
-                raise OverwriteError(f"{path / name}: is there already, and {path} is no folder of a capture; nothing is written over it")
-        files.write_toml(path / "capture.toml", {"schema": SCHEMA, "note": []})
-    # killed between two of these a session finds the others to be written
-    if not (path / "rig.toml").exists():
-        for name, content in beside.items():
-            files.write_bytes(path / name, content)
-        write_rig(path / "rig.toml", rig)
-    if not (path / "reference_poses.csv").exists():
-        files.write_table(path / "reference_poses.csv", _columns(planned))
+    own = [path / name for name in ("rig.toml", "reference_poses.csv", "counts.csv", *beside)]
+    begun = not (path / "capture.toml").exists()
+    there = next((one for one in own if begun and one.exists()), None)
+    if there is not None:
+        raise OverwriteError(f"{there}: is there already, and {path} is no folder of a capture; nothing is written over it")
+    try:
+        if begun:
+            files.write_toml(path / "capture.toml", {"schema": SCHEMA, "note": []})
+        # killed between two of these a session finds the others to be written
+        if not (path / "rig.toml").exists():
+            for name, content in beside.items():
+                files.write_bytes(path / name, content)
+            write_rig(path / "rig.toml", rig)
+        if not (path / "reference_poses.csv").exists():
+            files.write_table(path / "reference_poses.csv", _columns(planned))
+    except LMeasureError:
+        for one in (path / "capture.toml", *own) if begun else ():
+            one.unlink(missing_ok=True)
+        raise
     table = files.read_toml(path / "capture.toml")
     if table.get("schema") != SCHEMA:
         raise FileFormatError(f"{path / 'capture.toml'}: schema = {table.get('schema')!r}; this program reads {SCHEMA!r}")

@@ -21,6 +21,8 @@ from lmeasure.trajectory.screw_method import Reconstruction
 
 ASSUMED_MM = 0.05
 """Standard deviation per axis with which a robot comes back, where nobody states it: an industrial robot's."""
+FAR_MM = 50.0
+"""Who is at the machine sees a part that has moved so far."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,15 @@ class Checked(Shown):
     def disagrees(self) -> bool:
         """Whether the channels contradict each other more than chance lets them."""
         return self.agreement is not None and self.agreement.probability < self.limit
+
+    @property
+    def astray_mm(self) -> float:
+        """By how much the run does not fit, where that is farther than parts of a rig move unseen, 0 where it is not: the run is of
+        something else. A start that is told to be elsewhere is no riddle."""
+        off = max((abs(c.value_mm) for c in self.failed), default=0.0)
+        if self.causes:
+            off = min(c.size if c.unit == "mm" and c.kind != "start" else 0.0 for c in self.causes)
+        return off if off > FAR_MM else 0.0
 
     @property
     def passed(self) -> bool:
@@ -178,6 +189,12 @@ def verdict_text(found: Checked) -> str:
     """One sentence for a person."""
     if found.passed:
         return "passed: all closes and agrees within what is stated"
+    if found.astray_mm:
+        return (
+            f"not judged: the run is off by {found.astray_mm:.3g} mm, farther than parts of a rig move unseen: most likely the start pose "
+            "is not where the counters were zeroed (its place, its orientation, the order or convention of its angles), or the rig is "
+            "another; state them as they were (--start, --rig) and check again"
+        )
     failed = [f"{c.kind} {c.name} is off by {c.value_mm:.3g} mm (U95 {c.u95_mm:.2g})" for c in found.failed]
     if not found.causes:
         return f"calibrate again: {'; '.join(failed) or 'the channels contradict each other'}; what has moved cannot be told"

@@ -31,9 +31,9 @@ def now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def appended(path: Path, found: Checked, when: str) -> Trend:
-    """Append a check to a file, which may not be there yet, and give all of it. FileFormatError where it is no such file, or of another
-    rig: then nothing is written."""
+def appended(path: Path, found: Checked, when: str, *, into: Path | None = None) -> Trend:
+    """Append a check to a file, which may not be there yet, and give all of it; into: where it is written instead. FileFormatError where it
+    is no such file, or of another rig: then nothing is written."""
     own: dict[str, list[str]] = {name: [] for name in COLUMNS}
     if Path(path).exists():
         table = files.read_table(path)
@@ -54,6 +54,6 @@ def appended(path: Path, found: Checked, when: str) -> Trend:
         row = (when, found.rig, kind, name, *(f"{number:.17g}" for number in numbers), verdict)
         for column, text in zip(COLUMNS, row, strict=True):
             own[column].append(text)
-    files.write_table(path, {name: np.array(values, dtype=np.object_) for name, values in own.items()})
+    files.write_table(into or path, {name: np.array(values, dtype=np.object_) for name, values in own.items()})
     value, u95 = (np.array([float(v) for v in own[name]]) for name in ("value_mm", "u95_mm"))
     return Trend(tuple(own["time"]), tuple(own["kind"]), tuple(own["name"]), np.abs(value) / u95)

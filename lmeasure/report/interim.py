@@ -46,6 +46,8 @@ def verdict(found: Checked, language: str) -> str:
     words = texts(DOMAIN, language)
     if found.passed:
         return words["passed"]
+    if found.astray_mm:
+        return words["astray"].format(mm=decimal(language, f"{found.astray_mm:.3g}"))
     if len(found.causes) == 1:
         only = found.causes[0]
         return words["one.start" if only.kind == "start" else "one"].format(cause=cause_text(only, language))

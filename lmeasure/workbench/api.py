@@ -40,9 +40,9 @@ async def jobs(request: Request) -> Response:
         return JSONResponse({"error": error or "wanted: {command: one of those of /api/commands, settings: {name: value}}"}, 422)
     try:
         words = forms.asked(command, {key: _as_text(value) for key, value in given.items() if value is not None}, bench.folder)
+        job = await bench.jobs.begin(words)
     except LMeasureError as failed:
         return JSONResponse({"error": str(failed), "option": getattr(failed, "option", "")}, 422)
-    job = await bench.jobs.begin(words)
     return JSONResponse(job.about(), 201)
 
 

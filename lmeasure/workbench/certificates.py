@@ -83,10 +83,10 @@ async def verify_dropped(request: Request) -> Response:
             found = sorted(target.rglob("certificate.json"), key=lambda path: len(path.parts))
             if not found:
                 raise OutsideError(f"{uploads[0][0]}: holds no certificate.json; drop the whole folder, or its zip")
+            job = await bench.jobs.begin(["verify", found[0].parent.relative_to(bench.folder).as_posix()])
         except (LMeasureError, OSError, zipfile.BadZipFile) as error:
             shutil.rmtree(target, ignore_errors=True)
             return page(request, "error.html", 422, title=said(language_of(request), "Not verified"), text=str(error))
-    job = await bench.jobs.begin(["verify", found[0].parent.relative_to(bench.folder).as_posix()])
     return RedirectResponse(f"/jobs/{job.number}", 303)
 
 

@@ -9,6 +9,7 @@ import contextlib
 import json
 import os
 import shlex
+import shutil
 import sys
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from lmeasure.errors import LMeasureError
+from lmeasure.files import not_written
 from lmeasure.workbench.project import OWN
 
 RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
@@ -93,10 +96,13 @@ class Jobs:
 
     async def begin(self, words: list[str]) -> Job:
         """Begin a command in the project folder; words are those after `lmeasure`, in which no path is absolute. One that is at work
-        already, asked for by another page or a second click, is that job."""
+        already, asked for by another page or a second click, is that job. LMeasureError where its folder cannot be written."""
         async with self._beginning:
             same = next((job for job in self.running() if job.words == words), None)
-            return same or await self._begin(words)
+            try:
+                return same or await self._begin(words)
+            except OSError as error:
+                raise LMeasureError(not_written(self.home, error)) from error
 
     async def _begin(self, words: list[str]) -> Job:
         number = max(self.jobs, default=0) + 1
@@ -121,7 +127,14 @@ class Jobs:
             limit=2**24,
         )
         asked = {"number": number, "command": job.command, "words": words, "begun": job.begun, "process": job.process.pid}
-        _write(folder / "asked.json", asked)
+        try:
+            _write(folder / "asked.json", asked)
+        except OSError:
+            # nobody would know of it
+            job.process.kill()
+            await job.process.wait()
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
         self.jobs[number] = job
         task = asyncio.create_task(self._follow(job))
         self._tasks.add(task)
@@ -202,7 +215,9 @@ class Jobs:
         # a recording ended by its button is done
         job.state = DONE if code == 0 else failed
         job.ended = _now()
-        _write(job.folder / "end.json", {"state": job.state, "ended": job.ended, "code": code, "result": job.result})
+        # on a full disk who looks on learns the end all the same
+        with contextlib.suppress(OSError):
+            _write(job.folder / "end.json", {"state": job.state, "ended": job.ended, "code": code, "result": job.result})
         job.tell({"event": "end", "state": job.state})
 
 
@@ -225,8 +240,11 @@ def _read(folder: Path) -> Job | None:
 
 def _write(path: Path, content: dict[str, Any]) -> None:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.write_text(json.dumps(content, ensure_ascii=False, indent=1), encoding="utf-8")
-    part.replace(path)
+    try:
+        part.write_text(json.dumps(content, ensure_ascii=False, indent=1), encoding="utf-8")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _now() -> str:

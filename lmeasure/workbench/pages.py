@@ -13,6 +13,7 @@ from starlette.routing import Route
 
 from lmeasure import workflows
 from lmeasure.errors import LMeasureError, SettingsError
+from lmeasure.files import not_written
 from lmeasure.workbench import forms, runs
 from lmeasure.workbench.answers import COOKIE, bench_of, form_of, job_of, language_of, lost, page
 from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered
@@ -71,6 +72,13 @@ async def cards(request: Request) -> Response:
     return page(request, f"{name}.html" if name in OWN else "cards.html", **values)
 
 
+def _made(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LMeasureError(not_written(folder, error)) from error
+
+
 async def one_command(request: Request) -> Response:
     """The form of any command, filled with what the address says; posted, it begins a job."""
     name, bench = request.path_params["command"], bench_of(request)
@@ -86,12 +94,12 @@ async def one_command(request: Request) -> Response:
         words = forms.asked(name, given, bench.folder)
         if why := hindered(name, given, bench.folder):
             raise SettingsError("run", said(language_of(request), why))
+        for folder in (Path(words_out).parent for words_out in _outputs(name, given)):
+            _made(bench.folder / folder)
+        job = await bench.jobs.begin(words)
     except LMeasureError as error:
         told = error if isinstance(error, SettingsError) else str(error)
         return _form(request, name, given=given, error=told, status=422)
-    for folder in (Path(words_out).parent for words_out in _outputs(name, given)):
-        (bench.folder / folder).mkdir(parents=True, exist_ok=True)
-    job = await bench.jobs.begin(words)
     return RedirectResponse(f"/jobs/{job.number}", 303)
 
 

@@ -18,6 +18,7 @@ from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
 from lmeasure.errors import LMeasureError
+from lmeasure.files import not_written
 from lmeasure.workbench import api, calibrations, certificates, pages, projects, runs, things
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, page
 from lmeasure.workbench.guard import Guard, new_token
@@ -122,7 +123,7 @@ def _note(path: Path, address: str) -> None:
         with os.fdopen(os.open(path, os.O_CREAT | os.O_WRONLY | os.O_EXCL, 0o600), "w") as file:
             file.write(address + "\n")
     except OSError as error:
-        raise LMeasureError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise LMeasureError(not_written(path, error)) from error
 
 
 class Desk:

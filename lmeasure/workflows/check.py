@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from lmeasure.errors import LMeasureError
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import Asked, Paths, option
 
@@ -51,7 +52,10 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
         return Result(result, hint, _figures(result), tuple(faults), failure=failure)
     content = document.holding(data)
     rig_from_dict(content, str(settings.write))
-    files.rewrite_toml(settings.write, content)
+    try:
+        files.rewrite_toml(settings.write, content)
+    except LMeasureError as error:  # a person has walked through all of it: what it showed is not lost
+        return Result(result, told, _figures(result), tuple(faults), failure=str(error))
     lines = (*told, f"written: {settings.write}, to be checked again") if told else (f"written: {settings.write}, with nothing to correct",)
     return Result(result, lines, _figures(result), tuple(faults), failure=failure)
 

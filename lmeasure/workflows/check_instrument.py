@@ -1,5 +1,6 @@
 """From a short run of a calibrated instrument to a verdict: fit for use, or to be calibrated again."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -66,12 +67,20 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
     found = check_instrument(recorded, known, limits)
     progress(0.8, "writing")
     when = now()
-    trend = None if settings.trend is None else appended(settings.trend, found, when)
     sources = [path for path in in_run_folder(settings.run) if path.is_file()] + list(present(settings.rig))
     inputs = [(path.name, files.sha256(path)) for path in sources]
     content = as_dict(found) | {"time": when, "inputs": [{"file": name, "sha256": digest} for name, digest in inputs]}
-    files.write_text(settings.out / "check.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
-    write_check_page(settings.out / "check.html", found, trend, inputs=inputs, language=settings.language or of_terminal(), when=when)
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    with ExitStack() as together:
+        # the page, the record and the line of the trend are of one check: all or none
+        trend = (
+            None
+            if settings.trend is None
+            else appended(settings.trend, found, when, into=together.enter_context(files.whole(settings.trend)))
+        )
+        record, page = (together.enter_context(files.whole(settings.out / name)) for name in ("check.json", "check.html"))
+        files.write_text(record, text)
+        write_check_page(page, found, trend, inputs=inputs, language=settings.language or of_terminal(), when=when)
     stops = ", ".join(f"{name} at {begin:.1f} s" for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True))
     lines = [f"stops: {stops}"]
     lines += [

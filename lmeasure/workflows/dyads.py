@@ -1,5 +1,6 @@
 """Links between ball joints for the poses that a body shall take: least squares link by link, and minimax of all together."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,18 +64,19 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Minimax]":
     first = np.array([d.misses for d in best]).T
     turned = dyads.turned(poses, found.turns)
     last = dyads.misses(turned, found.anchors, found.points, found.lengths)
-    with files.whole(settings.out / "links.csv") as links, files.whole(settings.out / "minimax.csv") as minimax:
-        files.write_table(links, _columns(anchors, points, lengths))
-        files.write_table(minimax, _columns(found.anchors, found.points, found.lengths))
     columns = {"pose": list(given.names), "turn_deg": np.degrees(found.turns)}
     columns |= {f"link_{j + 1}_{name}_mm": of[:, j] for name, of in (("least_squares", first), ("minimax", last)) for j in range(len(best))}
-    files.write_table(settings.out / "misses.csv", columns)
+    names = ("links.csv", "minimax.csv", "misses.csv")
+    tables = (_columns(anchors, points, lengths), _columns(found.anchors, found.points, found.lengths), columns)
+    with ExitStack() as together:
+        for path, table in zip([together.enter_context(files.whole(path)) for path in inside(settings.out, *names)], tables, strict=True):
+            files.write_table(path, table)
     progress(1.0, "minimax")
     largest = float(np.abs(first).max())
     lines = (
         f"{len(best)} links for {len(poses)} poses, the best of {len(near)} different ones from {settings.starts} starts",
         f"largest miss {largest:.6g} mm by least squares, {found.largest:.6g} mm by minimax",
-        f"written: {', '.join(str(settings.out / name) for name in ('links.csv', 'minimax.csv', 'misses.csv'))}",
+        f"written: {', '.join(str(settings.out / name) for name in names)}",
     )
     return Result(found, lines, {"largest_miss_mm": largest, "largest_miss_minimax_mm": found.largest})
 

@@ -1,6 +1,6 @@
 """A rig to begin with."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,7 +34,6 @@ class Settings(Asked):
 @workflow("init")
 def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = None) -> "Result[Rig | None]":
     """Write the files; ask is for what no template knows."""
-    from lmeasure import files
     from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of, rig_text
 
     if settings.list:
@@ -60,8 +59,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
         else {settings.out / n: t for n, t in folder_files(rig, template.text).items()}
     )
     _refuse_to_write_over(list(texts))
-    for path, text in texts.items():
-        files.write_text(path, text)
+    _write(texts)
     main = settings.out if alone else settings.out / "rig.toml"
     told = [f"{main}: {template.text}"]
     if rig.assumed:
@@ -71,6 +69,21 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     told += [f"note: {text}" for text in sizes_of([main])]
     figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
     return Result(rig, tuple(told), figures, files=tuple(texts))
+
+
+def _write(texts: Mapping[Path, str]) -> None:
+    """All of them or none: what stayed of them would keep the next call from writing."""
+    from lmeasure import files
+
+    written: list[Path] = []
+    try:
+        for path, text in texts.items():
+            files.write_text(path, text)
+            written.append(path)
+    except BaseException:
+        for path in written:
+            path.unlink()
+        raise
 
 
 def _refuse_to_write_over(paths: list[Path]) -> None:

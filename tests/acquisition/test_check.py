@@ -14,6 +14,7 @@ import pytest
 from rigged_feed import cell
 from test_buses import a_group
 
+from lmeasure import files
 from lmeasure.acquisition.bus_watch import BusWatch
 from lmeasure.acquisition.check import Check, Step, check, corrected
 from lmeasure.acquisition.decoders import counter_fields
@@ -23,6 +24,7 @@ from lmeasure.acquisition.session import Link
 from lmeasure.acquisition.sources import BusSource
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
+from lmeasure.workflows import check as check_workflow
 
 pytestmark = pytest.mark.live
 
@@ -242,6 +244,26 @@ def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdic
         assert {f.channel: f.identifier for f in counter_fields(wired)} == {f.channel: f.identifier for f in counter_fields(two_cables())}
     else:
         assert wired == two_cables()
+
+
+def test_a_check_whose_rig_finds_no_room_keeps_what_it_showed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A person has pulled every cable: the table and what would have been corrected are said with the error."""
+    write_rig(tmp_path / "rig.toml", RIG)
+    found = run(sign=-1, turns=False)
+
+    def full(path: Path, document: object) -> None:
+        raise AcquisitionError(files.not_written(path, OSError(28, "")))
+
+    monkeypatch.setattr(files, "rewrite_toml", full)
+    monkeypatch.setattr("lmeasure.acquisition.check.check", lambda *_, **__: found)
+    settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
+    told = check_workflow.run(settings, ask=lambda step: "")
+    assert (
+        told.failure == f"{tmp_path / 'wired.toml'}: cannot be written: No space left on device; make room there, or write to another disk"
+    )
+    assert told.made is found
+    assert "drum of B1: count_sign 1 -> -1" in told.summary
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
 def with_encoders(**swivel: Any) -> Rig:

@@ -272,6 +272,28 @@ def test_a_robot_that_misses_poses_by_more_than_they_are_apart_runs_in_order() -
     assert found["AP_p", "P1"].value == pytest.approx(np.hypot(1.3, 0.2), abs=0.05)
 
 
+def test_a_robot_beside_its_poses_as_a_whole_runs_in_order() -> None:
+    """60 mm beside them, it is nearer to the next pose each time; one that is bent otherwise, too, is told to be far, not in disorder."""
+    names = {f"P{i + 1}": (70.0 * i, 20.0 * i**2, 0.0) for i in range(4)}
+    at = np.array(list(names.values()))
+
+    def asked(places: np.ndarray) -> dict[tuple[str, str], Any]:
+        time_s, position, windows = dwells(np.vstack([places] * 4))
+        poses = [
+            {"name": n, "position_mm": p, "quaternion_xyzw": UNIT, "windows_s": windows[i::4]} for i, (n, p) in enumerate(names.items())
+        ]
+        program = Program.model_validate({"schema": "lmeasure.program/1", "pose": poses})
+        return by_name(evaluate(trajectory_of(time_s, position), program, EXACT))
+
+    turned = Rotation.from_euler("z", 4.0, degrees=True).apply(at) + [62.0, 18.0, 0.0]
+    assert asked(turned)["AP_p", "P1"].value == pytest.approx(np.hypot(62.0, 18.0), abs=0.05)
+    bent = at + np.array([[66.0, 19.0, 0.0], [50.0, 50.0, 25.0], [64.0, 90.0, 0.0], [60.0, 10.0, 45.0]])
+    with pytest.raises(
+        CertificationError, match=r"mm from P1 and .* mm from P2: it stands so far from all poses \(.* mm from the nearest one"
+    ):
+        asked(bent)
+
+
 def test_what_no_figure_can_be_told_from() -> None:
     trajectory, program = made_campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
     model = Program.model_validate(program)

@@ -18,6 +18,7 @@ from lmeasure.lengths import counts_from_poses, recorded_from_counts
 from lmeasure.observation.parameters import with_values
 from lmeasure.pipeline import reconstruct
 from lmeasure.poses import Poses
+from lmeasure.report.interim import verdict
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
 from lmeasure.simulation import cell_rig
@@ -130,6 +131,19 @@ def test_six_cables_alone_cannot_tell_what_moved_but_a_known_distance_fails() ->
     assert [c.kind for c in found.failed] == ["distance"]
     assert "cannot be told" in verdict_text(found)
     assert "six" in found.notes
+
+
+def test_a_start_with_another_orientation_is_not_taken_for_a_part_that_moved() -> None:
+    """Half a turn about x was "point B2 has moved 419 mm"; a start that the channels tell is said to be the start."""
+    run, _ = run_of(true_rig(), 1)
+    start = np.array(run.known_start)
+    upside_down = check_instrument(replace(run, start=np.array([*start[:3], 1.0, 0.0, 0.0, 0.0])), (), LIMITS)
+    for said in (verdict_text(upside_down), verdict(upside_down, "en")):
+        assert said.lower().startswith("not judged: the run is off by 4")
+        assert "most likely the start pose is not where the counters were zeroed" in said.replace("Most", "most")
+    assert "начальная поза" in verdict(upside_down, "ru")
+    beside = check_instrument(replace(run, start=start + [100.0, 0, 0, 0, 0, 0, 0]), (), LIMITS)
+    assert verdict_text(beside).startswith("the start pose is not where it is said to be, by 102 mm")
 
 
 def test_a_robot_that_does_not_come_back_fails_its_return() -> None:

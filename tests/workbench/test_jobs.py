@@ -18,6 +18,7 @@ from bench import client, kill_server, served_apart, until
 from lmeasure.cli import main
 from lmeasure.counts import read_counts
 from lmeasure.rig import write_rig
+from lmeasure.workbench import jobs
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "capture"))
 from capture_bench import motion, on_bus, some_poses, true_rig, write_inputs
@@ -56,6 +57,29 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
     # another server finds both, as they ended
     with client(by_page) as asked:
         assert [job["state"] for job in asked.get("/api/jobs").json()["jobs"]] == ["failed", "done"]
+
+
+def test_a_job_that_finds_no_room_is_said_on_its_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of it is left, and once there is room the same form begins it; one that ends on a full disk is seen to end."""
+    usual, most = jobs._write, []
+
+    def full(path: Path, content: dict[str, Any]) -> None:
+        if path.name in most:
+            raise OSError(28, "No space left on device")
+        usual(path, content)
+
+    monkeypatch.setattr(jobs, "_write", full)
+    with client(tmp_path) as asked:
+        most[:] = ["asked.json"]
+        answer = asked.post("/run/init", data={"_form": "1", "template": "six-cables", "out": "."})
+        assert answer.status_code == 422
+        assert "No space left on device; make room there" in unescape(answer.text)
+        listing = {"command": "init", "settings": {"list": True}}
+        assert "make room there" in asked.post("/api/jobs", json=listing).json()["error"]
+        assert list((tmp_path / ".workbench" / "jobs").iterdir()) == []
+        most[:] = ["end.json"]
+        assert asked.post("/api/jobs", json=listing).json()["number"] == 1
+        assert '"event": "end", "state": "done"' in asked.get("/jobs/1/events").text
 
 
 def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
