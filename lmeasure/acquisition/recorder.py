@@ -52,7 +52,8 @@ class Recording:
         faults = ", ".join(f"{n} {kind}" for kind, n in sorted(self.faults.items())) or "no faults"
         lines = [f"{self.samples} samples from {self.frames} frames over {self.seconds:.3f} s: {faults}"]
         if self.closure:
-            lines.append("at rest at both ends, the last less the first, counts: " + ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items()))
+            differ = ", ".join(f"{c} {v:+.1f}" for c, v in self.closure.items())
+            lines.append(f"at rest at both ends, the last less the first, counts: {differ}")
         return "\n".join(lines)
 
 
