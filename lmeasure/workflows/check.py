@@ -55,7 +55,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     try:
         files.rewrite_toml(settings.write, content)
     except LMeasureError as error:  # a person has walked through all of it: what it showed is not lost
-        return Result(result, told, _figures(result), tuple(faults), failure=str(error))
+        return Result(result, tuple(told), _figures(result), tuple(faults), failure=str(error))
     lines = (*told, f"written: {settings.write}, to be checked again") if told else (f"written: {settings.write}, with nothing to correct",)
     return Result(result, lines, _figures(result), tuple(faults), failure=failure)
 
