@@ -107,7 +107,8 @@ def test_of_two_effects_as_likely_as_each_other_each_is_named_by_itself() -> Non
 def test_what_may_stand_for_one_effect_is_named_with_it_once() -> None:
     """Two drums of another diameter, each of which another groove pitch explains as well: two findings, of a drum each."""
     model = at_poses(12, 1)
-    both = planted(model, sum(column(model, "a drum of another diameter", channel, 0.0125) for channel in ("ch2", "ch5")))
+    ch2, ch5 = (column(model, "a drum of another diameter", channel, 0.0125) for channel in ("ch2", "ch5"))
+    both = planted(model, ch2 + ch5)
     named = said_of(both)
     assert len(named) == 2
     for said, channel in zip(named, ("ch5", "ch2"), strict=True):

@@ -277,7 +277,7 @@ def test_a_robot_beside_its_poses_as_a_whole_runs_in_order() -> None:
     names = {f"P{i + 1}": (70.0 * i, 20.0 * i**2, 0.0) for i in range(4)}
     at = np.array(list(names.values()))
 
-    def asked(places: np.ndarray) -> dict[tuple[str, str], Any]:
+    def asked(places: np.ndarray) -> Any:
         time_s, position, windows = dwells(np.vstack([places] * 4))
         poses = [
             {"name": n, "position_mm": p, "quaternion_xyzw": UNIT, "windows_s": windows[i::4]} for i, (n, p) in enumerate(names.items())
