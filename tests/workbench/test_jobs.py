@@ -61,7 +61,8 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
 
 def test_a_job_that_finds_no_room_is_said_on_its_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of it is left, and once there is room the same form begins it; one that ends on a full disk is seen to end."""
-    usual, most = jobs._write, []
+    usual = jobs._write
+    most: list[str] = []
 
     def full(path: Path, content: dict[str, Any]) -> None:
         if path.name in most:
