@@ -19,8 +19,11 @@ from lmeasure.lcoordinate.workspace import Slice, boundary, first_met
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 BODY = np.array([(0, -90, 10), (120, 0, -20), (0, 150, 0), (-30, -80, 40), (60, 20, -50), (-100, 40, 0)], dtype=float)
-BASE = np.array([(0, -500, 300), (450, 0, -350), (-100, 620, 200), (-300, -410, -400), (250, 330, 500), (-480, 100, -300)], dtype=float)
+BASE = 3.0 * np.array(
+    [(0, -500, 300), (450, 0, -350), (-100, 620, 200), (-300, -410, -400), (250, 330, 500), (-480, 100, -300)], dtype=float
+)
 RIM = rim_mm(BODY)
+assert 0.1 * rim_mm(BASE) > RIM  # so that it tells which of them counts a turn
 ACROSS = np.array([(0.6, 0.0, 0.8), (0.0, 1.0, 0.0)])
 PLANE = Slice(np.array([3.0, -2.0, 1.0, 0.0, 0.0, 0.6, 0.8]), ACROSS, 40.0)
 
