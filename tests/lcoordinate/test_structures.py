@@ -130,3 +130,25 @@ def test_freedoms_by_somov_and_malyshev() -> None:
     assert all(somov_malyshev(rods, merged) == (6, 0) for rods in range(7) for merged in range(rods + 1))
     assert somov_malyshev(3, fingers=False) == (6, 9)
     assert somov_malyshev(fingers=False) == (6, 6)
+
+
+@pytest.mark.parametrize("structure", [s for s in structures() if s.closed_form], ids=lambda s: s.notation)
+def test_each_corner_is_placed_by_three_known_distances(structure: Structure) -> None:
+    """Three corners in all; measured distances before those that corners found earlier give."""
+    placements = structure.placements or ()
+    linked = {(("P", p), ("B", b)) for p, b in structure.links}
+    linked |= {(b, p) for p, b in linked}
+    placed: set[tuple[str, int]] = set()
+    for side, number, corners in placements:
+        point = (side, number)
+        assert point not in placed
+        assert len(set(corners)) == 3
+        # a corner stands in the frame that this point is placed in: of the other body, with a distance to it, or placed there itself
+        other = [corner for corner in corners if corner[0] != side]
+        assert all((point, corner) in linked or corner in placed for corner in other)
+        assert all(corner in placed for corner in corners if corner[0] == side)
+        found = [corner for corner in corners if corner in placed]
+        measured = [corner for own, corner in linked if own == point and corner not in placed]
+        assert not found or set(measured) <= set(corners)
+        placed.add(point)
+    assert len(placed) == len(placements) == 3
