@@ -53,7 +53,9 @@ CORE = {
     "lcoordinate/singular.py": ["tests/lcoordinate/test_links.py"],
     "lcoordinate/starts.py": ["tests/lcoordinate/test_start_systems.py", *_STRAIGHT],
     "lcoordinate/straight.py": ["tests/lcoordinate/test_start_systems.py", *_STRAIGHT],
-    "lcoordinate/structures.py": [f"tests/lcoordinate/test_{name}.py" for name in ("structures", "proofs", "architecture")],
+    "lcoordinate/structures.py": [
+        f"tests/lcoordinate/test_{name}.py" for name in ("structures", "proofs", "start_systems", "architecture")
+    ],
     "lcoordinate/study.py": _STRAIGHT,
     "lcoordinate/tetrahedra.py": ["tests/lcoordinate/test_start_systems.py", *_STRAIGHT],
     "lcoordinate/workspace.py": [*_LIMITS, "-k", "closed_form or lines_between or without_a_slope"],
