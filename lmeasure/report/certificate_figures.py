@@ -90,8 +90,8 @@ def _one_of(figure: go.Figure, language: str, names: Sequence[object]) -> None:
     for name in dict.fromkeys(names):
         shown.append((html.label(html.cut(say.visible(name))), [trace.legendgroup == _group(name) for trace in figure.data]))
     buttons = [{"label": label, "method": "update", "args": [{"visible": visible}]} for label, visible in shown]
-    menu = {"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.2, "yanchor": "top"}
-    figure.update_layout(height=440, margin={"t": 70}, showlegend=True, updatemenus=[menu])
+    menu = {"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 8}}
+    figure.update_layout(height=440, margin={"t": 90}, showlegend=True, updatemenus=[menu])
 
 
 def _along(language: str, evaluation: Evaluation) -> go.Figure:
@@ -129,9 +129,9 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
         x=x, y=y, z=z, mode="lines", line={"color": "#c8ccd4", "width": 1}, name=word(language, "measured path"), hoverinfo="skip"
     )
     worst = max((float(np.nanmax(p.deviation_mm, initial=0.0)) for p in measured.evaluation.paths), default=0.0)
-    for k, path in enumerate(measured.evaluation.paths):
-        _path_in_space(figure, path, factor, worst, language, first=k == 0)
     poses = measured.evaluation.poses
+    for k, path in enumerate(measured.evaluation.paths):
+        _path_in_space(figure, path, factor, worst, language, first=k == 0, named=not poses)
     names: dict[bytes, list[str]] = {}
     for pose in poses:
         names.setdefault(np.round(pose.commanded[:3], 3).tobytes(), []).append(_name(html.cut(pose.name)))
@@ -142,18 +142,17 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
     axes = {f"{axis}axis_title": f"{axis.upper()}, {_mm(language)}" for axis in "xyz"}
     figure.update_layout(
         height=640,
-        margin={"t": 10, "l": 0, "r": 0},
         scene={**axes, "aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}}},
-        legend={"orientation": "h"},
     )
     return figure
 
 
-def _path_in_space(figure: go.Figure, path: AttainedPath, factor: float, worst: float, language: str, *, first: bool) -> None:
+def _path_in_space(figure: go.Figure, path: AttainedPath, factor: float, worst: float, language: str, *, first: bool, named: bool) -> None:
+    """A path; the first one brings the colour bar, and where it is to be named the legend's word for all that is commanded."""
     x, y, z = path.commanded.T
     figure.add_scatter3d(
-        x=x, y=y, z=z, mode="lines", line={"color": COMMANDED, "width": 2}, name=word(language, "commanded"), legendgroup="commanded path",
-        showlegend=first, hoverinfo="skip",
+        x=x, y=y, z=z, mode="lines", line={"color": COMMANDED, "width": 2}, name=word(language, "commanded"), legendgroup="commanded",
+        showlegend=first and named, hoverinfo="skip",
     )  # fmt: skip
     enlarged = path.commanded + factor * (path.attained - path.commanded)
     gap = np.full((1, 3), np.nan)
@@ -163,7 +162,7 @@ def _path_in_space(figure: go.Figure, path: AttainedPath, factor: float, worst: 
     figure.add_scatter3d(
         x=line[:, 0], y=line[:, 1], z=line[:, 2], mode="lines", showlegend=False, name=_name(path.name),
         line={"width": 4, "color": np.nan_to_num(colour), "colorscale": SCALE, "cmin": 0.0, "cmax": worst or 1.0, "showscale": first,
-              "colorbar": {"title": word(language, "axis.deviation"), "len": 0.6}},
+              "colorbar": html.BAR | {"title": {"text": word(language, "axis.deviation"), "side": "top"}}},
     )  # fmt: skip
 
 

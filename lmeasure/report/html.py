@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import html
+import math
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -12,11 +13,15 @@ import numpy as np
 import plotly.graph_objects as go
 
 from lmeasure import files
+from lmeasure.arrays import FloatArray
 from lmeasure.catalogue import texts
 from lmeasure.report.labels import place_labels
 from lmeasure.report.words import with_indices
 
 _STYLE = Path(__file__).with_name("page.css")
+
+_BESIDE = Path(__file__).with_name("beside.js").read_text(encoding="utf-8")
+"""What puts sections beside each other."""
 
 _PAGE = """<!doctype html>
 <html lang="{language}">
@@ -106,6 +111,16 @@ UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
 ROOM = 40
 SEPARATORS = {"en": ".,", "ru": ",\u00a0"}
 """Decimal mark and what stands between thousands."""
+DATES = {
+    "ru": {
+        "months": ["январь", "февраль", "март", "апрель", "май", "июнь", "июль", "август", "сентябрь", "октябрь", "ноябрь", "декабрь"],
+        "shortMonths": ["янв", "фев", "мар", "апр", "май", "июн", "июл", "авг", "сен", "окт", "ноя", "дек"],
+        "days": ["воскресенье", "понедельник", "вторник", "среда", "четверг", "пятница", "суббота"],
+        "shortDays": ["вс", "пн", "вт", "ср", "чт", "пт", "сб"],
+        "date": "%d.%m.%Y",
+    }
+}
+"""What plotly is to write of times, where that is not English."""
 LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "container", "yanchor": "bottom"}
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
@@ -115,6 +130,13 @@ BESIDE = 120
 """Height of what stands beside a scene, buttons, legend, colour bar, in pixels."""
 NAMES, NAME = 4, 18
 """Of a legend: names for which that is enough on a telephone, and pixels for each more."""
+MOST_HIGH, WIDE, LABELLED = 85.0, 90.0, 1.35
+"""Of a scene on a telephone: its largest height and its width in hundredths of the window's, and what figures and names at its axes take
+beside it."""
+COLOURS = 40
+"""Of a colour bar under a scene: its height in pixels."""
+HALF_VIEW = math.tan(math.pi / 8)
+"""Half of what plotly's eye sees from top to bottom, at the distance one."""
 FLATTEST = 0.05
 """Of the widest side of a scene: what a side of none counts for."""
 BEYOND = 0.08
@@ -138,14 +160,15 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
         "displaylogo": False,
         "modeBarButtonsToRemove": UNUSED,
         "locale": language,
-        "locales": {language: {"dictionary": buttons, "format": {}}},
+        "locales": {language: {"dictionary": buttons, "format": DATES.get(language, {})}},
     }
     ready = str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
     if not scene:
         return ready
     names = sum(trace.showlegend is not False and bool(trace.name) for trace in drawing.data)
     beside = BESIDE + NAME * max(0, names - NAMES)
-    return f'<div class="scene" style="height:min({given}px, calc(72vw + {beside}px))">{ready}</div>'
+    beside += COLOURS * any(_coloured(trace) for trace in drawing.data)
+    return f'<div class="scene" style="height:min({given}px, calc({_high(drawing):.0f}vw + {beside}px))">{ready}</div>'
 
 
 def settled(drawing: go.Figure) -> go.Figure:
@@ -155,6 +178,11 @@ def settled(drawing: go.Figure) -> go.Figure:
         drawing.update_layout(legend=LEGEND)
     # figures at the corner of two axes would touch
     drawing.update_xaxes(ticklabelstandoff=5).update_yaxes(ticklabelstandoff=5, exponentformat="power")
+    for trace in drawing.data:
+        for part in (trace, getattr(trace, "marker", None), getattr(trace, "line", None)):
+            if part is not None and getattr(part, "showscale", False):
+                # 4 µ beside "mm" would be no size at all
+                part.colorbar.exponentformat = "power"
     if drawing.layout.modebar.orientation != "v":
         # room for the buttons
         drawing.update_layout(margin={"t": ROOM if margin.t is None else max(ROOM, margin.t)})
@@ -172,12 +200,46 @@ def _in_space(trace: Any) -> bool:
     return trace.type.endswith("3d") or trace.type in ("surface", "isosurface")
 
 
+def _coloured(trace: Any) -> bool:
+    return bool(getattr(getattr(trace, "marker", None), "showscale", False) or getattr(getattr(trace, "line", None), "showscale", False))
+
+
+def _high(drawing: go.Figure) -> float:
+    """How high a scene may be, in hundredths of the window's width, that nothing in it is cut off at the sides: plotly draws as large as
+    a scene is high, however narrow."""
+    scene = drawing.layout.scene
+    ratio, camera = scene.aspectratio, scene.camera
+    half = np.array([ratio[axis] or 1.0 for axis in "xyz"]) / 2.0 if scene.aspectmode == "manual" else _sides(drawing) / 2.0
+    eye, centre = (np.array([point[axis] or 0.0 for axis in "xyz"]) for point in (camera.eye, camera.center))
+    ahead = (centre - eye) / np.linalg.norm(centre - eye)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half - eye
+    widest = float(np.max(np.abs(corners @ right) / (corners @ ahead)))
+    return min(MOST_HIGH, WIDE * HALF_VIEW / (widest * LABELLED))
+
+
+def _sides(drawing: go.Figure) -> FloatArray:
+    """The sides of a scene as plotly draws them: by its data, their product being one."""
+    ends = _ends(drawing)
+    sides = np.array([ends[axis][1] - ends[axis][0] if axis in ends else 1.0 for axis in "xyz"])
+    ranges = [drawing.layout.scene[f"{axis}axis"].range for axis in "xyz"]
+    sides = np.array([side if given is None else given[1] - given[0] for side, given in zip(sides, ranges, strict=True)])
+    return sides / np.cbrt(np.prod(sides)) if drawing.layout.scene.aspectmode == "data" and min(sides) > 0.0 else np.ones(3)
+
+
+def _ends(drawing: go.Figure) -> dict[str, tuple[float, float]]:
+    """From where to where a scene's data go, by axis."""
+    own = [trace for trace in drawing.data if _in_space(trace) and trace.visible != "legendonly"]
+    values = {axis: np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own]) for axis in "xyz"} if own else {}
+    return {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items() if np.isfinite(each).any()}
+
+
 def _with_room(drawing: go.Figure) -> None:
     """Figures at the axes that do not stand in each other where one is short beside the others, ranges in which labels have room, and an
     eye that sees all of it."""
     own = [trace for trace in drawing.data if _in_space(trace) and trace.visible != "legendonly"]
-    values = {axis: np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own]) for axis in "xyz"} if own else {}
-    ends = {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items() if np.isfinite(each).any()}
+    ends = _ends(drawing)
     widest = max((high - low for low, high in ends.values()), default=0.0)
     labelled = any("text" in str(getattr(trace, "mode", "")) for trace in own)
     # as large along an axis that is short: a label beside its wall would go behind the next one
@@ -227,8 +289,19 @@ def policy(body: str) -> str:
 
 def page(title: str, body: Iterable[str], language: str = "en") -> str:
     """The text of a page of ready HTML parts under an escaped title."""
-    whole = "\n".join(body)
+    whole = "\n".join(_in_sections(body))
     return _PAGE.format(title=text(title), body=whole, language=language, policy=policy(whole), style=_STYLE.read_text(encoding="utf-8"))
+
+
+def _in_sections(body: Iterable[str]) -> list[str]:
+    """The parts, each heading of the second level with what follows it in a section: on a wide screen they stand beside each other."""
+    head: list[str] = []
+    sections: list[list[str]] = []
+    for part in body:
+        sections += [[]] if part.startswith("<h2") else []
+        (sections[-1] if sections else head).append(part)
+    own = [line for section in sections for line in ("<section>", *section, "</section>")]
+    return ["<header>", *head, "</header>", *(["<main>", *own, "</main>", f"<script>{_BESIDE}</script>"] if own else [])]
 
 
 def write_page(path: Path, title: str, body: Iterable[str], language: str = "en") -> None:

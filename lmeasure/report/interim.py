@@ -132,7 +132,7 @@ def _agreement(found: Checked, language: str) -> list[str]:
     rows = [
         (
             words[f"cause.{c.kind}"].split("{")[0].strip() + f" {c.name}" if c.kind != "start" else words["start"],
-            *(decimal(language, f"{value:.3g}") + f" {words[f'unit.{c.unit}']}" for value in (c.size, c.u, c.detectable)),
+            *(decimal(language, f"{value:.3g}") + f"\u00a0{words[f'unit.{c.unit}']}" for value in (c.size, c.u, c.detectable)),
             decimal(language, f"{c.rest:.1f}"),
         )
         for c in told.causes

@@ -17,6 +17,8 @@ from lmeasure.saying import ENGLISH, Say
 
 BASE, PLATFORM, LEG, ARM, INSIDE = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 MOST_SLICES = 6
+RIM = 1e-6
+"""In mm: by how much an outline at the edge of the grid lies beyond it."""
 
 
 def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any], grid: Grid | None, *, language: str = "en") -> None:
@@ -125,9 +127,12 @@ def slices_figure(found: Workspace, say: Say = ENGLISH) -> go.Figure:
     chosen = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_SLICES).round().astype(int))]
     palette = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
     figure = go.Figure()
+    # a rim of nothing around the grid: what ends at its edge is an outline too, that closes
+    x, y = (np.pad(axis, 1, mode="linear_ramp", end_values=(axis[0] - RIM, axis[-1] + RIM)) for axis in (found.x_mm, found.y_mm))
+    inside = np.pad(found.inside, ((1, 1), (1, 1), (0, 0)))
     for colour, level in zip(palette, chosen, strict=False):
         figure.add_contour(
-            x=found.x_mm, y=found.y_mm, z=found.inside[:, :, level].T.astype(float),
+            x=x, y=y, z=inside[:, :, level].T.astype(float),
             contours={"start": 0.5, "end": 0.5, "coloring": "lines"}, line={"color": colour, "width": 2}, showscale=False,
             name=say("z = {z:g} mm", z=found.z_mm[level]), showlegend=True, colorscale=[[0.0, colour], [1.0, colour]], hoverinfo="skip",
         )  # fmt: skip

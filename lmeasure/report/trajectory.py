@@ -53,7 +53,7 @@ def write_trajectory_page(
         html.paragraph(words["time.told"] + (f" {words['time.thinned']}" if len(found.rows) < len(found.u95_mm) else "")),
         html.figure(time_figure(found, language), "time", first=False, language=language),
         html.heading(words["known"]),
-        *(html.paragraph(line) for line in _known(found, language)),
+        "<ul>" + "".join(f"<li>{html.text(line)}</li>" for line in _known(found, language)) + "</ul>",
         html.heading(words["inputs"]),
         html.table((words["file"], "SHA-256"), inputs, "text"),
     ]

@@ -30,7 +30,8 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
     content: dict[str, Any] = {
         "language": language,
         "title": zone_text.title(rig, say),
-        "findings": [*zone_text.findings(zone, found, say), *zone_text.taken_as_exact(zone, say)],
+        "findings": zone_text.findings(zone, found, say),
+        "exact": zone_text.taken_as_exact(zone, say),
         "slices": [{"level": say("Z = {mm:g} mm", mm=level), "svg": svg} for level, svg in _slices(zone)],
         "scale": _scale(),
         "views": [{"axes": axes, "svg": _drawing(lines)} for axes, lines in sides],

@@ -245,6 +245,18 @@ def _ran(command: str, asked: dict[str, Any], language: str, page: Path) -> Path
     return page
 
 
+def _comparison(out: Path, language: str) -> Path:
+    """One robot before and after it was corrected."""
+    made = []
+    for number, offset in enumerate((0.3, 0.02)):
+        folder = out / f"{number}"
+        write_campaign(folder / "campaign", seed=number, offset_mm=offset)
+        given = Inputs(*(folder / "campaign" / name for name in ("trajectory.parquet", "program.toml", "run")))
+        write_certificate(folder / "certificate", given, Settings(trials=200), Choices(language))
+        made.append(folder / "certificate")
+    return _ran("compare", {"certificates": made, "page": out / "comparison.html"}, language, out / "comparison.html")
+
+
 def _mechanism(out: Path, language: str) -> Path:
     asked = {"robot": "four-chains-arms", "x": "-40:40:20", "y": "-20:40:20", "z": "70:130:20", "report": out}
     return _ran("mechanism", asked, language, out / "mechanism.html")
@@ -262,6 +274,7 @@ PAGES: dict[str, Callable[[Path, str], Path]] = {
     "trajectory-foreign": _foreign_trajectory,
     "certificate": _certificate,
     "certificate-in-full": _certificate_in_full,
+    "comparison": _comparison,
     "check": _check,
     "structure": _structure,
     "structures": _structures,

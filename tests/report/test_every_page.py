@@ -5,6 +5,7 @@ clipped, collides, or asks for anything outside. PDFs beside them: no text lies 
 import base64
 import itertools
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -58,11 +59,14 @@ def test_nothing_runs_over_collides_or_asks_for_anything(kind: str, language: st
 
 
 def faults_of(pdf: Path) -> list[str]:
-    """Lines of text that lie beyond their sheet, or on another."""
+    """Lines of text that lie beyond their sheet, or on another; sheets that are not numbered one after the other."""
     document, out = pypdfium2.PdfDocument(pdf), []
     for number, sheet in enumerate(document, 1):
         width, height = sheet.get_size()
         text = sheet.get_textpage()
+        numbers = f"{number} (of|из) {len(document)}"
+        if not re.search(numbers, text.get_text_bounded()):
+            out.append(f"sheet {number} is not numbered so")
         boxes = [text.get_rect(i) for i in range(text.count_rects())]
         lines = [(box, text.get_text_bounded(*box)) for box in boxes]
         for (left, bottom, right, top), said in lines:
@@ -100,3 +104,4 @@ def test_the_check_of_sheets_sees_what_it_is_for(tmp_path: Path) -> None:
     told = " ".join(faults_of(tmp_path / "bad.pdf"))
     assert "collide" in told
     assert "lies beyond it" in told
+    assert "sheet 1 is not numbered" in told
