@@ -141,7 +141,9 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
         _pose_in_space(figure, pose, factor, language, "<br>".join(here), first=k == 0)
     axes = {f"{axis}axis_title": f"{axis.upper()}, {_mm(language)}" for axis in "xyz"}
     figure.update_layout(
-        height=640,
+        height=680,
+        # under the scene its colours, and under them two rows of the legend
+        margin={"b": 150},
         scene={**axes, "aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}}},
     )
     return figure

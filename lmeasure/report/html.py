@@ -133,7 +133,7 @@ NAMES, NAME = 4, 18
 MOST_HIGH, WIDE, LABELLED = 85.0, 90.0, 1.35
 """Of a scene on a telephone: its largest height and its width in hundredths of the window's, and what figures and names at its axes take
 beside it."""
-COLOURS = 40
+COLOURS = 70
 """Of a colour bar under a scene: its height in pixels."""
 HALF_VIEW = math.tan(math.pi / 8)
 """Half of what plotly's eye sees from top to bottom, at the distance one."""
