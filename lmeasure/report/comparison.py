@@ -171,4 +171,4 @@ def _moved(pair: Pair, say: Say) -> list[str]:
             verdict, chance = say("moved") if s.moved else say("not shown to have moved"), number(s.probability, ".2g")
         rows.append((s.pose, number(s.distance_mm, ".4f"), number(s.u95_mm, ".4f"), chance, verdict))
     header = (say("pose"), say("shift of the mean, mm"), "U95", say("probability by chance"), say("verdict"))
-    return [html.table(header, rows, "text")] if rows else []
+    return [html.table(header, rows, "text moved")] if rows else []
