@@ -130,7 +130,7 @@ BESIDE = 120
 """Height of what stands beside a scene, buttons, legend, colour bar, in pixels."""
 NAMES, NAME = 4, 18
 """Of a legend: names for which that is enough on a telephone, and pixels for each more."""
-MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.6
+MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.9
 """Of a scene on a telephone: its largest height and its width in hundredths of the window's, and what figures and names at its axes take
 beside it."""
 COLOURS = 70
