@@ -133,7 +133,7 @@ def slices_figure(found: Workspace, say: Say = ENGLISH) -> go.Figure:
     for colour, level in zip(palette, chosen, strict=False):
         figure.add_contour(
             x=x, y=y, z=inside[:, :, level].T.astype(float),
-            contours={"start": 0.5, "end": 0.5, "coloring": "lines"}, line={"color": colour, "width": 2}, showscale=False,
+            contours={"start": 0.5, "end": 0.5, "coloring": "lines"}, line={"color": colour, "width": 2, "smoothing": 0}, showscale=False,
             name=say("z = {z:g} mm", z=found.z_mm[level]), showlegend=True, colorscale=[[0.0, colour], [1.0, colour]], hoverinfo="skip",
         )  # fmt: skip
     figure.update_xaxes(title_text=say("X, mm"), scaleanchor="y", constrain="domain")

@@ -250,8 +250,9 @@ def _comparison(out: Path, language: str) -> Path:
     made = []
     for number, offset in enumerate((0.3, 0.02)):
         folder = out / f"{number}"
-        write_campaign(folder / "campaign", seed=number, offset_mm=offset)
-        given = Inputs(*(folder / "campaign" / name for name in ("trajectory.parquet", "program.toml", "run")))
+        campaign = folder / "campaign"
+        write_campaign(campaign, seed=number, offset_mm=offset)
+        given = Inputs(campaign / "trajectory.parquet", campaign / "program.toml", campaign / "run")
         write_certificate(folder / "certificate", given, Settings(trials=200), Choices(language))
         made.append(folder / "certificate")
     return _ran("compare", {"certificates": made, "page": out / "comparison.html"}, language, out / "comparison.html")
