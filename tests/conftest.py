@@ -30,6 +30,11 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
         return (yield)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first: at the end no worker waits for another's."""
+    items.sort(key=lambda item: "tests/workbench" not in item.path.as_posix())
+
+
 def pytest_collection_finish() -> None:
     """What was collected stays to the end: nobody need look through it again and again for what could be thrown away."""
     gc.collect()

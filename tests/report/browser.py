@@ -73,7 +73,9 @@ PLACE = """(selector, across, down) => {
   const box = e.getBoundingClientRect(), x = box.x + across * box.width, y = box.y + down * box.height;
   const own = (hit) => hit && (e.contains(hit) || e.ownerSVGElement?.contains(hit) || hit.closest('label')?.control === e);
   window.pressed = false;
-  document.addEventListener('mousedown', (event) => { window.pressed = Boolean(own(event.target)); }, {once: true, capture: true});
+  // a press that ends on something else, because the page moved in between, is no click; plotly covers what is pressed
+  const kind = e.closest('.js-plotly-plot') ? 'mousedown' : 'click';
+  document.addEventListener(kind, (event) => { window.pressed = Boolean(own(event.target)); }, {once: true, capture: true});
   return own(document.elementFromPoint(x, y)) ? [x, y] : null;
 }"""
 """Where the mouse goes to press an element, nothing while it is not there or covered; `pressed` says afterwards whether it was."""

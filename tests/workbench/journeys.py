@@ -145,6 +145,32 @@ QUICK = Job(template="three-drums", drums=3, poses=4, dwell_s="0.3", exchange="c
 GRID = dict.fromkeys("xyz", "-200:200:100")
 
 
+def plugged(page: Page, told: Told, job: Job) -> None:
+    """A cell is played whose plugs are exchanged; who speaks is seen, the plugs are found, mended by one click, and checked."""
+    to(page, "/check")
+    begun(page, "play", exchange=job.exchange)
+    page.wait(f"document.querySelectorAll('#cell-cables button').length === {job.drums}")
+    page.again()
+    told("a cell is played", page)
+    to(page, "/check")
+    who_speaks(page, job.drums)
+    told("who speaks", page)
+    if not job.turns:
+        tap(page, "form[data-command=check] details summary", "document.querySelector('form[data-command=check] details').open")
+        tap(page, "form[data-command=check] [name=turns]", "!document.querySelector('form[data-command=check] [name=turns]').checked")
+    begun(page, "check")
+    first = self_test(page, reload_at=4)
+    assert first == "failed", page.evaluate("document.querySelector('main').innerText")
+    red = page.evaluate("[...document.querySelectorAll('.cables .red')].map(row => row.cells[0].textContent)")
+    assert red == [channel.replace("ch", "c") for channel in job.exchange.split(",")]
+    told("plugs are found exchanged", page)
+    onward(page, "rig=rig-checked.toml")
+    begun(page, "check", write="")
+    assert self_test(page, reload_at=3) == "done", page.evaluate("document.querySelector('main').innerText")
+    assert page.evaluate("document.querySelectorAll('.cables .red').length") == 0
+    told("the mended rig is checked", page)
+
+
 def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
     """From an empty folder to a calibrated rig in its zone, with its points placed anew: dimensions put in, drums worked out, poses
     planned, a cell played whose plugs are exchanged, found and mended, poses captured."""
@@ -172,28 +198,7 @@ def mechanic(page: Page, told: Told, job: Job = Job()) -> None:
     begun(page, "plan-poses", poses=str(job.poses), box="-200:200,-200:200,-200:200")
     done(page)
     told("poses are planned", page)
-    to(page, "/check")
-    begun(page, "play", exchange=job.exchange)
-    page.wait(f"document.querySelectorAll('#cell-cables button').length === {job.drums}")
-    page.again()
-    told("a cell is played", page)
-    to(page, "/check")
-    who_speaks(page, job.drums)
-    told("who speaks", page)
-    if not job.turns:
-        tap(page, "form[data-command=check] details summary", "document.querySelector('form[data-command=check] details').open")
-        tap(page, "form[data-command=check] [name=turns]", "!document.querySelector('form[data-command=check] [name=turns]').checked")
-    begun(page, "check")
-    first = self_test(page, reload_at=4)
-    assert first == "failed", page.evaluate("document.querySelector('main').innerText")
-    red = page.evaluate("[...document.querySelectorAll('.cables .red')].map(row => row.cells[0].textContent)")
-    assert red == [channel.replace("ch", "c") for channel in job.exchange.split(",")]
-    told("plugs are found exchanged", page)
-    onward(page, "rig=rig-checked.toml")
-    begun(page, "check", write="")
-    assert self_test(page, reload_at=3) == "done", page.evaluate("document.querySelector('main').innerText")
-    assert page.evaluate("document.querySelectorAll('.cables .red').length") == 0
-    told("the mended rig is checked", page)
+    plugged(page, told, job)
     onward(page, "/calibrate")
     known = {"u_position_mm": "0.02", "u_rotation_deg": "0.003", "u_repeatability_mm": "0", "dwell_s": job.dwell_s}
     begun(page, "capture", rig="rig-checked.toml", **known)

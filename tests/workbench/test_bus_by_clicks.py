@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bench import served
 
+from lmeasure.cli import app
 from lmeasure.counts import read_counts
 from lmeasure.rig import write_rig
 from lmeasure.run import read_run_head
@@ -15,7 +16,8 @@ from lmeasure.simulation import cell_rig
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import LOOK, Page, opened
 from clicks import ENDED, fill, press, visit
-from journeys import tap
+from journeys import QUICK, plugged, tap
+from typer.testing import CliRunner
 
 pytestmark = pytest.mark.live
 
@@ -76,3 +78,12 @@ def test_one_job_is_not_begun_twice(tmp_path: Path) -> None:
         assert set(answers) == {"/jobs/1"}
         assert [job["state"] for job in asked.get("/api/jobs").json()["jobs"]] == ["running"]
         asked.delete("/api/jobs/1")
+
+
+def test_exchanged_plugs_are_found_and_mended_by_one_click(tmp_path: Path) -> None:
+    """Exactly two cables are red; then none is."""
+    made = CliRunner().invoke(app, ["init", str(tmp_path), "--template", QUICK.template])
+    assert made.exit_code == 0, made.output
+    with served(tmp_path) as address, opened(address) as page:
+        plugged(page, lambda what, shown: None, QUICK)
+        assert page.errors == []

@@ -55,6 +55,7 @@ def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: Job, commands: 
         assert (project / file).read_bytes() == file.read_bytes(), file
 
 
+@pytest.mark.slow
 @pytest.mark.live
 def test_a_mechanic_from_nothing_to_a_calibrated_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The quick form: three drums, two of which are exchanged."""
