@@ -1,13 +1,15 @@
 """Faults put into a file of the program, one at a time, and whether its tests see them, for `mutants.py`.
 
 Tests are collected once. For each fault the process is forked, the functions that it changes get their new code where they are, whoever
-holds them, and the tests run: first those that pass the fault's statement, the shortest before others, then the others of their files; of
-a few faults, for which it does not pay to look first what each test passes, all in their order. A fault outside of functions is put into
-the file as it is imported, which takes the second or two that collecting takes. Kernels are not compiled. Nothing is written into the
+holds them, caches are emptied, and the tests run: first those that pass the fault's statement, the shortest before others, then the others
+of their files; of a few faults, for which it does not pay to look first what each test passes, all in their order. A fault outside of
+functions, and one that no test sees in a statement that collecting passes, is put into the file as it is imported, which takes the second
+or two that collecting takes. Kernels are not compiled. Nothing is written into the
 project.
 """
 
 import ast
+import gc
 import hashlib
 import importlib
 import importlib.abc
@@ -15,6 +17,7 @@ import importlib.machinery
 import importlib.util
 import inspect
 import json
+import math
 import os
 import resource
 import signal
@@ -22,7 +25,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, NamedTuple
@@ -36,8 +39,11 @@ MOST_MEMORY = 8 << 30
 RECORDED_FROM = 4
 """Faults from which it pays to look first which lines each test passes."""
 LIMIT_S = 900.0
+WAITED = 8.0
+"""Times a limit, which counts what a fork calculates, that one is waited for: a machine that is busy with other things hides no fault."""
 IMPORTED = ""
 """In place of a test: lines that are passed while files are imported."""
+_Cache = type(cache(lambda: None))
 SEEN, UNSEEN, OUTSIDE, BROKEN = range(10, 14)
 """How a fork ends: a test failed; none did; the fault is not in a function that could be exchanged; this program erred itself."""
 
@@ -137,7 +143,8 @@ def _forked(run: Callable[[], int]) -> int:
 
 def _end(child: int, limit_s: float) -> int:
     """How a fork ends; what hangs, or ends by itself, is seen."""
-    until = time.monotonic() + limit_s
+    resource.prlimit(child, resource.RLIMIT_CPU, (math.ceil(limit_s), math.ceil(limit_s) + 5))
+    until = time.monotonic() + WAITED * limit_s
     while time.monotonic() < until:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
@@ -198,22 +205,22 @@ class _Trials:
 
     def __init__(self, file: Path, mutants: list[Mutant], known: Path, out: Path) -> None:
         self.file, self.mutants, self.known, self.out = file, mutants, known, out
-        self.recorder: _Recorder | None = None
-        if not known.exists() and len(mutants) >= RECORDED_FROM:
-            self.recorder = _Recorder(file)
+        self.recorder = None if known.exists() else _Recorder(file)
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         if session.testsfailed:
             raise session.Interrupted("not collected")
         items = {item.nodeid: item for item in session.items}
+        passed, text, collecting = None, self.file.read_text(encoding="utf-8"), set[str]()
         if self.recorder is not None:
             recorder, known = self.recorder, self.known
-            if _end(_forked(lambda: recorder.record(list(items.values()), known)), 3600.0) != UNSEEN:
+            if len(self.mutants) >= RECORDED_FROM and _end(_forked(lambda: recorder.record(list(items.values()), known)), 3600.0) != UNSEEN:
                 raise session.Interrupted("tests do not pass without a fault")
             recorder.coverage.stop()
-        passed, text = None, self.file.read_text(encoding="utf-8")
+            collecting = set(recorder.lines())
         if self.known.exists():
             passed = Passed(*json.loads(self.known.read_text(encoding="utf-8")))
+            collecting = {line for line, tests in passed.lines.items() if IMPORTED in tests}
         sound: set[str] = set()
         name = ".".join(("lmeasure", *self.file.relative_to(ROOT / "lmeasure").with_suffix("").parts))
         for number, mutant in enumerate(self.mutants):
@@ -227,6 +234,8 @@ class _Trials:
             if order:
                 some = [items[test] for test in order]
                 end = _end(_forked(partial(_tried, mutant, name, text, some, failed)), limit_s)
+            if end == UNSEEN and collecting.intersection(map(str, _lines(mutant, text))):
+                end = OUTSIDE
             test = failed.read_text(encoding="utf-8")
             if passed is None and end == SEEN and test and test not in sound:
                 if _end(_forked(partial(_run, [items[test]], failed)), limit_s) != UNSEEN:
@@ -247,6 +256,9 @@ def _tried(mutant: Mutant, name: str, text: str, items: list[pytest.Item], faile
         return OUTSIDE
     for function, code in filter(None, changed):
         function.__code__ = code
+    for one in gc.get_objects():
+        if isinstance(one, _Cache) and one.__module__.partition(".")[0] == "lmeasure":
+            one.cache_clear()
     return _run(items, failed)
 
 
@@ -331,6 +343,10 @@ class _Recorder:
             if item.session.testsfailed:
                 return SEEN
         self.coverage.stop()
-        lines = self.coverage.get_data().contexts_by_lineno(str(self.file))
-        out.write_text(json.dumps([lines, self.seconds]), encoding="utf-8")
+        out.write_text(json.dumps([self.lines(), self.seconds]), encoding="utf-8")
         return UNSEEN
+
+    def lines(self) -> dict[str, list[str]]:
+        """Tests that passed each line so far."""
+        found = self.coverage.get_data().contexts_by_lineno(str(self.file))
+        return {str(line): tests for line, tests in found.items()}

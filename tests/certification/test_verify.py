@@ -13,7 +13,7 @@ import tomli_w
 from made_trajectories import made_campaign
 
 from lmeasure.certification import Settings
-from lmeasure.certification.again import RELATIVE, compare, label
+from lmeasure.certification.again import RELATIVE, SOURCES, compare, label, of_environment
 from lmeasure.certification.bundle import CERTIFICATE, SIGNATURE, Difference, copy_into, entries, seal
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import certificate, identification
@@ -143,6 +143,41 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
     assert [t.split(" is ")[0] for t in texts(verify(folder))] == ["certificate.json: kind", "certificate.json: id"]
 
 
+@pytest.mark.parametrize("method", [SAME_FOR_ONE_PASS, METHOD, METHOD + 1])
+def test_inputs_that_are_refused_are_no_fault_of_a_certificate_by_another_method(folder: Path, method: int) -> None:
+    """Of one whose figures are today's they are."""
+    measurement = content_of(folder)["measurement"]
+    content = resealed(folder, {"method": method, "measurement": measurement | {"repeatability_mm": "wide"}})
+    found, refused = verify(folder), "measurement: constraint or repeatability_mm is not what this program writes"
+    assert found.certificate == content["id"]
+    if method > METHOD:
+        assert found.differences == ()
+        assert found.skipped == (f"figures: by method {method}; today's, {METHOD}, refuses the inputs: {CERTIFICATE}: {refused}",)
+    else:
+        assert texts(found) == [f"{CERTIFICATE}: cannot be computed again: {CERTIFICATE}: {refused}"]
+        assert found.skipped == ("figures: see above",)
+
+
+def test_an_environment_is_one_of_versions_under_known_names() -> None:
+    """Of the names only those of the same sources are known."""
+    here = environment()
+    assert of_environment(here, here) == []
+    there = {key: value for key, value in here.items() if key != "typst"} | {"plot": "1.0"}
+    assert [str(d).partition(": environment: ")[2] for d in of_environment(there, here)] == ["plot is no part of it", "typst is missing"]
+    assert of_environment(there | {SOURCES: "0" * 64}, here) == []
+    for bad in ("x" * 81, "a b c", "", "1.0\n", 1.0, "1,0"):
+        assert [d.text.partition(": no version")[1] for d in of_environment(here | {"numpy": bad}, here)] == [": no version"]
+    for good in ("x" * 80, "a b", "1.0+local", "x86-64_v(3)"):
+        assert of_environment(here | {"numpy": good}, here) == []
+
+
+@pytest.mark.parametrize(("length", "shown"), [(80, "x" * 80), (81, "x" * 80 + "...")])
+def test_what_is_long_is_shown_by_its_first_80_characters(length: int, shown: str) -> None:
+    stated: dict[str, Any] = {"characteristics": [], "figures_sha256": "", "notes": "x" * length}
+    out, _ = compare(stated | {"id": identification(stated)}, stated | {"notes": "y"}, exact=True)
+    assert [str(d) for d in out] == [f"{CERTIFICATE}: notes is {shown}, computed again y"]
+
+
 @pytest.mark.parametrize(("times", "differs"), [(0.8, False), (1.25, True)])
 def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: Path, times: float, differs: bool) -> None:
     content = content_of(folder)
@@ -184,6 +219,10 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
         ("U95 0.0123 mm", "U96 0.0123 mm", False),
         ("1.5e-07 mm", "1.6e-07 mm", True),
         ("5 poses", "6 poses", False),
+        ("5", 5.0, False),
+        ("1e3 mm", "1e4 mm", False),
+        ("1e6 mm", "1000001e0 mm", True),
+        ("5 poses", "5e0 poses", True),
         ("5 poses", "5 poses 7", False),
         ("1234567.0 s", "1234567.9 s", True),
         ("2.5", "-2.5", False),
@@ -251,6 +290,9 @@ def test_what_is_allowed_is_a_millionth() -> None:
         ({"schema": "lmeasure.certificate/2"}, "is not a certificate"),
         ({"characteristics": [{"name": "AP_p"}]}, "lacks its name, value, unit, u95 or capable"),
         ({"characteristics": ["AP_p"]}, "lacks its name"),
+        ({"findings": {}}, "findings are not texts with their codes"),
+        ({"findings": ["misfit"]}, "findings are not texts with their codes"),
+        ({"findings": [{"text": "x"}, {"text": 1}]}, "findings are not texts with their codes"),
         ({"characteristics": [{"name": "A", "value": "1", "unit": "mm", "u95": 0.0, "capable": True}]}, "A: value and u95 must be finite"),
         ({"characteristics": [{"name": "A", "value": 1.0, "unit": "mm", "u95": None, "capable": True}]}, "A: value and u95 must be finite"),
     ],
