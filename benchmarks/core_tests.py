@@ -31,11 +31,12 @@ _KINDS = "cable channel continuation distance inclination joint of_rig parameter
 _TESTS = "pose approaches exchangeability drift distance compliance path velocity corners weaving settling posing stabilisation"
 _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
 _CAMPAIGNS = [
+    "tests/calibration/test_laws_of_residuals.py",
     "tests/calibration/test_recover.py",
     "tests/calibration/test_visits.py",
     "tests/calibration/test_with_encoders.py",
     "-k",
-    "exact_poses or stated_pose or default or two_passes or visit or derivatives_are",
+    "laws_of or exact_poses or stated_pose or default or two_passes or visit or derivatives_are",
 ]
 CORE = {
     **{f"kernels/{name}.py": [*_FEW, "-k", "few or generalised or zero_pose or definitions"] for name in ("zone", "zone_rows")},
@@ -82,7 +83,7 @@ CORE = {
     "calibration/residuals.py": _CAMPAIGNS,
     "calibration/unknowns.py": _CAMPAIGNS,
     "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
-    "trajectory/budget.py": ["tests/trajectory/test_budget.py"],
+    "trajectory/budget.py": ["tests/trajectory/test_sources_of_error.py", "tests/trajectory/test_budget.py"],
     "trajectory/exact.py": ["tests/test_taken_as_exact.py"],
     "trajectory/steps.py": ["tests/trajectory/test_steps.py", *_COUNTERS],
     "trajectory/continuity.py": [

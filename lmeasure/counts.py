@@ -76,7 +76,7 @@ class Counts(Shown):
         out: dict[str, Any] = {"time_s": self.time_s}
         for i, channel in enumerate(self.channels):
             values = self.recorded[:, i]
-            whole = not np.isnan(values).any() and bool((values == np.rint(values)).all()) and float(np.abs(values).max()) < 2**53
+            whole = bool((values == np.rint(values)).all()) and float(np.abs(values).max()) < 2**53
             out[channel] = values.astype(np.int64) if whole else values
         if self.sync is not None:
             out["sync"] = self.sync.astype(np.int64)

@@ -307,7 +307,7 @@ class Budget:
     def _factors(self, G: FloatArray, situation: Situation, sources: tuple[Source, ...]) -> FloatArray:
         """(n, 6, K) errors of poses whose twists per unit of each length are G (n, 6, m), by the variables of these sources."""
         if not sources:
-            return np.where(np.isnan(G[:, :, :1]), np.nan, 0.0)[:, :, :0]
+            return G[:, :, :0]
         lengths = self.lengths_of(situation, sources)
         # a cable without a count, or left out, has no part in the pose
         return np.asarray(G @ np.where(np.isfinite(lengths), lengths, 0.0))

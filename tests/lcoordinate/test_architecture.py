@@ -11,6 +11,7 @@ from lmeasure.lcoordinate.structures import structures
 RNG = np.random.default_rng(6)
 ANGLES = np.array([0.1, 0.9, 2.0, 3.1, 4.4, 5.6])
 FLAT = np.zeros((6, 1))
+AWAY = np.array([3e5, -2e5, 1e5])
 CIRCLE = 500.0 * np.column_stack([np.cos(ANGLES), np.sin(ANGLES), FLAT])
 ANYHOW = 500.0 * np.column_stack([RNG.normal(size=(6, 2)), FLAT])
 SPACE = 200.0 * RNG.normal(size=(6, 3))
@@ -43,6 +44,8 @@ def test_known_kinds_are_named(base: FloatArray, platform: FloatArray, words: st
     assert words in (architecturally_singular(base, platform) or "")
     # coordinates of a drawing, rounded to the micrometre
     assert words in (architecturally_singular(base.round(3), platform.round(3)) or "")
+    # in the frame of a tracker that stands far off
+    assert words in (architecturally_singular(base + AWAY, platform - AWAY) or "")
 
 
 @pytest.mark.parametrize(
@@ -57,8 +60,22 @@ def test_known_kinds_are_named(base: FloatArray, platform: FloatArray, words: st
 )
 def test_their_relatives_are_not_singular(base: FloatArray, platform: FloatArray) -> None:
     assert architecturally_singular(base, platform) is None
+    assert architecturally_singular(base + AWAY, platform - AWAY) is None
 
 
 def test_dimensions_at_random_are_singular_only_of_the_degenerate_structure() -> None:
     for i, s in enumerate(structures()):
         assert (architecturally_singular(*rig(s, i)[:2]) is not None) == (s.degenerate is not None), s.notation
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_two_triples_in_a_plane_are_no_points_on_lines_nor_on_conics(side: int) -> None:
+    """Three links to one point of a body are on a line with any other there, and the plane figure is of one body alone."""
+    degenerate = next(s for s in structures() if s.degenerate)
+    bodies = list(rig(degenerate, 3)[:2])
+    bodies[side] = bodies[side] * [1.0, 1.0, 0.0]
+    assert architecturally_singular(*bodies) == "the links depend on each other at every pose"
+
+
+def test_points_that_are_one_lie_on_a_line() -> None:
+    assert architecturally_singular(np.tile(ONE, (6, 1)), SPACE) == "all points of the base lie on one line"

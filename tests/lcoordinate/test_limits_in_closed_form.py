@@ -205,6 +205,42 @@ def test_places_are_put_between_until_lines_are_near_enough(within_mm: float | N
     assert len(found.limit) == len(found.places)
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_beside_a_step_sixteen_places_are_looked_at(way: float) -> None:
+    """From a tenth to nine tenths of it, a fifth of it to the inner side."""
+    place, ahead, tangent = np.array([2.0, 1.0]), np.array([7.0, 1.0]), np.array([1.0, 0.0])
+
+    def found(*kept: Limit, turned: FloatArray = tangent) -> bool:
+        return workspace._beside(limits(*kept), PLANE, place, ahead, tangent, turned, way)
+
+    side = across(lambda x, y: way * (y - 1.0))
+    for x, seen in ((2.3, False), (2.5, True), (4.5, True), (6.5, True), (6.7, False)):
+        # a hole as wide as the looks are apart
+        hole = across(lambda a, b, x=x: (a - x) ** 2 + (b - 1.0 - way) ** 2 - 0.14**2)
+        assert found(side, hole) != seen
+    assert found(side, across(lambda x, y: 1.0 - np.abs(x - 4.5) / 2.1))
+    for angle, kept in ((0.19, True), (0.21, False), (-0.19, True), (-0.21, False)):
+        assert found(side, turned=np.array([np.cos(angle), np.sin(angle)])) == kept
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize(("low", "high"), [(-0.35, 0.87), (1.9, 3.4), (-2.9, -0.4)])
+def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, low: float, high: float) -> None:
+    """Counted from where one came, through the inside."""
+    corner = np.array([3.0, -4.0])
+    lower = across(lambda x, y: np.cos(low) * (y + 4.0) - np.sin(low) * (x - 3.0))
+    upper = across(lambda x, y: np.sin(high) * (x - 3.0) - np.cos(high) * (y + 4.0))
+    came, goes, number = (high, low, 0) if way > 0 else (low, high, 1)
+    tangent = -np.array([np.cos(came), np.sin(came)])
+    place, along, which = workspace._around(limits(lower, upper), PLANE, corner, tangent, way, 0.5)
+    np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
+    np.testing.assert_allclose(place, corner + 0.5 * along, atol=1e-8)
+    assert which == number
+    for kept in (1.0, -1.0):
+        with pytest.raises(StructureError, match="boundary: cannot be followed beyond 3, -4 mm"):
+            workspace._around(limits(across(lambda x, y, kept=kept: kept + 0.0 * x)), PLANE, corner, tangent, way, 0.5)
+
+
 def test_a_boundary_of_too_many_points_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workspace, "MOST", 30)
     with pytest.raises(StructureError, match=r"30 points of 1.5 mm are not all of it: take a longer step"):

@@ -1,0 +1,138 @@
+"""Residuals of a campaign with everything a rig may have: against strings laid on discs, finite differences, and one unknown at a time."""
+
+from dataclasses import replace
+
+import numpy as np
+import oracles
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from test_with_encoders import swivelled
+
+from lmeasure import se3
+from lmeasure.calibration import Campaign
+from lmeasure.calibration.frame import model_of
+from lmeasure.calibration.residuals import unknowns_of
+from lmeasure.calibration.unknowns import Model
+from lmeasure.lengths import counts_from_poses
+from lmeasure.observation.parameters import GROUPS
+from lmeasure.poses import Poses
+from lmeasure.rig import Rig, rig_from_dict
+
+FloatArray = NDArray[np.float64]
+PARTS = ("run-out", "eccentricity", "offset", "diameter", "backlash", "tilt")
+PLAIN = ("position", "guide", "radius", "scale", "tangent", "axial", "attachment", "pitch")
+POSES = 6
+
+
+def with_parts() -> Rig:
+    """Encoders on every pulley, levels, and parts that are not as drawn; temperature, stretch and sag."""
+    data = swivelled(2, leaning=True).to_dict()
+    data["frame_expansion_per_k"] = 1.2e-5
+    for i, point in enumerate(data["observation_point"]):
+        point["drum"] |= {"cable_expansion_per_k": 1.6e-5, "cable_stiffness_n": 9000.0, "cable_tension_n": 6.0, "cable_tension_n_per_m": 0.5}
+        point["drum"]["scale"] = 1.0 + 1e-3 * (i + 1)
+        point["phase_length_mm"] = 1500.0 + 10.0 * i
+        if i % 2:
+            point |= {"swivel_offset_mm": 0.4, "swivel_tilt_deg": [0.3, -0.2], "pulley_eccentricity_mm": [0.1, -0.2]}
+            point["drum"] |= {"cable_oversize_mm": 0.1, "run_out_mm": [0.05, 0.03], "backlash_counts": 2.0}
+    return rig_from_dict(data)
+
+
+def campaign_of(rig: Rig, *, seed: int = 0, exact: bool = False) -> tuple[Campaign, FloatArray]:
+    """Counts at poses, each channel zeroed at one of its own, some not counted; and the poses. exact: without errors."""
+    rng = np.random.default_rng(seed)
+    rows = np.column_stack([rng.uniform(-250, 250, (POSES, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (POSES, 3))).as_quat()])
+    observed = rig.observed
+    zero = np.arange(len(observed)) % 3
+    counts = np.column_stack([counts_from_poses(rig, rows, rows[z], observed)[:, j] for j, z in enumerate(zero)])
+    if not exact:
+        counts += rng.normal(0.0, 3.0, counts.shape) * (np.arange(POSES)[:, None] != zero)
+    for i, j in ((3, 0), (4, 2), (5, len(observed) - 1)):
+        counts[i, j] = np.nan
+    names = tuple(str(i + 1) for i in range(POSES))
+    warm = 20.0 + rng.uniform(0, 6, counts.shape)
+    poses = Poses(names, rows, np.full(POSES, 0.05), np.full(POSES, 1e-4))
+    return Campaign(rig, poses, observed, counts, zero, temperature_c=None if exact else warm), rows
+
+
+def numeric(model: Model, theta: FloatArray, step: float = 1e-3) -> FloatArray:
+    return np.array([(model.residuals(theta + d) - model.residuals(theta - d)) / (2 * step) for d in step * np.eye(len(theta))]).T
+
+
+@pytest.mark.parametrize("free", [(), (0, 1, 2), (3, 4, 5), tuple(range(6))])
+def test_derivatives_of_all_unknowns_are_those_of_finite_differences(free: tuple[int, ...]) -> None:
+    campaign, _ = campaign_of(with_parts())
+    model = model_of(campaign, unknowns_of(campaign, (*PLAIN, *PARTS)), free)
+    assert {name.rsplit(".", 1)[1] for name in model.parameters.names} >= {key for group in (*PLAIN, *PARTS) for key in GROUPS[group]}
+    theta = model.start + 1e-2 * np.random.default_rng(1).normal(size=len(model.start))
+    J, expected = model.jacobian(theta), numeric(model, theta)
+    assert np.abs(expected).max(axis=0).min() > 0.0
+    # expansion and stretch, a ten-thousandth of a length, are no part of the derivatives
+    assert (np.abs(J - expected) <= 3e-4 * np.maximum(1.0, np.abs(expected).max(axis=0))).all()
+
+
+@pytest.mark.parametrize("group", [*PLAIN, *PARTS])
+def test_a_group_of_unknowns_solved_alone_changes_what_it_changes_among_others(group: str) -> None:
+    """Whichever unknown is the first."""
+    campaign, _ = campaign_of(with_parts())
+    every = Model(campaign, unknowns_of(campaign, (*PLAIN, *PARTS)))
+    alone = Model(campaign, unknowns_of(campaign, (group,)))
+    place = [every.parameters.names.index(name) for name in alone.parameters.names]
+    at = alone.start + 1e-2 * np.random.default_rng(2).normal(size=len(alone.start))
+    among = every.start.copy()
+    among[place] = at
+    np.testing.assert_allclose(alone.residuals(at), every.residuals(among), atol=1e-9)
+    np.testing.assert_allclose(alone.jacobian(at), every.jacobian(among)[:, place], rtol=1e-9, atol=1e-9)
+
+
+def test_derivatives_by_poses_are_those_of_finite_differences() -> None:
+    campaign, rows = campaign_of(with_parts())
+    unknowns = unknowns_of(campaign, ("position",))
+    model = Model(campaign, unknowns)
+    J, step = model.pose_jacobian(model.start), 1e-4
+    for i in range(POSES):
+        for c in range(6):
+            ends = []
+            for sign in (1.0, -1.0):
+                there = np.zeros((POSES, 6))
+                there[i, c] = sign * step
+                moved = replace(campaign, poses=replace(campaign.poses, rows=se3.displaced(rows, there)))
+                ends.append(Model(moved, unknowns).residuals(model.start))
+            np.testing.assert_allclose(J[:, i, c], (ends[0] - ends[1]) / (2 * step), rtol=3e-4, atol=3e-4)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_residuals_are_what_strings_on_discs_do_not_close_by(shift: float) -> None:
+    """[F(P_i) - D(k_i)] - [F(P_0) - D(k_0)] of every cable and pose, each cable with a zero pose of its own."""
+    data = swivelled(3).to_dict()
+    del data["swivel"]
+    for i, point in enumerate(data["observation_point"]):
+        point["drum"]["scale"] = 1.0 + 1e-3 * (i + 1)
+    rig = rig_from_dict(data)
+    campaign, rows = campaign_of(rig, exact=True)
+    model = Model(campaign, unknowns_of(campaign, ("position", "scale")))
+    theta = model.start + shift * np.where([n.endswith("scale") for n in model.parameters.names], 1e-3, 1.0)
+    found = model.residuals(theta)
+    expected = []
+    for i, j in zip(model.pose_index, model.cable_index, strict=True):
+        cable, point = rig.cable[j], rig.point(rig.cable[j].from_point)
+        drum, zero = point.drum, campaign.zero[j]
+        one = oracles.Cable(
+            base=tuple(v + shift for v in point.position_mm),
+            alpha=np.radians(point.guide_alpha_deg),
+            beta=np.radians(point.guide_beta_deg),
+            radius=point.pulley_radius_mm,
+            attachment=rig.tool[cable.to_point],
+            tangent=drum.tangent_length_mm,
+            axial=drum.axial_offset_mm,
+            pitch=drum.groove_pitch_mm,
+            counts_per_revolution=drum.counts_per_revolution,
+            count_length=drum.count_length_mm,
+            scale=drum.scale + shift * 1e-3,
+        )
+        ends = (oracles.misclosure(one, rows[k], campaign.counts[k, j] * drum.scale) for k in (i, zero))
+        here, begun = ends
+        expected.append(float(here - begun))
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+    assert (np.abs(found).max() < 1e-8) == (shift == 0.0)
