@@ -117,6 +117,11 @@ CORE = {
         "test_pose_errors or in_common or method_3",
     ],
     "acquisition/samples.py": ["tests/acquisition/test_samples.py", "tests/acquisition/test_faults_of_samples.py"],
-    "accuracy/zone.py": ["tests/accuracy/test_zone.py", "-k", "not 60_degrees and not limit_of and not volume and not limits_asked"],
+    "accuracy/zone.py": [
+        "tests/accuracy/test_parts_of_a_zone.py",
+        "tests/accuracy/test_zone.py",
+        "-k",
+        "not 60_degrees and not limit_of and not volume and not limits_asked and not assembly_is",
+    ],
 }
 """Files of the package, and the tests that are to see a fault in them; those of kernels are short without compiling."""

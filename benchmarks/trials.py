@@ -256,9 +256,11 @@ def _tried(mutant: Mutant, name: str, text: str, items: list[pytest.Item], faile
         return OUTSIDE
     for function, code in filter(None, changed):
         function.__code__ = code
+    gc.unfreeze()  # which hides what is frozen from the next line
     for one in gc.get_objects():
         if isinstance(one, _Cache) and one.__module__.partition(".")[0] == "lmeasure":
             one.cache_clear()
+    gc.freeze()
     return _run(items, failed)
 
 

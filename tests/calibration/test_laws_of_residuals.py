@@ -30,7 +30,12 @@ def with_parts() -> Rig:
     data = swivelled(2, leaning=True).to_dict()
     data["frame_expansion_per_k"] = 1.2e-5
     for i, point in enumerate(data["observation_point"]):
-        point["drum"] |= {"cable_expansion_per_k": 1.6e-5, "cable_stiffness_n": 9000.0, "cable_tension_n": 6.0, "cable_tension_n_per_m": 0.5}
+        point["drum"] |= {
+            "cable_expansion_per_k": 1.6e-5,
+            "cable_stiffness_n": 9000.0,
+            "cable_tension_n": 6.0,
+            "cable_tension_n_per_m": 0.5,
+        }
         point["drum"]["scale"] = 1.0 + 1e-3 * (i + 1)
         point["phase_length_mm"] = 1500.0 + 10.0 * i
         if i % 2:
@@ -115,11 +120,11 @@ def test_residuals_are_what_strings_on_discs_do_not_close_by(shift: float) -> No
     theta = model.start + shift * np.where([n.endswith("scale") for n in model.parameters.names], 1e-3, 1.0)
     found = model.residuals(theta)
     expected = []
-    for i, j in zip(model.pose_index, model.cable_index, strict=True):
+    for i, j in zip(model.pose_index.tolist(), model.cable_index.tolist(), strict=True):
         cable, point = rig.cable[j], rig.point(rig.cable[j].from_point)
-        drum, zero = point.drum, campaign.zero[j]
+        drum, zero = point.drum, int(campaign.zero[j])
         one = oracles.Cable(
-            base=tuple(v + shift for v in point.position_mm),
+            base=(point.position_mm[0] + shift, point.position_mm[1] + shift, point.position_mm[2] + shift),
             alpha=np.radians(point.guide_alpha_deg),
             beta=np.radians(point.guide_beta_deg),
             radius=point.pulley_radius_mm,

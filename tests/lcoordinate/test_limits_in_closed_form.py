@@ -205,6 +205,11 @@ def test_places_are_put_between_until_lines_are_near_enough(within_mm: float | N
     assert len(found.limit) == len(found.places)
 
 
+def hole(x: float, y: float) -> Limit:
+    """As wide as the places that are looked at beside a step of 5 mm are apart."""
+    return across(lambda a, b: (a - x) ** 2 + (b - y) ** 2 - 0.14**2)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_beside_a_step_sixteen_places_are_looked_at(way: float) -> None:
     """From a tenth to nine tenths of it, a fifth of it to the inner side."""
@@ -215,9 +220,7 @@ def test_beside_a_step_sixteen_places_are_looked_at(way: float) -> None:
 
     side = across(lambda x, y: way * (y - 1.0))
     for x, seen in ((2.3, False), (2.5, True), (4.5, True), (6.5, True), (6.7, False)):
-        # a hole as wide as the looks are apart
-        hole = across(lambda a, b, x=x: (a - x) ** 2 + (b - 1.0 - way) ** 2 - 0.14**2)
-        assert found(side, hole) != seen
+        assert found(side, hole(x, 1.0 + way)) != seen
     assert found(side, across(lambda x, y: 1.0 - np.abs(x - 4.5) / 2.1))
     for angle, kept in ((0.19, True), (0.21, False), (-0.19, True), (-0.21, False)):
         assert found(side, turned=np.array([np.cos(angle), np.sin(angle)])) == kept
@@ -236,9 +239,9 @@ def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, l
     np.testing.assert_allclose(along, [np.cos(goes), np.sin(goes)], atol=1e-9)
     np.testing.assert_allclose(place, corner + 0.5 * along, atol=1e-8)
     assert which == number
-    for kept in (1.0, -1.0):
+    for everywhere in (across(lambda x, y: 1.0 + 0.0 * x), across(lambda x, y: 0.0 * x - 1.0)):
         with pytest.raises(StructureError, match="boundary: cannot be followed beyond 3, -4 mm"):
-            workspace._around(limits(across(lambda x, y, kept=kept: kept + 0.0 * x)), PLANE, corner, tangent, way, 0.5)
+            workspace._around(limits(everywhere), PLANE, corner, tangent, way, 0.5)
 
 
 def test_a_boundary_of_too_many_points_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,9 +29,7 @@ def rig_of(*, encoders: bool, **drum: Any) -> Rig:
         if point["name"] == "B2":
             point["drum"] |= drum
             point["phase_length_mm"] = 1500.0
-    swivels = [
-        {"point": f"B{i}", "channel": f"sw{i}", "counts_per_revolution": 2**17, "zero_deg": 3.0, "u_zero_deg": 0.01} for i in (1, 2)
-    ]
+    swivels = [{"point": f"B{i}", "channel": f"sw{i}", "counts_per_revolution": 2**17, "zero_deg": 3.0, "u_zero_deg": 0.01} for i in (1, 2)]
     return rig_from_dict(data | ({"swivel": swivels} if encoders else {}))
 
 
@@ -136,7 +134,9 @@ def situation_of(rig: Rig) -> Situation:
     return Situation(TIMES, POSES, counts, np.zeros_like(counts))
 
 
-@pytest.mark.parametrize(("exact", "said"), [(True, "the counts' resolution only"), (False, "the counts' resolution and the zero phase only")])
+@pytest.mark.parametrize(
+    ("exact", "said"), [(True, "the counts' resolution only"), (False, "the counts' resolution and the zero phase only")]
+)
 def test_counts_alone_are_said_to_be_counts_alone(exact: bool, said: str) -> None:
     data = cell().to_dict()
     for point in data["observation_point"]:
@@ -156,7 +156,9 @@ def two_passes() -> Rig:
 
 def aligned(rig: Rig, *, u_time: bool = False) -> Lengths:
     counts = counts_from_poses(rig, POSES, START, rig.observed)
-    told = Counts(TIMES, rig.channels, counts * [rig.counter(o).count_sign for o in rig.observed], u_time_s=np.full(5, 1e-4) if u_time else None)
+    told = Counts(
+        TIMES, rig.channels, counts * [rig.counter(o).count_sign for o in rig.observed], u_time_s=np.full(5, 1e-4) if u_time else None
+    )
     return lengths_from_counts(Run(rig, START, (told,)))
 
 
@@ -257,7 +259,7 @@ def test_covariances_in_pieces_are_those_of_the_factors(monkeypatch: pytest.Monk
             own, every = len(budget.origin_names), len(budget.sources)
             mix = np.tril(np.arange(1.0, every**2 + 1.0).reshape(every, every)) / every**2
             budget.use(Told(np.zeros(own), mix, 0.0, 1, POSES, mix @ mix.T, np.zeros(every - own)))
-        given = {"counts": found.counts, "speed_mm_s": budget.speed_mm_s(found), "u_mm": found.u_mm}
+        given: dict[str, Any] = {"counts": found.counts, "speed_mm_s": budget.speed_mm_s(found), "u_mm": found.u_mm}
         whole = budget.of(TIMES, POSES, unused=unused, **given)
         random, systematic = budget.covariances(POSES, found, unused)
         np.testing.assert_allclose(random, whole.random, rtol=1e-12)
