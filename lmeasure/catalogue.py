@@ -64,7 +64,7 @@ class Writer(string.Formatter):
             return ", ".join(self.format_field(v, format_spec) for v in value)
         if hasattr(value, "text"):
             return str(value.text(self.language))
-        if not format_spec:
+        if format_spec in ("", WORD):
             return str(value)
         return decimal(self.language, value if isinstance(value, str) else format(value, format_spec))
 
@@ -83,7 +83,7 @@ def retold(domain: str, language: str, message: str, inner: Callable[[str], str]
         if found is not None:
             tell: dict[str, Callable[[str], str]] = {"": inner, WORD: str}
             values = {name: tell.get(kinds[name], partial(decimal, language))(value) for name, value in found.groupdict().items()}
-            return known[template].format(**values)
+            return Writer(language).vformat(known[template], (), values)
     return None
 
 

@@ -35,8 +35,11 @@ class Say:
         return powers(self._writer.vformat(said, (), values)) if values else said
 
     def number(self, value: float, form: str) -> str:
-        """A number by itself."""
-        return powers(decimal(self.language, format(value, form)))
+        """A number by itself; what is rounded to nothing has no sign."""
+        signed = form.startswith("+")
+        return powers(
+            decimal(self.language, format(value, f"{'+' * signed}z{form[signed:]}" if form[-1:] == "f" and "z" not in form else form))
+        )
 
     def numbers(self, values: Any, form: str) -> str:
         """Numbers in a row, between which the decimal mark does not stand."""

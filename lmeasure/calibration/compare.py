@@ -279,17 +279,17 @@ def summary(comparison: Comparison) -> str:
     lines = [f"compared with {comparison.source}: {verdict} (probability of chance under {SIGNIFICANT:g})"]
     lines += [f"note: {note}" for note in comparison.notes]
     lines.append(f"{'point':10s} {'shift, mm':>12s} {'chi-squared':>12s} {'freedom':>8s} {'by chance':>10s}")
-    for p in (*comparison.points, comparison.together):
+    for name, p in (*((p.point, p) for p in comparison.points), ("all points", comparison.together)):
         lines.append(
-            f"{p.point:10s} {p.distance_mm:12.4f} {p.chi_squared:12.4g} {p.freedom:3d} of {p.values:<2d} {chance(p.probability):>9s}  "
-            f"{'moved' if p.moved else ''}".rstrip()
+            f"{name:10s} {p.distance_mm:12.4f} {p.chi_squared:12.4g} {p.freedom:3d} of {p.values:<2d} {chance(p.probability):>9s}  "
+            f"{'has moved' if p.moved else ''}".rstrip()
         )
     if comparison.lengths:
         lines.append(f"{'cable':10s} {'rms, mm':>12s} {'worst, mm':>12s} {'u, mm':>8s} {'by chance':>10s}")
     for c in comparison.lengths:
         lines.append(
             f"{c.cable:10s} {c.rms_mm:12.4f} {c.worst_mm:12.4f} {c.u_mm:8.4f} {chance(c.probability):>10s}  "
-            f"{'moved' if c.moved else ''}".rstrip()
+            f"{'has moved' if c.moved else ''}".rstrip()
         )
     return "\n".join(lines)
 

@@ -67,7 +67,7 @@ def worst_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
     }
     told = f"%{{marker.color:.4f}} {unit}<br>%{{x:.0f}}, %{{y:.0f}}, %{{z:.0f}}<extra></extra>"
     figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, hovertemplate=told))
-    return figure.update_layout(height=560, margin={"t": 10, "b": 60}, scene=axes(say))
+    return figure.update_layout(height=560, margin={"t": 10}, scene=axes(say))
 
 
 def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:

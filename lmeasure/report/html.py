@@ -135,6 +135,8 @@ MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.9
 beside it."""
 COLOURS = 70
 """Of a colour bar under a scene: its height in pixels."""
+UNDER = 80
+"""Room for it under a scene: where plotly has to find more, as in a window made narrower, it draws the bar too low at first."""
 HALF_VIEW = math.tan(math.pi / 8)
 """Half of what plotly's eye sees from top to bottom, at the distance one."""
 FLATTEST = 0.05
@@ -188,6 +190,8 @@ def settled(drawing: go.Figure) -> go.Figure:
         drawing.update_layout(margin={"t": ROOM if margin.t is None else max(ROOM, margin.t)})
     if any(_in_space(trace) for trace in drawing.data):
         drawing.update_layout(margin={side: 0 for side in "lrb" if margin[side] is None})
+        if any(_has_bar(trace) for trace in drawing.data):
+            drawing.update_layout(margin={"b": max(UNDER, drawing.layout.margin.b)})
         if drawing.layout.scene.camera.eye.x is None:
             drawing.update_scenes(camera=CAMERA)
         _with_room(drawing)
@@ -202,6 +206,12 @@ def _in_space(trace: Any) -> bool:
 
 def _coloured(trace: Any) -> bool:
     return bool(getattr(getattr(trace, "marker", None), "showscale", False) or getattr(getattr(trace, "line", None), "showscale", False))
+
+
+def _has_bar(trace: Any) -> bool:
+    """Whether a colour bar is asked for under the figure."""
+    parts = (trace, getattr(trace, "marker", None), getattr(trace, "line", None))
+    return any(getattr(getattr(part, "colorbar", None), "orientation", None) == BAR["orientation"] for part in parts)
 
 
 def _high(drawing: go.Figure) -> float:

@@ -65,7 +65,7 @@ def cause_text(c: Cause, language: str) -> str:
 
 
 def _chance(language: str, probability: float) -> str:
-    return decimal(language, f"{probability:.2g}") if probability >= 1e-9 else "< 1e-9"
+    return decimal(language, f"{probability:.2g}") if probability >= 1e-9 else "< 10⁻⁹"
 
 
 def _of(closure: Closure) -> str:

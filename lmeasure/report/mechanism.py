@@ -37,12 +37,12 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
     rows = [
         (name, say.number(v, "z.3f"), *(say.number(w, "g") for w in record["joint_limits"][name])) for name, v in record["joints"].items()
     ]
-    body += [html.heading(say("Joints")), html.table((say("joint"), say("value"), say("from"), say("to")), rows)]
+    body += [html.heading(say("Joints")), html.table((say("joint"), say("value"), say("lowest"), say("highest")), rows)]
     if "ranges" in record:
         body += [html.heading(say("How far it goes from there, one coordinate at a time"))]
         units = {name: "°" if name.startswith("r") else say("mm") for name in record["ranges"]}
         rows = [(f"{n}, {units[n]}", *(say.number(v, ".2f") for v in ends)) for n, ends in record["ranges"].items()]
-        body.append(html.table((say("coordinate"), say("from"), say("to")), rows))
+        body.append(html.table((say("coordinate"), say("lowest"), say("highest")), rows))
     if "leg_turns_deg" in record:
         rows = [(name, say.number(v, ".3f")) for name, v in record["leg_turns_deg"].items()]
         body += [html.heading(say("By how much legs turn about themselves")), html.table((say("leg"), "°"), rows)]

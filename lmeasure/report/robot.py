@@ -188,7 +188,7 @@ def _workspace(over: Workspace, told: dict[str, Any], say: Say, *, with_code: bo
     flat.update_layout(xaxis_constrain="domain", yaxis_scaleanchor="x", yaxis_constrain="domain", margin={"b": 110})
     marker = {"color": over.median_mm, "size": 7, "symbol": "square", "opacity": 0.6, "colorbar": bar, "colorscale": "Viridis"}
     space = go.Figure(go.Scatter3d(x=over.cells[:, 0], y=over.cells[:, 1], z=over.cells[:, 2], mode="markers", marker=marker, name="U95"))
-    space.update_layout(scene=axes(say), height=640, margin={"t": 10, "b": 60})
+    space.update_layout(scene=axes(say), height=640, margin={"t": 10})
     about = say(
         "{poses} poses spread evenly over what its joint limits allow. U95: radius that holds 95 % of where the target is from where it is "
         "predicted, by the identification and the robot itself, without the instrument. Worst at {worst}.",

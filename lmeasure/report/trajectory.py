@@ -32,6 +32,8 @@ HIDDEN = "legendonly"
 """Until it is clicked: beside its rig a path is too small to be seen."""
 AXES = ("#0072b2", "#d55e00", "#009e73")
 FAULT, LESS = "#c1272d", "#e69f00"
+TITLE = 43.0
+"""What a lane stands apart from the one above, with the title between them, in pixels."""
 STYLE = "<style>.figures td{text-align:left;overflow-wrap:anywhere}.figures th,.kinds td,.kinds th{text-align:left}</style>"
 
 
@@ -81,7 +83,7 @@ def summary(found: Along, language: str) -> list[tuple[str, str]]:
     def number(value: float, form: str = ".4g") -> str:
         return decimal(language, format(value, form))
 
-    trajectory = found.trajectory
+    trajectory, say = found.trajectory, Say(language)
     time_s, n = trajectory.time_s, len(trajectory.time_s)
     span = float(time_s[-1] - time_s[0])
     bad = sum(s.samples for s in found.stretches if not s.ok)
@@ -93,7 +95,7 @@ def summary(found: Along, language: str) -> list[tuple[str, str]]:
     ]
     if found.worst is not None:
         i = found.worst
-        at = words["at"].format(time=number(time_s[i], ".6g"), place=", ".join(number(v, ".1f") for v in trajectory.poses[i, :3]))
+        at = words["at"].format(time=number(time_s[i], ".6g"), place=say.numbers(trajectory.poses[i, :3], ".1f"))
         rows.append((words["worst.place"], f"{number(1e3 * found.u95_mm[i])} {words['um']}{at}"))
     else:
         rows.append((words["worst.place"], words["not stated"]))
@@ -262,7 +264,8 @@ def time_figure(found: Along, language: str = "en") -> go.Figure:
     kinds = list(dict.fromkeys((s.status, s.ok) for s in found.stretches))
     heights = [1.0] * len(lanes) + ([0.16 + 0.14 * len(kinds)] if kinds else [])
     titles = [title for title, _ in lanes] + ([words["lane.status"]] if kinds else [])
-    figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=0.035, row_heights=heights)
+    high = 210.0 * sum(heights)
+    figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles, vertical_spacing=TITLE / high, row_heights=heights)
     for number, (_, curves) in enumerate(lanes, 1):
         for i, (name, values, half) in enumerate(curves):
             colour = AXES[i] if len(curves) > 1 else "#30343f"
@@ -272,10 +275,8 @@ def time_figure(found: Along, language: str = "en") -> go.Figure:
         _shade(figure, found)
     figure.update_xaxes(title_text=words["axis.time"], row=len(titles), col=1)
     figure.update_annotations(font_size=13, x=0.0, xanchor="left")
-    legend = {"orientation": "h", "y": 1.03, "yanchor": "bottom", "x": 0.0}
-    return figure.update_layout(
-        height=int(90 + 210 * sum(heights)), margin={"l": 60, "r": 10, "t": 80, "b": 50}, legend=legend, hovermode="x"
-    )
+    legend = {"orientation": "h", "y": 1.0 + 0.8 * TITLE / high, "yanchor": "bottom", "x": 0.0}
+    return figure.update_layout(height=int(130.0 + high), margin={"l": 60, "r": 10, "t": 80, "b": 50}, legend=legend, hovermode="x")
 
 
 def _curve(

@@ -192,7 +192,7 @@ def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
 
 def _lines(record: "CalibrationRecord") -> list[str]:
     """What a person is told of a record."""
-    lines = [f"{p.name:28s} {p.value:14.4f}  u {p.u:.3g}" for p in record.parameters]
+    lines = [f"{p.name:28s} {p.value:z14.4f}  u {p.u:.3g}" for p in record.parameters]
     lines.append(f"{record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
     lines.append(f"residuals {record.noise['residual_rms_mm']:.4g} mm rms")
     for e in record.effects:

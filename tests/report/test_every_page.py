@@ -36,6 +36,8 @@ def test_nothing_runs_over_collides_or_asks_for_anything(kind: str, language: st
     page = PAGES[kind](tmp_path, language)
     browser.errors.clear()
     browser.requests.clear()
+    # what is drawn wide first has to find its room again when the window is made narrow
+    browser.resize(WIDTHS[-1])
     browser.go(page)
     browser.wait("[...document.querySelectorAll('.js-plotly-plot')].every(e => e._fullLayout)")
     told = []

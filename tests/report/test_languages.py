@@ -133,6 +133,8 @@ def test_what_a_computation_said_is_told_again() -> None:
     assert say.told("nothing that anybody has words for") == "nothing that anybody has words for"
     assert say("{mm:.3g} mm rms", mm=0.0123) == "0,0123 мм СКЗ"
     assert Say("en")("{mm:.3g} mm rms", mm=0.0123) == "0.0123 mm rms"
+    # what is rounded to nothing has no sign
+    assert [say.number(-1e-9, form) for form in (".2f", "+.2f", "z.2f")] == ["0,00", "+0,00", "0,00"]
     # a number is no text
     assert retold(TOLD, "ru", "singular") == "особая поза"
     assert retold(TOLD, "ru", "link x short") is None

@@ -1,5 +1,6 @@
 """The page of a trajectory: what is left out is seen in every number of samples, in both languages, of any instrument."""
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -54,6 +55,8 @@ def test_what_is_said_of_a_circle() -> None:
     assert float(told["Length of the path"].split()[0]) == pytest.approx(200 * np.pi, rel=5e-3)
     assert np.nanmax(np.abs(found.rotation_deg - np.column_stack([np.zeros((2001, 2)), np.linspace(0, 90, 2001)]))) < 1e-6
     russian = dict(summary(found, "ru"))
+    # between numbers whose decimal mark is a comma stands something else
+    assert russian["Наибольшая U95 положения (радиус)"].count("; ") == 2
     assert russian["С известной позой"] == "1951 (97,5 %)"
 
 
@@ -152,3 +155,15 @@ def test_the_catalogues_have_the_same_keys() -> None:
 
     assert list(texts("trajectory", "en")) == list(texts("trajectory", "ru"))
     assert json.dumps(dict(texts("trajectory", "ru"))) != json.dumps(dict(texts("trajectory", "en")))
+
+
+def test_titles_of_lanes_have_room_however_few_they_are() -> None:
+    found = circle(101)
+    for one in (found, replace(found, random=np.full_like(found.random, np.nan), poses=np.where(np.arange(7) < 3, found.poses, np.nan))):
+        layout = time_figure(along(one)).layout
+        high = layout.height - layout.margin.t - layout.margin.b
+        lanes = sorted((layout[axis].domain for axis in layout if axis.startswith("yaxis")), reverse=True)
+        assert len(lanes) > 1
+        assert all((above[0] - below[1]) * high > 40.0 for above, below in itertools.pairwise(lanes))
+        # the legend stands over the first title
+        assert (layout.legend.y - 1.0) * high > 30.0

@@ -1,0 +1,70 @@
+"""Lines that commands print, English as workflows make them, in the words of a Russian terminal."""
+
+import re
+
+import pytest
+
+from lmeasure.cli.words import retold
+from lmeasure.schemas import KINDS
+from lmeasure.workflows.schema import Settings, run
+
+SAID = [
+    ("    13     0.0023     0.0063  c2         44 of 48  further", "    13     0.0023     0.0063  c2         44 из 48  сверх плана"),
+    ("            rms      worst  cable    determined", "            СКЗ     худшая  трос     определено"),
+    (
+        "goes rx -12.0 to 3.1 deg, x -110.7 to 110.7 mm, z -15.1 to 48.6 mm",
+        "ходы rx от -12.0 до 3.1°, x от -110.7 до 110.7 мм, z от -15.1 до 48.6 мм",
+    ),
+    (
+        "effect radius of B1: 0.12 mm  u 0.1  p 0.2  3.1 bits learned: not found",
+        "эффект radius, B1: 0.12 мм  u 0.1  p 0.2  узнано бит 3.1: не найден",
+    ),
+    (
+        "rejected nodes by reason: pressure angle 54, near singular 2",
+        "отвергнуто узлов по причинам: угол давления 54, близость к особой позе 2",
+    ),
+    ("the 95 % radius covers counts of +-1/2", "в радиус 95 % входят дискретность отсчётов ±1/2"),
+    (
+        "workspace: 0.376 litres, 47 places of 80; x from -40 to 40 mm; ended by reach of the legs (14), limits of joints (3)",
+        "рабочая область: 0.376 л, точек 47 из 80; x от -40 до 40 мм; граница: досягаемость (14), пределы координат (3)",
+    ),
+    (
+        "warning underdetermined: B1: 19 equations leave 3 of 3 unknowns undetermined; there the nominal rig's priors decide "
+        "(0.3892 mm rms of the predicted lengths)",
+        "предупреждение underdetermined: B1: уравнений 19, из 3 неизвестных не определены 3; там решают априорные значения "
+        "номинальной установки (0,3892 мм СКЗ предсказанных длин)",
+    ),
+    (
+        "warning effect: what is left of the residuals follows the law of another pulley radius of ch6 (29 mm): p = 1.9e-05 for "
+        "chance, with 32 effects tried; nothing was corrected",
+        "предупреждение effect: остаток невязок следует закону: другой радиус шкива, ch6 (29 мм); p = 1,9·10⁻⁵ для случайности, "
+        "испытано эффектов: 32; ничего не исправлено",
+    ),
+    (
+        "B1              26.0177    1.075e+07   5 of 8     < 1e-9  has moved",
+        "B1              26.0177    1.075e+07   5 из 8     < 1e-9  сместилось",
+    ),
+    (
+        "compared with cal: nothing moved beyond the uncertainties (probability of chance under 0.01)",
+        "сравнение с cal: смещений больше неопределённостей нет (вероятность случайности меньше 0.01)",
+    ),
+]
+
+
+@pytest.fixture
+def russian(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LANGUAGE", "ru")
+
+
+@pytest.mark.usefixtures("russian")
+@pytest.mark.parametrize(("line", "told"), SAID)
+def test_a_line_is_told_in_russian(line: str, told: str) -> None:
+    assert retold(line) == told
+
+
+@pytest.mark.usefixtures("russian")
+def test_the_list_of_schemas_keeps_its_names_and_columns() -> None:
+    for line, name in zip(run(Settings()).summary, KINDS, strict=True):
+        told = retold(line)
+        assert told[:27] == line[:27] == f"{name:<10} {KINDS[name].file:<15} "
+        assert not re.search("[A-Za-z]{3}", told[27:])
