@@ -69,22 +69,33 @@ def _options(
     pass
 
 
+_code = INTERRUPTED
+
+
 def program() -> NoReturn:
-    """Entry point of the `lmeasure` command: `main`, and then the end at once. Taking compiled code and libraries apart takes a second or
-    more, in which a person waits and nothing is done."""
-    code = INTERRUPTED
+    """Entry point of the `lmeasure` command."""
+    end_at_once()
+    run()
 
-    def leave() -> None:
-        os._exit(code)
 
-    atexit.register(leave)  # the first to be registered is the last to be called
+def end_at_once() -> None:
+    """Once the process ends and its libraries have said their last, it is gone: taking compiled code and libraries apart takes a second or
+    more, in which a person waits and nothing is done. Called before any of them is loaded: the first to be registered is the last to be
+    called."""
+    atexit.register(lambda: os._exit(_code))
+
+
+def run() -> NoReturn:
+    """`main`, and the exit code with which the process ends at once."""
+    global _code
     try:
         main()
+        _code = 0
     except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 0 if end.code is None else NO_ANSWER
+        _code = end.code if isinstance(end.code, int) else 0 if end.code is None else NO_ANSWER
         raise
     except Exception:
-        code = NO_ANSWER
+        _code = NO_ANSWER
         raise
     raise SystemExit(0)
 

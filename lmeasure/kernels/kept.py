@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from numba.core import caching
+from numba.core.registry import cpu_target
 
 from lmeasure import compiling
 
@@ -33,6 +34,12 @@ MARK = b"lmeasure kept code 1\n"
 LONGEST_WAIT_S = 180.0
 """For another process that compiles the same function: several times as long as the longest of them takes."""
 LOOK_AGAIN_S = 0.05
+
+
+def ready() -> None:
+    """Load what numba calls compiled code by; the first function that is called does it otherwise, in 0.7 s. Nothing is compiled."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
 
 
 def own_folder(path: Path) -> bool:

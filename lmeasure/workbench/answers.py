@@ -1,5 +1,6 @@
 """What pages and the API share: the state of one server, and how errors and files are answered."""
 
+import asyncio
 import mimetypes
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from starlette.templating import Jinja2Templates
 
 from lmeasure.workbench import buses, guard, tour
 from lmeasure.workbench.jobs import Job, Jobs
+from lmeasure.workbench.processes import prepared
 from lmeasure.workbench.project import OWN, OutsideError, Project, inside, look_at
 from lmeasure.workbench.shelf import Shelf
 from lmeasure.workbench.words import preferred, said
@@ -18,6 +20,8 @@ from lmeasure.workbench.words import preferred, said
 HERE = Path(__file__).parent
 TEMPLATES = Jinja2Templates(directory=HERE / "templates")
 COOKIE = "lmeasure-language"
+PAUSE_S = 0.5
+"""After which a page stands in its browser, and the first job may be prepared."""
 
 
 @dataclass
@@ -54,6 +58,7 @@ def page(request: Request, name: str, status: int = 200, **values: Any) -> Respo
     """A page from its template, with the words of its reader."""
     language = language_of(request)
     bench = bench_of(request)
+    asyncio.get_running_loop().call_later(PAUSE_S, prepared.want)
     stop = tour.shown(bench.project, asked) if (asked := request.query_params.get("tour", "")) else None
     known = {"language": language, "bench": bench, "running": bench.jobs.running(), "playing": buses.playing(bench.jobs), "tour": stop}
     return TEMPLATES.TemplateResponse(

@@ -10,7 +10,6 @@ import json
 import os
 import shlex
 import shutil
-import sys
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -19,6 +18,7 @@ from typing import Any
 
 from lmeasure.errors import LMeasureError
 from lmeasure.files import not_written
+from lmeasure.workbench import processes
 from lmeasure.workbench.project import OWN
 
 RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
@@ -43,7 +43,7 @@ class Job:
     result: dict[str, Any] | None = None
     said: list[dict[str, Any]] = field(default_factory=list)
     last: dict[str, dict[str, Any]] = field(default_factory=dict)
-    process: asyncio.subprocess.Process | None = None
+    process: processes.Process | None = None
     cancelling: bool = False
     watchers: set["asyncio.Queue[dict[str, Any]]"] = field(default_factory=set)
 
@@ -117,15 +117,7 @@ class Jobs:
         job = Job(number, words[0], words, _now(), folder)
         environment = os.environ | {"LMEASURE_EVENTS": "1", "LANGUAGE": self.language, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
         begin = words.index("--") if "--" in words else len(words)
-        job.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "lmeasure", *words[:begin], "--json", *words[begin:]),
-            cwd=self.folder,
-            env=environment,
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            limit=2**24,
-        )
+        job.process = await processes.begun([*words[:begin], "--json", *words[begin:]], self.folder, environment)
         asked = {"number": number, "command": job.command, "words": words, "begun": job.begun, "process": job.process.pid}
         try:
             _write(folder / "asked.json", asked)
@@ -219,6 +211,7 @@ class Jobs:
         with contextlib.suppress(OSError):
             _write(job.folder / "end.json", {"state": job.state, "ended": job.ended, "code": code, "result": job.result})
         job.tell({"event": "end", "state": job.state})
+        processes.prepared.want()  # for the next
 
 
 def _read(folder: Path) -> Job | None:
