@@ -32,6 +32,7 @@ _TESTS = "pose approaches exchangeability drift distance compliance path velocit
 _EVALUATED = "angles attainment capability evaluate exclusions figure fitted_frame instants"
 _CAMPAIGNS = [
     "tests/calibration/test_laws_of_residuals.py",
+    "tests/calibration/test_laws_of_covariance.py",
     "tests/calibration/test_recover.py",
     "tests/calibration/test_visits.py",
     "tests/calibration/test_with_encoders.py",
@@ -82,7 +83,13 @@ CORE = {
     "observation/cable_effects.py": ["tests/observation/test_parts.py", "tests/test_unsolved.py", "tests/test_taken_as_exact.py"],
     "calibration/residuals.py": _CAMPAIGNS,
     "calibration/unknowns.py": _CAMPAIGNS,
-    "calibration/misfit.py": ["tests/calibration/test_real_world.py", "-k", "sound_data or positions or state_nothing or run-out or named"],
+    "calibration/misfit.py": [
+        "tests/calibration/test_doubted_residuals.py",
+        "tests/calibration/test_with_encoders.py",
+        "tests/calibration/test_real_world.py",
+        "-k",
+        "doubted or errs_is_named or sound_data or positions or state_nothing or run-out or that_was_named",
+    ],
     "trajectory/budget.py": ["tests/trajectory/test_sources_of_error.py", "tests/trajectory/test_budget.py"],
     "trajectory/exact.py": ["tests/test_taken_as_exact.py"],
     "trajectory/steps.py": ["tests/trajectory/test_steps.py", *_COUNTERS],

@@ -165,7 +165,7 @@ _VALUES = {"scale": "drums' circumferences (scales)", "attachment": "attachment 
 
 
 def _contradictions(model: Model, found: Fit) -> list[Finding]:
-    tests = [*outlier_poses(model, found)[:1], *slipped_counters(model, found)[:1]]
+    tests = [*outlier_poses(model, found), *slipped_counters(model, found)]
     worst = min(tests, key=lambda s: s.log_probability, default=None)
     if worst is None or worst.log_probability > math.log(CHANCE):
         return []

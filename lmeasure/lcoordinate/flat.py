@@ -141,8 +141,7 @@ def _extreme(box: FloatArray, side: float, way: float) -> tuple[float, float]:
         boxes = np.concatenate([boxes[corner[~done]], halved(boxes[~corner[~done]])])
     if not np.isfinite(closed):
         raise StructureError("limits: a face of the tetrahedron cannot be assembled anywhere within them")
-    bounds = (reached if np.isfinite(reached) else -np.inf, closed)
-    return bounds if way > 0 else (-bounds[1], -bounds[0])
+    return (reached, closed) if way > 0 else (-closed, -reached)
 
 
 def halved(boxes: FloatArray) -> FloatArray:

@@ -53,6 +53,16 @@ def test_every_figure_has_an_example() -> None:
     assert public - helpers == set(EXAMPLES)
 
 
+@pytest.mark.parametrize("turned", [90.0, -90.0, 179.95, 180.0, -179.95, 37.0])
+def test_orientations_are_as_accurate_wherever_the_command_points(turned: float) -> None:
+    """Angles are attained modulo a turn, and written between -180 and 180 degrees."""
+    off = np.array([[0.1, -0.2, 0.05], [-0.15, 0.1, 0.0], [0.2, 0.05, -0.1], [0.05, -0.1, 0.15]])
+    attained = (turned + off + 180.0) % 360.0 - 180.0
+    commanded = np.full(3, turned)
+    np.testing.assert_allclose(iso9283_pose.orientation_accuracy(attained, commanded), off.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(iso9283_pose.orientation_repeatability(attained, commanded), 3.0 * off.std(axis=0, ddof=1), atol=1e-12)
+
+
 Values = arrays(np.float64, (5, 3), elements=st.floats(-10, 10, width=32))
 Turns = arrays(np.float64, (3,), elements=st.floats(-3, 3))
 
