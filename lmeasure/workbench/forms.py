@@ -16,9 +16,9 @@ from lmeasure.workflows.options import Option, command_line, options_of
 from lmeasure.workflows.settings import said_of
 
 HIDDEN = {"scheduler"}
+"""Options that would make this machine ask another one."""
 INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}}
 """Options beside which another asks for the same: `start`."""
-"""Options that would make this machine ask another one."""
 NOT_HERE = {"view", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
 ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
@@ -51,6 +51,7 @@ BY_COMMAND = {
     ("import", "logs"): ("log",),
     ("frames", "measured"): ("measurements",),
     ("drum", "measurements"): ("drums",),
+    ("plan-poses", "poses"): (),  # how many
 }
 SUGGESTED = {
     ("demo", "out"): "+cell",
@@ -83,6 +84,8 @@ SUGGESTED = {
 """What a page fills in; after + a name that must be free."""
 TAKEN = {("play", "poses"), ("play", "commands"), ("plan-poses", "rig")}
 """What is not required, and taken where the project has it."""
+TAKEN_ALONE = {("certify", "run")}
+"""What is not required, and taken where the project has one: of several nobody knows which."""
 _SPLIT = re.compile(r"[,;=:\s]")
 _FLAG = re.compile(r"--[a-z][a-z0-9-]*")
 
@@ -132,7 +135,8 @@ def fields(
         offers = offered(command, option.name, project)
         value = values.get(option.name)
         if value is None and given is None:
-            only = offers[0] if (option.required or (command, option.name) in TAKEN) and offers else ""
+            taken = option.required or (command, option.name) in TAKEN or ((command, option.name) in TAKEN_ALONE and len(offers) == 1)
+            only = offers[0] if taken and offers else ""
             known = "" if command == "play" else project.known.get(option.name, "")  # which plays on no bus that others use
             value = only or known or suggested(command, option.name, project) or option.default
         text = "\n".join(map(str, value)) if isinstance(value, list | tuple) else "" if value is None else str(value)

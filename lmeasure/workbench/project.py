@@ -80,12 +80,18 @@ def _walk(folder: Path, deep: int = DEEP) -> Iterator[Path]:
             for path in sorted(here.iterdir()):
                 if path.name.startswith(".") or path.is_symlink():
                     continue
-                # what a certificate holds copies of is there once already
-                if path.is_dir() and depth > 0 and not (path.name == "inputs" and (here / "certificate.json").is_file()):
+                if path.is_dir() and depth > 0 and not _aside(here, path.name):
                     waiting.append((path, depth - 1))
                 elif path.is_file():
                     left -= 1
                     yield path
+
+
+def _aside(here: Path, name: str) -> bool:
+    """Whether a folder in another holds nothing of the project's own: what a certificate has copies of is there once already, and the truth
+    of what is simulated is nobody's rig, poses or robot."""
+    beside = {"inputs": ("certificate.json",), "true": ("reference_poses.csv", "robot.toml")}
+    return any((here / file).is_file() for file in beside.get(name, ()))
 
 
 def _kinds(folder: Path, path: Path) -> Iterator[Found]:
@@ -102,6 +108,7 @@ def _kinds(folder: Path, path: Path) -> Iterator[Found]:
         yield Found("identification", above)
     elif path.name == "reference_poses.csv" and (path.parent / "counts.csv").is_file():
         yield Found("calibration", above)
+        yield Found("poses", here)  # to be captured again
     elif suffix == ".toml":
         if kind := _BY_SCHEMA.get(schema_of(path)):
             yield Found(kind, here)

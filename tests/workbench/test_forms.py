@@ -106,6 +106,28 @@ def test_what_is_wrong_stands_at_its_field(tmp_path: Path) -> None:
         forms.asked("view", {"recording": "a.rrd"}, tmp_path)
 
 
+def test_what_is_proposed_is_what_the_person_has(tmp_path: Path) -> None:
+    """Of a simulated campaign its poses as measured, not the truth beside them; the run of a certificate where there is one only."""
+    for name in ("run/run.toml", "trajectory.parquet", "campaign/counts.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    for folder in ("campaign", "campaign/true"):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "rig.toml").write_text('schema = "lmeasure.rig/1"\n')
+        (tmp_path / folder / "reference_poses.csv").write_text("pose,x_mm,y_mm,z_mm\n")
+
+    def proposed(command: str) -> dict[str, forms.FieldOf]:
+        return {f.option.name: f for f in forms.fields(command, look_at(tmp_path))}
+
+    assert proposed("capture")["poses"].value == "campaign/reference_poses.csv"
+    assert (proposed("plan-poses")["poses"].value, proposed("plan-poses")["poses"].offers) == ("20", ())
+    assert proposed("certify")["run"].value == "run"
+    assert [offer for name in RUN for f in proposed(name).values() for offer in f.offers if "true" in offer] == []
+    (tmp_path / "second").mkdir()
+    (tmp_path / "second" / "run.toml").touch()
+    assert (proposed("certify")["run"].value, len(proposed("certify")["run"].offers)) == ("", 2)
+
+
 def test_a_line_is_what_a_person_would_type(tmp_path: Path) -> None:
     words = forms.asked("zone", {"rig": "my rig.toml", "out": "z.nc", "x": "-1:1:1", "tilt_steps": "3", "one_assembly": True}, tmp_path)
     assert shlex.join(["lmeasure", *words]) == "lmeasure zone 'my rig.toml' --out z.nc --x=-1:1:1 --one-assembly"

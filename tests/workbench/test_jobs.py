@@ -122,6 +122,7 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
         assert "No run has its start pose" not in asked.get("/robot").text
 
 
+@pytest.mark.slow
 def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
     """The server is killed between two readings: the capture ends with it, what was read is kept, and the same command goes on."""
     rig, poses = true_rig(2), some_poses(3)
