@@ -11,6 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lmeasure import files
+from lmeasure.accuracy.limits import Limits
+from lmeasure.accuracy.placement import Placement
+from lmeasure.accuracy.surroundings import box_around
+from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
+from lmeasure.checked import checked
+from lmeasure.drum import DrumsFile
 from lmeasure.errors import LMeasureError
 from lmeasure.rig import rig_from_dict
 from lmeasure.workbench.project import OutsideError, schema_of
@@ -114,16 +120,10 @@ FIXED = ("schema", "assumed", "calibration")
 
 
 def _drums(content: dict[str, Any], name: str) -> object:
-    from lmeasure.checked import checked
-    from lmeasure.drum import DrumsFile
-
     return checked(content, DrumsFile, name)
 
 
 def _placement(content: dict[str, Any], name: str) -> object:
-    from lmeasure.accuracy.placement import Placement
-    from lmeasure.checked import checked
-
     return checked(content, Placement, name)
 
 
@@ -299,10 +299,6 @@ COARSE = 12
 def coarse(path: Path, points: Mapping[str, tuple[float, ...]], limit_deg: float = 60.0) -> dict[str, float]:
     """How good the rig would be with points at other places [mm, base frame]: the volume within the limit [mm^3] in a coarse box around it,
     its least worst pressure angle [deg], and the median of its 95 % radius [mm]. One orientation, the nominal rig's own uncertainty."""
-    from lmeasure.accuracy.limits import Limits
-    from lmeasure.accuracy.surroundings import box_around
-    from lmeasure.accuracy.zone import Scan, axis, map_zone, tilts
-
     document, _ = read(path)
     content = copy.deepcopy(dict(document))
     content.pop("calibration", None)

@@ -4,20 +4,21 @@ import io
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+# at the start, in one thread: what two requests begin to load at once is seen in halves
+from lmeasure.accuracy.along import AXIS_95, Along, along, kept_rows, merged
 from lmeasure.errors import LMeasureError
 from lmeasure.run import read_run_head
+from lmeasure.trajectory import read_trajectory
 from lmeasure.workbench.answers import bench_of, file_of, language_of, lost, page
 from lmeasure.workbench.project import Project
-
-if TYPE_CHECKING:
-    from lmeasure.accuracy.along import Along
 
 SHOWN = 1500
 """Samples of a series that a picture gets, the extremes among them."""
@@ -49,14 +50,11 @@ def _run(folder: Path, path: str, language: str) -> RunAt:
 
 
 @lru_cache(maxsize=2)
-def _read(path: Path, changed_ns: int) -> "Along":
-    from lmeasure.accuracy.along import along
-    from lmeasure.trajectory import read_trajectory
-
+def _read(path: Path, changed_ns: int) -> Along:
     return along(read_trajectory(path))
 
 
-def _along(path: Path) -> "Along":
+def _along(path: Path) -> Along:
     return _read(path, path.stat().st_mtime_ns)
 
 
@@ -83,9 +81,8 @@ async def trajectory(request: Request) -> Response:
     return page(request, "trajectory.html", **values, begin=float(found.trajectory.time_s[0]), end=float(found.trajectory.time_s[-1]))
 
 
-def left_out(found: "Along", language: str) -> list[dict[str, Any]]:
+def left_out(found: Along, language: str) -> list[dict[str, Any]]:
     """Stretches without a pose, or without a cable, in words, in the order of time; those that lie close together are one."""
-    from lmeasure.accuracy.along import merged
     from lmeasure.report.trajectory import about_stretch
 
     time_s = found.trajectory.time_s
@@ -106,13 +103,9 @@ async def along_json(request: Request) -> Response:
         return JSONResponse({"error": str(error)}, 422)
 
 
-def series(found: "Along", begin_s: float, end_s: float) -> dict[str, list[float | None]]:
+def series(found: Along, begin_s: float, end_s: float) -> dict[str, list[float | None]]:
     """time_s; x, y, z [mm] with the half widths of what holds 95 % of each, u_x, u_y, u_z [mm]; u95 [mm], the radius; angle, the worst
     pressure angle [deg]: of the samples of a span."""
-    import numpy as np
-
-    from lmeasure.accuracy.along import AXIS_95, kept_rows
-
     moved = found.trajectory
     own = np.flatnonzero((moved.time_s >= begin_s) & (moved.time_s <= end_s))
     if not len(own):
