@@ -20,7 +20,7 @@ import numpy as np
 TESTS = Path(__file__).parents[1] / "tests"
 sys.path[:0] = [str(TESTS / name) for name in ("workbench", "report")]
 
-from bench import served, until  # noqa: E402
+from bench import served_apart, until  # noqa: E402
 from browser import Page, opened  # noqa: E402
 
 from lmeasure.counts import read_counts  # noqa: E402
@@ -63,7 +63,7 @@ def heap(page: Page) -> float:
 def measure(folder: Path, minutes: float, rate_hz: float, kept: Path | None = None) -> dict[str, Any]:
     """The table of what was seen, kept in a file as it grows, and what the recorder says in the end."""
     write_rig(folder / "rig.toml", cell_rig(0))
-    with served(folder) as address, opened(address, folder / ".profile") as page:
+    with served_apart(folder) as address, opened(address, folder / ".profile") as page:
         base, token = address.split("/?token=")
 
         def ask(path: str, content: Any = None) -> Any:

@@ -16,7 +16,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parents[1] / "tests"
 sys.path[:0] = [str(HERE), str(HERE / "report"), str(HERE / "workbench")]
 
-from bench import served  # noqa: E402
+from bench import served_apart  # noqa: E402
 from browser import Page, opened  # noqa: E402
 
 from lmeasure.rig import write_rig  # noqa: E402
@@ -85,7 +85,7 @@ def main() -> None:
         project.mkdir()
         write_rig(project / "rig.toml", cell_rig(0))
         begin = time.perf_counter()
-        with served(project) as address:
+        with served_apart(project) as address:
             print(f"server: {1e3 * (time.perf_counter() - begin):.0f} ms until it tells its address")
             with opened(address, Path(scratch) / "profile") as page:
                 base = address.split("/?")[0]
