@@ -307,3 +307,21 @@ def test_a_rate_is_believed_whatever_the_pieces(piece: int) -> None:
     """Pieces of a few samples know the usual interval worse, where none is shorter than usual it does not matter."""
     steps = np.random.default_rng(5).uniform(-4_000.0, 4_000.0, 120)
     assert believed(list(steps), [1.0] * 120, 40_000.0, piece=piece) == believed(list(steps), [1.0] * 120, 40_000.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "whole"),
+    [
+        ([0.0, -5.0], True),
+        ([2.0**53 - 1.0, 1.0], True),
+        ([1.0 - 2.0**53, 1.0], True),
+        ([2.0**53, 1.0], False),
+        ([0.0, 0.5], False),
+        ([np.nan, 1.0], False),
+    ],
+)
+def test_counts_are_integers_as_far_as_these_are_told_apart(values: list[float], whole: bool) -> None:
+    """Beyond 2^53 a float stands for several."""
+    column = Counts(times(2), ("ch1",), np.array(values)[:, None]).columns()["ch1"]
+    assert column.dtype == (np.int64 if whole else np.float64)
+    np.testing.assert_array_equal(column, values)

@@ -1,6 +1,7 @@
 """Attained paths against commanded ones: planes, deviations, speeds, corners, weaves; figures known from how the motion was made."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from lmeasure.certification import Evaluation, Settings, evaluate
 from lmeasure.certification.attainment import attained
 from lmeasure.certification.figure import Subject
+from lmeasure.certification.iso9283.path import PathPart
 from lmeasure.certification.iso9283.path import tests as path_tests
 from lmeasure.certification.paths import Line
 from lmeasure.errors import CertificationError
@@ -217,3 +219,20 @@ def test_an_error_of_each_sample_moves_all() -> None:
     # v = (s_b - s_a) / t over the middle 250 mm: errors of two ends, mean of ten cycles
     assert found["AV"].u95 == pytest.approx(100.0 * 1.96 * np.sqrt(2.0) * 0.01 / 245.0 / np.sqrt(10), rel=0.1)
     assert found["FV"].u95 > 0.1
+
+
+@pytest.mark.parametrize(
+    ("stretch", "middle"),
+    [
+        ([0] * 9, [2, 3, 4, 5]),
+        ([0] * 5 + [1] * 9 + [2] * 3, [1, 2, 7, 8, 9, 10, 14, 15]),
+        # a path that turns at every plane has no line: then all of it counts
+        ([0, 1, 2, 3], [0, 1, 2]),
+        ([0, 0], [0]),
+    ],
+)
+def test_the_middle_of_a_path_is_half_of_each_of_its_lines(stretch: list[int], middle: list[int]) -> None:
+    """Pieces from plane to plane within one line, without a quarter of them at either end."""
+    part = SimpleNamespace(crossings=SimpleNamespace(stretch=np.array(stretch)))
+    found: Any = PathPart.__dict__["_middle"].fget(part)
+    assert found.tolist() == middle
