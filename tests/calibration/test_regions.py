@@ -1,5 +1,8 @@
 """95 % regions: second order of the model and rounding's distribution, against refits and outside numbers."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -10,7 +13,7 @@ from lmeasure.calibration.noise import Noise
 from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknowns import Model
 from lmeasure.estimation import Fit, fit
-from lmeasure.estimation.regions import Regions, regions
+from lmeasure.estimation.regions import DRAWS, Regions, _noise, regions
 
 
 def fitted(drawn: Drawn) -> tuple[Model, Fit]:
@@ -90,3 +93,26 @@ def test_noise_level_from_few_residuals_widens() -> None:
     student = 5 * scipy.stats.f.ppf(0.95, 5, 6) / scipy.stats.chi2.ppf(0.95, 5)
     assert estimated.factor**2 / stated.factor**2 == pytest.approx(student, rel=0.15)
     np.testing.assert_allclose(estimated.U95 / stated.U95, scipy.stats.t.ppf(0.975, 6) / 1.96, rtol=0.1)
+
+
+def test_errors_are_drawn_uniform_where_they_are_and_with_the_covariance_that_is_stated() -> None:
+    """Of rounding and of two zeros, and then with a Gaussian rest that is correlated."""
+    rounding, zeros = np.array([0.04, 0.0, 0.09, 0.01]), np.array([[0.3, 0.0], [0.3, 0.0], [0.0, 0.5], [0.0, 0.5]])
+    alone = np.diag(rounding) + zeros @ zeros.T
+    rest = 0.2 * np.ones((4, 4)) + 0.1 * np.eye(4)
+    for V in (alone, alone + rest):
+        stated: Any = SimpleNamespace(V=V, problem=SimpleNamespace(uniform=lambda: (rounding, zeros)))
+        drawn = _noise(stated, np.random.default_rng(3))
+        n = drawn.shape[1]
+        assert drawn.shape == (4, DRAWS)
+        deviation = np.sqrt(np.diag(V))
+        # five standard deviations of a mean and of a covariance of so many
+        assert (np.abs(drawn.mean(axis=1)) < 5.0 * deviation / np.sqrt(n)).all()
+        assert (np.abs(np.cov(drawn) - V) < 5.0 * np.sqrt(2.0 / n) * np.outer(deviation, deviation)).all()
+        # uniform ones end at the square root of three of each deviation
+        ends = np.sqrt(3.0) * (np.sqrt(rounding) + zeros.sum(axis=1))
+        if V is alone:
+            assert (np.abs(drawn).max(axis=1) <= ends).all()
+            assert (np.abs(drawn).max(axis=1) > 0.9 * ends).all()
+        else:
+            assert (np.abs(drawn).max(axis=1) > ends).all()
