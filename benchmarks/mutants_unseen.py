@@ -36,8 +36,9 @@ def written(seed: int, every: int, tried: list[tuple[Mutant, bool]]) -> str:
         f"`python benchmarks/mutants_unseen.py --seed {seed}`: {len(tried)} faults drawn from all {every} of the core.",
         "",
         f"**{dead} of {told} killed ({100 * dead / max(told, 1):.1f} %), {len(same)} equivalent ones apart;** of all faults it is "
-        f"{100 * least:.1f} to {100 * most:.1f} % (95 %, Clopper and Pearson). What is equivalent is told by looking at what survives: with "
-        f"nothing excused it is {dead} of {len(tried)} ({100 * dead / max(len(tried), 1):.1f} %).",
+        f"{100 * least:.1f} to {100 * most:.1f} % (95 %, Clopper and Pearson). "
+        f"What is equivalent is told by looking at what survives: with nothing excused it is {dead} of {len(tried)} "
+        f"({100 * dead / max(len(tried), 1):.1f} %).",
         "",
         "| file | line | fault | |",
         "|---|---|---|---|",
