@@ -143,11 +143,13 @@ async def job(request: Request) -> Response:
 
 
 def _onward(job: Job) -> tuple[tuple[str, str], ...]:
-    """What comes after a job; a self-test that found faults is done again with the rig that it corrected."""
+    """What comes after a job, nothing where it failed; a self-test that found faults is done again with the rig that it corrected."""
     asked = _query(job)
     if job.command == "check" and job.state == FAILED and asked.get("write"):
         corrected = asked | {"rig": asked["write"], "write": ""}
         return ((f"/run/check?{urlencode(corrected, doseq=True)}", "Take the corrected rig and check again"),)
+    if job.state == FAILED:
+        return ()
     given = defaultdict(str, {key: quote(value) for key, value in asked.items() if isinstance(value, str)})
     return tuple((address.format_map(given), text) for address, text in ONWARD.get(job.command, ()))
 

@@ -44,12 +44,14 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
         assert job["line"] == "lmeasure init --template six-cables"
         page = asked.get("/jobs/1").text
         assert "/look/rig.toml" in page
+        assert "Put in its dimensions" in page
         # once more: it never writes over a file, and says so
         again = asked.post("/api/jobs", json={"command": "init", "settings": {"template": "six-cables"}}).json()["number"]
         until(lambda: asked.get(f"/api/jobs/{again}").json()["state"] != "running")
         failed = asked.get(f"/api/jobs/{again}").json()
         assert failed["state"] == "failed"
         assert "never writes over a file" in failed["result"]["error"]
+        assert "Put in its dimensions" not in asked.get(f"/jobs/{again}").text
     files = sorted(p.relative_to(by_hand) for p in by_hand.rglob("*") if p.is_file())
     assert len(files) > 5
     for file in files:
