@@ -95,6 +95,10 @@ class CertificationError(LMeasureError, ValueError):
     """A program and a trajectory from which a characteristic cannot be told."""
 
 
+class OtherTrajectoryError(CertificationError):
+    """A trajectory is not the one that its run gives."""
+
+
 class KeyKeptError(OverwriteError, CertificationError):
     """A key is there already: what it signed could not be checked any more."""
 

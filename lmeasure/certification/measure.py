@@ -17,7 +17,7 @@ from lmeasure.certification.capability import undecided
 from lmeasure.certification.details import Details, Logo, read_details, read_logo
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
 from lmeasure.conventions import QUATERNION_COLUMNS
-from lmeasure.errors import CertificationError
+from lmeasure.errors import CertificationError, OtherTrajectoryError
 from lmeasure.findings import Finding
 from lmeasure.foreign import columns_of
 from lmeasure.observation.cable_effects import OTHERS
@@ -242,11 +242,11 @@ def _systematic(run: Run) -> str | None:
 
 
 def _check_same(path: Path, trajectory: Trajectory) -> None:
-    """CertificationError names the first row in which a trajectory file is not the trajectory of the run."""
+    """OtherTrajectoryError names the first row in which a trajectory file is not the trajectory of the run."""
     names = ("time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS)
     table = files.read_table(path, only=names)
     if len(table) != len(trajectory.time_s):
-        raise CertificationError(f"{path}: has {len(table)} rows, but the run's counts give {len(trajectory.time_s)} poses")
+        raise OtherTrajectoryError(f"{path}: has {len(table)} rows, but the run's counts give {len(trajectory.time_s)} poses")
     allowed = [SAME_TIME_S, *[SAME_POSITION_MM] * 3, *[SAME_QUATERNION] * 4]
     for i, name in enumerate(names):
         expected = trajectory.time_s if i == 0 else trajectory.poses[:, i - 1]
@@ -254,6 +254,6 @@ def _check_same(path: Path, trajectory: Trajectory) -> None:
         same = (np.abs(found - expected) <= allowed[i]) | (np.isnan(found) & np.isnan(expected))
         if not same.all():
             row = int(np.argmax(~same))
-            raise CertificationError(
+            raise OtherTrajectoryError(
                 f"{path}: row {row} is not what the run's counts give: {name} is {found[row]:.9g}, from the counts {expected[row]:.9g}"
             )

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from lmeasure.catalogue import of_terminal
-from lmeasure.errors import SettingsError
+from lmeasure.errors import OtherTrajectoryError, SettingsError
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import COLUMNS, LANGUAGE, TRAJECTORY, U_POSITION, U_ROTATION, Asked, Paths, Point, option
 
@@ -74,7 +74,12 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
     choices = Choices(settings.language or of_terminal(), settings.key, settings.dcc, settings.xsd, settings.zipped)
-    content = write_certificate(settings.out, inputs, chosen, choices, progress=steps(progress, "certify"))
+    try:
+        content = write_certificate(settings.out, inputs, chosen, choices, progress=steps(progress, "certify"))
+    except OtherTrajectoryError as error:
+        if settings.rig is not None:
+            raise
+        raise OtherTrajectoryError(f"{error}; if it was reconstructed with another rig than the run's own, --rig names it") from None
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
     return Result(content, tuple(lines), _figures(content), files=tuple(sorted(p for p in settings.out.rglob("*") if p.is_file())))
 

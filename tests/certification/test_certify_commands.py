@@ -1,5 +1,6 @@
 """The commands of certificates as a user meets them: what they print, exit codes, nothing half-written."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -183,3 +184,18 @@ def test_what_is_no_certificate_is_one_line(tmp_path: Path) -> None:
         assert code == 1
         assert "\n" not in text.strip()
     assert run("verify", tmp_path / "empty")[0] == 1
+
+
+def test_a_trajectory_by_another_rig_than_the_runs_is_told_which_option_names_it(campaign: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    stated = (campaign / "run" / "rig.toml").read_text(encoding="utf-8")
+    rig.write_text(re.sub(r"pulley_radius_mm = \d+", "pulley_radius_mm = 31", stated), encoding="utf-8")
+    assert run("reconstruct", campaign / "run", "--rig", rig, "--out", tmp_path / "t.parquet")[0] == 0
+    given = ("certify", tmp_path / "t.parquet", "--run", campaign / "run", "--program", campaign / "program.toml", "--trials", "200")
+    code, text = run(*given, "--out", tmp_path / "c")
+    assert code == 1
+    assert "is not what the run's counts give" in text
+    assert text.endswith("if it was reconstructed with another rig than the run's own, --rig names it")
+    assert not (tmp_path / "c").exists()
+    code, text = run(*given, "--rig", rig, "--out", tmp_path / "c")
+    assert code == 0, text
