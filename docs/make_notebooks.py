@@ -57,7 +57,7 @@ NOTEBOOKS: dict[str, list[str]] = {
         'print(f"error {1e3 * rms:.2f} um rms, stated {1e3 * u:.2f} um")\n'
         "assert rms < 2.0 * u",
         "## Two samples err together\nWhat all samples share, as the zero phase of the counters, is the same error at each of them.",
-        "covariances = lm.covariances(trajectory, run)\ncovariances",
+        "covariances = lm.covariances(trajectory, run)\ncovariances.factors.shape, covariances.sources",
     ],
     "designing-a-zone": [
         "# Designing a zone\nWhere in the cell the instrument is good enough, and what it would take to be better.",

@@ -56,17 +56,25 @@ def _verdict(found: Corrected, listing: Listing, say: Say) -> tuple[str, str]:
     return say("Every target is corrected."), "verdict"
 
 
+def _whole(said: str) -> str:
+    """A number that is not parted from its unit."""
+    return said.replace(" ", "\u00a0")
+
+
 def _figures(found: Corrected, say: Say) -> list[tuple[str, str]]:
-    rows = [(say("targets corrected"), say("{n} of {of}", n=found.changed, of=len(found.outcomes)))]
+    rows = [(say("targets corrected"), _whole(say("{n} of {of}", n=found.changed, of=len(found.outcomes))))]
     done = found.done
     if done:
         corrections = [o.correction for o in done if o.correction is not None]
         u95 = max(o.u95_mm for o in done)
         rows += [
-            (say("largest correction"), say("{mm:.3f} mm", mm=max(c.size_mm for c in corrections))),
-            (say("largest error before"), say("{mm:.3f} mm", mm=max(c.was_mm for c in corrections))),
-            (say("largest error left"), say("{mm:.3f} mm", mm=max(c.left_mm for c in corrections))),
-            (say("largest U95 of where it goes now"), say("{mm:.3f} mm", mm=u95) if np.isfinite(u95) else say("cannot be told")),
+            (say("largest correction"), _whole(say("{mm:.3f} mm", mm=max(c.size_mm for c in corrections)))),
+            (say("largest error before"), _whole(say("{mm:.3f} mm", mm=max(c.was_mm for c in corrections)))),
+            (say("largest error left"), _whole(say("{mm:.3f} mm", mm=max(c.left_mm for c in corrections)))),
+            (
+                say("largest U95 of where it goes now"),
+                _whole(say("{mm:.3f} mm", mm=u95)) if np.isfinite(u95) else say("cannot be told"),
+            ),
         ]
     return rows
 

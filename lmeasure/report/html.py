@@ -125,11 +125,11 @@ LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "co
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
 """A colour bar under its figure, for the same reason."""
-CAMERA = {"eye": {"x": 1.6, "y": 1.6, "z": 1.05}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
-BESIDE = 120
-"""Height of what stands beside a scene, buttons, legend, colour bar, in pixels."""
-NAMES, NAME = 4, 18
-"""Of a legend: names for which that is enough on a telephone, and pixels for each more."""
+CAMERA = {"eye": {"x": 1.6, "y": 1.6, "z": 1.05}, "center": {"x": 0.0, "y": 0.0, "z": -0.2}}
+TELEPHONE, SIGN, LETTER = 358, 40, 7
+"""Width of a figure on a telephone, and of a name in its legend: its sign and each letter, in pixels."""
+LEGEND_HIGH, LINE = 10, 19
+"""Of a legend, in pixels: what it takes, and each line of it."""
 MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.9
 """Of a scene on a telephone: its largest height and its width in hundredths of the window's, and what figures and names at its axes take
 beside it."""
@@ -167,9 +167,7 @@ def figure(drawing: go.Figure, name: str, *, first: bool, language: str = "en") 
     ready = str(drawing.to_html(full_html=False, include_plotlyjs=first, div_id=name, config=config))
     if not scene:
         return ready
-    names = sum(trace.showlegend is not False and bool(trace.name) for trace in drawing.data)
-    beside = BESIDE + NAME * max(0, names - NAMES)
-    beside += COLOURS * any(_coloured(trace) for trace in drawing.data)
+    beside = ROOM + max(drawing.layout.margin.b, _legend_high(drawing) + COLOURS * any(_has_bar(trace) for trace in drawing.data))
     return f'<div class="scene" style="height:min({given}px, calc({_high(drawing):.0f}vw + {beside}px))">{ready}</div>'
 
 
@@ -204,8 +202,13 @@ def _in_space(trace: Any) -> bool:
     return trace.type.endswith("3d") or trace.type in ("surface", "isosurface")
 
 
-def _coloured(trace: Any) -> bool:
-    return bool(getattr(getattr(trace, "marker", None), "showscale", False) or getattr(getattr(trace, "line", None), "showscale", False))
+def _legend_high(drawing: go.Figure) -> int:
+    """Of the legend on a telephone, in pixels: in as many columns as its longest name leaves."""
+    names = [str(trace.name) for trace in drawing.data if trace.showlegend is not False and trace.name]
+    if len(names) < 2:
+        return 0
+    columns = max(1, TELEPHONE // (SIGN + LETTER * max(map(len, names))))
+    return LEGEND_HIGH + LINE * math.ceil(len(names) / columns)
 
 
 def _has_bar(trace: Any) -> bool:

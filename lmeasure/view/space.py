@@ -30,7 +30,9 @@ CABLE, THIN, THICK = rr.Radius.ui_points(1.2), rr.Radius.ui_points(0.8), rr.Radi
 ARC_POINTS = 13
 CIRCLE_POINTS = 25
 
-GREY, WHITE, TRUTH_COLOUR = (130, 130, 130), (235, 235, 235), (120, 220, 120)
+GREY, TRUTH_COLOUR = (130, 130, 130), (120, 220, 120)
+PLAIN = (118, 124, 138)
+"""Seen before the viewer's light ground and its dark one, and names in it too."""
 # the 95 % radius, or without it the worst pressure angle: teal to yellow, on to red
 ZONE_COLOURS = ((33, 145, 140), (253, 231, 37), (170, 20, 30))
 SKIN = (33, 145, 140, 70)
@@ -107,12 +109,12 @@ def draw_frames(
 def _log_looks(rec: rr.RecordingStream, rig: Rig, *, place_only: bool) -> None:
     """Colours and thicknesses of what moves."""
     if place_only:
-        rec.log("/world/tool", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
+        rec.log("/world/tool", rr.Points3D.from_fields(colors=PLAIN, radii=THICK), static=True)
     for j, c in enumerate(rig.cable):
         rec.log(entity_path("world", "cables", c.name), rr.LineStrips3D.from_fields(colors=cable_colour(j), radii=CABLE), static=True)
-    rec.log("/world/pulleys", rr.LineStrips3D.from_fields(colors=WHITE, radii=THIN), static=True)
-    rec.log("/world/tangent_points", rr.Points3D.from_fields(colors=WHITE, radii=THICK), static=True)
-    rec.log("/world/platform", rr.LineStrips3D.from_fields(colors=WHITE, radii=THICK), static=True)
+    rec.log("/world/pulleys", rr.LineStrips3D.from_fields(colors=PLAIN, radii=THIN), static=True)
+    rec.log("/world/tangent_points", rr.Points3D.from_fields(colors=PLAIN, radii=THICK), static=True)
+    rec.log("/world/platform", rr.LineStrips3D.from_fields(colors=PLAIN, radii=THICK), static=True)
 
 
 def thinned_note(frames: Thinned) -> list[str]:
@@ -141,7 +143,7 @@ def draw_shaded_path(rec: rr.RecordingStream, entity: str, path: Thinned) -> lis
     radius = path.rows[:, 4]
     stated = (path.rows[:, 3] > 0.0) & np.isfinite(radius) & (radius > 0.0)
     if not stated.any():
-        return draw_path(rec, entity, path, WHITE)
+        return draw_path(rec, entity, path, PLAIN)
     low, middle, top = np.log10(np.percentile(radius[stated], (0, 50, 95)))
     shade = np.full(len(radius), -1.0)
     shade[stated] = np.rint(np.interp(np.log10(radius[stated]), _rising(low, middle, top), (0.0, SHADES / 2, SHADES)))
@@ -153,7 +155,7 @@ def draw_shaded_path(rec: rr.RecordingStream, entity: str, path: Thinned) -> lis
         for begin, end in zip(starts, [*starts[1:], len(part) - 1], strict=True):
             if end > begin:
                 strips.append(metres(path.rows[part[begin : end + 1], :3]))
-                colours.append(_zone_colour(shade[part[begin]] / SHADES) if shade[part[begin]] >= 0.0 else WHITE)
+                colours.append(_zone_colour(shade[part[begin]] / SHADES) if shade[part[begin]] >= 0.0 else PLAIN)
     rec.log(entity, rr.LineStrips3D(strips, colors=colours, radii=THICK), static=True)
     ends = ", ".join(f"{name} {10.0**value:.3g} mm" for name, value in (("teal", low), ("yellow", middle), ("red", top)))
     fewer = [f"the line {entity} shows {len(path)} of {path.seen} samples"] if len(path) < path.seen else []

@@ -21,7 +21,7 @@ from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.stream import Each
 from lmeasure.view.plots import log_record, log_truth
 from lmeasure.view.recording import CableSeries, recording
-from lmeasure.view.space import GREY, TRUTH_COLOUR, WHITE, log_path, log_reference, log_rig, log_zone, metres
+from lmeasure.view.space import GREY, PLAIN, TRUTH_COLOUR, log_path, log_reference, log_rig, log_zone, metres
 from lmeasure.view.trajectory import TrajectoryLog, log_trajectory
 
 
@@ -113,7 +113,7 @@ def _recording_of(rig: Rig, path: Path) -> Iterator[rr.RecordingStream]:
     """A recording that shows the rig."""
     with recording(Path(path), f"lmeasure {rig.name}") as rec:
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_rig(rec, rig, "/world/rig", WHITE, labelled=True)
+        log_rig(rec, rig, "/world/rig", PLAIN, labelled=True)
         yield rec
 
 

@@ -14,7 +14,7 @@ from lmeasure.lcoordinate.structures import LINKS, incidence
 from lmeasure.linkage.links import Linkage
 from lmeasure.linkage.words import told
 from lmeasure.view.recording import cable_colour, recording
-from lmeasure.view.space import CABLE, GREY, THICK, WHITE, metres
+from lmeasure.view.space import CABLE, GREY, PLAIN, THICK, metres
 
 PLATFORM, BOUNDARY, LEAST = (86, 150, 255), (120, 220, 120), (190, 120, 255)
 FACES = np.array([(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)], dtype=np.uint32)
@@ -27,7 +27,7 @@ def write_structure_recording(path: Path, name: str, linkage: Linkage, record: d
     with recording(Path(path), f"lmeasure structure {name}") as rec:
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         labels = [point for _, point, _ in linkage.names]
-        rec.log("/world/base", rr.Points3D(metres(linkage.base), radii=THICK, colors=WHITE, labels=labels), static=True)
+        rec.log("/world/base", rr.Points3D(metres(linkage.base), radii=THICK, colors=PLAIN, labels=labels), static=True)
         shown = [] if pose is None else [(0, pose)]
         for i, one in enumerate(record.get("assemblies", []), 1):
             shown.append((i, np.array([*one["position_mm"], *one["quaternion_xyzw"]])))

@@ -1,5 +1,7 @@
 """Labels in space stand away from markers, lines and each other, as the page opens."""
 
+import re
+
 import numpy as np
 import plotly.graph_objects as go
 import pytest
@@ -50,3 +52,19 @@ def test_a_flat_drawing_has_a_side_of_its_own_and_is_seen_whole() -> None:
     assert plain.aspectmode == "data"
     # as far away, in diagonals of what is drawn
     assert np.linalg.norm(eye) / np.linalg.norm(sides) == pytest.approx(np.linalg.norm([plain.camera.eye[a] for a in "xyz"]) / np.sqrt(3.0))
+
+
+@pytest.mark.parametrize(
+    ("names", "bar", "beside"),
+    [
+        (["before", "after", "asked"], {}, 40 + 29),  # as plotly draws their legend: in one line of 358 pixels,
+        (["points of observation"] * 4 + ["way"] * 4, {}, 40 + 162),  # in one column,
+        ([""], {"orientation": "h"}, 40 + 80),  # and a bar alone
+    ],
+)
+def test_a_scene_is_as_much_higher_as_what_stands_under_it(names: list[str], bar: dict[str, str], beside: int) -> None:
+    figure = go.Figure([go.Scatter3d(x=[0, 1], y=[0, 1], z=[0, 1], name=name, marker_colorbar=bar) for name in names])
+    figure.update_layout(height=640)
+    found = re.search(r"vw \+ (\d+)px", html.figure(figure, "scene", first=False))
+    assert found is not None
+    assert int(found[1]) == beside
