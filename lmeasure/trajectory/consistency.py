@@ -101,7 +101,8 @@ class Consistency:
         # what was said of an origin that is right, by itself or with what came of it
         notes = [note for note in notes if not {note, note.values.get("what")} & proved.keys()] + list(proved.values())
         new = [d for d in every if all(d is not old for old in before.every)]
-        return Doubts(tuple(sorted(every, key=lambda d: (d.after_s, d.cable))), (*notes, *_notes(self._rig, new)))
+        every.sort(key=lambda d: (d.after_s, d.cable))
+        return replace(before, every=tuple(every), notes=(*notes, *_notes(self._rig, new)))
 
     def _alarms(self, parities: Parities, poses: FloatArray) -> IntArray:
         """Epochs, at poses (n, 7), that contradict themselves and are not settled."""

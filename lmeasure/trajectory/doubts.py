@@ -5,7 +5,7 @@ shows that the origin is where it was: a rest at a place where the run rested be
 this one too. (Redundant cables prove it likewise: `trajectory.consistency`.)
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,11 +49,24 @@ class Doubt:
 
 
 @dataclass(frozen=True)
+class Shift:
+    """By how many true counts a channel (index) that goes on from another origin reads too much, about, behind after_s and up to until_s
+    [s]. What is left of it is a length: a drum's is not linear in its counts, so that only near where it was can a length make up for them.
+    """
+
+    cable: int
+    after_s: float
+    until_s: float
+    counts: float
+
+
+@dataclass(frozen=True)
 class Doubts:
-    """All of a run, in order of time, and notes for the reader."""
+    """All of a run, in order of time, notes for the reader, and what is taken off counts that are used."""
 
     every: tuple[Doubt, ...] = ()
     notes: tuple[Finding, ...] = ()
+    shifts: tuple[Shift, ...] = ()
 
     def about(self, cable: int, time_s: float) -> bool:
         """Whether a cable is in doubt at a time."""
@@ -65,8 +78,10 @@ class Doubts:
         lost = any(reason.status == Status.ORIGIN_LOST for reasons in lengths.reasons for reason in reasons)
         first, last = float(lengths.time_s[0]), float(lengths.time_s[-1])
         here = [d for d in self.every if d.after_s < last and d.until_s >= first]
-        if not lost and not here:
+        moved = [s for s in self.shifts if s.after_s < last and s.until_s >= first]
+        if not lost and not here and not moved:
             return lengths
+        lengths = replace(lengths, gone_on=shifted(moved, lengths))
         reasons = []
         for j, before in enumerate(lengths.reasons):
             mine = [Reason(d.mask(lengths.time_s), d.status, d.said) for d in here if d.cable == j]
@@ -83,6 +98,15 @@ class Doubts:
 
 
 NONE = Doubts()
+
+
+def shifted(shifts: list[Shift], lengths: Lengths) -> FloatArray:
+    """(n, m) true counts of whatever the channels showed, less these shifts."""
+    assert lengths.gone_on is not None
+    counts = lengths.gone_on.copy()
+    for s in shifts:
+        counts[(lengths.time_s > s.after_s) & (lengths.time_s <= s.until_s), s.cable] -= s.counts
+    return counts
 
 
 def judged(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:

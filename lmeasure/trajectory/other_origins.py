@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
+from lmeasure.lengths import changes_from_counts
 from lmeasure.trajectory.origins import learn
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -61,11 +62,12 @@ def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | Non
     if len(seen) < 2 * LEAST:
         return None
     e, own, common, time_s = error[seen], own[seen], common[seen], epochs.time_s[seen]
-    first, last = _ramp(e, 1.0 / (own**2 + common**2))
-    # a ramp is not all that a channel may have done in between
-    constant = _lasts(e, own, common), len(e) - _lasts(e[::-1], own[::-1], common[::-1])
-    if constant[0] <= constant[1]:
-        first, last = min(first, constant[0]), max(last, constant[1])
+    first, last = _between(e, own, common)
+    if 0 < first and last < len(e):
+        # what a counter lost is a constant in counts, not in lengths
+        by = _mean(e[last:], own[last:], common[last:])[0] - _mean(e[:first], own[:first], common[:first])[0]
+        e = e - np.where(np.arange(len(e)) >= first, _bent(reconstruction, epochs.counts[seen], j, by), 0.0)
+        first, last = _between(e, own, common)
     least = [int(np.searchsorted(since, LEAST_S)) for since in (time_s - time_s[0], time_s[-1] - time_s[::-1])]
     if first < max(LEAST, least[0]) or not _constant(e[:first], own[:first], common[:first]):
         return None
@@ -76,6 +78,24 @@ def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | Non
     if abs(by) < APART * u:
         return None
     return Moved(float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), by, u)
+
+
+def _bent(reconstruction: Reconstruction, counts: FloatArray, j: int, by: float) -> FloatArray:
+    """(n,) by how much the reading of channel j at true counts (n, m) that are too many by a constant, of about a length or angle, differs
+    from the right one and that."""
+    rig = reconstruction.rig
+    less = counts.copy()
+    less[:, j] -= by / rig.counter(rig.observed[j]).per_count
+    shown, right = (changes_from_counts(rig, values, rig.observed)[:, j] for values in (counts, less))
+    return np.asarray(shown - right - by)
+
+
+def _between(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[int, int]:
+    """How many of the first of n errors, and from which on the last, are one constant each."""
+    first, last = _ramp(e, 1.0 / (own**2 + common**2))
+    # a ramp is not all that a channel may have done in between
+    constant = _lasts(e, own, common), len(e) - _lasts(e[::-1], own[::-1], common[::-1])
+    return (min(first, constant[0]), max(last, constant[1])) if constant[0] <= constant[1] else (first, last)
 
 
 def _ramp(e: FloatArray, weight: FloatArray) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from lmeasure.rig import Cable, Rig
 from lmeasure.run import Run, RunHead
 from lmeasure.status import Status
 from lmeasure.trajectory.consistency import IN_TIME, collected, consistent
-from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts
+from lmeasure.trajectory.doubts import EVERY, Doubt, Doubts, Shift
 from lmeasure.trajectory.origins import learn
 from lmeasure.trajectory.other_origins import moved
 from lmeasure.trajectory.passes import Alignment
@@ -21,7 +21,7 @@ from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.reliability import of_run, said, said_apart
 from lmeasure.trajectory.screw_method import Reconstruction
 from lmeasure.trajectory.slips import Slip, slip
-from lmeasure.trajectory.sources import PassClock
+from lmeasure.trajectory.sources import PassClock, Told
 
 STEPPED = "origin.stepped"
 LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
@@ -75,9 +75,7 @@ def prepare(
     reconstruction.use(None)
     found = _moved(reconstruction, _restored(reconstruction, found), pieces)
     for _ in range(SLIPS):
-        reconstruction.use(None)
-        epochs = collected(reconstruction, pieces(found))[0]
-        told = learn(reconstruction, epochs)
+        epochs, told, found = _learned(reconstruction, found, pieces)
         # of drums alone every sample tells as much, and what calibrations have wrong would pass for slips over so many samples together
         if told is None or not reconstruction.budget.absolute.any():
             break
@@ -101,14 +99,28 @@ def prepare(
         # what goes on must agree with the others there
         after = consistent(reconstruction, pieces(found), found)
         if after is not found:
-            found = after
-            reconstruction.use(None)
-            epochs = collected(reconstruction, pieces(found))[0]
-            learn(reconstruction, epochs)
-        found = replace(found, notes=(*found.notes, *_told(reconstruction)))
+            epochs, _, found = _learned(reconstruction, after, pieces)
+        found = replace(found, notes=(*found.notes, *_told(reconstruction, found.shifts)))
     reliable = of_run(reconstruction, epochs)
     reconstruction.reliability = () if reliable is None else (said(reconstruction, reliable), said_apart(reconstruction, reliable))
     return reconstruction, found
+
+
+def _learned(reconstruction: Reconstruction, doubts: Doubts, pieces: Pieces) -> tuple[Epochs, Told | None, Doubts]:
+    """The epochs of a run, what they tell of its origins, and the doubts with the shifts of channels that go on from others."""
+    while True:
+        reconstruction.use(None)
+        epochs = collected(reconstruction, pieces(doubts))[0]
+        told = learn(reconstruction, epochs)
+        known = {(s.cable, s.after_s) for s in doubts.shifts}
+        new = tuple(
+            Shift(cable, after_s, until_s, float(np.rint(by / reconstruction.rig.counter(reconstruction.rig.observed[cable]).per_count)))
+            for cable, after_s, until_s, by, _ in reconstruction.budget.restored_origins()
+            if (cable, after_s) not in known
+        )
+        if not any(s.counts for s in new):
+            return epochs, told, doubts
+        doubts = replace(doubts, shifts=(*doubts.shifts, *new))
 
 
 def _wrong(doubts: Doubts, reconstruction: Reconstruction) -> list[int]:
@@ -132,11 +144,12 @@ def _restored(reconstruction: Reconstruction, doubts: Doubts) -> Doubts:
     return replace(doubts, every=tuple(d for d in doubts.every if d not in once))
 
 
-def _told(reconstruction: Reconstruction) -> list[Finding]:
+def _told(reconstruction: Reconstruction, shifts: tuple[Shift, ...]) -> list[Finding]:
     """What is said of restored channels in a summary."""
     out = []
-    for cable, after_s, _, by, u in reconstruction.budget.restored_origins():
+    for cable, after_s, _, left, u in reconstruction.budget.restored_origins():
         o = reconstruction.rig.observed[cable]
+        by = left + sum(s.counts for s in shifts if (s.cable, s.after_s) == (cable, after_s)) * reconstruction.rig.counter(o).per_count
         kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
         what = finding(f"channel.{kind}", name=o.name)
         if isinstance(o, Cable):
