@@ -159,7 +159,7 @@ class Consistency:
         """Of each set of cables, the chance that the others contradict each other as much as they do at the chosen epochs."""
         poses = []
         for cables in ((), *sets):
-            way, every = self._followed(cables, chosen)
+            way, every = self._followed(cables, chosen, int(chosen.min()))
             poses.append(every[np.searchsorted(way, chosen)])
         epochs = self._epochs.at(chosen)
         chances = [self._chance(epochs, cables, at) for cables, at in zip(sets, poses[1:], strict=True)]
@@ -193,17 +193,21 @@ class Consistency:
             worst = min(worst, self._redundancy.chance(epochs, poses, used[0]).above(alone.max()))
         return float(2.0 * min(chi2.sf(together, freedom * n), worst * n))
 
-    def _followed(self, cables: tuple[int, ...], wanted: IntArray) -> tuple[IntArray, FloatArray]:
-        """Epochs on the way to the wanted ones, these among them, and their poses (k, 7) without these cables."""
+    def _followed(self, cables: tuple[int, ...], wanted: IntArray, since: int) -> tuple[IntArray, FloatArray]:
+        """Epochs on the way to the wanted ones, these among them, and their poses (k, 7) without these cables; where the others lose the
+        way, because they tell no pose somewhere, without them from the epoch since on, up to which nothing contradicts them."""
         last = int(wanted.max())
         way = np.union1d(np.unique(np.linspace(0, last, min(last + 1, ON_THE_WAY)).round().astype(np.intp)), wanted)
         changes = self._epochs.change_mm[way].copy()
-        changes[:, list(cables)] = np.nan
-        return way, self._solve(changes)
+        poses = self._solve(_without(changes, cables))
+        lost = np.isnan(poses[:, 0])
+        if cables and lost.any():
+            poses[lost] = self._solve(_without(changes, cables, way >= since))[lost]
+        return way, poses
 
     def _left_out(self, cable: int, cables: tuple[int, ...], alarms: IntArray) -> list[Doubt]:
         every = np.arange(len(self._epochs))
-        _, poses = self._followed(cables, every)
+        _, poses = self._followed(cables, every, int(alarms[0]))
         used = np.isfinite(self._epochs.change_mm)
         used[:, [j for j in cables if j != cable]] = False
         parities = self._redundancy.parities(self._epochs, poses, used)
@@ -269,6 +273,13 @@ class Consistency:
                 mask = doubt.mask(self._epochs.time_s)
                 self._epochs.change_mm[mask, doubt.cable] = self._epochs.gone_on_mm[mask, doubt.cable]
         return every, told
+
+
+def _without(changes: FloatArray, cables: tuple[int, ...], where: BoolArray | None = None) -> FloatArray:
+    """Changes (n, m) without these cables, everywhere or where (n,) is true."""
+    out = changes.copy()
+    out[np.ix_(np.arange(len(out)) if where is None else where, list(cables))] = np.nan
+    return out
 
 
 def _notes(rig: Rig, every: list[Doubt]) -> list[Finding]:

@@ -7,7 +7,7 @@ began is told by the likelihood of a ramp between the two, its extremes that are
 back to the constant it had; one that still errs otherwise at the end of the run goes on from none.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,26 +48,26 @@ class Moved:
 def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | None:
     """Of channel j, by a reconstruction that has learned nothing and the epochs of its run; None where it does not go on from another
     origin. The reconstruction has learned nothing afterwards."""
-    redundancy = reconstruction.redundancy
-    assert redundancy is not None
-    told = learn(reconstruction, epochs.without([j]))
-    offsets = reconstruction.budget.offsets(epochs.time_s)
-    poses = reconstruction.solve_from_told(epochs.without([j]).change_mm - offsets)
-    used = np.isfinite(epochs.change_mm)
-    used[:, j] = np.isfinite(epochs.gone_on_mm[:, j])
-    o = 0 if told is None else len(told.mean)
-    error, own, common = redundancy.error_of(j, epochs, poses, used, offsets=offsets, apart_from=o)
-    reconstruction.use(None)
-    seen = np.flatnonzero(used[:, j] & np.isfinite(error) & np.isfinite(poses[:, 0]))
+    seen, e, own, common, lost = _errors(reconstruction, epochs, epochs.without([j]), j)
     if len(seen) < 2 * LEAST:
         return None
-    e, own, common, time_s = error[seen], own[seen], common[seen], epochs.time_s[seen]
     first, last = _between(e, own, common)
     if 0 < first and last < len(e):
         # what a counter lost is a constant in counts, not in lengths
         by = _mean(e[last:], own[last:], common[last:])[0] - _mean(e[:first], own[:first], common[:first])[0]
-        e = e - np.where(np.arange(len(e)) >= first, _bent(reconstruction, epochs.counts[seen], j, by), 0.0)
+        begin_s, end_s = epochs.time_s[seen[first - 1]], epochs.time_s[seen[last]]
+        right = _put_right(reconstruction, epochs, j, by, begin_s)
+        if lost:
+            # by the channel itself, now that it is known about how much it is off by
+            meanwhile = (epochs.time_s > begin_s) & (epochs.time_s < end_s)
+            without = replace(right, change_mm=np.where(meanwhile[:, None] & (np.arange(right.change_mm.shape[1]) == j), np.nan, right.change_mm))
+            seen, e, own, common, _ = _errors(reconstruction, right, without, j)
+            e = e + by * (epochs.time_s[seen] > begin_s)
+        else:
+            bent = epochs.gone_on_mm[seen, j] - right.gone_on_mm[seen, j] - by
+            e = e - np.where(epochs.time_s[seen] > begin_s, bent, 0.0)
         first, last = _between(e, own, common)
+    time_s = epochs.time_s[seen]
     least = [int(np.searchsorted(since, LEAST_S)) for since in (time_s - time_s[0], time_s[-1] - time_s[::-1])]
     if first < max(LEAST, least[0]) or not _constant(e[:first], own[:first], common[:first]):
         return None
@@ -80,14 +80,39 @@ def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | Non
     return Moved(float(time_s[first - 1]), float(np.nextafter(time_s[last], -np.inf)), by, u)
 
 
-def _bent(reconstruction: Reconstruction, counts: FloatArray, j: int, by: float) -> FloatArray:
-    """(n,) by how much the reading of channel j at true counts (n, m) that are too many by a constant, of about a length or angle, differs
-    from the right one and that."""
-    rig = reconstruction.rig
-    less = counts.copy()
-    less[:, j] -= by / rig.counter(rig.observed[j]).per_count
-    shown, right = (changes_from_counts(rig, values, rig.observed)[:, j] for values in (counts, less))
-    return np.asarray(shown - right - by)
+def _errors(
+    reconstruction: Reconstruction, epochs: Epochs, without: Epochs, j: int
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, bool]:
+    """Epochs (k,) at which the others tell by how much channel j errs, the error (k,) there, its standard uncertainties, its own (k,) and
+    that in common (k,), and whether the others lose the way somewhere, because they tell no pose: there it is taken by all channels, which
+    is near the place. without: the epochs by which the run is followed."""
+    redundancy = reconstruction.redundancy
+    assert redundancy is not None
+    told = learn(reconstruction, without)
+    offsets = reconstruction.budget.offsets(epochs.time_s)
+    poses = reconstruction.solve_from_told(without.change_mm - offsets)
+    lost = np.isnan(poses[:, 0])
+    if lost.any():
+        poses[lost] = reconstruction.solve_from_told(epochs.change_mm - offsets)[lost]
+    used = np.isfinite(epochs.change_mm)
+    used[:, j] = np.isfinite(epochs.gone_on_mm[:, j])
+    o = 0 if told is None else len(told.mean)
+    error, own, common = redundancy.error_of(j, epochs, poses, used, offsets=offsets, apart_from=o)
+    reconstruction.use(None)
+    seen = np.flatnonzero(used[:, j] & np.isfinite(error) & np.isfinite(poses[:, 0]))
+    return seen, error[seen], own[seen], common[seen], bool(lost.any())
+
+
+def _put_right(reconstruction: Reconstruction, epochs: Epochs, j: int, by: float, since_s: float) -> Epochs:
+    """Epochs whose channel j shows behind a time as many counts less as make about a length or angle."""
+    rig, behind = reconstruction.rig, epochs.time_s > since_s
+    counts = epochs.counts.copy()
+    counts[behind, j] -= by / rig.counter(rig.observed[j]).per_count
+    by_counts = changes_from_counts(rig, counts, rig.observed)[:, j] - changes_from_counts(rig, epochs.counts, rig.observed)[:, j]
+    change, gone_on = epochs.change_mm.copy(), epochs.gone_on_mm.copy()
+    change[:, j] += by_counts
+    gone_on[:, j] += by_counts
+    return replace(epochs, change_mm=change, gone_on_mm=gone_on, counts=counts)
 
 
 def _between(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[int, int]:

@@ -87,7 +87,8 @@ def prepare(
         again = any(cable == slipped.channel for cable, _, _ in reconstruction.budget.restored)
         gradually = None
         if not (slipped.others or reconstruction.budget.absolute[slipped.channel] or again):
-            gradually = moved(reconstruction, epochs.without(_wrong(found, reconstruction)), slipped.channel)
+            others = epochs.without(_wrong(found, reconstruction))
+            gradually = moved(reconstruction, others, slipped.channel)
         if gradually is None or np.isinf(gradually.after_s):
             found = _with(found, slipped, rig)
         else:
