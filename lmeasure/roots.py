@@ -16,9 +16,13 @@ SAME = 1e-12
 
 
 def symmetric_root(covariance: FloatArray) -> FloatArray:
-    """(..., k, k) symmetric square roots of covariances (..., k, k); NaN (what is not measured) counts as zero."""
+    """(..., k, k) symmetric square roots of covariances (..., k, k); NaN (what is not measured) counts as zero.
+
+    What is rounded off an eigenvalue of zero would be 1e-8 of the largest in its root, and another number on each processor.
+    """
     values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+    values = np.where(values > NOTHING * values.max(axis=-1, initial=0.0, keepdims=True), values, 0.0)
+    return np.asarray((vectors * np.sqrt(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
 def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from lmeasure.certification.canonical import digest
 from lmeasure.certification.capability import undecided
 from lmeasure.certification.details import Details, Logo, read_details, read_logo
 from lmeasure.certification.evaluate import Evaluation, Settings, evaluate
+from lmeasure.certification.method import METHOD, contradicted, same_figures
 from lmeasure.conventions import QUATERNION_COLUMNS
 from lmeasure.errors import CertificationError, OtherTrajectoryError
 from lmeasure.findings import Finding
@@ -196,14 +197,15 @@ class Measured:
     logo: Logo | None = None
 
 
-def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None) -> Measured:
+def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None, method: int = METHOD) -> Measured:
     """Evaluate a measurement from its files.
 
-    With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row.
+    With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row. method:
+    by which that file was made, which may differ where another method gives other poses.
     Raises what reading the files, `reconstruct` and `evaluate` raise.
     """
     program = read_program(inputs.program)
-    found = _measured(inputs, program, settings, progress)
+    found = _measured(inputs, program, settings, progress, method)
     unused = undecided(found.evaluation.characteristics, program.tolerance)
     if unused is not None:
         where = "".join(f" at {name}" for name in (unused.pose, unused.path) if name is not None)
@@ -214,7 +216,7 @@ def measure(inputs: Inputs, settings: Settings, progress: Progress | None = None
     return found
 
 
-def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Progress | None) -> Measured:
+def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Progress | None, method: int) -> Measured:
     details = Details() if inputs.details is None else read_details(inputs.details)
     logo = None if inputs.details is None else read_logo(inputs.details, details)
     if inputs.run is None:
@@ -224,7 +226,9 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     run = read_run(inputs.run, inputs.rig)
     aligned = align(run)
     trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
-    _check_same(inputs.trajectory, trajectory)
+    # no pose depends on what is drawn of a calibration
+    if same_figures(method, inputs.passes, linked=False, contradicted=contradicted(trajectory.notes)):
+        _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
     notes: tuple[Finding | str, ...] = (*trajectory.notes, *(str(taken.said) for taken in trajectory.taken_as_exact))

@@ -4,16 +4,23 @@
 counters, what a rig does not state, verdicts of components alone, counts that were lost or do not close. 3: channels that stepped or
 stood, and redundant cables that contradict each other, are not used. 4: later passes are read between their samples by cubics; of one pass,
 and of poses without a run, the figures are those of 3. 5: what is drawn of a linked calibration does not depend on
-the signs of eigenvectors, which each build of LAPACK chooses; without a linked calibration the figures are those of 4.
+the signs of eigenvectors, which each build of LAPACK chooses; without a linked calibration the figures are those of 4. 6: what a counter
+lost is taken off its counts, not its lengths, and more of what redundant channels say of one that errs is used; where none contradicts the
+others the figures are those of 5.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-METHOD = 5
+from lmeasure.findings import Finding
+from lmeasure.trajectory.prepared import OF_CONTRADICTIONS
+
+METHOD = 6
 """Raised whenever the same inputs give other figures, or the same figures another verdict."""
+SAME_UNCONTRADICTED = 5
+"""From which methods differ where redundant channels contradict each other only."""
 SAME_UNLINKED = 4
-"""From which methods differ where a calibration is linked only."""
+"""From which they differ where a calibration is linked only, besides."""
 SAME_FOR_ONE_PASS = 3
 """From which they differ in runs of several passes only, besides."""
 
@@ -23,7 +30,15 @@ def method_of(certificate: Mapping[str, Any]) -> int:
     return int(certificate.get("method", 1))
 
 
-def same_figures(method: int, passes: int, linked: bool) -> bool:
-    """Whether a method gives today's figures for a run of so many passes, or for poses without a run, of one; linked: to a calibration."""
-    since = METHOD if linked else SAME_FOR_ONE_PASS if passes == 1 else SAME_UNLINKED
+def contradicted(notes: Iterable[Finding | str]) -> bool:
+    """Whether the channels of a run contradict each other, by what is said of it."""
+    return any(isinstance(note, Finding) and note.code in OF_CONTRADICTIONS for note in notes)
+
+
+def same_figures(method: int, passes: int, *, linked: bool, contradicted: bool) -> bool:
+    """Whether a method gives today's figures for a run of so many passes, or for poses without a run, of one; linked: to a calibration;
+    contradicted: channels contradict each other."""
+    if contradicted:
+        return method == METHOD
+    since = SAME_UNCONTRADICTED if linked else SAME_FOR_ONE_PASS if passes == 1 else SAME_UNLINKED
     return since <= method <= METHOD

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lmeasure.certification.again import RELATIVE, beside, compare, label, of_environment
+from lmeasure.certification.again import RELATIVE, allowed_of, beside, compare, label, of_environment
 from lmeasure.certification.bundle import CERTIFICATE, INPUTS, SIGNATURE, Difference, Seal, check_seal, entries, regular_bytes
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import LANGUAGES, certificate
 from lmeasure.certification.environment import environment
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Measured, inputs_in, measure, settings_from
-from lmeasure.certification.method import METHOD, method_of, same_figures
+from lmeasure.certification.method import METHOD, contradicted, method_of, same_figures
 from lmeasure.errors import CertificationError, LMeasureError
 
 PROGRAM = ("lmeasure", "lmeasure sources")
@@ -40,7 +40,8 @@ class Printer:
 class Verification:
     """What is different, if anything; how many figures agree; in what the environment differs and what that made of the figures at most.
 
-    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines.
+    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines. allowed: part of a figure by
+    which another environment may differ.
     """
 
     certificate: str
@@ -51,6 +52,7 @@ class Verification:
     largest: float = 0.0
     skipped: tuple[str, ...] = field(default=())
     beside: tuple[str, ...] = field(default=())
+    allowed: float = RELATIVE
 
     @property
     def exit_code(self) -> int:
@@ -82,16 +84,17 @@ def verify(
         return _not_computed(folder, seal, error)
     own = {key: value for key, value in environment().items() if stated["environment"].get(key) != value}
     method = method_of(stated)
-    other = not same_figures(method, 1, linked=False)
+    other = not same_figures(method, 1, linked=False, contradicted=False)
     told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
     out = [*seal.differences, *of_environment(stated["environment"], environment())]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
     try:
         inputs = inputs_in(folder, stated["measurement"])
-        other = not same_figures(method, inputs.passes, inputs.linked)
+        other = not same_figures(method, inputs.passes, linked=inputs.linked, contradicted=False)
         copies = entries(folder, sorted(inputs.copies()))
-        measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress)
+        measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress, method)
+        other = not same_figures(method, inputs.passes, linked=inputs.linked, contradicted=contradicted(measured.notes))
     except LMeasureError as error:
         if not other:
             return _not_computed(folder, seal, error)
@@ -122,7 +125,7 @@ def verify(
         found, why_not = _page(folder, name, printer, stated=stated, measured=measured, own=own, other=other)
         out += found
         skipped += why_not
-    return Verification(stated["id"], tuple(out), figures, seal.signer, told, largest, tuple(skipped), lines)
+    return Verification(stated["id"], tuple(out), figures, seal.signer, told, largest, tuple(skipped), lines, allowed_of(method))
 
 
 def _not_computed(folder: Path, seal: Seal, error: Exception) -> Verification:
@@ -224,8 +227,8 @@ def told(found: Verification, *, asked: bool) -> list[str]:
     if found.environment:
         out += [f"computed with {text}" for text in found.environment]
         if found.figures:
-            out.append(f"largest relative difference of a figure {found.largest:.2g}, allowed here {RELATIVE:g}")
-    digit = "to the digit" if not found.environment else f"within {RELATIVE:g}"
+            out.append(f"largest relative difference of a figure {found.largest:.2g}, allowed here {found.allowed:g}")
+    digit = "to the digit" if not found.environment else f"within {found.allowed:g}"
     computed = f", all {found.figures} figures computed again and the same {digit}" if found.figures else ""
     if found.differences:
         number = len(found.differences)

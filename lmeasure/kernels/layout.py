@@ -48,9 +48,9 @@ CHANGES = POSE_COLUMNS
 BODY_START, BODY_WAY, BODY_LENGTH, BODY_RADIUS, BODY_OF_TOOL, BODY_COLUMNS = 0, 3, 6, 7, 8, 9
 
 # a counter of the live kernel: count per recorded count, largest rate of recorded counts [1/s], number of values or 0, count length [mm],
-# and 1 where its values are codes, from 0 on, that tell an angle
-CHANNEL_PER_RECORDED, CHANNEL_RATE, CHANNEL_VALUES, CHANNEL_COUNT_LENGTH, CHANNEL_ABSOLUTE = range(5)
-CHANNEL_COLUMNS = 5
+# 1 where its values are codes, from 0 on, that tell an angle, and by how many counts it is known to be too large
+CHANNEL_PER_RECORDED, CHANNEL_RATE, CHANNEL_VALUES, CHANNEL_COUNT_LENGTH, CHANNEL_ABSOLUTE, CHANNEL_SHIFT = range(6)
+CHANNEL_COLUMNS = 6
 
 # which way a cable travelled last: the farthest count on its present way, and that way
 TRAVEL_FAR, TRAVEL_WAY = range(2)

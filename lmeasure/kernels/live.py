@@ -80,6 +80,7 @@ def changes_of(
                 else:
                     flags[i] = JUMP if kind == counter.JUMPED or kind == counter.FOREIGN else GAP
             k = channels[j, layout.CHANNEL_PER_RECORDED] * (counts[i] if kind == counter.FOLLOWED else math.nan)
+            k -= channels[j, layout.CHANNEL_SHIFT]
             changes[i, j] = drum_change(
                 k, cables[j, layout.TANGENT], cables[j, layout.AXIAL], cables[j, layout.TRAVEL], channels[j, layout.CHANNEL_COUNT_LENGTH]
             )

@@ -278,7 +278,7 @@ class Consistency:
 def _without(changes: FloatArray, cables: tuple[int, ...], where: BoolArray | None = None) -> FloatArray:
     """Changes (n, m) without these cables, everywhere or where (n,) is true."""
     out = changes.copy()
-    out[np.ix_(np.arange(len(out)) if where is None else where, list(cables))] = np.nan
+    out[np.ix_(np.ones(len(out), np.bool_) if where is None else where, np.array(cables, dtype=np.intp))] = np.nan
     return out
 
 

@@ -59,6 +59,10 @@ class Shift:
     until_s: float
     counts: float
 
+    def mask(self, time_s: FloatArray) -> BoolArray:
+        """(n,) which samples at times (n,) it is about."""
+        return (time_s > self.after_s) & (time_s <= self.until_s)
+
 
 @dataclass(frozen=True)
 class Doubts:
@@ -105,7 +109,7 @@ def shifted(shifts: list[Shift], lengths: Lengths) -> FloatArray:
     assert lengths.gone_on is not None
     counts = lengths.gone_on.copy()
     for s in shifts:
-        counts[(lengths.time_s > s.after_s) & (lengths.time_s <= s.until_s), s.cable] -= s.counts
+        counts[s.mask(lengths.time_s), s.cable] -= s.counts
     return counts
 
 

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import counter, layout, least_squares, live, screw
-from lmeasure.kernels.cable import counts_from_changes
+from lmeasure.kernels.cable import changes_from_counts, counts_from_changes
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.status import Status
@@ -36,7 +36,7 @@ def channel_rows(rig: Rig) -> FloatArray:
     for row, o in zip(out, rig.observed, strict=True):
         c = rig.counter(o)
         values = float(c.codes or 0) if c.counter_bits is None else 2.0**c.counter_bits
-        row[:] = c.count_sign / c.scale, c.rate, values, c.per_count, c.codes is not None
+        row[:] = c.count_sign / c.scale, c.rate, values, c.per_count, c.codes is not None, 0.0
     return out
 
 
@@ -94,7 +94,11 @@ class AnyChannels:
     def _beginning(self, doubts: Doubts, time_s: FloatArray, recorded: FloatArray) -> None:
         """Go through what is known of the run."""
         changes, flags = live.changes_of(self._rows, self._channels, self._counters, time_s, np.ascontiguousarray(recorded))
-        changes = changes - self.reconstruction.budget.offsets(time_s)
+        counts = counts_from_changes(self._rows, changes)
+        for s in doubts.shifts:
+            counts[s.mask(time_s), s.cable] -= s.counts
+            self._channels[s.cable, layout.CHANNEL_SHIFT] += s.counts if np.isinf(s.until_s) else 0.0
+        changes = changes_from_counts(self._rows, counts) - self.reconstruction.budget.offsets(time_s)
         for d in doubts.every:
             mask = d.mask(time_s)
             changes[mask] = np.where((np.arange(len(self._rows)) == d.cable) | (d.cable == EVERY), np.nan, changes[mask])

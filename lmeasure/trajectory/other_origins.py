@@ -52,7 +52,7 @@ def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | Non
     if len(seen) < 2 * LEAST:
         return None
     first, last = _between(e, own, common)
-    if 0 < first and last < len(e):
+    if first > 0 and last < len(e):
         # what a counter lost is a constant in counts, not in lengths
         by = _mean(e[last:], own[last:], common[last:])[0] - _mean(e[:first], own[:first], common[:first])[0]
         begin_s, end_s = epochs.time_s[seen[first - 1]], epochs.time_s[seen[last]]
@@ -60,7 +60,9 @@ def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | Non
         if lost:
             # by the channel itself, now that it is known about how much it is off by
             meanwhile = (epochs.time_s > begin_s) & (epochs.time_s < end_s)
-            without = replace(right, change_mm=np.where(meanwhile[:, None] & (np.arange(right.change_mm.shape[1]) == j), np.nan, right.change_mm))
+            change = right.change_mm.copy()
+            change[meanwhile, j] = np.nan
+            without = replace(right, change_mm=change)
             seen, e, own, common, _ = _errors(reconstruction, right, without, j)
             e = e + by * (epochs.time_s[seen] > begin_s)
         else:

@@ -24,6 +24,10 @@ from lmeasure.trajectory.slips import Slip, slip
 from lmeasure.trajectory.sources import PassClock, Told
 
 STEPPED = "origin.stepped"
+RESTORED = ("origin.restored.length", "origin.restored.angle")
+OF_CONTRADICTIONS = frozenset({*IN_TIME.values(), *RESTORED, "channel.left_out", "channels.contradict"})
+"""Codes of what is said of a run whose channels contradict each other."""
+OF_NOBODY = frozenset({*(IN_TIME[code] for code in IN_TIME if code.startswith("contradiction")), "rig.uncalibrated", "passes.not_repeated"})
 LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
 SLIPS = 8
 """Found one after the other."""
@@ -97,8 +101,9 @@ def prepare(
             why = _said(slipped.channel, gradually.by, gradually.u, rig)
             found = _meanwhile(found, slipped.channel, min(slipped.from_s, gradually.from_s), after_s, why)
     if reconstruction.budget.restored:
-        # what goes on must agree with the others there
-        after = consistent(reconstruction, pieces(found), found)
+        # what goes on must agree with the others there, which without it may have come to another assembly
+        judged = _without_contradictions(found)
+        after = consistent(reconstruction, pieces(judged), judged)
         if after is not found:
             epochs, _, found = _learned(reconstruction, after, pieces)
         found = replace(found, notes=(*found.notes, *_told(reconstruction, found.shifts)))
@@ -122,6 +127,14 @@ def _learned(reconstruction: Reconstruction, doubts: Doubts, pieces: Pieces) -> 
         if not any(s.counts for s in new):
             return epochs, told, doubts
         doubts = replace(doubts, shifts=(*doubts.shifts, *new))
+
+
+def _without_contradictions(doubts: Doubts) -> Doubts:
+    """The doubts without those of samples whose channels contradict each other, nobody knows which."""
+    every = tuple(d for d in doubts.every if not (d.cable == EVERY and d.said.code in IN_TIME))
+    if len(every) == len(doubts.every):
+        return doubts
+    return replace(doubts, every=every, notes=tuple(note for note in doubts.notes if note.code not in OF_NOBODY))
 
 
 def _wrong(doubts: Doubts, reconstruction: Reconstruction) -> list[int]:
@@ -154,9 +167,9 @@ def _told(reconstruction: Reconstruction, shifts: tuple[Shift, ...]) -> list[Fin
         kind = "cable" if isinstance(o, Cable) else type(o.encoder).__name__.lower()
         what = finding(f"channel.{kind}", name=o.name)
         if isinstance(o, Cable):
-            out.append(finding("origin.restored.length", what=what, after_s=after_s, mm=by, u_mm=u))
+            out.append(finding(RESTORED[0], what=what, after_s=after_s, mm=by, u_mm=u))
         else:
-            out.append(finding("origin.restored.angle", what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
+            out.append(finding(RESTORED[1], what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
     return out
 
 

@@ -258,18 +258,20 @@ def test_tables_alike_but_for_last_digits(one: Any, other: Any, alike: bool) -> 
 def test_entries_of_a_figure_differ_by_a_part_of_it(one: Any, other: Any, part: float) -> None:
     """Of the figure, of its U95, or of the entry itself, whichever is largest; what is no number differs or does not."""
     figure = {"name": "AP_p", "pose": "P1", "value": 0.5, "u95": 1.0, "unit": "mm", "capable": True, "more": one}
-    stated: dict[str, Any] = {"characteristics": [figure], "figures_sha256": ""}
+    stated: dict[str, Any] = {"characteristics": [figure], "figures_sha256": "", "method": METHOD}
     out, largest = compare(stated | {"id": identification(stated)}, stated | {"characteristics": [figure | {"more": other}]}, exact=False)
     assert [d.what for d in out] == (["AP_p of P1"] if part > RELATIVE else [])
     assert largest == pytest.approx(part if np.isfinite(part) else 0.0, rel=1e-3)
 
 
-def test_what_is_allowed_is_a_millionth() -> None:
+@pytest.mark.parametrize(("method", "allowed"), [(METHOD, 1e-6), (6, 1e-6), (5, 1e-5), (1, 1e-5)])
+def test_what_is_allowed_is_a_millionth_and_of_early_methods_ten(method: int, allowed: float) -> None:
+    """Up to method 5 what had been rounded off a covariance was drawn too."""
     assert RELATIVE == 1e-6
     figure = {"name": "AP_p", "pose": "P1", "value": 1e-3, "u95": 1.0, "unit": "mm", "capable": True}
-    base: dict[str, Any] = {"characteristics": [figure], "figures_sha256": ""}
+    base: dict[str, Any] = {"characteristics": [figure], "figures_sha256": "", "method": method}
     base["id"] = identification(base)
-    for off, seen in ((0.9e-6, 0), (1.1e-6, 1)):
+    for off, seen in ((0.9 * allowed, 0), (1.1 * allowed, 1)):
         other = base | {"characteristics": [figure | {"value": 1e-3 + off}]}
         out, largest = compare(base, other, exact=False)
         assert len(out) == seen

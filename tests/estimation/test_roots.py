@@ -81,6 +81,19 @@ def test_roots_do_not_depend_on_the_eigenvectors_that_were_chosen(another_lapack
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
 
 
+def test_what_is_rounded_off_a_covariance_of_few_directions_is_not_in_its_root() -> None:
+    """Its square root would be 1e-8 of the largest, and another number on each processor."""
+    rng = np.random.default_rng(3)
+    for rank in (1, 2, 3):
+        covariance, _ = drawn_covariance(rng, 6, rank)
+        root = symmetric_root(covariance)
+        np.testing.assert_allclose(root @ root, covariance, atol=1e-12 * covariance.max())
+        assert np.linalg.matrix_rank(root, tol=1e-12 * np.abs(root).max()) <= rank
+    one, other = (symmetric_root(np.stack([covariance * s, np.eye(6)]))[1] for s in (1.0, 1e30))
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(symmetric_root(np.full((2, 2), np.nan)), np.zeros((2, 2)))
+
+
 @pytest.mark.parametrize("name", ["arc", "plane with a prior", "plane"])
 def test_regions_do_not_depend_on_them_either(name: str, another_lapack: Callable[[], None]) -> None:
     """A silent direction, and nuisance parameters with a free frame, are drawn with the same seed."""

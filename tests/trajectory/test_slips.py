@@ -50,7 +50,7 @@ def behind(sample: int) -> FloatArray:
     return (np.arange(len(TIME_S)) >= sample).astype(float)
 
 
-@pytest.mark.parametrize(("by", "known"), [(500.0, True), (20.0, False), (8.0, True)])
+@pytest.mark.parametrize(("by", "known"), [(500.0, True), (20.0, False), (8.0, True), (5000.0, True)])
 def test_a_drum_that_slips_goes_on_from_a_restored_origin(by: float, known: bool) -> None:
     run = faulty("ch3", by * behind(700))
     found = reconstruct(run if known else replace(run, start=None))
@@ -60,7 +60,8 @@ def test_a_drum_that_slips_goes_on_from_a_restored_origin(by: float, known: bool
     assert len(notes) == 1
     assert notes[0].startswith("cable c3 ")
     size = float(notes[0].split(" by ")[1].split(" mm")[0])
-    assert size == pytest.approx(by * 0.012, abs=0.01, rel=0.005)
+    # a count is 0.012 mm of cable at the drum, and less of the free one, which no length for all places makes up for
+    assert size == pytest.approx(by * 0.012, abs=0.01)
     last = str(found.cause[-1])
     assert last.startswith("restored")
     assert found.cable[-1] == "c3"

@@ -1,0 +1,79 @@
+"""Counters that go on from another origin, where the other channels alone would lose the way."""
+
+import importlib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from test_slips import PATH, TIME_S, faulty, sound
+
+from lmeasure.run import Run
+from lmeasure.status import Status
+from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory.live_way import AnyChannels
+from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.prepared import prepared
+
+
+@pytest.fixture(scope="module")
+def study() -> Iterator[ModuleType]:
+    """Its cells: eight drums, a motion of 4 s at 250 Hz, poses known."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+        yield importlib.import_module("single_faults")
+
+
+def with_fault(cell: Any, channel: str, by: np.ndarray[Any, Any]) -> Run:
+    counts = cell.run.passes[0]
+    recorded = counts.recorded.copy()
+    recorded[:, counts.channels.index(channel)] += by
+    return replace(cell.run, passes=(replace(counts, recorded=recorded),))
+
+
+@pytest.mark.parametrize(
+    ("number", "channel", "size", "begin", "samples", "unsure"),
+    [
+        # without c3 the others tell no pose at sample 74, before it slips, and at 199, while it does
+        (11, "ch3", 693, 700, 25, 0),
+        (11, "ch3", 771, 198, 25, 30),
+        # without c6 they come to another assembly at sample 870
+        (66, "ch6", -4814, 703, 1, 0),
+    ],
+)
+def test_a_counter_goes_on_though_the_others_lose_the_way(
+    study: ModuleType, number: int, channel: str, size: int, begin: int, samples: int, unsure: int
+) -> None:
+    cell = study.cell("8", number)
+    ramp = np.clip((np.arange(len(study.TIME_S)) - begin + 1) / samples, 0.0, 1.0)
+    found = reconstruct(with_fault(cell, channel, np.rint(size * ramp)))
+    ok = found.status == Status.OK
+    assert np.count_nonzero(~ok) <= unsure
+    assert ok[begin + unsure :].all()
+    restored = [str(note) for note in found.notes if "went on from another origin" in str(note)]
+    assert len(restored) == 1
+    assert f"cable c{channel[2:]} " in restored[0]
+    assert float(restored[0].split(" by ")[1].split(" mm")[0]) == pytest.approx(0.012 * size, abs=0.03)
+    assert not any("contradict each other" in str(note) for note in found.notes)
+    error = np.linalg.norm(found.poses[ok, :3] - cell.poses[ok, :3], axis=1)
+    assert (error / np.linalg.norm(found.u[ok, :3], axis=1)).max() < 4.0
+
+
+def test_a_live_pose_goes_on_with_what_was_restored() -> None:
+    run = faulty("ch3", np.rint(3000.0 * np.clip((np.arange(len(TIME_S)) - 600) / 25.0, 0.0, 1.0)))
+    counts, n = run.passes[0], 1000
+    assert np.abs(np.diff(counts.of("ch3"))).max() < run.rig.point("B3").drum.rate * 0.004
+    known = replace(run, passes=(replace(counts, time_s=TIME_S[:n], recorded=counts.recorded[:n]),))
+    way = AnyChannels(*prepared(align(known)), TIME_S[:n], counts.recorded[:n])
+    assert way.last[0] == Status.OK
+    steps = [way.step(t, recorded) for t, recorded in zip(TIME_S[n:], counts.recorded[n:], strict=True)]
+    assert {status for status, _, _ in steps} == {Status.OK}
+    whole = AnyChannels(*prepared(align(sound())))
+    expected = [whole.step(t, recorded)[1] for t, recorded in zip(TIME_S, sound().passes[0].recorded, strict=True)]
+    # as near to the pose as that of the sound run
+    apart = np.array([pose[:3] for _, pose, _ in steps]) - [pose[:3] for pose in expected[n:]]
+    assert np.linalg.norm(apart, axis=1).max() < 0.01
+    assert np.linalg.norm(np.array([pose[:3] for _, pose, _ in steps]) - PATH[n:, :3], axis=1).max() < 0.02
