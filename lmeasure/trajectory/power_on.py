@@ -176,7 +176,6 @@ def _over_motion(rows: FloatArray, lengths: Lengths, i: int, u: FloatArray, usab
     """(k, 7) poses at sample i that fit the readings of the run behind it, channels rows (m, columns) with standard uncertainties u (m,),
     those that are usable (m,) absolute."""
     changes = lengths.change_mm[i:]
-
     used = usable & np.isfinite(changes[0])
     anywhere = fitting(rows[used], changes[0, used])
 

@@ -9,12 +9,17 @@ from cells import START, FloatArray, cell
 from scipy.stats import chi2
 
 from lmeasure import covariances, se3
+from lmeasure.interim.moved import Together
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.run import Run
 from lmeasure.simulation import simulate_run
 from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
 from lmeasure.trajectory.budget import RESTORED_ORIGIN
+from lmeasure.trajectory.passes import align
+from lmeasure.trajectory.prepared import prepared
+from lmeasure.trajectory.screw_method import Reconstruction
+from lmeasure.trajectory.sources import zero_columns
 
 TIME_S = np.arange(0.0, 1.2, 0.006)
 ZEROS_DEG = np.array([12.0, -140.0, 71.0])
@@ -90,3 +95,29 @@ def test_a_rig_of_one_pass_has_plain_names() -> None:
     assert [o.name for o in of_two_passes(ZEROS_DEG).observed[6:]] == ["sw1@1", "sw1@2", "sw2@1", "sw2@2", "sw3@1", "sw3@2"]
     alone = [c | {"channel": c["name"]} for c in data["cable"] if c["pass"] == 1]
     assert [o.name for o in rig_from_dict(data | {"cable": alone}).observed[3:]] == ["sw1", "sw2", "sw3"]
+
+
+def test_of_two_assemblies_the_one_is_begun_in_which_the_drums_go_on() -> None:
+    """The other fits the first samples as well, 47 mm away, and is found nearer to where it begins."""
+    run, poses = run_of(13, start=False)
+    start = prepared(align(run))[0].start
+    assert np.linalg.norm(start[:3] - poses[0, :3]) < 1.0
+
+
+def test_an_encoder_has_one_zero_and_one_fault_in_all_passes_and_so_has_a_drum() -> None:
+    run, poses = run_of(5)
+    rig = run.rig
+    columns, names = zero_columns(rig, None)
+    assert names == ["sw1", "sw2", "sw3"]
+    assert [np.flatnonzero(column).tolist() for column in columns.T] == [[6, 7], [8, 9], [10, 11]]
+    reconstruction = Reconstruction(rig, poses[0])
+    redundancy = reconstruction.redundancy
+    assert redundancy is not None
+    epochs, some = redundancy.epochs(align(run).lengths, None), np.arange(0, 200, 20)
+    together = Together(reconstruction, redundancy, epochs.at(some), poses[some])
+    acts = {
+        name: np.flatnonzero(errors.any(axis=(0, 2))).tolist()
+        for kind, name, *_, errors in together.errors()
+        if kind in ("encoder", "drum")
+    }
+    assert acts == {"B1": [0, 3], "B2": [1, 4], "B3": [2, 5], "sw1": [6, 7], "sw2": [8, 9], "sw3": [10, 11]}
