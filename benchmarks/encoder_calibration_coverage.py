@@ -1,6 +1,6 @@
 """Calibrations with encoders of angles, drawn again and again: do their regions hold the truth as often as they say?
 
-    python benchmarks/encoder_calibration_coverage.py --draws 200 [--keep coverage.jsonl --seconds 500] [--write]
+    python benchmarks/encoder_calibration_coverage.py --draws 200 [--kind swivels] [--keep coverage.jsonl --seconds 500] [--write]
 
 Three kinds: at poses known to 0.05 mm (`swivels`), by a motion of which no pose is known (`self`), and a record of 14 poses that goes on
 from another motion (`continue`). Six cables with six encoders of 17 bits whose zeros are known to 2 degrees, counters zeroed anywhere
@@ -135,8 +135,10 @@ def table(every: list[list[str | bool]]) -> tuple[str, bool]:
 
 def main() -> int:
     """Exit code 0, or 1 where a kind is not consistent with 95 %, on either side, or for distances on the lower one."""
-    asked = options(__doc__, "draws", 200).parse_args()
-    wanted = ((kind, number) for number in range(asked.first, asked.first + asked.draws) for kind in KINDS)
+    parser = options(__doc__, "draws", 200)
+    parser.add_argument("--kind", choices=tuple(KINDS), nargs="+", default=list(KINDS))
+    asked = parser.parse_args()
+    wanted = ((kind, number) for number in range(asked.first, asked.first + asked.draws) for kind in asked.kind)
     text, good = table(run_all(asked, ((f"{kind} {number}", partial(drawn, kind, number)) for kind, number in wanted)))
     show(asked, text, RESULTS)
     return 0 if good else 1
