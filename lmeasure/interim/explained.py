@@ -25,7 +25,9 @@ from lmeasure.estimation import Parameters
 from lmeasure.estimation.deletion import Remainder, fall_test
 from lmeasure.findings import Finding, finding
 from lmeasure.interim.moved import Together
+from lmeasure.lengths import changes_from_counts
 from lmeasure.poses import Poses
+from lmeasure.trajectory.doubts import shifted
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
@@ -62,7 +64,10 @@ def explained(reconstruction: Reconstruction) -> tuple[Finding, ...]:
     if redundancy is None or thinned is None or reconstruction.correction is not None or rig.passes > 1 or free < len(FREEDOMS):
         return ()
     budget = reconstruction.budget
-    poses = reconstruction.solve_from_told(thinned.change_mm - budget.offsets(thinned.time_s))
+    # what a counter lost is looked for among what is left, and would lead poses astray
+    right = changes_from_counts(rig, shifted(reconstruction.shifts, thinned.time_s, thinned.counts), rig.observed)
+    changes = np.where(np.isfinite(thinned.change_mm), right, np.nan)
+    poses = reconstruction.solve_from_told(changes - budget.offsets(thinned.time_s))
     known = np.flatnonzero(np.isfinite(poses[:, 0]) & (np.isfinite(thinned.change_mm).sum(axis=1) > free))
     if len(known) < FEW:
         return ()

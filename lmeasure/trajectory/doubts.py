@@ -5,6 +5,7 @@ shows that the origin is where it was: a rest at a place where the run rested be
 this one too. (Redundant cables prove it likewise: `trajectory.consistency`.)
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,7 +86,8 @@ class Doubts:
         moved = [s for s in self.shifts if s.after_s < last and s.until_s >= first]
         if not lost and not here and not moved:
             return lengths
-        lengths = replace(lengths, gone_on=shifted(moved, lengths))
+        assert lengths.gone_on is not None
+        lengths = replace(lengths, gone_on=shifted(moved, lengths.time_s, lengths.gone_on))
         reasons = []
         for j, before in enumerate(lengths.reasons):
             mine = [Reason(d.mask(lengths.time_s), d.status, d.said) for d in here if d.cable == j]
@@ -104,12 +106,11 @@ class Doubts:
 NONE = Doubts()
 
 
-def shifted(shifts: list[Shift], lengths: Lengths) -> FloatArray:
-    """(n, m) true counts of whatever the channels showed, less these shifts."""
-    assert lengths.gone_on is not None
-    counts = lengths.gone_on.copy()
+def shifted(shifts: Iterable[Shift], time_s: FloatArray, counts: FloatArray) -> FloatArray:
+    """(n, m) true counts at times (n,), less these shifts."""
+    counts = counts.copy()
     for s in shifts:
-        counts[s.mask(lengths.time_s), s.cable] -= s.counts
+        counts[s.mask(time_s), s.cable] -= s.counts
     return counts
 
 

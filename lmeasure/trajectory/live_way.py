@@ -12,7 +12,7 @@ from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.status import Status
 from lmeasure.trajectory.consistency import SIGNIFICANCE
-from lmeasure.trajectory.doubts import EVERY, Doubts
+from lmeasure.trajectory.doubts import EVERY, Doubts, shifted
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.screw_method import Reconstruction
 
@@ -94,9 +94,8 @@ class AnyChannels:
     def _beginning(self, doubts: Doubts, time_s: FloatArray, recorded: FloatArray) -> None:
         """Go through what is known of the run."""
         changes, flags = live.changes_of(self._rows, self._channels, self._counters, time_s, np.ascontiguousarray(recorded))
-        counts = counts_from_changes(self._rows, changes)
+        counts = shifted(doubts.shifts, time_s, counts_from_changes(self._rows, changes))
         for s in doubts.shifts:
-            counts[s.mask(time_s), s.cable] -= s.counts
             self._channels[s.cable, layout.CHANNEL_SHIFT] += s.counts if np.isinf(s.until_s) else 0.0
         changes = changes_from_counts(self._rows, counts) - self.reconstruction.budget.offsets(time_s)
         for d in doubts.every:

@@ -107,6 +107,7 @@ def prepare(
         if after is not found:
             epochs, _, found = _learned(reconstruction, after, pieces)
         found = replace(found, notes=(*found.notes, *_told(reconstruction, found.shifts)))
+    reconstruction.shifts = found.shifts
     reliable = of_run(reconstruction, epochs)
     reconstruction.reliability = () if reliable is None else (said(reconstruction, reliable), said_apart(reconstruction, reliable))
     return reconstruction, found

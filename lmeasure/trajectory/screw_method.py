@@ -21,6 +21,7 @@ from lmeasure.status import Status
 from lmeasure.trajectory import screw_numpy
 from lmeasure.trajectory.budget import RESTORED_ORIGIN, Budget
 from lmeasure.trajectory.corrections import correction_of
+from lmeasure.trajectory.doubts import Shift
 from lmeasure.trajectory.lost import NEARLY, explain, other_near, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
 from lmeasure.trajectory.redundancy import Epochs, Redundancy
@@ -97,6 +98,8 @@ class Reconstruction:
         self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
         self.reliability: tuple[Finding, ...] = ()
         """Of the run, in lines (`trajectory.reliability`), once it is prepared."""
+        self.shifts: tuple[Shift, ...] = ()
+        """By which restored channels read too much, once it is prepared."""
         self.thinned: Epochs | None = None
         """Some samples of the run, evenly over it, before its channels were held against each other; None where none is redundant."""
         self._state = self._new_state(self.start)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from test_slips import PATH, TIME_S, faulty, sound
 
+from lmeasure.interim.explained import explained
 from lmeasure.run import Run
 from lmeasure.status import Status
 from lmeasure.trajectory import reconstruct
@@ -67,7 +68,10 @@ def test_a_live_pose_goes_on_with_what_was_restored() -> None:
     counts, n = run.passes[0], 1000
     assert np.abs(np.diff(counts.of("ch3"))).max() < run.rig.point("B3").drum.rate * 0.004
     known = replace(run, passes=(replace(counts, time_s=TIME_S[:n], recorded=counts.recorded[:n]),))
-    way = AnyChannels(*prepared(align(known)), TIME_S[:n], counts.recorded[:n])
+    reconstruction, doubts = prepared(align(known))
+    # what slipped is no effect that a rig leaves out, and no point that moved
+    assert explained(reconstruction) == ()
+    way = AnyChannels(reconstruction, doubts, TIME_S[:n], counts.recorded[:n])
     assert way.last[0] == Status.OK
     steps = [way.step(t, recorded) for t, recorded in zip(TIME_S[n:], counts.recorded[n:], strict=True)]
     assert {status for status, _, _ in steps} == {Status.OK}
