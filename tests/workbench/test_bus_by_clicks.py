@@ -30,6 +30,7 @@ def begun(page: Page, base: str, path: str, command: str, **values: str) -> str:
     return str(page.evaluate("location.pathname"))
 
 
+@pytest.mark.slow
 def test_a_bus_is_watched_and_recorded_by_clicks(tmp_path: Path) -> None:
     """Watched first, which writes nothing; its button leads to a recording that knows rig, bus and start."""
     write_rig(tmp_path / "rig.toml", cell_rig(0))
@@ -80,6 +81,7 @@ def test_one_job_is_not_begun_twice(tmp_path: Path) -> None:
         asked.delete("/api/jobs/1")
 
 
+@pytest.mark.slow
 def test_exchanged_plugs_are_found_and_mended_by_one_click(tmp_path: Path) -> None:
     """Exactly two cables are red; then none is."""
     made = CliRunner().invoke(app, ["init", str(tmp_path), "--template", QUICK.template])

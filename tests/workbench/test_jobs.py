@@ -154,6 +154,7 @@ def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
         assert counts.read_bytes() == kept
 
 
+@pytest.mark.slow
 def test_a_certificate_is_whole_or_not_there_when_the_server_is_killed(tmp_path: Path) -> None:
     """The server is killed while figures are computed: there is no folder, nothing half-written, the next server says interrupted, and the
     button of its page leads to the same command, which nothing hinders (to the end: test_engineers_journey)."""

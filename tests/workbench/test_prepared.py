@@ -94,6 +94,7 @@ def test_forked_commands_hold_nothing_of_each_other(cells: Path) -> None:
     asyncio.run(both())
 
 
+@pytest.mark.slow
 def test_without_the_prepared_process_jobs_go_on(cells: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is killed while one works: that one ends by its input, the next is begun by itself. This one has loaded nothing."""
     quick = "from lmeasure.cli import prepared; prepared.load = lambda: None; prepared.main()"
