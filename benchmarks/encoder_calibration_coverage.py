@@ -5,7 +5,7 @@
 Three kinds: at poses known to 0.05 mm (`swivels`), by a motion of which no pose is known (`self`), and a record of 14 poses that goes on
 from another motion (`continue`). Six cables with six encoders of 17 bits whose zeros are known to 2 degrees, counters zeroed anywhere
 within a count, a nominal rig that is off by a third of its uncertainties. Of the first and the last all values together lie within
-their 95 % region; of the second, whose frame is its own, the distances between its poses.
+their 95 % region; of the second, whose frame is its own, the distance of two of its points.
 """
 
 import sys
@@ -85,17 +85,26 @@ def by_poses(seed: int) -> bool:
 
 
 def by_motion(seed: int) -> bool:
-    """By unknown poses: the distance of two of them."""
+    """By unknown poses: the distance of two observation points, in which it cancels where the frame lies."""
     rng, true = np.random.default_rng([seed, 3]), true_rig(seed)
-    campaign, rows = drawn_campaign(true, rng, 24, 2.0)
-    poses = calibrate(campaign, Settings(self_calibration=True)).campaign.poses
-    assert poses.covariance is not None
-    # where the frame lies cancels in a distance; the start, whose place the counts hang on, and the pose farthest from it
-    away = np.linalg.norm(rows[:, :3] - rows[0, :3], axis=1)
-    i = int(np.argmax(away))
-    e = (poses.rows[i, :3] - poses.rows[0, :3]) / np.linalg.norm(poses.rows[i, :3] - poses.rows[0, :3])
-    u = np.sqrt(e @ (poses.covariance[i, 3:, 3:] + poses.covariance[0, 3:, 3:]) @ e)
-    return bool(abs(np.linalg.norm(poses.rows[i, :3] - poses.rows[0, :3]) - away[i]) < 1.96 * u)
+    record = calibrate(drawn_campaign(true, rng, 24, 2.0)[0], Settings(self_calibration=True)).record
+    found, truth = (
+        np.array([[of[f"{p.name}.{axis}_mm"] for axis in "xyz"] for p in true.observation_point])
+        for of in (
+            {p.name: p.value for p in record.parameters},
+            {p.name: value_of(true, p.name) or 0.0 for p in record.parameters},
+        )
+    )
+    one, other = rng.choice(len(truth), 2, replace=False)
+    e = (found[one] - found[other]) / np.linalg.norm(found[one] - found[other])
+    way = {
+        f"{true.observation_point[k].name}.{axis}_mm": sign * float(part)
+        for k, sign in ((one, 1.0), (other, -1.0))
+        for axis, part in zip("xyz", e, strict=True)
+    }
+    g = np.array([way.get(p.name, 0.0) for p in record.parameters])
+    u = np.sqrt(g @ record.tangent_matrix() @ g)
+    return bool(abs(np.linalg.norm(found[one] - found[other]) - np.linalg.norm(truth[one] - truth[other])) < 1.96 * u)
 
 
 def by_run(seed: int) -> bool:

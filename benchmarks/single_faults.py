@@ -298,8 +298,9 @@ def main() -> None:
     """Each fault is kept as soon as it is done."""
     parser = options(__doc__, "faults")
     parser.add_argument("--rig", choices=RIGS, nargs="+", default=list(RIGS))
+    parser.add_argument("--kind", choices=KINDS, nargs="+", default=list(KINDS), help="of these numbers, those alone")
     asked = parser.parse_args()
-    numbers = range(asked.first, asked.first + asked.faults)
+    numbers = [k for k in range(asked.first, asked.first + asked.faults) if KINDS[k % len(KINDS)] in asked.kind]
     runs = ((f"{name} {number}", partial(study, name, number)) for number in numbers for name in asked.rig)
     show(asked, table([Found(**f) for f in run_all(asked, runs)]), RESULTS)
 

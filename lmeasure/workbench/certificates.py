@@ -13,6 +13,7 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from lmeasure import files
+from lmeasure.certification.printed import with_u95
 from lmeasure.errors import LMeasureError
 from lmeasure.workbench import details as form_of_details  # loads trajectories too: threads of two requests that begin it see halves
 from lmeasure.workbench.answers import bench_of, form_of, language_of, lost, page
@@ -101,6 +102,11 @@ class Point(NamedTuple):
     y: float = 0.0
     low: float = 0.0
     high: float = 0.0
+
+    @property
+    def said(self) -> str:
+        """Value and U95, which ends where that does."""
+        return " ± ".join(with_u95(self.value, self.u95))
 
 
 class Course(NamedTuple):

@@ -124,4 +124,8 @@ def test_figures_over_time_are_those_of_the_certificates(tmp_path: Path) -> None
     with client(tmp_path) as asked:
         page = asked.get("/trend").text
         assert page.index("2026-04-01") < page.index("2026-05-01")
+        # a value ends where its U95 does
+        value, u95 = accuracy.points[0].said.split(" ± ")
+        assert len(value.partition(".")[2]) == len(u95.partition(".")[2]) > 0
+        assert f"<td>{value} ± {u95}</td>" in page
         assert "certificates=first&amp;certificates=later" in page.replace("%2F", "/")
