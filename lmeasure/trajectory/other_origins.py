@@ -30,6 +30,8 @@ LIKELY = 16.0
 """Chi-squared by which a ramp is worse than the best one at most."""
 ENDS = 24
 """Places of either end of a ramp that are tried at once, again and again between those that are likely."""
+ROUNDS = 3
+"""In which a channel that is followed by itself is put right, by what it seems to be off by each time."""
 MOST = 2048
 """Samples, or means of neighbours, by which they are tried."""
 
@@ -45,25 +47,27 @@ class Moved:
     u: float
 
 
-def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | None:
-    """Of channel j, by a reconstruction that has learned nothing and the epochs of its run; None where it does not go on from another
-    origin. The reconstruction has learned nothing afterwards."""
+def moved(reconstruction: Reconstruction, epochs: Epochs, j: int, since_s: float) -> Moved | None:
+    """Of channel j, by a reconstruction that has learned nothing and the epochs of its run; since_s: up to when nothing speaks against it.
+    None where it does not go on from another origin. The reconstruction has learned nothing afterwards."""
     seen, e, own, common, lost = _errors(reconstruction, epochs, epochs.without([j]), j)
     if len(seen) < 2 * LEAST:
         return None
     first, last = _between(e, own, common)
-    if first > 0 and last < len(e):
-        # what a counter lost is a constant in counts, not in lengths
+    # what a counter lost is a constant in counts, not in lengths
+    for _ in range(ROUNDS if lost else 1):
+        if not (first > 0 and last < len(e)):
+            break
         by = _mean(e[last:], own[last:], common[last:])[0] - _mean(e[:first], own[:first], common[:first])[0]
-        begin_s, end_s = epochs.time_s[seen[first - 1]], epochs.time_s[seen[last]]
+        begin_s, end_s = float(epochs.time_s[seen[first - 1]]), float(epochs.time_s[seen[last]])
+        begin_s = min(max(begin_s, since_s), end_s) if lost else begin_s
         right = _put_right(reconstruction, epochs, j, by, begin_s)
         if lost:
             # by the channel itself, now that it is known about how much it is off by
             meanwhile = (epochs.time_s > begin_s) & (epochs.time_s < end_s)
             change = right.change_mm.copy()
             change[meanwhile, j] = np.nan
-            without = replace(right, change_mm=change)
-            seen, e, own, common, _ = _errors(reconstruction, right, without, j)
+            seen, e, own, common, _ = _errors(reconstruction, right, replace(right, change_mm=change), j)
             e = e + by * (epochs.time_s[seen] > begin_s)
         else:
             bent = epochs.gone_on_mm[seen, j] - right.gone_on_mm[seen, j] - by
@@ -74,7 +78,8 @@ def moved(reconstruction: Reconstruction, epochs: Epochs, j: int) -> Moved | Non
     if first < max(LEAST, least[0]) or not _constant(e[:first], own[:first], common[:first]):
         return None
     if len(e) - last < max(LEAST, least[1]) or not _constant(e[last:], own[last:], common[last:]):
-        return Moved(float(time_s[first - 1]), np.inf, np.nan, np.nan)
+        # near the place is not there: by that no channel is left out from earlier on
+        return None if lost else Moved(float(time_s[first - 1]), np.inf, np.nan, np.nan)
     (before, u_before), (behind, u_behind) = (_mean(e[part], own[part], common[part]) for part in (slice(first), slice(last, None)))
     by, u = behind - before, float(np.hypot(u_before, u_behind))
     if abs(by) < APART * u:

@@ -92,7 +92,7 @@ def prepare(
         gradually = None
         if not (slipped.others or reconstruction.budget.absolute[slipped.channel] or again):
             others = epochs.without(_wrong(found, reconstruction))
-            gradually = moved(reconstruction, others, slipped.channel)
+            gradually = moved(reconstruction, others, slipped.channel, slipped.from_s)
         if gradually is None or np.isinf(gradually.after_s):
             found = _with(found, slipped, rig)
         else:
@@ -185,7 +185,8 @@ def _moved(reconstruction: Reconstruction, doubts: Doubts, pieces: Pieces) -> Do
         # who else is wrong tells nothing of this one
         others = replace(doubts, every=tuple(d for d in doubts.every if d.cable != j))
         epochs = collected(reconstruction, pieces(others))[0]
-        found = moved(reconstruction, epochs.without(sorted(wrong - restored - {j})), j)
+        since_s = min(d.after_s for d in doubts.every if d.cable == j)
+        found = moved(reconstruction, epochs.without(sorted(wrong - restored - {j})), j, since_s)
         if found is None:
             continue
         name = reconstruction.rig.observed[j].name

@@ -41,6 +41,8 @@ def with_fault(cell: Any, channel: str, by: np.ndarray[Any, Any]) -> Run:
         # without c3 the others tell no pose at sample 74, before it slips, and at 199, while it does
         (11, "ch3", 693, 700, 25, 0),
         (11, "ch3", 771, 198, 25, 30),
+        # long before it slips they tell none, and continuity sees the slip's begin and end
+        (155, "ch3", -3240, 380, 25, 30),
         # without c6 they come to another assembly at sample 870
         (66, "ch6", -4814, 703, 1, 0),
     ],
