@@ -18,10 +18,17 @@ SAME = 1e-12
 def symmetric_root(covariance: FloatArray) -> FloatArray:
     """(..., k, k) symmetric square roots of covariances (..., k, k); NaN (what is not measured) counts as zero.
 
-    What is rounded off an eigenvalue of zero would be 1e-8 of the largest in its root, and another number on each processor.
+    What is rounded off an eigenvalue of zero would be 1e-8 of the largest in its root, and another number on each processor. How many are
+    zero is told in units of each component's own width, for millimetres say nothing of radians; rank is the same in all units.
     """
-    values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
-    values = np.where(values > NOTHING * values.max(axis=-1, initial=0.0, keepdims=True), values, 0.0)
+    covariance = np.nan_to_num(covariance)
+    width = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+    unit = np.where(width > 0.0, width, 1.0)
+    scaled = np.linalg.eigvalsh(covariance / (unit[..., :, None] * unit[..., None, :]))
+    rank = (scaled > NOTHING * scaled.max(axis=-1, initial=0.0, keepdims=True)).sum(axis=-1, keepdims=True)
+    values, vectors = np.linalg.eigh(covariance)
+    # they are in ascending order
+    values = np.where(np.arange(values.shape[-1]) >= values.shape[-1] - rank, np.maximum(values, 0.0), 0.0)
     return np.asarray((vectors * np.sqrt(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 

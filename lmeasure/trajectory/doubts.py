@@ -34,15 +34,12 @@ COARSE_MM = 1.0
 
 
 @dataclass(frozen=True)
-class Doubt:
-    """A cable whose counts are not used, or `EVERY`, from the sample behind after_s to the one at until_s, with the status and cause of
-    samples that need it."""
+class During:
+    """Of a cable, or another channel (index), or `EVERY`, from the sample behind after_s to the one at until_s [s]."""
 
     cable: int
     after_s: float
     until_s: float
-    status: Status
-    said: Finding
 
     def mask(self, time_s: FloatArray) -> BoolArray:
         """(n,) which samples at times (n,) it is about."""
@@ -50,19 +47,19 @@ class Doubt:
 
 
 @dataclass(frozen=True)
-class Shift:
-    """By how many true counts a channel (index) that goes on from another origin reads too much, about, behind after_s and up to until_s
-    [s]. What is left of it is a length: a drum's is not linear in its counts, so that only near where it was can a length make up for them.
-    """
+class Doubt(During):
+    """Counts that are not used, with the status and cause of samples that need them."""
 
-    cable: int
-    after_s: float
-    until_s: float
+    status: Status
+    said: Finding
+
+
+@dataclass(frozen=True)
+class Shift(During):
+    """By how many true counts a channel that goes on from another origin reads too much, about. What is left of it is a length: a drum's is
+    not linear in its counts, so that only near where it was can a length make up for them."""
+
     counts: float
-
-    def mask(self, time_s: FloatArray) -> BoolArray:
-        """(n,) which samples at times (n,) it is about."""
-        return (time_s > self.after_s) & (time_s <= self.until_s)
 
 
 @dataclass(frozen=True)

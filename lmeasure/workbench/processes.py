@@ -67,10 +67,28 @@ class Forked:
         except OSError:
             line = b""
         asking.close()
-        # the process it was forked from was killed: nobody knows its code
-        self.returncode = int(line) if line.endswith(b"\n") else -signal.SIGKILL
+        if line.endswith(b"\n"):
+            self.returncode = int(line)
+        else:
+            # the process it was forked from was killed: it works on, and nobody will know its code
+            await self._gone()
+            self.returncode = -signal.SIGKILL
         self.stdin.close()
         return self.returncode
+
+    async def _gone(self) -> None:
+        """Until it has ended."""
+        try:
+            watched = os.pidfd_open(self.pid)
+        except ProcessLookupError:
+            return
+        ended, loop = asyncio.Event(), asyncio.get_running_loop()
+        loop.add_reader(watched, ended.set)
+        try:
+            await ended.wait()
+        finally:
+            loop.remove_reader(watched)
+            os.close(watched)
 
     async def wait(self) -> int:
         """The exit code, negative the signal that ended it."""

@@ -92,6 +92,8 @@ def test_what_is_rounded_off_a_covariance_of_few_directions_is_not_in_its_root()
     one, other = (symmetric_root(np.stack([covariance * s, np.eye(6)]))[1] for s in (1.0, 1e30))
     np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(symmetric_root(np.full((2, 2), np.nan)), np.zeros((2, 2)))
+    # a turn that is known very well beside a place that is not is no rounding
+    np.testing.assert_allclose(np.diag(symmetric_root(np.diag([1e2, 1e-9]) ** 2)), [1e2, 1e-9], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["arc", "plane with a prior", "plane"])

@@ -96,7 +96,7 @@ def test_forked_commands_hold_nothing_of_each_other(cells: Path) -> None:
 
 @pytest.mark.slow
 def test_without_the_prepared_process_jobs_go_on(cells: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is killed while one works: that one ends by its input, the next is begun by itself. This one has loaded nothing."""
+    """It is killed while two work: one works on until its input ends, one until it is ended. The next is begun with nothing loaded."""
     quick = "from lmeasure.cli import prepared; prepared.load = lambda: None; prepared.main()"
     monkeypatch.setattr(processes, "PREPARED", (sys.executable, "-c", quick))
     mine = processes._Prepared()
@@ -105,16 +105,22 @@ def test_without_the_prepared_process_jobs_go_on(cells: Path, monkeypatch: pytes
     until(mine.ready)
 
     async def killed() -> None:
-        process = await begun([*PLAY, "udp_multicast:239.74.7.3"], cells, os.environ | ENVIRONMENT)
-        assert isinstance(process, Forked)
-        await process.stderr.readline()
+        one, other = [await begun([*PLAY, f"udp_multicast:239.74.7.{i}"], cells, os.environ | ENVIRONMENT) for i in (3, 4)]
+        assert isinstance(one, Forked)
+        assert isinstance(other, Forked)
+        for process in (one, other):
+            await process.stderr.readline()
         assert mine._process is not None
         mine._process.kill()
         mine._process.wait()
-        process.stdin.close()
-        assert await process.stdout.read()
-        assert await process.wait() < 0  # nobody knows
-        until(lambda: not Path(f"/proc/{process.pid}/cmdline").exists() or not Path(f"/proc/{process.pid}/cmdline").read_bytes())
+        one.stdin.close()
+        assert await one.stdout.read()
+        assert await one.wait() < 0  # nobody knows
+        assert other.returncode is None
+        other.terminate()
+        assert await other.wait() < 0
+        for process in (one, other):
+            assert not Path(f"/proc/{process.pid}/cmdline").exists() or not Path(f"/proc/{process.pid}/cmdline").read_bytes()
         kind, code, told, _ = await outcome(["init", "--list", "--json"], cells)
         assert kind is not Forked
         assert code == 0
