@@ -1,4 +1,8 @@
-"""The faults that may be put into a file of Python, one at a time: an operator, comparison, constant, condition or statement changed."""
+"""The faults that may be put into a file of Python, one at a time: an operator, comparison, constant, condition or statement changed.
+
+The `strict=True` of a `zip` stays: without it nothing else comes wherever all are as long as each other, and where they are not the program
+with it fails, so that no input that it has a result for could tell the two apart.
+"""
 
 import ast
 import itertools
@@ -46,6 +50,11 @@ class Mutant:
     def applied(self, text: str) -> str:
         """The file's text with the fault."""
         return text[: self.start] + self.new + text[self.end :]
+
+
+def _says_strict(call: ast.AST, keyword: ast.keyword) -> bool:
+    """Whether it is the strict=True of a zip."""
+    return ast.unparse(keyword) == "strict=True" and isinstance(call, ast.Call) and ast.unparse(call.func) == "zip"
 
 
 def mutants_of(file: str, text: str) -> list[Mutant]:
@@ -115,7 +124,7 @@ def mutants_of(file: str, text: str) -> list[Mutant]:
             if name in {"annotation", "returns", "decorator_list", "type_comment"} or isinstance(node, ast.JoinedStr):
                 continue
             for child in value if isinstance(value, list) else [value]:
-                if isinstance(child, ast.AST):
+                if isinstance(child, ast.AST) and not (isinstance(child, ast.keyword) and _says_strict(node, child)):
                     visit(child)
 
     visit(ast.parse(text))
