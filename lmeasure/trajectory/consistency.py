@@ -130,7 +130,7 @@ class Consistency:
                 alarms = alarms[: gaps[0] + 1]
                 explained = self._explained(alarms, parities)
         if explained.certain:
-            return [doubt for cable in explained.cables for doubt in self._left_out(cable, explained.cables, alarms)]
+            return self._left_out(explained.cables, alarms)
         return self._inconsistent(explained.cables, alarms, parities)
 
     def _explained(self, alarms: IntArray, parities: Parities) -> _Explained:
@@ -205,28 +205,38 @@ class Consistency:
             poses[lost] = self._solve(_without(changes, cables, way >= since))[lost]
         return way, poses
 
-    def _left_out(self, cable: int, cables: tuple[int, ...], alarms: IntArray) -> list[Doubt]:
-        every = np.arange(len(self._epochs))
-        _, poses = self._followed(cables, every, int(alarms[0]))
-        used = np.isfinite(self._epochs.change_mm)
-        used[:, [j for j in cables if j != cable]] = False
-        parities = self._redundancy.parities(self._epochs, poses, used)
-        error, u = (values[:, cable] for values in parities.errors)
+    def _left_out(self, cables: tuple[int, ...], alarms: IntArray) -> list[Doubt]:
+        _, poses = self._followed(cables, np.arange(len(self._epochs)), int(alarms[0]))
+        errors, alike = [], []
+        for cable in cables:
+            used = np.isfinite(self._epochs.change_mm)
+            used[:, [j for j in cables if j != cable]] = False
+            parities = self._redundancy.parities(self._epochs, poses, used)
+            errors.append([values[:, cable].copy() for values in parities.errors])
+            alike.append(chi2.sf(parities.chi_squared[alarms], parities.freedom[alarms]) >= SIGNIFICANCE)
+        # cables that err at different times: each is left out at alarms that the rest of them does not explain
+        among, out = np.array(alike).all(axis=0), []
+        for cable, (error, u), agrees in zip(cables, errors, alike, strict=True):
+            own = alarms[among | ~agrees]
+            out += self._left_out_by_itself(cable, own if len(own) else alarms, error, u)
+        return out
+
+    def _left_out_by_itself(self, cable: int, alarms: IntArray, error: FloatArray, u: FloatArray) -> list[Doubt]:
+        """Doubts about a cable from its alarms on, by its errors and their standard uncertainties (n,)."""
         out = []
         for first, last in spans(self._epochs.time_s, alarms, error[:, None], u[:, None]):
             after, until = self._between(first, last)
-            within = (self._epochs.time_s > after) & (self._epochs.time_s <= until) & np.isfinite(u)
-            told = np.flatnonzero(within)
-            most = told[np.argmax(np.abs(error[told]))] if len(told) else None
+            within = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
+            told = np.flatnonzero(within & np.isfinite(u))
             said = finding("cable.left_out.unknown")
-            if most is not None:
+            if len(told):
+                most = told[np.argmax(np.abs(error[told]))]
                 said = finding("cable.left_out", mm=float(error[most]), u_mm=float(u[most]))
                 if not isinstance(self._rig.observed[cable], Cable):
                     deg, u_deg = np.degrees([error[most], u[most]]).tolist()
                     said = finding("encoder.left_out", deg=deg, u_deg=u_deg)
             out.append(Doubt(cable, after, until, Status.INCONSISTENT, said))
-            mask = (self._epochs.time_s > after) & (self._epochs.time_s <= until)
-            self._epochs.change_mm[mask, cable] = np.nan
+            self._epochs.change_mm[within, cable] = np.nan
         return out
 
     def _inconsistent(self, cables: tuple[int, ...], alarms: IntArray, parities: Parities) -> list[Doubt]:

@@ -198,6 +198,18 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
     assert lines[-1].endswith("2 differences" if differs else "the same within 1e-06")
 
 
+@pytest.mark.parametrize("u95", [None, 0.0])
+@pytest.mark.parametrize(("times", "differs"), [(0.8, False), (1.25, True)])
+def test_a_figure_without_an_uncertainty_is_allowed_a_part_of_itself(u95: float | None, times: float, differs: bool) -> None:
+    """Of 2 micrometres as of 2 metres."""
+    figure = {"name": "AP_p", "pose": "P1", "value": 0.002, "u95": u95, "unit": "mm", "capable": None}
+    stated: dict[str, Any] = {"characteristics": [figure], "figures_sha256": "", "method": METHOD}
+    again = stated | {"characteristics": [figure | {"value": 0.002 * (1.0 + times * RELATIVE)}]}
+    out, largest = compare(stated | {"id": identification(stated)}, again, exact=False)
+    assert bool(out) == differs
+    assert largest == pytest.approx(times * RELATIVE, rel=1e-5)
+
+
 @pytest.mark.parametrize(
     ("one", "other", "alike"),
     [
@@ -213,6 +225,9 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
         (True, 1.0 + 0.5e-6, False),
         (None, None, True),
         (None, 0.0, False),
+        ({"a": 1.0}, None, False),
+        ([1.0], None, False),
+        ("1", None, False),
         ("U95 0.0123 mm", "U95 0.0124 mm", True),
         ("U95 0.0123 mm", "U95 0.0125 mm", False),
         ("U95 0.0123 mm", "U95 0.0123 deg", False),

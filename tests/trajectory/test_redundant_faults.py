@@ -76,6 +76,18 @@ def test_two_channels_that_err_at_once_are_measured_by_the_others() -> None:
     assert position_error(trajectory.poses, motion(900, rate_hz=250.0)[1]).max() < 0.03
 
 
+def test_two_channels_of_nine_that_err_at_different_times_are_left_out_at_their_own() -> None:
+    """Together they explain all alarms; at those of one the other is sound, used, and nothing is said of it."""
+    run = record(rig_of([*EIGHT, ("B1", "P3")]), *motion(450, rate_hz=250.0))
+    recorded = run.passes[0].recorded.copy()
+    recorded[100:200, 2] += 12.0
+    recorded[300:400, 6] -= 10.0
+    trajectory = reconstruct(with_recorded(run, recorded))
+    parts = [slice(100), slice(100, 200), slice(200, 300), slice(300, 400), slice(400, None)]
+    assert [set(trajectory.cable[part]) for part in parts] == [{""}, {"c3"}, {""}, {"c7"}, {""}]
+    assert len([note for note in map(str, trajectory.notes) if "does not follow" in note]) == 2
+
+
 def test_without_two_cables_the_covariance_is_that_of_the_others(tmp_path: Path) -> None:
     run = record(rig_of(EIGHT), *motion(400, rate_hz=250.0))
     recorded = run.passes[0].recorded.copy()

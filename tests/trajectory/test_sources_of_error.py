@@ -209,6 +209,31 @@ def test_a_start_from_lengths_errs_by_each_of_them() -> None:
         np.testing.assert_allclose(by_pose[c, 0, :6], rate * (0.001 if c < 3 else 0.3), rtol=1e-5, atol=1e-9)
 
 
+def test_what_the_rig_errs_by_cancels_where_counting_began_unless_the_start_came_from_lengths() -> None:
+    rig = rig_from_dict(rig_of(encoders=True).to_dict() | {"u_attachment_mm": 0.2})
+    np.testing.assert_array_equal(POSES[0], START)
+    stated = np.array(lengths(budget_of(rig, u_start=(0.3, 0.001)), rig)["dimensions as stated"])
+    assert len(stated) == 9
+    np.testing.assert_allclose(stated[:, 0, :6], 0.0, atol=1e-12)
+    from_lengths = np.array(lengths(budget_of(rig, u_start=(0.0, 0.0, 0.02)), rig)["dimensions as stated"])
+    # a cable is longer or shorter by all that its point is off along it
+    np.testing.assert_allclose(np.linalg.norm(from_lengths[:, 0, :6], axis=0), 0.2, rtol=1e-9)
+    # elsewhere they differ by what does not cancel
+    np.testing.assert_allclose((from_lengths - stated)[:, :, :6], np.repeat(from_lengths[:, :1, :6], len(TIMES), axis=1), atol=1e-12)
+
+
+def test_readings_are_weighed_by_their_zero_phase_until_the_run_has_told_it() -> None:
+    """A count of c mm scatters by c^2/12, and its zero phase by as much again where a counter was zeroed anywhere."""
+    budget = budget_of(rig_of(encoders=False, zero_exact=False))
+    own = np.full(6, COUNT_MM**2 / 12.0)
+    anywhere = own * [1.0, 2.0, 1.0, 1.0, 1.0, 1.0]
+    np.testing.assert_allclose(budget.length_variance, anywhere)
+    np.testing.assert_allclose(budget.weights, np.sqrt(own[0] / anywhere))
+    budget.use(Told(np.zeros(1), np.eye(1), 0.0, 1, POSES, np.eye(1), np.zeros(0)))
+    np.testing.assert_allclose(budget.length_variance, own)
+    np.testing.assert_allclose(budget.weights, 1.0)
+
+
 def test_a_start_that_is_drawn_from_lengths_has_drawn_lengths() -> None:
     rig = cell()
     budget = budget_of(rig, u_start=(0.0, 0.0, 0.02))
