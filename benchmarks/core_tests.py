@@ -101,7 +101,7 @@ CORE = {
     "trajectory/doubts.py": ["tests/trajectory/test_doubts.py", *_COUNTERS],
     "trajectory/redundancy.py": ["tests/trajectory/test_redundancy.py", *_COUNTERS],
     "trajectory/spans.py": ["tests/trajectory/test_spans.py"],
-    "trajectory/consistency.py": ["tests/trajectory/test_schemes.py", *_COUNTERS],
+    "trajectory/consistency.py": ["tests/trajectory/test_consistency.py"],
     "interpolation.py": ["tests/test_interpolation.py", "tests/trajectory/test_passes.py", "-k", "interpolation or between"],
     "certification/iso9283_pose.py": ["tests/certification/test_iso9283.py"],
     "certification/iso9283_path.py": ["tests/certification/test_iso9283.py"],

@@ -171,6 +171,8 @@ def test_stamps_of_a_busy_host_by_the_rule_written_out(seed: int) -> None:
     What is 0.3 s old is given, else what three intervals of that length follow."""
     rng = np.random.default_rng(seed)
     pace = np.where(rng.random(260) < 0.9, 0.01, 0.0)
+    # for half a second always two at once, so that none is at its own pace
+    pace[10:58:2], pace[11:58:2] = 0.0199, 1e-4
     for begin, length in ((60, 20), (100, 3), (140, 45), (200, 12)):
         pace[begin] += 0.01 * length
         pace[begin + 1 : begin + length] = 1e-4

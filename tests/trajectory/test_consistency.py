@@ -486,6 +486,13 @@ def test_an_origin_says_nothing_where_everything_is_in_doubt() -> None:
     assert [(d.cable, d.status) for d in found.every] == [(EVERY, Status.INCONSISTENT), (1, Status.ORIGIN_LOST)]
 
 
+def test_an_origin_is_proved_by_the_last_epoch_before_everything_is_in_doubt() -> None:
+    epochs = with_errors((2, 100, 130, 0.2))
+    epochs.change_mm[90:250, [0, 3]] = np.nan
+    before = Doubts((Doubt(0, 0.985, 0.99, Status.ORIGIN_LOST, finding("rig.uncalibrated")),))
+    assert spans_of(judged(epochs, before=before)) == [(EVERY, 0.99, 1.29, "contradiction.among")]
+
+
 def test_so_many_faults_that_what_is_left_is_nobodys(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(consistency, "ROUNDS", 1)
     wrong = [(j, b, b + 20, 0.2) for j, b in ((1, 20), (2, 180))]
