@@ -246,10 +246,7 @@ class Residuals(Problem):
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(e, P) derivatives of the residuals by the unknowns, in the units of their names."""
         rows, scales, counts = self.cables(theta)
-        g = cable_kernels.length_gradients(rows, self.poses(theta), counts, scales)
-        if len(rows) > self._drums:
-            g *= self._per_unit[:, None]
-        g = self.since_zero(g)
+        g = self.since_zero(cable_kernels.length_gradients(rows, self.poses(theta), counts, scales) * self._per_unit[:, None])
         J = np.zeros((self.equations, self.own))
         equation, parameter, unknown = self._derivatives
         J[equation, unknown] = g[equation, parameter]

@@ -107,6 +107,27 @@ def test_derivatives_by_poses_are_those_of_finite_differences() -> None:
             np.testing.assert_allclose(J[:, i, c], (ends[0] - ends[1]) / (2 * step), rtol=3e-4, atol=3e-4)
 
 
+def test_zeros_of_encoders_are_begun_where_their_readings_put_them() -> None:
+    """Wherever on the circle they stood before, and all else is left as it is; of readings that differ by their mean."""
+    campaign, _ = campaign_of(swivelled(3), exact=True)
+    model = Model(campaign, unknowns_of(campaign, ("position",)))
+    mine = [n.endswith(".zero_deg") for n in model.parameters.names]
+    assert sum(mine) == 6
+    away = model.start.copy()
+    away[mine] += [100.0, -179.0, 250.0, 0.0, 90.0, -45.0]
+    begun = model.zeros_begun(away)
+    np.testing.assert_allclose(begun, model.start, atol=1e-9)
+    counts = campaign.counts.copy()
+    last = len(campaign.cables) - 1
+    there = np.flatnonzero(np.isfinite(counts[:, last]))
+    counts[there[0], last] += 20.0
+    off = Model(replace(campaign, counts=counts), unknowns_of(campaign, ("position",)))
+    per_count = 360.0 / campaign.rig.observed[last].encoder.counts_per_revolution
+    moved = np.where(np.array(off.parameters.names) == f"{campaign.cables[last].channel}.zero_deg", 20.0 * per_count / len(there), 0.0)
+    assert moved.any()
+    np.testing.assert_allclose(np.abs(off.zeros_begun(away) - model.start), moved, atol=1e-7)
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.3])
 def test_residuals_are_what_strings_on_discs_do_not_close_by(shift: float) -> None:
     """[F(P_i) - D(k_i)] - [F(P_0) - D(k_0)] of every cable and pose, each cable with a zero pose of its own."""

@@ -23,6 +23,7 @@ from lmeasure.trajectory.consistency import Consistency, EpochFinder, collected,
 from lmeasure.trajectory.contradictions import ChanceOfContradiction
 from lmeasure.trajectory.doubts import EVERY, NONE, Doubt, Doubts
 from lmeasure.trajectory.redundancy import Epochs, Parities
+from lmeasure.unsolved import BAND
 
 U = 0.01
 """Standard uncertainty of a reading [mm]."""
@@ -588,6 +589,17 @@ def test_epochs_are_collected_piece_by_piece_and_some_are_kept_once() -> None:
     kept = whole.thinned
     collected(whole, pieces)
     assert whole.thinned is kept
+
+
+def test_a_way_back_of_less_than_some_recorded_counts_is_none() -> None:
+    epochs = with_errors()
+    back = BAND / 2.0 * np.array([0.8, 1.2, 0.8, 1.2])  # of which a recorded one is half a true one
+    epochs.counts[:] = np.where(np.arange(N)[:, None] < 100, 0.0, np.where(np.arange(N)[:, None] < 200, 50.0, 50.0 - back))
+    whole = reconstruction(Readings([U] * 4), epochs)
+    whole.budget.scales = np.full(4, 2.0)
+    pieces: Any = "pieces"
+    collected(whole, pieces)
+    np.testing.assert_array_equal(whole.thinned.travel[[50, 150, 250]], [[0.0] * 4, [1.0] * 4, [1.0, -1.0, 1.0, -1.0]])
 
 
 def said(epochs: Epochs, *, calibrated: bool = True, one_motion: bool = False, before: Doubts = NONE, readings: bool = True) -> Doubts:
