@@ -172,7 +172,7 @@ def test_stamps_of_a_busy_host_by_the_rule_written_out(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pace = np.where(rng.random(260) < 0.9, 0.01, 0.0)
     # for half a second always two at once, so that none is at its own pace
-    pace[10:58:2], pace[11:58:2] = 0.0199, 1e-4
+    pace[214:260:2], pace[215:260:2] = 0.0199, 1e-4
     for begin, length in ((60, 20), (100, 3), (140, 45), (200, 12)):
         pace[begin] += 0.01 * length
         pace[begin + 1 : begin + length] = 1e-4

@@ -17,7 +17,7 @@ from lmeasure.calibration.unknowns import Model
 from lmeasure.lengths import counts_from_poses
 from lmeasure.observation.parameters import GROUPS
 from lmeasure.poses import Poses
-from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.rig import Rig, Turned, rig_from_dict
 
 FloatArray = NDArray[np.float64]
 PARTS = ("run-out", "eccentricity", "offset", "diameter", "backlash", "tilt")
@@ -122,7 +122,9 @@ def test_zeros_of_encoders_are_begun_where_their_readings_put_them() -> None:
     there = np.flatnonzero(np.isfinite(counts[:, last]))
     counts[there[0], last] += 20.0
     off = Model(replace(campaign, counts=counts), unknowns_of(campaign, ("position",)))
-    per_count = 360.0 / campaign.rig.observed[last].encoder.counts_per_revolution
+    observed = campaign.cables[last]
+    assert isinstance(observed, Turned)
+    per_count = 360.0 / observed.encoder.counts_per_revolution
     moved = np.where(np.array(off.parameters.names) == f"{campaign.cables[last].channel}.zero_deg", 20.0 * per_count / len(there), 0.0)
     assert moved.any()
     np.testing.assert_allclose(np.abs(off.zeros_begun(away) - model.start), moved, atol=1e-7)

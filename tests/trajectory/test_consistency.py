@@ -367,7 +367,10 @@ def test_without_a_way_an_explanation_is_tested_where_the_best_one_leads_or_all_
 
         def jointly(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> tuple[float, FloatArray, int]:
             _, each, freedom = super().jointly(epochs, poses, used)
-            chances = {(1, 2, 3): 0.5 if (poses[:, 1] == (0.0 if len(lost) > 1 else 3.0)).all() else 1e-30, (0, 1, 3): 1e-8}
+            chances: dict[tuple[int, ...], float] = {
+                (1, 2, 3): 0.5 if (poses[:, 1] == (0.0 if len(lost) > 1 else 3.0)).all() else 1e-30,
+                (0, 1, 3): 1e-8,
+            }
             chance = chances.get(tuple(np.flatnonzero(used[0]).tolist()), 1e-9)
             return float(chi2.isf(chance / 2.0, freedom * len(each))), np.zeros(len(each)), freedom
 
