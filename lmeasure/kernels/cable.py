@@ -104,13 +104,19 @@ def drum_change(k: float, tangent: float, axial: float, travel: float, count_len
 
 
 @inline
+def drum_way(tangent: float, axial: float) -> tuple[float, float]:
+    """Rates of the stretch between drum and fixed pulley by both legs; none where both stand at one place, which has no way."""
+    h = math.sqrt(tangent * tangent + axial * axial)
+    return (tangent / h, axial / h) if h > 0.0 else (0.0, 0.0)
+
+
+@inline
 def drum_count(change: float, tangent: float, axial: float, travel: float, count_length: float) -> float:
     """The k whose D(k) is the change: Newton from k = change/c, monotone because |dh/dk| <= g/N < c."""
     k = change / count_length
     for _ in range(50):
-        a = axial + travel * k
-        h = math.sqrt(tangent * tangent + a * a)
-        slope = count_length - (travel * a / h if h > 0.0 else 0.0)
+        _, slant = drum_way(tangent, axial + travel * k)
+        slope = count_length - travel * slant
         step = (change - drum_change(k, tangent, axial, travel, count_length)) / slope
         k += step
         if abs(step) <= 1e-13 * max(1.0, abs(k)):
@@ -252,19 +258,12 @@ def length_gradient(cable: FloatArray, pose: FloatArray, k: float, scale_factor:
         out[layout.BY_BASE + c] = -e[c]
     tangent, axial, travel = cable[layout.TANGENT], cable[layout.AXIAL], cable[layout.TRAVEL]
     a = axial + travel * k
-    h, h0 = math.sqrt(tangent * tangent + a * a), math.sqrt(tangent * tangent + axial * axial)
-    if h > 0.0 and h0 > 0.0:
-        out[layout.BY_SCALE] = (cable[layout.COUNT_LENGTH] - travel * a / h) * k / scale_factor
-        out[layout.BY_TANGENT] = tangent / h - tangent / h0
-        out[layout.BY_AXIAL] = a / h - axial / h0
-        out[layout.BY_PITCH] = a / h * k / cable[layout.TURN_COUNTS]
-    else:
-        out[layout.BY_SCALE], out[layout.BY_TANGENT], out[layout.BY_AXIAL], out[layout.BY_PITCH] = (
-            cable[layout.COUNT_LENGTH] * k / scale_factor,
-            0.0,
-            0.0,
-            0.0,
-        )
+    aside, slant = drum_way(tangent, a)
+    aside_begun, slant_begun = drum_way(tangent, axial)
+    out[layout.BY_SCALE] = (cable[layout.COUNT_LENGTH] - travel * slant) * k / scale_factor
+    out[layout.BY_TANGENT] = aside - aside_begun
+    out[layout.BY_AXIAL] = slant - slant_begun
+    out[layout.BY_PITCH] = slant * k / cable[layout.TURN_COUNTS]
     inward = rotate_back(q4, e)
     for c in range(3):
         out[layout.BY_ATTACHMENT + c] = inward[c]

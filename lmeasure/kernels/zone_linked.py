@@ -17,7 +17,7 @@ import numpy as np
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.kernels import inline, layout, strict_kernel
-from lmeasure.kernels.cable import drum_count, leaving, length_gradients, span_lengths, vec
+from lmeasure.kernels.cable import drum_count, drum_way, leaving, length_gradients, span_lengths, vec
 from lmeasure.kernels.vector import Vec3, add, dot, scale, sub
 from lmeasure.kernels.zone_rows import CABLE_ROWS, LANES, PLACE, at, put
 
@@ -129,15 +129,14 @@ def _drum_gradient(H: FloatArray, cable: FloatArray, zero: float, factor: float)
     """The derivatives by the counter's scale and the drum's dimensions, for the length in row LENGTH and that at the zero pose."""
     tangent, axial, travel = cable[layout.TANGENT], cable[layout.AXIAL], cable[layout.TRAVEL]
     count_length, turn = cable[layout.COUNT_LENGTH], cable[layout.TURN_COUNTS]
+    aside_begun, slant_begun = drum_way(tangent, axial)
     for lane in range(LANES):
         k = drum_count(H[LENGTH * LANES + lane] - zero, tangent, axial, travel, count_length)
-        a = axial + travel * k
-        h, h0 = math.sqrt(tangent * tangent + a * a), math.sqrt(tangent * tangent + axial * axial)
-        runs = h > 0.0 and h0 > 0.0
-        H[layout.BY_SCALE * LANES + lane] = (count_length - (travel * a / h if runs else 0.0)) * k / factor
-        H[layout.BY_TANGENT * LANES + lane] = tangent / h - tangent / h0 if runs else 0.0
-        H[layout.BY_AXIAL * LANES + lane] = a / h - axial / h0 if runs else 0.0
-        H[layout.BY_PITCH * LANES + lane] = a / h * k / turn if runs else 0.0
+        aside, slant = drum_way(tangent, axial + travel * k)
+        H[layout.BY_SCALE * LANES + lane] = (count_length - travel * slant) * k / factor
+        H[layout.BY_TANGENT * LANES + lane] = aside - aside_begun
+        H[layout.BY_AXIAL * LANES + lane] = slant - slant_begun
+        H[layout.BY_PITCH * LANES + lane] = slant * k / turn
 
 
 @inline

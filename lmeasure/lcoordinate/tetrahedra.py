@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure import se3
 from lmeasure.arrays import BoolArray, ComplexArray, FloatArray
 from lmeasure.lcoordinate import study
-from lmeasure.lcoordinate.pluecker import pluecker_rows
 from lmeasure.lcoordinate.structures import CLOSED_FORM_ASSEMBLIES, Incidence, incidence
 
 Array = NDArray[Any]
@@ -22,7 +20,6 @@ FLAT = 1e-7
 cannot tell it from one that stands, for a height of 3e-4 of the edges changes them by less than 1e-7."""
 CLOSES = 1e-9  # of the rig's size
 PIECE = 2000  # sets of lengths at a time, so that what they need stays near the processor
-POLISHED = 4  # steps of Newton's method at most
 
 
 def closed_form(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -45,15 +42,7 @@ def _piece(found: Incidence, base: FloatArray, platform: FloatArray, lengths: Fl
     x, lowest = _solved(found, base - at, platform - of, lengths)
     poses = study.poses(x)
     poses[..., :3] += at - np.einsum("...ij,j->...i", study.turns(x), of)
-    missed = _missed(poses, base, platform, lengths)
-    doubtful = (lowest > -FLAT) & (missed > 1e-3 * CLOSES * size)
-    for _ in range(POLISHED):
-        if not doubtful.any():
-            break
-        poses[doubtful] = _stepped(poses[doubtful], base, platform, np.broadcast_to(lengths[:, None], (*doubtful.shape, 6))[doubtful])
-        missed = _missed(poses, base, platform, lengths)
-        doubtful &= missed > 1e-3 * CLOSES * size
-    return poses, (lowest > -FLAT) & (missed < CLOSES * size)
+    return poses, (lowest > -FLAT) & (_missed(poses, base, platform, lengths) < CLOSES * size)
 
 
 def heights(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> FloatArray:
@@ -151,17 +140,3 @@ def _missed(poses: FloatArray, base: FloatArray, platform: FloatArray, lengths: 
     away = poses[..., None, :3] + np.einsum("...ij,kj->...ki", study.turns(study.points(poses)), platform) - base
     missed = np.abs(np.linalg.norm(away, axis=-1) - lengths[:, None]).max(axis=-1)
     return np.nan_to_num(missed, nan=np.inf)
-
-
-def _stepped(poses: FloatArray, base: FloatArray, platform: FloatArray, lengths: FloatArray) -> FloatArray:
-    """(n, 7) poses after a step of Newton's method towards lengths (n, 6); as they were where there is none."""
-    arms = np.einsum("nij,kj->nki", study.turns(study.points(poses)), platform)
-    away = poses[:, None, :3] + arms - base
-    now = np.linalg.norm(away, axis=-1)
-    rows = pluecker_rows(arms, away / now[..., None])
-    fine = np.flatnonzero(np.isfinite(rows).all(axis=(1, 2)))
-    fine = fine[np.linalg.cond(rows[fine]) < 1e14]
-    step = np.linalg.solve(rows[fine], (lengths - now)[fine, :, None])[..., 0]
-    out = poses.copy()
-    out[fine] = se3.displaced(poses[fine], np.where(np.abs(step[:, :3]).max(axis=1, keepdims=True) < 0.1, step, 0.0))
-    return out

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -270,3 +271,53 @@ def test_drums_that_stand_at_their_pulleys_have_derivatives_too(tangent: float, 
             ends.append(cable.changes_from_counts(other, counts)[0])
         np.testing.assert_allclose(found[:, by], -(ends[0] - ends[1]) / 2e-6, atol=1e-6)
         assert np.abs(found[:, by]).min() > 1e-3
+
+
+@pytest.mark.parametrize("pitch", [-2.0, 1.5])
+def test_derivatives_of_a_drum_whose_cable_leaves_it_at_its_pulley(pitch: float) -> None:
+    """Both legs nothing at the zero pose, something behind it: the way along the drum still takes cable. By the formula of the drum in 40
+    digits; by the legs themselves there is no derivative there."""
+    c, pose, _ = next(random_cables(17, 1))
+    for k in (4000.0, -3000.0):
+        one = replace(c, tangent=0.0, axial=0.0, pitch=pitch)
+        recorded = mp.mpf(k) * mp.mpf(one.scale)
+        found = dict(
+            zip(
+                PARAMETERS, cable.length_gradients(row_of(one)[None], pose[None], np.array([[k]]), np.array([one.scale]))[0, 0], strict=True
+            )
+        )
+        for name in ("scale", "groove_pitch_mm"):
+            assert found[name] == pytest.approx(oracles.derivative(partial(moved, one, pose, recorded, name)), rel=1e-9), name
+            assert abs(found[name]) > 1e-2
+
+
+def test_a_drum_that_comes_past_its_pulley_has_finite_derivatives() -> None:
+    """Where the cable has just wound to the pulley's plane, on a drum beside which the pulley stands, there is no stretch left."""
+    c, pose, _ = next(random_cables(18, 1))
+    one = replace(c, tangent=0.0, axial=25.0, pitch=-60.0)
+    row = row_of(one)[None]
+    row[0, layout.TRAVEL] = -0.01
+    assert np.isfinite(cable.length_gradients(row, pose[None], np.array([[2500.0]]), np.array([one.scale]))).all()
+    assert cable.changes_from_counts(row, np.array([[2500.0]]))[0, 0] == pytest.approx(
+        2500.0 * row[0, layout.COUNT_LENGTH] + 25.0, rel=1e-14
+    )
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.9])
+def test_thin_pulleys_are_pulleys(radius: float) -> None:
+    """Of less than a millimetre: length, heading, angle and centre are those of a string around a disc, no straight cable's."""
+    for c, pose, _ in random_cables(21, 4, radius=radius):
+        length, angle, heading = oracles.string_around_disc(
+            oracles.attachment_in_base(c, pose), c.base, oracles.guide(c.alpha, c.beta), c.radius
+        )
+        rows, poses = row_of(c)[None], pose[None]
+        assert cable.span_lengths(rows, poses)[0, 0] == pytest.approx(float(length), abs=ROUNDING_MM)
+        centre, tangent, point, wrapped = (x[0, 0] for x in cable.wrap_geometry(rows, poses))
+        assert wrapped == pytest.approx(float(angle), abs=1e-12)
+        assert np.linalg.norm(tangent - centre) == pytest.approx(radius, rel=1e-12)
+        np.testing.assert_allclose(cable.span_rows(rows, pose)[0, 3:], [float(v) for v in heading], atol=1e-13)
+        assert point - tangent == pytest.approx(np.linalg.norm(point - tangent) * np.array([float(v) for v in heading]), abs=1e-9)
+        found = cable.length_gradients(rows, poses, np.zeros((1, 1)), np.ones(1))[0, 0]
+        for name in ("guide_alpha_rad", "guide_beta_rad", "pulley_radius_mm"):
+            at = PARAMETERS.index(name)
+            assert found[at] == pytest.approx(oracles.derivative(partial(moved, c, pose, mp.mpf(0), name)), rel=1e-9, abs=1e-11)

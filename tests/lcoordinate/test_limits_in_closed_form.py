@@ -15,7 +15,7 @@ from lmeasure.lcoordinate import workspace
 from lmeasure.lcoordinate.bounds import Bounds
 from lmeasure.lcoordinate.detour import at, detour, led
 from lmeasure.lcoordinate.singularity import rim_mm
-from lmeasure.lcoordinate.workspace import Slice, boundary, first_met
+from lmeasure.lcoordinate.workspace import Slice, _onto, boundary, first_met
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 BODY = np.array([(0, -90, 10), (120, 0, -20), (0, 150, 0), (-30, -80, 40), (60, 20, -50), (-100, 40, 0)], dtype=float)
@@ -84,6 +84,17 @@ def test_rays_meet_a_circle_and_a_wall_where_these_are() -> None:
 def test_a_ring_narrower_than_a_400th_of_the_reach_may_be_stepped_over(inner: float, outer: float, seen: bool) -> None:
     ring = across(lambda x, y: np.where((np.hypot(x, y) > inner) & (np.hypot(x, y) < outer), -1.0, 1.0))
     assert first_met(limits(ring), PLANE, np.array([[1.0, 0.0]]))[0] == pytest.approx(inner if seen else np.inf, abs=1e-11)
+
+
+# Newton's method
+
+
+def test_a_place_that_newton_s_method_goes_round_and_round_is_none() -> None:
+    """x^3 - 2x + 2 has one root, -1.76929; from 0 the method goes to 1, from there to 0, and so on (and from near them)."""
+    cubic = limits(across(lambda x, y: x**3 - 2.0 * x + 2.0))
+    found = _onto(cubic, PLANE, np.array([(-2.0, 0.5), (0.0, 0.5), (1.0, -0.5)]), np.zeros(3, np.intp))
+    np.testing.assert_allclose(found[0], [-1.7692923542386314, 0.5], atol=1e-9)
+    assert np.isnan(found[1:]).all()
 
 
 # boundaries
