@@ -46,6 +46,11 @@ def plain(text: str) -> str:
 _POWER = re.compile(r"(?<![\w.])\d(?:\.\d+)?e\+0[1-6](?!\d)")
 
 
+def signs(text: str) -> str:
+    """A text whose signs are those that people write, where files and keys have letters of any machine: mm/s², ±."""
+    return text.replace("mm/s2", "mm/s²").replace("+-", "±")
+
+
 def decimal(language: str, printed: str) -> str:
     """A printed number with the decimal mark of the language."""
     return plain(printed).replace(".", DECIMAL_MARK[language])
@@ -80,11 +85,15 @@ def retold(domain: str, language: str, message: str, inner: Callable[[str], str]
         return known[message]
     for pattern, template, kinds in _patterns(domain, language):
         found = pattern.fullmatch(message)
-        if found is not None:
+        if found is not None and not any(_BROKEN.match(value) for value in found.groupdict().values()):
             tell: dict[str, Callable[[str], str]] = {"": inner, WORD: str}
             values = {name: tell.get(kinds[name], partial(decimal, language))(value) for name, value in found.groupdict().items()}
             return Writer(language).vformat(known[template], (), values)
     return None
+
+
+_BROKEN = re.compile(r"[^(]*\).*\(", re.DOTALL)
+"""No value of a template: it begins within brackets and ends within others, two values of a list with what stands between them."""
 
 
 @cache

@@ -4,7 +4,7 @@
 import re
 from typing import Any
 
-from lmeasure.catalogue import Writer, decimal, plain, retold, texts
+from lmeasure.catalogue import Writer, decimal, plain, retold, signs, texts
 from lmeasure.findings import Finding, recognised
 
 PAGES, TOLD = "pages", "told"
@@ -48,11 +48,11 @@ class Say:
     def told(self, text: str | Finding) -> str:
         """What a computation said; as it is where the language has no words for it."""
         if isinstance(text, Finding):
-            return powers(text.text(self.language))
+            return signs(powers(text.text(self.language)))
         text = plain(text)
         if self.language == "en" or not text:
-            return powers(text)
-        return powers(self._known(text) or text)
+            return signs(powers(text))
+        return signs(powers(self._known(text) or text))
 
     def _known(self, text: str) -> str | None:
         whole = retold(TOLD, self.language, text, self.told)

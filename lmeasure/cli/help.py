@@ -7,7 +7,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from lmeasure.cli.words import retold, said
+from lmeasure.cli.words import as_typed, said
 from lmeasure.workflows import JOBS
 
 
@@ -89,4 +89,4 @@ def wrong_use(error: typer.TyperException) -> str:
     if ctx is not None:
         hint = said("Try '{command} {option}' for help.", command=ctx.command_path, option=ctx.help_option_names[0])
         lines = [ctx.get_usage(), hint, ""]
-    return "\n".join([*lines, f"{said('Error')}: {retold(error.format_message())}"])
+    return "\n".join([*lines, f"{said('Error')}: {as_typed(error.format_message())}"])

@@ -7,9 +7,9 @@ import re
 from collections.abc import Callable
 from functools import partial
 
+from lmeasure.catalogue import DECIMAL_MARK, signs, texts
 from lmeasure.catalogue import of_terminal as language
 from lmeasure.catalogue import retold as told
-from lmeasure.catalogue import texts
 
 DOMAIN = "cli"
 COLUMNS = "  "
@@ -28,9 +28,32 @@ def said(text: str, /, **values: object) -> str:
 def retold(message: str) -> str:
     """A line that is English, of the parser, of a workflow or of what a computation found, as one of the catalogue's templates has it, or
     what pages tell of a computation, or a finding; as it is where none fits. What stands in it is told so too, a part after the other where
-    several stand in a row, and columns stay where they are. In the command line's own lines numbers keep their point, as they are typed."""
+    several stand in a row, and columns stay where they are. Numbers have the language's decimal mark, but for what may be
+    typed again, and signs are those that people write."""
+    own = language()
+    return signs(message if own == "en" else marked(_in(own, message), DECIMAL_MARK[own]))
+
+
+def as_typed(message: str) -> str:
+    """The same of what was typed wrongly: numbers stay as they are typed."""
     own = language()
     return message if own == "en" else _in(own, message)
+
+
+def marked(text: str, mark: str) -> str:
+    """Numbers of a line with a decimal mark, and with semicolons between those in a row. What may be typed or pasted again keeps its point:
+    values of options (`--u-mm 0.5`) and of keys (`u_mm = 0.5`), ranges, paths, addresses, what stands in quotes."""
+
+    def told(found: re.Match[str]) -> str:
+        row = found["row"]
+        return row.replace(", ", "; ").replace(".", mark) if row and "." in row else found[0]
+
+    return _NUMBERS.sub(told, text)
+
+
+_NUMBER = r"[-+±]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+_KEPT = r"--[\w-]+[ =]\S+|\w*_\w+ = (?:\[[^]]*\]|\S+)|'[^']*'|\"[^\"]*\"|`[^`]*`"
+_NUMBERS = re.compile(rf"{_KEPT}|(?<![\w.,:/=-])(?P<row>{_NUMBER}(?:, {_NUMBER})*)(?![\w/=-]|[.,:]\w)")
 
 
 def _in(own: str, message: str) -> str:

@@ -133,6 +133,8 @@ LEGEND_HIGH, LINE = 10, 19
 MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.9
 """Of a scene on a telephone: its largest height and its width in hundredths of the window's, and what figures and names at its axes take
 beside it."""
+WALL = {"showbackground": False, "gridcolor": "#dfe8f3", "zerolinecolor": "#c8d4e3"}
+"""Of a scene: lines alone, for a wall that is filled hides what of a label lies behind it, and on a telephone labels are large."""
 COLOURS = 70
 """Of a colour bar under a scene: its height in pixels."""
 UNDER = 80
@@ -192,6 +194,7 @@ def settled(drawing: go.Figure) -> go.Figure:
             drawing.update_layout(margin={"b": max(UNDER, drawing.layout.margin.b)})
         if drawing.layout.scene.camera.eye.x is None:
             drawing.update_scenes(camera=CAMERA)
+        drawing.update_scenes({f"{axis}axis": WALL for axis in "xyz"})
         _with_room(drawing)
     else:
         drawing.update_layout(margin={"r": 16 if margin.r is None else margin.r})

@@ -102,5 +102,6 @@ async def form_of(request: Request) -> dict[str, list[str]]:
 
 
 def lost(request: Request, text: str) -> Response:
-    """Not found."""
-    return page(request, "error.html", 404, title=said(language_of(request), "Not found"), text=text)
+    """Not found, and why in the reader's words where there are some."""
+    language = language_of(request)
+    return page(request, "error.html", 404, title=said(language, "Not found"), text=said(language, text))

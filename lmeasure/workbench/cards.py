@@ -219,6 +219,13 @@ def hindered(command: str, given: Mapping[str, Any], folder: Path) -> str:
     return STARTLESS if table.is_file() and not _started(folder / run) else ""
 
 
+def lacking(command: str, given: Mapping[str, Any]) -> tuple[str, str]:
+    """The option that a form lacks beside those that are always needed, and what is told of it; two empty texts where it lacks none."""
+    if command == "plan-poses" and not any(given.get(name) for name in ("box", "extend", "robot")):
+        return "box", "Say where the robot may go: a box, or a calibration that is extended."
+    return "", ""
+
+
 def _started(run: Path) -> bool:
     return "[[swivel]]" in _text(run / "rig.toml") or "[start]" in _text(run / "run.toml")
 

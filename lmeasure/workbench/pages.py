@@ -16,7 +16,7 @@ from lmeasure.errors import LMeasureError, SettingsError
 from lmeasure.files import not_written
 from lmeasure.workbench import forms, runs
 from lmeasure.workbench.answers import COOKIE, bench_of, form_of, job_of, language_of, lost, page
-from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered
+from lmeasure.workbench.cards import ONWARD, PAGES, TITLES, card, hindered, lacking
 from lmeasure.workbench.jobs import FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, inside, steps
 from lmeasure.workbench.words import said
@@ -83,7 +83,7 @@ async def one_command(request: Request) -> Response:
     """The form of any command, filled with what the address says; posted, it begins a job."""
     name, bench = request.path_params["command"], bench_of(request)
     if name not in workflows.COMMANDS or name in forms.NOT_HERE:
-        return lost(request, f"{name}: no command that runs from a page")
+        return lost(request, said(language_of(request), "{name}: no command that runs from a page", name=name))
     if request.method != "POST":
         query = {key: request.query_params.getlist(key) for key in request.query_params}
         given = forms.filled_in(name, query)
@@ -92,6 +92,9 @@ async def one_command(request: Request) -> Response:
     given = forms.filled_in(name, await form_of(request))
     try:
         words = forms.asked(name, given, bench.folder)
+        option, text = lacking(name, given)
+        if option:
+            raise SettingsError(option, said(language_of(request), text))
         if why := hindered(name, given, bench.folder):
             raise SettingsError("run", said(language_of(request), why))
         for folder in (Path(words_out).parent for words_out in _outputs(name, given)):
@@ -114,6 +117,9 @@ async def line(request: Request) -> Response:
         forms.asked(name, given, bench.folder)
     except LMeasureError as error:
         return JSONResponse({"line": words, "option": getattr(error, "option", ""), "error": getattr(error, "text", str(error))})
+    option, text = lacking(name, given)
+    if option:
+        return JSONResponse({"line": words, "option": option, "error": said(language_of(request), text)})
     why = hindered(name, given, bench.folder)
     start = f"/start/{quote(str(given.get('run') or given.get('measured')))}"
     return JSONResponse({"line": words, "error": None} | ({"hindered": said(language_of(request), why), "mend": start} if why else {}))

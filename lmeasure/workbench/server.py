@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from http import HTTPStatus
 from pathlib import Path
 
 import uvicorn
@@ -20,10 +21,11 @@ from starlette.staticfiles import StaticFiles
 from lmeasure.errors import LMeasureError
 from lmeasure.files import not_written
 from lmeasure.workbench import api, calibrations, certificates, pages, projects, runs, things
-from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, page
+from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, page
 from lmeasure.workbench.guard import Guard, new_token
 from lmeasure.workbench.project import OWN
 from lmeasure.workbench.shelf import Shelf
+from lmeasure.workbench.words import said
 
 LOOPBACK = "127.0.0.1"
 GRACE_S = 3
@@ -53,12 +55,15 @@ def application(folder: Path, token: str, port: int, language: str = "en", *, sh
 
 
 async def _refused(request: Request, error: Exception) -> Response:
+    if isinstance(error, HTTPException) and error.status_code == HTTPStatus.NOT_FOUND:
+        return lost(request, said(language_of(request), "{page}: there is no such page", page=request.url.path))
     code = error.status_code if isinstance(error, HTTPException) else 500
     return page(request, "error.html", code, title=str(code), text=str(getattr(error, "detail", error)))
 
 
 async def _failed(request: Request, error: Exception) -> Response:
-    text = f"A fault of this program: {type(error).__name__}. Nothing was left half-written."
+    told = "A fault of this program: {fault}. Nothing was left half-written."
+    text = said(language_of(request), told, fault=type(error).__name__)
     return page(request, "error.html", 500, title="500", text=text)
 
 

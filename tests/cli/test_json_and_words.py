@@ -200,7 +200,7 @@ def test_help_and_errors_in_russian() -> None:
 
 
 def test_what_structure_identify_and_frames_say_is_russian_throughout(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    """Lines of the first by the command, of the others as they come; numbers keep their point."""
+    """Lines of the first by the command, of the others as they come; numbers have a comma."""
     monkeypatch.setenv("LANGUAGE", "ru")
     rig = str(TRUTH / "cell-run" / "rig.toml")
     lines = []
@@ -226,4 +226,4 @@ def test_what_structure_identify_and_frames_say_is_russian_throughout(monkeypatc
     )
     assert [line for line in lines if set(re.findall(r"[A-Za-z]{4,}", line)) - {"rank"}] == []
     assert "ранг 6" in " ".join(lines)
-    assert any("0.5819 мм" in line for line in lines)
+    assert any("0,5819 мм" in line for line in lines)

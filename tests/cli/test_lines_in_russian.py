@@ -4,20 +4,20 @@ import re
 
 import pytest
 
-from lmeasure.cli.words import retold
+from lmeasure.cli.words import as_typed, marked, retold
 from lmeasure.schemas import KINDS
 from lmeasure.workflows.schema import Settings, run
 
 SAID = [
-    ("    13     0.0023     0.0063  c2         44 of 48  further", "    13     0.0023     0.0063  c2         44 из 48  сверх плана"),
+    ("    13     0.0023     0.0063  c2         44 of 48  further", "    13     0,0023     0,0063  c2         44 из 48  сверх плана"),
     ("            rms      worst  cable    determined", "            СКЗ     худшая  трос     определено"),
     (
         "goes rx -12.0 to 3.1 deg, x -110.7 to 110.7 mm, z -15.1 to 48.6 mm",
-        "ходы rx от -12.0 до 3.1°, x от -110.7 до 110.7 мм, z от -15.1 до 48.6 мм",
+        "ходы rx от -12,0 до 3,1°, x от -110,7 до 110,7 мм, z от -15,1 до 48,6 мм",
     ),
     (
         "effect radius of B1: 0.12 mm  u 0.1  p 0.2  3.1 bits learned: not found",
-        "эффект radius, B1: 0.12 мм  u 0.1  p 0.2  узнано бит 3.1: не найден",
+        "эффект radius, B1: 0,12 мм  u 0,1  p 0,2  узнано бит 3,1: не найден",
     ),
     (
         "rejected nodes by reason: pressure angle 54, near singular 2",
@@ -26,7 +26,7 @@ SAID = [
     ("the 95 % radius covers counts of +-1/2", "в радиус 95 % входят дискретность отсчётов ±1/2"),
     (
         "workspace: 0.376 litres, 47 places of 80; x from -40 to 40 mm; ended by reach of the legs (14), limits of joints (3)",
-        "рабочая область: 0.376 л, точек 47 из 80; x от -40 до 40 мм; граница: досягаемость (14), пределы координат (3)",
+        "рабочая область: 0,376 л, точек 47 из 80; x от -40 до 40 мм; граница: досягаемость (14), пределы координат (3)",
     ),
     (
         "warning underdetermined: B1: 19 equations leave 3 of 3 unknowns undetermined; there the nominal rig's priors decide "
@@ -42,11 +42,22 @@ SAID = [
     ),
     (
         "B1              26.0177    1.075e+07   5 of 8     < 1e-9  has moved",
-        "B1              26.0177    1.075e+07   5 из 8     < 1e-9  сместилось",
+        "B1              26,0177    1,075e+07   5 из 8     < 1e-9  сместилось",
     ),
     (
         "compared with cal: nothing moved beyond the uncertainties (probability of chance under 0.01)",
-        "сравнение с cal: смещений больше неопределённостей нет (вероятность случайности меньше 0.01)",
+        "сравнение с cal: смещений больше неопределённостей нет (вероятность случайности меньше 0,01)",
+    ),
+    ("2000 samples: 1990 ok, 10 origin_lost", "замеров 2000: 1990 с позой, 10 начало отсчёта потеряно (origin_lost)"),
+    (
+        "taken as exact, not stated; usual sizes would add up to, in mm: friction (a band of 8 counts) 0.093, temperature (5 K since "
+        "zeroing) 0.15",
+        "принято точным, не указано; обычные значения добавили бы до, в мм: трение (зона в 8 отсч.) 0,093, температура (5 К после "
+        "обнуления) 0,15",
+    ),
+    (
+        "effect radius of B3: 41.2 mm  u 6.3  p 5.6e-11  0.7 bits learned: found",
+        "эффект radius, B3: 41,2 мм  u 6,3  p 5,6e-11  узнано бит 0,7: найден",
     ),
 ]
 
@@ -68,3 +79,40 @@ def test_the_list_of_schemas_keeps_its_names_and_columns() -> None:
         told = retold(line)
         assert told[:27] == line[:27] == f"{name:<10} {KINDS[name].file:<15} "
         assert not re.search("[A-Za-z]{3}", told[27:])
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("up to 2.5 mm, 3 of 4; -12.0 to 3.1°", "up to 2,5 mm, 3 of 4; -12,0 to 3,1°"),
+        ("at (79.8, 2.7, 245) mm; P1, P2, 3", "at (79,8; 2,7; 245) mm; P1, P2, 3"),
+        ("0.3 bits: 0.5 %, 1.9e-05; ±0.02 s, [0.0625].", "0,3 bits: 0,5 %, 1,9e-05; ±0,02 s, [0,0625]."),
+    ],
+)
+def test_numbers_of_a_line_have_its_decimal_mark(line: str, told: str) -> None:
+    assert marked(line, ",") == told
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "--x -437.5:437.5:125 --u-mm 0.5",
+        "u_position_mm = 0.5, position_mm = [0.5, 1.5]",
+        "out/p-1.5.json, v0.5.2/a.csv, cell.1.5.toml",
+        "udp_multicast:239.74.163.2, http://127.0.0.1:9090",
+        "`lmeasure zone --limit-deg 60.5` or 'a 0.5'",
+        "7.2.1; thesis-5.5",
+    ],
+)
+def test_what_may_be_typed_or_pasted_again_keeps_its_point(line: str) -> None:
+    assert marked(line, ",") == line
+
+
+@pytest.mark.usefixtures("russian")
+def test_what_was_typed_wrongly_keeps_its_point() -> None:
+    assert "0.5" in as_typed("Invalid value for '--limit-deg': 100.5 is not in the range 0.5<=x<=90.")
+    assert as_typed("No such option: --usr (Possible options: --rig, --start)") == "Нет параметра --usr. Возможно, один из: --rig, --start"
+
+
+def test_signs_are_those_that_people_write() -> None:
+    assert retold("1.5 +- 0.2 mm/s2") == "1.5 ± 0.2 mm/s²"

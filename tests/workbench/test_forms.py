@@ -1,10 +1,12 @@
 """Forms say what command lines say: the way from one to the other and back, for every command."""
 
+import re
 import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
+from bench import client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -151,3 +153,24 @@ def test_tables_are_found_as_they_are_read(tmp_path: Path) -> None:
     for kind, head in heads.items():
         (tmp_path / f"{kind}.csv").write_text(head + "\n", encoding="utf-8")
     assert {(one.kind, one.path) for one in look_at(tmp_path).found} == {(kind, f"{kind}.csv") for kind in heads}
+
+
+@pytest.mark.parametrize("language", ["en", "ru"])
+def test_what_is_not_there_or_lacking_is_said_in_the_readers_language(tmp_path: Path, language: str) -> None:
+    (tmp_path / "rig.toml").write_text("")
+    form = {"_form": "1", "rig": "rig.toml", "out": "planned.csv", "poses": "12"}
+    with client(tmp_path) as asked:
+        asked.headers["Accept-Language"] = language
+        told = asked.post("/line/plan-poses", data=form).json()
+        assert told["option"] == "box"
+        assert ("Укажите, где может двигаться робот" if language == "ru" else "Say where the robot may go") in told["error"]
+        refused = asked.post("/run/plan-poses", data=form)
+        assert refused.status_code == 422
+        assert told["error"] in refused.text
+        assert asked.get("/api/jobs").json()["jobs"] == []
+        for path in ("/nowhere", "/jobs/99", "/raw/nowhere.csv", "/run/nothing"):
+            answer = asked.get(path)
+            assert answer.status_code == 404
+            assert "Not Found" not in answer.text
+            said = answer.text.split('role="alert">')[1].split("<")[0].replace(path, "").replace("nothing:", "")
+            assert bool(re.search("[A-Za-z]", said)) == (language == "en"), said
