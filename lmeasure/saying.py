@@ -17,6 +17,10 @@ def powers(printed: str) -> str:
     return _EXPONENT.sub(lambda found: "·10" + (found[1].lstrip("+") + found[2]).translate(_RAISED), printed)
 
 
+def _shown(text: str) -> str:
+    return signs(powers(text)).replace("m^3", "m³")
+
+
 _EXPONENT = re.compile(r"(?<=\d)e([+-])0*(\d+)(?![\w.])")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -48,11 +52,11 @@ class Say:
     def told(self, text: str | Finding) -> str:
         """What a computation said; as it is where the language has no words for it."""
         if isinstance(text, Finding):
-            return signs(powers(text.text(self.language)))
+            return _shown(text.text(self.language))
         text = plain(text)
         if self.language == "en" or not text:
-            return signs(powers(text))
-        return signs(powers(self._known(text) or text))
+            return _shown(text)
+        return _shown(self._known(text) or text)
 
     def _known(self, text: str) -> str | None:
         whole = retold(TOLD, self.language, text, self.told)

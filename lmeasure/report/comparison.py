@@ -14,7 +14,7 @@ from lmeasure.certification.compare import Comparison, Pair
 from lmeasure.certification.improvement import Improvement
 from lmeasure.certification.printed import with_u95
 from lmeasure.report import html
-from lmeasure.report.words import axes
+from lmeasure.report.words import axes, unit
 from lmeasure.saying import ENGLISH, Say
 
 ARROWS = 0.15
@@ -149,7 +149,7 @@ def _pair(pair: Pair, say: Say, *, several: bool) -> list[str]:
         cells = (decimal(say.language, v) for v in (first, later, change, u95))
         symbol, _, where = c.figure.partition(" of ")
         name = say("{figure} of {pose}", figure=symbol, pose=where) if where else c.figure
-        rows.append((html.indexed(name), *cells, say.told(c.unit), say("yes") if c.beyond else ""))
+        rows.append((html.indexed(name), *cells, unit(say.language, c.unit), say("yes") if c.beyond else ""))
     header = (say("figure"), say("before"), say("after"), say("difference"), "U95", say("unit"), say("beyond U95"))
     beyond, many = sum(c.beyond for c in pair.changes), len(pair.changes)
     chance = say(
