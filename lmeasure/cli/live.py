@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lmeasure.acquisition.counting import Progress
+from lmeasure.cli.words import retold, said
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.live import PoseWatch
@@ -44,7 +45,7 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
     head = f"{progress.seconds:8.1f} s  {progress.samples} samples ({rate:.0f}/s)  {progress.frames} frames"
     if progress.latency_s is not None:
         head += f"  latency {1e3 * progress.latency_s:.1f} ms"
-    table = Table("channel", "count", "counts/s", "mm/s", box=None)
+    table = Table(*(said(word) for word in ("channel", "count", "counts/s", "mm/s")), box=None)
     for column in table.columns[1:]:
         column.justify = "right"
     for channel, count, speed, mm in zip(progress.channels, progress.counts, progress.rates, progress.speeds_mm_s, strict=True):
@@ -52,8 +53,8 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
         table.add_row(channel, *cells)
     faults = ", ".join(f"{n} {kind}" for kind, n in sorted(progress.faults.items())) or "no faults"
     where = pose if isinstance(pose, str) else _pose(pose, progress.origin_s)
-    lines = [Text(where)] if where else []
-    return Group(Text(head), table, *lines, Text(faults, style="red" if progress.faults else "green"))
+    lines = [Text(retold(where))] if where else []
+    return Group(Text(retold(head)), table, *lines, Text(retold(faults), style="red" if progress.faults else "green"))
 
 
 def u95_mm(watch: "PoseWatch") -> float | None:

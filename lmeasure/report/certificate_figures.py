@@ -144,7 +144,11 @@ def _space(language: str, measured: Measured, factor: float) -> go.Figure:
         height=680,
         # under the scene its colours, and under them two rows of the legend
         margin={"b": 150},
-        scene={**axes, "aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}, "center": html.CAMERA["center"]}},
+        scene={
+            **axes,
+            "aspectmode": "data",
+            "camera": {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}, "center": html.CAMERA["center"] | {"z": -0.28}},
+        },
     )
     return figure
 

@@ -277,6 +277,7 @@ def test_the_page_of_a_correction(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     for i, (name, off) in enumerate((("before", 0.3), ("after", 0.01))):
         content = certificate(np.full((5, 3), off), 0.02, rng, i, cycles=30, random_mm=1e-3)
+        content["characteristics"].append({"name": "FV", "pose": "P2-P4", "value": off, "unit": "mm/s", "u95": 0.01, "capable": True})
         (tmp_path / f"{name}.json").write_bytes(canonical(content))
     rows = [{"name": pose, "left": None, "u_identified_mm": 0.03} for pose in POSES]
     (tmp_path / "corrections.json").write_text(json.dumps({"targets": rows}))
@@ -290,6 +291,7 @@ def test_the_page_of_a_correction(tmp_path: Path) -> None:
         assert "identification 0.0300 mm" in done.output
         text = page.read_text()
         assert words in text
+        assert ("<td>мм/с</td>" if language == "ru" else "<td>mm/s</td>") in text
         assert all(f"LM-{i}" in text for i in (0, 1))
     (tmp_path / "corrections.json").write_text("{}")
     done = CliRunner().invoke(app, [*given, "--corrections", str(tmp_path / "corrections.json")])

@@ -48,6 +48,14 @@ SAID = [
         "compared with cal: nothing moved beyond the uncertainties (probability of chance under 0.01)",
         "сравнение с cal: смещений больше неопределённостей нет (вероятность случайности меньше 0,01)",
     ),
+    ("2000 samples: 1990 ok, 6 gap, 4 jump", "замеров 2000: 1990 с позой, пропусков 6, скачков 4"),
+    ("    15.0 s  2131 samples (142/s)  14931 frames  latency 9.8 ms", "    15,0 с  замеров 2131 (142/с)  кадров 14931  задержка 9,8 мс"),
+    (
+        "pose: (+1.250, -2.000, +3.000) mm within 0.020 (95 %)  quaternion (+0.0, +0.0, +0.0, +1.0)  worst pressure angle 34 deg  "
+        "frame to pose 3.1 ms",
+        "поза: (+1,250; -2,000; +3,000) мм в пределах 0,020 (95 %)  кватернион (+0,0; +0,0; +0,0; +1,0)  худший угол давления 34°  "
+        "от кадра до позы 3,1 мс",
+    ),
     ("2000 samples: 1990 ok, 10 origin_lost", "замеров 2000: 1990 с позой, 10 начало отсчёта потеряно (origin_lost)"),
     (
         "taken as exact, not stated; usual sizes would add up to, in mm: friction (a band of 8 counts) 0.093, temperature (5 K since "

@@ -67,6 +67,13 @@ def text_of(progress: Progress, pose: PoseWatch | str = "") -> list[str]:
     return [line.strip() for line in said.get().splitlines()]
 
 
+def test_the_table_is_in_the_language_of_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LANGUAGE", "ru")
+    lines = text_of(SOME)
+    assert lines[0] == "2,0 с  замеров 200 (100/с)  кадров 1400  задержка 12,3 мс"
+    assert lines[1].split() == ["канал", "отсчёт", "отсчётов/с", "мм/с"]
+
+
 def test_the_table_says_counts_rates_speeds_faults_and_latency() -> None:
     lines = text_of(SOME)
     assert lines[0] == "2.0 s  200 samples (100/s)  1400 frames  latency 12.3 ms"

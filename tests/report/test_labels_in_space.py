@@ -68,3 +68,10 @@ def test_a_scene_is_as_much_higher_as_what_stands_under_it(names: list[str], bar
     found = re.search(r"vw \+ (\d+)px", html.figure(figure, "scene", first=False))
     assert found is not None
     assert int(found[1]) == beside
+
+
+def test_no_wall_of_a_scene_is_filled() -> None:
+    """What is filled hides what of a label lies behind it."""
+    named = go.Scatter3d(x=[0.0, 9.0], y=[0.0, 9.0], z=[0.0, 9.0], mode="markers+text", text=["a", "b"])
+    scene = html.settled(go.Figure([named])).layout.scene
+    assert [scene[f"{axis}axis"].showbackground for axis in "xyz"] == [False] * 3
