@@ -39,6 +39,7 @@ from lmeasure.trajectory.sources import (
     own_lengths,
     unknown_start,
     unknown_zeros,
+    zero_columns,
     zero_phase,
 )
 from lmeasure.unsolved import Taken, Unsolved, last_travel, stated
@@ -55,6 +56,7 @@ ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
 CHUNK = 2048  # poses whose factors are in memory at once
+LIGHT_RAD = 2e-3  # beside counts: where poses need an angle whose zero is known worse, it weighs as one known so well, or none seems told
 
 
 class Budget:
@@ -87,7 +89,11 @@ class Budget:
         self.rig, self._calibration = rig, calibration
         observed, self._cables = rig.observed, len(rig.cable)
         self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
+        # of an encoder whose zero is about known readings are as far off as that, until the run tells it
         self._before = length_variance(rig, observed)
+        if scheme.redundancy:
+            zeros = np.sqrt((zero_columns(rig, calibration)[0] ** 2).sum(axis=1))
+            self._before = self._before + (zeros * min(1.0, LIGHT_RAD / max(np.sort(zeros)[len(scheme.free) - 1], LIGHT_RAD))) ** 2
         self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
         """(m,) whether a channel's readings are counted from no pose."""
         self.start = start
@@ -168,8 +174,8 @@ class Budget:
 
     @property
     def length_variance(self) -> FloatArray:
-        """(m,) [mm^2, rad^2] of a single reading, the zero phase included where the run has not told it: what readings are weighed and told
-        apart by."""
+        """(m,) [mm^2, rad^2] of a single reading, zero phase and zero included where the run has not told them: what readings are weighed
+        and told apart by."""
         return self._before if self.told is None else self.variance
 
     @property

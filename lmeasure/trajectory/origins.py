@@ -19,11 +19,10 @@ variance. Where a channel moves on from sample to sample that is nothing.
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.errors import TrajectoryError
 from lmeasure.roots import symmetric_root
 from lmeasure.trajectory.redundancy import Epochs, repeats
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import Told
+from lmeasure.trajectory.sources import LOOSE_RAD, Told, zeros_unknown
 
 MOST = 4096
 """Samples of a run that have a part in it, spread over it."""
@@ -31,8 +30,6 @@ CHUNK = 512
 ROUNDS = 12
 SETTLED = 1e-3
 """Of a standard uncertainty."""
-LOOSE_RAD = 0.1
-"""Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses."""
 
 
 def chosen(epochs: Epochs, most: int = MOST) -> Epochs:
@@ -50,8 +47,11 @@ def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> T
     assert budget.told is None, "epochs are those of a reconstruction that has not learned"
     names = budget.origin_names
     epochs = chosen(epochs, most)
-    loose = _loose(reconstruction, epochs)
     if redundancy is None or not names or not len(epochs):
+        return None
+    loose = _loose(reconstruction, epochs)
+    tells = np.isfinite(np.delete(epochs.change_mm, loose, axis=1)).any(axis=0)
+    if tells.sum() < len(reconstruction.scheme.free):
         return None
     variance = epochs.variance_mm2 * repeats(epochs.gone_on_mm)
     columns = budget.origin_lengths(epochs.time_s)
@@ -109,10 +109,8 @@ def _loose(reconstruction: Reconstruction, epochs: Epochs) -> IntArray:
     columns = reconstruction.budget.origin_lengths(epochs.time_s[:1])[0]
     of_zero = [i for i, name in enumerate(reconstruction.budget.origin_names) if name == "zero"]
     loose = np.flatnonzero((np.abs(columns[:, of_zero]) > LOOSE_RAD).any(axis=1))
-    left = np.isfinite(epochs.change_mm).any(axis=0).sum() - len(loose)
-    if len(loose) and left < len(reconstruction.scheme.free):
-        told = ", ".join(reconstruction.rig.observed[j].channel for j in loose)
-        raise TrajectoryError(f"the zero of {told} is not known, and the other channels do not tell the pose without it: state zero_deg")
+    if len(loose) and len(reconstruction.rig.observed) - len(loose) < len(reconstruction.scheme.free):
+        raise zeros_unknown(reconstruction.rig, loose)
     return loose
 
 

@@ -19,12 +19,12 @@ from lmeasure.kernels.layout import ATTACHMENT_XYZ, BASE_XYZ, KIND, SWIVEL
 from lmeasure.lengths import Lengths
 from lmeasure.rig import Rig
 from lmeasure.run import known
-from lmeasure.trajectory.origins import LOOSE_RAD, learn
+from lmeasure.trajectory.origins import learn
 from lmeasure.trajectory.over_motion import SAMPLES, SOUND, Begun, fitting, starts
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import Told, zero_columns
+from lmeasure.trajectory.sources import LOOSE_RAD, Told, zero_columns
 
 STARTS = 4000
 MET = 3

@@ -106,7 +106,7 @@ class Redundancy:
         """(m,) what of a span, or of an angle, a channel's readings do not show."""
         angles = self._rows[:, KIND] != CABLE
         # of what readings are compared in: lengths as they are, angles as lengths of about the same scatter
-        self.unit = np.where(angles, 1.0 / budget.weights, 1.0)
+        self.unit = np.where(angles, np.sqrt(budget.variance / budget.variance[~angles].min()), 1.0)
 
     def epochs(self, lengths: Lengths, travel: FloatArray | None) -> Epochs:
         """A piece of the run; its changes may be set to NaN. travel (n, m) as `Budget.travel` gives it."""

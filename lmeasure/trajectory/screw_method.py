@@ -26,7 +26,7 @@ from lmeasure.trajectory.lost import NEARLY, explain, other_near, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
 from lmeasure.trajectory.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.scheme import FREEDOMS, scheme_of
-from lmeasure.trajectory.sources import PassClock
+from lmeasure.trajectory.sources import LOOSE_RAD, PassClock, zero_columns, zeros_unknown
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.sources import Told
@@ -51,7 +51,7 @@ class Reconstruction:
     begun (m,): what the channels' changes were at the start pose, where that is no pose at which they were zeroed but one that was found.
 
     RigError when the rig's cables cannot tell the pose; GeometryError when a cable cannot run at the start pose; TrajectoryError when the
-    start pose is singular.
+    start pose is singular, or needs an encoder whose zero is not known.
     """
 
     def __init__(
@@ -96,6 +96,9 @@ class Reconstruction:
         )
         self.covers = self.budget.covers
         self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
+        loose = np.flatnonzero((zero_columns(rig, calibration)[0] > LOOSE_RAD).any(axis=1))
+        if len(loose) and self.redundancy is None:
+            raise zeros_unknown(rig, loose)
         self.reliability: tuple[Finding, ...] = ()
         """Of the run, in lines (`trajectory.reliability`), once it is prepared."""
         self.shifts: tuple[Shift, ...] = ()

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmeasure.arrays import BoolArray, FloatArray
+from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.calibration_record import CalibrationRecord
 from lmeasure.encoder_table import AngleEncoder
+from lmeasure.errors import TrajectoryError
 from lmeasure.kernels.layout import TURN_COUNTS
 from lmeasure.rig import Cable, Rig
 from lmeasure.zeroing import phase_columns
@@ -22,6 +23,8 @@ PHASE = "zero phase"
 ZERO = "zero"
 ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)
 """Standard uncertainty [rad] of an angle that may be anywhere on the circle."""
+LOOSE_RAD = 0.1
+"""Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses."""
 UNKNOWN_MM = 1000.0
 """Standard uncertainty of a length against a guess that came from angles."""
 LENGTHS = "lengths of their own"
@@ -115,6 +118,12 @@ def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray
     names = [o.channel for o in rig.observed]
     shared = [name for name in dict.fromkeys(names) if any(u[j] for j in range(len(u)) if names[j] == name)]
     return np.array([[u[j] * (names[j] == name) for name in shared] for j in range(len(u))]).reshape(len(u), len(shared)), shared
+
+
+def zeros_unknown(rig: Rig, loose: IntArray) -> TrajectoryError:
+    """That poses are not told without the zeros of these channels (index)."""
+    told = ", ".join(rig.observed[j].channel for j in loose)
+    return TrajectoryError(f"the zero of {told} is not known, and the other channels do not tell the pose without it: state zero_deg")
 
 
 def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:

@@ -1,0 +1,101 @@
+"""Encoders whose zeros are known to degrees, or not at all, beside drums that tell the pose: by where they stand poses are off by tens of
+millimetres, and what channels say of each other is no longer of first order there."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from cells import START, FloatArray, cell
+from scipy.stats import chi2
+
+from lmeasure import covariances, se3
+from lmeasure.errors import TrajectoryError
+from lmeasure.rig import Rig, rig_from_dict
+from lmeasure.run import Run
+from lmeasure.simulation import simulate_run
+from lmeasure.status import Status
+from lmeasure.trajectory import reconstruct
+from lmeasure.trajectory.screw_method import Reconstruction
+
+TIME_S = np.arange(0.0, 1.5, 0.005)
+ROUGH: dict[str, Any] = {"zero_deg": 20.0, "u_zero_deg": 2.0}
+WELL: dict[str, Any] = {"zero_deg": 20.0, "u_zero_deg": 0.002}
+UNKNOWN: dict[str, Any] = {}
+INCREMENTAL: dict[str, Any] = {"absolute": False}
+
+
+def with_encoders(encoders: dict[int, dict[str, Any]], drums: int = 6, **values: Any) -> Rig:
+    """The first drums of the cell, and encoders at these points."""
+    data = cell().to_dict()
+    swivels = [{"point": f"B{i}", "channel": f"sw{i}", "counts_per_revolution": 2**20, **e, **values} for i, e in encoders.items()]
+    return rig_from_dict(data | {"cable": data["cable"][:drums], "swivel": swivels})
+
+
+def run_of(
+    encoders: dict[int, dict[str, Any]], seed: int, drums: int = 6, u_start: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Run, FloatArray]:
+    """A run whose true zeros are drawn from what is known of them, and its true poses."""
+    rng = np.random.default_rng(seed)
+    way = rng.uniform(1.0, 2.5, (2, 6))
+    swing = np.sin(way[0] * TIME_S[:, None]) + 0.3 * np.sin(3.0 * way[1] * TIME_S[:, None])
+    poses = se3.displaced(START, np.repeat([0.15, 120.0], 3) * rng.uniform(0.4, 1.0, 6) * swing)
+
+    def true(e: dict[str, Any]) -> dict[str, Any]:
+        if "absolute" in e:
+            return e
+        off = rng.normal(0.0, e["u_zero_deg"]) if e else rng.uniform(-180.0, 180.0)
+        return {"zero_deg": e.get("zero_deg", 0.0) + off}
+
+    run = simulate_run(with_encoders({i: true(e) for i, e in encoders.items()}, drums), TIME_S, poses, noise_mm=0.0, rng=rng).run
+    stated = se3.displaced(poses[0], np.repeat(u_start[::-1], 3) * rng.normal(size=6))
+    return replace(run, rig=with_encoders(encoders, drums), start=stated, u_start=u_start), poses
+
+
+@pytest.mark.parametrize(
+    ("encoders", "u_start"),
+    [
+        ({2: ROUGH}, (0.0, 0.0)),
+        ({2: ROUGH, 4: WELL}, (0.0, 0.0)),
+        (dict.fromkeys(range(1, 7), ROUGH), (0.0, 0.0)),
+        ({1: ROUGH, 4: UNKNOWN, 5: UNKNOWN}, (0.5, 0.001)),
+        ({1: ROUGH, 2: INCREMENTAL, 4: UNKNOWN}, (0.0, 0.0)),
+        (dict.fromkeys(range(1, 7), UNKNOWN), (0.0, 0.0)),
+    ],
+)
+def test_a_sound_run_is_used_whole_and_errs_as_stated(encoders: dict[int, dict[str, Any]], u_start: tuple[float, float]) -> None:
+    squares = []
+    for seed in range(4):
+        run, poses = run_of(encoders, seed, u_start=u_start)
+        found = reconstruct(run)
+        assert (found.status == Status.OK).all()
+        assert not found.cable.any()
+        error = se3.displacement(found.poses, poses)
+        both = covariances(found, run)
+        covariance = both.random + both.factors @ np.swapaxes(both.factors, 1, 2)
+        squares.append(float(error[200] @ np.linalg.solve(covariance[200], error[200])))
+    assert 0.001 < chi2.cdf(sum(squares), 6 * len(squares)) < 0.999
+
+
+def test_an_encoder_known_about_adds_nothing_wrong_to_six_drums() -> None:
+    """Its zero is told by the drums, and poses stay where they are without it to within what it tells."""
+    run, poses = run_of({2: ROUGH}, 1)
+    plain = replace(run, rig=with_encoders({}))
+    with_it, without = (np.linalg.norm(se3.displacement(reconstruct(r).poses, poses)[:, 3:], axis=1) for r in (run, plain))
+    assert with_it.max() < 1.2 * without.max()
+
+
+def test_where_poses_need_an_encoder_its_zero_must_be_known() -> None:
+    """Five drums and an encoder: readings of an unknown zero fit any pose."""
+    with pytest.raises(TrajectoryError, match=r"the zero of sw1 is not known, .* state zero_deg"):
+        Reconstruction(with_encoders({1: UNKNOWN}, 5), START)
+    Reconstruction(with_encoders({1: WELL}, 5), START)
+
+
+def test_channels_that_contradict_each_other_are_no_unknown_zero() -> None:
+    """Plugs of two pairs of drums are exchanged: nothing is left to learn from, and a zero that is not known is not to blame."""
+    run, _ = run_of({2: UNKNOWN, 4: WELL, 5: WELL}, 0)
+    counts = run.passes[0]
+    recorded = counts.recorded[:, [1, 0, 3, 2, *range(4, 9)]]
+    found = reconstruct(replace(run, passes=(replace(counts, recorded=recorded),)))
+    assert (found.status[1:] == Status.INCONSISTENT).mean() > 0.9
