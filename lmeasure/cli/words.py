@@ -42,7 +42,8 @@ def as_typed(message: str) -> str:
 
 def marked(text: str, mark: str) -> str:
     """Numbers of a line with a decimal mark, and with semicolons between those in a row. What may be typed or pasted again keeps its point:
-    values of options (`--u-mm 0.5`) and of keys (`u_mm = 0.5`), ranges, paths, addresses, what stands in quotes."""
+    values of options (`--u-mm 0.5`) and of keys (`u_mm = 0.5`), ranges, paths, addresses, what stands in quotes, and the pose that is
+    typed into a controller, behind its number (`(1 of 12): `)."""
 
     def told(found: re.Match[str]) -> str:
         row = found["row"]
@@ -52,7 +53,7 @@ def marked(text: str, mark: str) -> str:
 
 
 _NUMBER = r"[-+±]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
-_KEPT = r"--[\w-]+[ =]\S+|\w*_\w+ = (?:\[[^]]*\]|\S+)|'[^']*'|\"[^\"]*\"|`[^`]*`"
+_KEPT = r"--[\w-]+[ =]\S+|\w*_\w+ = (?:\[[^]]*\]|\S+)|'[^']*'|\"[^\"]*\"|`[^`]*`|\(\d+ \w+ \d+\): .*"
 _NUMBERS = re.compile(rf"{_KEPT}|(?<![\w.,:/=-])(?P<row>{_NUMBER}(?:, {_NUMBER})*)(?![\w/=-]|[.,:]\w)")
 
 

@@ -110,6 +110,7 @@ def test_numbers_of_a_line_have_its_decimal_mark(line: str, told: str) -> None:
         "udp_multicast:239.74.163.2, http://127.0.0.1:9090",
         "`lmeasure zone --limit-deg 60.5` or 'a 0.5'",
         "7.2.1; thesis-5.5",
+        "поза 3 (4 из 20): x -12.5  y 100.2  z 35.0  oz 12.75",
     ],
 )
 def test_what_may_be_typed_or_pasted_again_keeps_its_point(line: str) -> None:
