@@ -56,6 +56,7 @@ ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
 CHUNK = 2048  # poses whose factors are in memory at once
+NEAR_RAD = 3e-4  # a zero known to this leaves poses where contradictions are of first order, to a hundredth of a count
 LIGHT_RAD = 2e-3  # beside counts: where poses need an angle whose zero is known worse, it weighs as one known so well, or none seems told
 
 
@@ -93,6 +94,7 @@ class Budget:
         self._before = length_variance(rig, observed)
         if scheme.redundancy:
             zeros = np.sqrt((zero_columns(rig, calibration)[0] ** 2).sum(axis=1))
+            zeros[zeros < NEAR_RAD] = 0.0
             self._before = self._before + (zeros * min(1.0, LIGHT_RAD / max(np.sort(zeros)[len(scheme.free) - 1], LIGHT_RAD))) ** 2
         self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
         """(m,) whether a channel's readings are counted from no pose."""
