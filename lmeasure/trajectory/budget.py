@@ -39,8 +39,9 @@ from lmeasure.trajectory.sources import (
     own_lengths,
     unknown_start,
     unknown_zeros,
-    zero_columns,
+    variance_until_told,
     zero_phase,
+    zeros_of,
 )
 from lmeasure.unsolved import Taken, Unsolved, last_travel, stated
 from lmeasure.zeroing import length_variance
@@ -56,8 +57,6 @@ ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
 CHUNK = 2048  # poses whose factors are in memory at once
-NEAR_RAD = 3e-4  # a zero known to this leaves poses where contradictions are of first order, to a hundredth of a count
-LIGHT_RAD = 2e-3  # beside counts: where poses need an angle whose zero is known worse, it weighs as one known so well, or none seems told
 
 
 class Budget:
@@ -90,12 +89,9 @@ class Budget:
         self.rig, self._calibration = rig, calibration
         observed, self._cables = rig.observed, len(rig.cable)
         self.scheme, self.scales, self.variance = scheme, rig.scales(observed), count_variance(rig, observed)
-        # of an encoder whose zero is about known readings are as far off as that, until the run tells it
         self._before = length_variance(rig, observed)
         if scheme.redundancy:
-            zeros = np.sqrt((zero_columns(rig, calibration)[0] ** 2).sum(axis=1))
-            zeros[zeros < NEAR_RAD] = 0.0
-            self._before = self._before + (zeros * min(1.0, LIGHT_RAD / max(np.sort(zeros)[len(scheme.free) - 1], LIGHT_RAD))) ** 2
+            self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free))
         self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
         """(m,) whether a channel's readings are counted from no pose."""
         self.start = start

@@ -22,7 +22,7 @@ from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.roots import symmetric_root
 from lmeasure.trajectory.redundancy import Epochs, repeats
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import LOOSE_RAD, Told, zeros_unknown
+from lmeasure.trajectory.sources import Told
 
 MOST = 4096
 """Samples of a run that have a part in it, spread over it."""
@@ -39,17 +39,14 @@ def chosen(epochs: Epochs, most: int = MOST) -> Epochs:
 
 def learn(reconstruction: Reconstruction, epochs: Epochs, most: int = MOST) -> Told | None:
     """Find the origins of a run from its epochs, as `Reconstruction.examined` gives them, most of them at most, and have the reconstruction
-    use them; None where nothing is uncertain of them or nothing tells.
-
-    TrajectoryError where an encoder's zero is unknown and without it the pose is not told.
-    """
+    use them; None where nothing is uncertain of them or nothing tells."""
     redundancy, budget = reconstruction.redundancy, reconstruction.budget
     assert budget.told is None, "epochs are those of a reconstruction that has not learned"
     names = budget.origin_names
     epochs = chosen(epochs, most)
     if redundancy is None or not names or not len(epochs):
         return None
-    loose = _loose(reconstruction, epochs)
+    loose = reconstruction.loose
     tells = np.isfinite(np.delete(epochs.change_mm, loose, axis=1)).any(axis=0)
     if tells.sum() < len(reconstruction.scheme.free):
         return None
@@ -102,16 +99,6 @@ def _mixed(C: FloatArray, o: int) -> FloatArray:
     own = C[k:, k:] - C[k:, :k] @ C[:k, k:]
     mix[k:, k:] = symmetric_root((own + own.T) / 2.0)
     return mix
-
-
-def _loose(reconstruction: Reconstruction, epochs: Epochs) -> IntArray:
-    """Channels whose zeros are so uncertain that poses must be found without them."""
-    columns = reconstruction.budget.origin_lengths(epochs.time_s[:1])[0]
-    of_zero = [i for i, name in enumerate(reconstruction.budget.origin_names) if name == "zero"]
-    loose = np.flatnonzero((np.abs(columns[:, of_zero]) > LOOSE_RAD).any(axis=1))
-    if len(loose) and len(reconstruction.rig.observed) - len(loose) < len(reconstruction.scheme.free):
-        raise zeros_unknown(reconstruction.rig, loose)
-    return loose
 
 
 def _first(reconstruction: Reconstruction, epochs: Epochs, columns: FloatArray, loose: IntArray) -> FloatArray:

@@ -24,7 +24,7 @@ from lmeasure.trajectory.over_motion import SAMPLES, SOUND, Begun, fitting, star
 from lmeasure.trajectory.redundancy import Epochs
 from lmeasure.trajectory.scheme import FREEDOMS
 from lmeasure.trajectory.screw_method import Reconstruction
-from lmeasure.trajectory.sources import LOOSE_RAD, Told, zero_columns
+from lmeasure.trajectory.sources import LOOSE_RAD, Told, zeros_of
 
 STARTS = 4000
 MET = 3
@@ -52,7 +52,7 @@ Make = Callable[[FloatArray, FloatArray], tuple[Reconstruction, Epochs | None]]
 
 def absolute_channels(rig: Rig) -> FloatArray:
     """(m,) standard uncertainties [rad] of the zeros of absolute encoders that are known well enough to find a pose by; NaN for others."""
-    u = np.abs(zero_columns(rig, None)[0]).sum(axis=1)
+    u = zeros_of(rig, None)
     usable = [rig.counter(o).codes is not None and u[j] <= LOOSE_RAD for j, o in enumerate(rig.observed)]
     return np.where(usable, u, np.nan)
 

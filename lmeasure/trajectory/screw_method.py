@@ -26,7 +26,7 @@ from lmeasure.trajectory.lost import NEARLY, explain, other_near, split_at
 from lmeasure.trajectory.record import NAMES, Trajectory
 from lmeasure.trajectory.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.scheme import FREEDOMS, scheme_of
-from lmeasure.trajectory.sources import LOOSE_RAD, PassClock, zero_columns, zeros_unknown
+from lmeasure.trajectory.sources import PassClock, loose_zeros
 
 if TYPE_CHECKING:
     from lmeasure.trajectory.sources import Told
@@ -96,9 +96,8 @@ class Reconstruction:
         )
         self.covers = self.budget.covers
         self.redundancy = Redundancy(self.budget, begun) if self.scheme.redundancy else None
-        loose = np.flatnonzero((zero_columns(rig, calibration)[0] > LOOSE_RAD).any(axis=1))
-        if len(loose) and self.redundancy is None:
-            raise zeros_unknown(rig, loose)
+        self.loose = loose_zeros(rig, calibration, len(self.scheme.free))
+        """Channels whose zeros only a run can tell."""
         self.reliability: tuple[Finding, ...] = ()
         """Of the run, in lines (`trajectory.reliability`), once it is prepared."""
         self.shifts: tuple[Shift, ...] = ()

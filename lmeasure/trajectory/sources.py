@@ -25,6 +25,10 @@ ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)
 """Standard uncertainty [rad] of an angle that may be anywhere on the circle."""
 LOOSE_RAD = 0.1
 """Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses."""
+NEAR_RAD = 3e-4
+"""To which a zero leaves poses near enough for first order: 0.5 mm at 1.5 m bend by 0.5^2 / (2 * 1500) mm, a hundredth of a count."""
+LIGHT_RAD = 2e-3
+"""As which a zero weighs that poses need, or its row vanishes beside those of counts and the pose seems singular."""
 UNKNOWN_MM = 1000.0
 """Standard uncertainty of a length against a guess that came from angles."""
 LENGTHS = "lengths of their own"
@@ -120,10 +124,31 @@ def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray
     return np.array([[u[j] * (names[j] == name) for name in shared] for j in range(len(u))]).reshape(len(u), len(shared)), shared
 
 
-def zeros_unknown(rig: Rig, loose: IntArray) -> TrajectoryError:
-    """That poses are not told without the zeros of these channels (index)."""
-    told = ", ".join(rig.observed[j].channel for j in loose)
-    return TrajectoryError(f"the zero of {told} is not known, and the other channels do not tell the pose without it: state zero_deg")
+def zeros_of(rig: Rig, record: CalibrationRecord | None) -> FloatArray:
+    """(m,) standard uncertainties [rad] of the zeros of the channels of a rig, 0 where there is none or a calibration solved it."""
+    return np.asarray(zero_columns(rig, record)[0].sum(axis=1))
+
+
+def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
+    """(m,) [rad^2] by which readings scatter more than their rounding until a run has told the zeros, of standard uncertainties (m,) [rad].
+
+    A reading that weighs by its rounding, but is off by its zero, leads the pose away from where the others have it, where what channels
+    say of each other is no longer of first order. So it weighs as it is known; where fewer than the free components (their number) of the
+    pose are told by others, all are taken for better known by one factor, for the least-squares solution must not seem singular.
+    """
+    u = np.where(zeros < NEAR_RAD, 0.0, zeros)
+    needed = float(np.sort(u)[free - 1])
+    return np.asarray((u * min(1.0, LIGHT_RAD / max(needed, LIGHT_RAD))) ** 2)
+
+
+def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArray:
+    """Channels (index) whose zeros are so uncertain that poses must be found without them; TrajectoryError where the others are fewer than
+    the free components (their number) of the pose."""
+    loose = np.flatnonzero(zeros_of(rig, record) > LOOSE_RAD)
+    if len(loose) and len(rig.observed) - len(loose) < free:
+        told = ", ".join(rig.observed[j].channel for j in loose)
+        raise TrajectoryError(f"the zero of {told} is not known, and the other channels do not tell the pose without it: state zero_deg")
+    return loose
 
 
 def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
