@@ -1,16 +1,21 @@
 """What do the tests see of faults that nobody wrote a test for? Some are drawn from all faults of the core, and tried in the order drawn.
 
-    python benchmarks/mutants_unseen.py --seed 23 --faults 70 --folder FOLDER [--write]
+    python benchmarks/mutants_unseen.py --seed 23 --faults 70 --folder FOLDER [--processes 2] [--seconds 3600] [--write]
 
 `mutants.py` says what a fault is. What was tried is kept in FOLDER, so that the command goes on where it was ended. Those of a file are
-tried together, --batch at a time; what counts is what was drawn before the first that was not tried. Writes
+tried together, --batch at a time; what counts is what was drawn before the first that was not tried. After --seconds nothing new is
+begun; what was begun is ended and counts too, as else the slow ones, which survive more often, would be missing. Writes
 `benchmarks/results/mutants_unseen.md`.
 """
 
 import argparse
 import itertools
 import json
+import math
+import multiprocessing
 import random
+import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import scipy.stats
@@ -50,35 +55,52 @@ def written(seed: int, every: int, tried: list[tuple[Mutant, bool]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _try(mutants: list[Mutant], kept: Path, until: float) -> None:
+    """Try faults of one file, and keep what comes of each, unless it is later than until."""
+    if time.monotonic() > until:
+        return
+    seen = Pieces(kept)
+
+    def tell(m: Mutant, killed: bool) -> None:
+        seen(json.dumps(m.key), lambda: killed)
+        print(f"{m.file}:{m.line} `{m.source}`: `{m.change}`: {'killed' if killed else 'SURVIVES'}", flush=True)
+
+    known = equivalents()
+    for m in mutants:
+        if m.key in known:
+            tell(m, False)
+    if left := [m for m in mutants if m.key not in known]:
+        try_all(left, CORE[left[0].file], keep=kept.parent, tell=tell)
+
+
+def _told(order: list[Mutant], kept: Path) -> list[tuple[Mutant, bool]]:
+    """The faults before the first that was not tried, and whether tests see each."""
+    seen = Pieces(kept).known
+    return [(m, seen[json.dumps(m.key)]) for m in itertools.takewhile(lambda m: json.dumps(m.key) in seen, order)]
+
+
 def main() -> None:
     """Draw, try, write after each batch."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--faults", type=int, required=True)
     parser.add_argument("--batch", type=int, default=50, help="faults that are drawn together")
+    parser.add_argument("--processes", type=int, default=1, help="files that are tried beside each other")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="when to begin nothing new")
     parser.add_argument("--folder", type=Path, required=True, help="kept for the next time: what was tried, and which lines tests pass")
     parser.add_argument("--write", action="store_true")
     asked = parser.parse_args()
     load_libraries()
-    every, known = [m for file in CORE for m in faults_of(file)], equivalents()
+    every, until = [m for file in CORE for m in faults_of(file)], time.monotonic() + asked.seconds
     order = random.Random(asked.seed).sample(every, min(asked.faults, len(every)))
     asked.folder.mkdir(parents=True, exist_ok=True)
-    seen = Pieces(asked.folder / f"unseen-{asked.seed}.jsonl")
-
-    def tell(m: Mutant, killed: bool) -> None:
-        seen(json.dumps(m.key), lambda: killed)
-        print(f"{m.file}:{m.line} `{m.source}`: `{m.change}`: {'killed' if killed else 'SURVIVES'}", flush=True)
-
+    kept = asked.folder / f"unseen-{asked.seed}.jsonl"
     for first in range(0, len(order), asked.batch):
-        batch = order[first : first + asked.batch]
-        for file in dict.fromkeys(m.file for m in batch):
-            mine = [m for m in batch if m.file == file and json.dumps(m.key) not in seen.known]
-            for m in mine:
-                if m.key in known:
-                    tell(m, False)
-            if left := [m for m in mine if m.key not in known]:
-                try_all(left, CORE[file], keep=asked.folder, tell=tell)
-        tried = [(m, seen.known[json.dumps(m.key)]) for m in itertools.takewhile(lambda m: json.dumps(m.key) in seen.known, order)]
+        left = [m for m in order[first : first + asked.batch] if json.dumps(m.key) not in Pieces(kept).known]
+        files = [[m for m in left if m.file == file] for file in dict.fromkeys(m.file for m in left)]
+        with ProcessPoolExecutor(asked.processes, multiprocessing.get_context("fork")) as pool:
+            list(pool.map(_try, files, itertools.repeat(kept), itertools.repeat(until)))
+        tried = _told(order, kept)
         text = written(asked.seed, len(every), tried)
         print(text.splitlines()[4], flush=True)
         if asked.write:
