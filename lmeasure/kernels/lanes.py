@@ -16,7 +16,7 @@ from lmeasure.arrays import FloatArray, IntArray
 from lmeasure.kernels import inline, kernel
 from lmeasure.kernels.cable import leaving, span_at, vec
 from lmeasure.kernels.layout import ATTACHMENT, BASE, CHANGES, GUIDE, ORIENTATION, PLACE, POSE_COLUMNS, RADIUS
-from lmeasure.kernels.screw import CABLES, LOST, OK, TOLERANCE_MM, copy, invert, platform_size, resume
+from lmeasure.kernels.screw import CABLES, OK, TOLERANCE_MM, copy, invert, platform_size, resume
 from lmeasure.kernels.vector import Quat, Vec3, add, angle, cross, dot, rotation_matrix, scale, sub
 
 COARSE, MIDDLE = 128, 8
@@ -324,7 +324,7 @@ def follow(
         for first in range(0, last + 1, WIDTH):
             tile = here[first : first + WIDTH]
             taken = False
-            if together and state[LOST] == 0.0:
+            if together:
                 _load(work, targets, places, first, 1, MIDDLE, last, S, T)
                 done = _refine(S, T, ordered)
                 if done > 0:

@@ -47,8 +47,7 @@ def follow(channels: Channels, readings: FloatArray, start: FloatArray, free: In
 def _near(channels: Channels, readings: FloatArray, here: FloatArray, free: IntArray) -> Solved:
     """The first samples of readings (k, m), as many as are near the pose here (1, 7), or one that is far."""
     way, determined = towards(channels, readings, here, free)
-    # a sample with too few readings is passed over
-    way[np.isfinite(readings).sum(axis=1) < len(free)] = 0.0
+    # a sample whose readings tell no pose, which is no way off, is passed over
     length = np.where(determined, lengths(channels, way), 0.0)
     far = ~(length <= STRIDE_MM)
     if far[0]:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from lmeasure.arrays import FloatArray
 from lmeasure.observation.channel import arms, by_point, row_of, values
@@ -57,8 +56,3 @@ class SwivelAngle:
         x, y = way @ frame[1], way @ frame[2]
         with np.errstate(invalid="ignore", divide="ignore"):
             return frame, way, (x[:, None] * frame[2] - y[:, None] * frame[1]) / (x * x + y * y)[:, None]
-
-
-def angles_from_codes(codes: ArrayLike, counts_per_revolution: int, sign: int = 1) -> FloatArray:
-    """(n,) readings [rad] of an encoder from its codes or counts (n,)."""
-    return np.asarray(codes, dtype=np.float64) * (sign * TURN / counts_per_revolution)

@@ -1,12 +1,15 @@
 """Residuals somewhat larger than chance has them: no alarm, and yet lengths that err are reckoned with, by as much as is likeliest."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.stats
 from random_campaigns import draw
 
+from lmeasure.calibration import misfit
 from lmeasure.calibration.misfit import explain_misfit
 from lmeasure.calibration.residuals import unknowns_of
 from lmeasure.calibration.unknowns import Model
@@ -62,3 +65,51 @@ def test_what_is_doubted_is_the_likeliest_error_of_lengths(chance: float, doubte
     assert told.fit is found
     np.testing.assert_allclose(told.u_length_mm, likeliest(found) if doubted else 0.0, atol=1e-4)
     assert (told.u_length_mm > 0.0).all() == doubted
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "said", "value"),
+    [
+        ("position", 0.3, "reference poses in error by 0.3 mm (1 sigma per axis) more than stated", 0.3),
+        # at an arm of 200 mm
+        ("rotation", 0.3, "reference poses in error by 0.0859 deg (1 sigma per axis) more than stated", 0.0859),
+        ("pose", 0.3, "reference poses in error by 0.3 mm and 0.0859 deg (1 sigma per axis) more than stated", 0.3),
+        ("stated", 1.5, "reference poses 1.8 times as uncertain as stated", 1.5),
+        ("length", 0.02, "lengths of each cable that err by 0.02 mm on their own", 0.02),
+    ],
+)
+def test_what_explains_residuals_is_said_in_its_unit(
+    name: str, size: float, said: str, value: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(misfit, "arm_mm", lambda _: 200.0)
+    monkeypatch.setattr(misfit, "_rms", lambda _: 0.0421)
+    state: Any = SimpleNamespace(groups=(), sizes={("length", "ch1"): 0.5, (name, None): size}, problem=None, doubt=0.0, fit=None)
+    begun: Any = SimpleNamespace(sizes={("length", "ch1"): 0.5}, fit=None)
+    (found,) = misfit._told(state, begun)
+    assert str(found.text).startswith("residuals of 0.0421 mm rms exceed the stated noise; " + said)
+    assert found.channel is None
+    assert found.value == pytest.approx(value, rel=1e-2)
+    (doubted,) = misfit._told(SimpleNamespace(**vars(state) | {"doubt": 0.013}), begun)  # type: ignore[arg-type]
+    rival = ". Lengths of all cables that err by 0.013 mm on their own explain nearly as much, and are reckoned with"
+    assert str(doubted.text) == str(found.text) + ("" if name == "length" else rival)
+    state.sizes[name, None] = 0.0
+    assert misfit._told(state, begun) == []
+
+
+def test_channels_that_err_are_said_by_their_kind() -> None:
+    """A cable by a length, an encoder by an angle."""
+    drawn = draw(4, points=6, poses=20).campaign
+    cables = drawn.cables
+    found = SimpleNamespace(chi2=1.0, residuals=np.full(4, 0.01), V=np.eye(4))
+    for group, words in (("scale", "drums' circumferences (scales)"), ("radius", "pulleys' radii")):
+        state: Any = SimpleNamespace(
+            groups=(group,), sizes={("length", cables[1].channel): 0.2}, problem=SimpleNamespace(campaign=drawn), doubt=0.0, fit=found
+        )
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(misfit, "_rms", lambda _: 0.5)
+            told = misfit._told(state, SimpleNamespace(sizes={}, fit=found))  # type: ignore[arg-type]
+        assert [f.channel for f in told] == [None, cables[1].channel]
+        assert f"errors of the {words} explain them best" in str(told[0].text)
+        assert str(told[0].text).endswith(f"(ask for it: --solve ...,{group})")
+        assert told[0].value == 0.5
+        assert f"lengths of channel {cables[1].channel} that err by 0.2 mm on their own" in str(told[1].text)

@@ -272,7 +272,8 @@ def test_a_robot_that_misses_poses_by_more_than_they_are_apart_runs_in_order() -
     assert found["AP_p", "P1"].value == pytest.approx(np.hypot(1.3, 0.2), abs=0.05)
 
 
-def test_a_robot_beside_its_poses_as_a_whole_runs_in_order() -> None:
+@pytest.mark.parametrize("away", [(0.0, 0.0, 0.0), (3000.0, 0.0, 0.0), (500.0, -900.0, 2000.0)])
+def test_a_robot_beside_its_poses_as_a_whole_runs_in_order(away: tuple[float, float, float]) -> None:
     """60 mm beside them, it is nearer to the next pose each time; one that is bent otherwise, too, is told to be far, not in disorder."""
     names = {f"P{i + 1}": (70.0 * i, 20.0 * i**2, 0.0) for i in range(4)}
     at = np.array(list(names.values()))
@@ -285,7 +286,10 @@ def test_a_robot_beside_its_poses_as_a_whole_runs_in_order() -> None:
         program = Program.model_validate({"schema": "lmeasure.program/1", "pose": poses})
         return by_name(evaluate(trajectory_of(time_s, position), program, EXACT))
 
-    turned = Rotation.from_euler("z", 4.0, degrees=True).apply(at) + [62.0, 18.0, 0.0]
+    # wherever in the cell
+    at = at + np.array(away)
+    names = {name: (float(x), float(y), float(z)) for name, (x, y, z) in zip(names, at, strict=True)}
+    turned = Rotation.from_euler("z", 4.0, degrees=True).apply(at - away) + away + [62.0, 18.0, 0.0]
     assert asked(turned)["AP_p", "P1"].value == pytest.approx(np.hypot(62.0, 18.0), abs=0.05)
     bent = at + np.array([[66.0, 19.0, 0.0], [50.0, 50.0, 25.0], [64.0, 90.0, 0.0], [60.0, 10.0, 45.0]])
     with pytest.raises(
@@ -400,3 +404,18 @@ def test_the_same_input_gives_the_same_figures() -> None:
     table = one.characteristics[0].as_dict()
     assert list(table)[:6] == ["name", "pose", "value", "unit", "u95", "capable"]
     assert all(isinstance(v, str | float | int | bool | dict) for v in table.values())
+
+
+def test_angles_of_a_pose_are_counted_from_the_commanded_ones() -> None:
+    """A tool that is turned by a right angle: angles and commanded ones together are half a turn, where they would jump."""
+    off = np.array([0.1, -0.15, 0.2, 0.05, -0.1])
+    half = np.radians(45.0)
+    time_s, position, windows = dwells(np.zeros((5, 3)))
+    cycle = np.clip(np.searchsorted([end for _, end in windows], time_s), 0, 4)
+    turn = np.array([0.0, 0.0, 1.0]) * np.radians(90.0 + off[cycle])[:, None]
+    quaternion = (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+    pose = {"name": "P1", "position_mm": (0.0, 0.0, 0.0), "quaternion_xyzw": quaternion, "windows_s": windows}
+    program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [pose]})
+    found = by_name(evaluate(trajectory_of(time_s, position, turn), program, EXACT, settings=Settings(trials=10, angles="kuka-abc")))
+    assert found["AP_a", "P1"].value == pytest.approx(off.mean(), abs=1e-6)
+    assert found["RP_a", "P1"].value == pytest.approx(3.0 * off.std(ddof=1), abs=1e-6)

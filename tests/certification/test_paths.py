@@ -110,14 +110,16 @@ def test_uneven_times_do_not_make_deviations() -> None:
     assert other.u95 == pytest.approx(one.u95, rel=0.2)
 
 
-def test_orientation_along_a_path_that_turns() -> None:
+@pytest.mark.parametrize("begun_deg", [0.0, 90.0, -170.0])
+def test_orientation_along_a_path_that_turns(begun_deg: float) -> None:
     way = np.arange(-5.0, 505.0, 0.5)
     ideal = way[:, None] * np.array([0.6, 0.8, 0.0])
-    turn = np.array([0.0, 0.0, 1.0]) * (0.4 * np.clip(way / 500.0, 0, 1) + np.radians(0.25))[:, None]
+    turn = np.array([0.0, 0.0, 1.0]) * (0.4 * np.clip(way / 500.0, 0, 1) + np.radians(begun_deg + 0.25))[:, None]
     time_s = np.arange(len(way)) / 500.0
     trajectory = trajectory_of(time_s, ideal, turn)
-    half = 0.2
-    turning = {"quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "end_quaternion_xyzw": (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))}
+    half = np.radians(begun_deg) / 2.0
+    begun, ended = ((0.0, 0.0, float(np.sin(a)), float(np.cos(a))) for a in (half, half + 0.2))
+    turning = {"quaternion_xyzw": begun, "end_quaternion_xyzw": ended}
     program = program_of(LINE | turning, [(time_s[0], time_s[-1])])
     found = evaluate(trajectory, program, EXACT, settings=Settings(trials=10, angles="kuka-abc"))
     value = {c.name: c for c in found.characteristics}

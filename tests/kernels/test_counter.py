@@ -150,3 +150,29 @@ def test_a_counter_to_which_nothing_happens_runs_on(
         and not ((np.abs(values[1:]) <= zero) & (np.abs(step) > least)).any()
     )
     assert runs_on(values[1:].astype(np.int64), times[1:], start, 7.0, full, 2.0, most, zero, least) == expected
+
+
+@pytest.mark.parametrize(("back_s", "again"), [(0.1, FOLLOWED), (0.125, WENT_ON)])
+def test_a_jump_back_within_a_tenth_of_a_second_was_a_wrong_number(back_s: float, again: int) -> None:
+    counts, what = follow(np.array([100.0, 9000.0, 101.0, 102.0]), np.array([0.0, 0.0625, back_s, back_s + 0.0625]), 50.0, 0.0)
+    assert what.tolist() == [FOLLOWED, JUMPED, again if again == FOLLOWED else JUMPED, again]
+    np.testing.assert_array_equal(counts, [100.0, 9000.0, 101.0, 102.0])
+
+
+@pytest.mark.parametrize(
+    ("believed", "least_s", "pause_s", "full", "kind"),
+    [
+        # in a pause of 4 s it may have gone 0.5 * 4 and a count of rounding: half a range of 6, and less than half of one of 8
+        (0.5, 1.0, 4.0, 6.0, UNSURE),
+        (0.5, 1.0, 4.0, 8.0, FOLLOWED),
+        # two and a half usual intervals are no pause yet, and within none it goes nowhere, whatever is believed
+        (100.0, 1.0, 2.5, 6.0, FOLLOWED),
+        (100.0, 1.0, 2.75, 6.0, UNSURE),
+        (100.0, 1.0, 1.0, 4.0, FOLLOWED),
+    ],
+)
+def test_what_a_motion_makes_believe_of_pauses(believed: float, least_s: float, pause_s: float, full: float, kind: int) -> None:
+    state = np.zeros(STATE)
+    state[BELIEVED_AT] = believed
+    _, what = resume(np.array([0.0, 1.0]), np.array([10.0, 10.0 + pause_s]), 1000.0, full, state, least_s)
+    assert what.tolist() == [FOLLOWED, kind]

@@ -199,6 +199,38 @@ def test_few_samples_in_tiles(rows: FloatArray) -> None:
     assert (np.delete(tiles, 1, axis=0) == np.delete(tiles[:, :1], 1, axis=0)).all()
 
 
+@pytest.mark.parametrize("n", [1, lanes.WIDTH, lanes.WIDTH + 1, lanes.WIDTH + 2])
+def test_few_samples_of_a_tile_begun(rows: FloatArray, n: int) -> None:
+    change = changes(rows, path(n))
+    one, many = both(rows, change)
+    assert (one[3] == Status.OK).all()
+    assert_same(one, many)
+
+
+def test_few_samples_near_a_singular_pose_go_one_by_one(rows: FloatArray) -> None:
+    """A tile beyond 75 degrees is not taken, not even the first, which begins at the state itself; one before is."""
+    n = lanes.WIDTH
+    for away, taken in ((0.05, False), (0.6, True)):
+        poses = turned(singular_angle(rows) - away - np.linspace(0.0, 0.01, n))
+        lengths = cable.span_lengths(rows, poses)
+        change, flags = lengths - lengths[0], np.zeros(n, np.int64)
+        one = screw.track(rows, poses[0], change, flags, U)
+        many = lanes.follow(rows, poses[0], screw.new_state(poses[0]), change, flags, U)
+        assert (one[3] == Status.OK).all()
+        assert_same(one, many)
+        assert (one[4] > lanes.CLEAR_OF_SINGULAR).all() != taken
+        assert len(set(one[2])) > 1
+        assert (len(set(many[2])) == 1) == taken
+        assert taken or (many[2] == one[2]).all()
+
+
+def test_few_samples_at_rest_take_a_tile_in_one_step(rows: FloatArray) -> None:
+    change, state = np.zeros((2 * lanes.WIDTH, 6)), screw.new_state(HOME)
+    found = lanes.follow(rows, HOME, state, change, np.zeros(len(change), np.int64), U)
+    assert (found[2] == 1).all()
+    np.testing.assert_allclose(found[0], np.tile(HOME, (len(change), 1)), atol=1e-12)
+
+
 def test_tiles_beyond_75_degrees_go_sample_by_sample(rows: FloatArray) -> None:
     """And those before are taken: a turn towards a singular pose, so slow that its coarse samples do not run over it."""
     near = singular_angle(rows)
@@ -262,7 +294,7 @@ def test_few_samples_are_started_between_those_known(fine: int, coarse: int, las
     work = np.full((lanes.CHUNK, 7), np.nan)
     work[known, :3] = g.normal(size=(len(known), 3)) * 100.0
     straight = Rotation.from_rotvec(g.uniform(-0.4, 0.4, (len(known), 3))).as_quat()
-    work[known, 3:] = straight * g.choice([-1.0, 1.0], (len(known), 1))
+    work[known, 3:] = straight * np.resize([1.0, 1.0, -1.0, -1.0], (len(known), 1))
     targets, places = g.normal(size=(lanes.CHUNK, 6)), np.array([3, 1, 5, 0, 2, 4])
     pose = dict(zip(known.tolist(), np.column_stack([work[known, :3], straight * np.sign(straight[:, 3:])]), strict=True))
     for first in (0, coarse * (last // coarse // 2), coarse * (last // coarse)):

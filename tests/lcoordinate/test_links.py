@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmeasure import se3
 from lmeasure.arrays import FloatArray
 from lmeasure.lcoordinate.pluecker import pluecker_rows, pressure_angles
-from lmeasure.lcoordinate.singular import Split
+from lmeasure.lcoordinate.singular import SHIFT_RAD_PER_MM, Screw, Split
 
 laws = settings(max_examples=30, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
@@ -81,3 +82,79 @@ def test_links_through_one_line_lose_the_turn_about_it(seed: int) -> None:
     size = split.metric * split.twist @ rest
     np.testing.assert_allclose(rest, size * split.twist, atol=1e-8)
     assert split.metric * split.twist @ found == pytest.approx(0.0, abs=1e-9)
+
+
+def rows_that_lose(rng: np.random.Generator, omega: FloatArray, v: FloatArray, *, links: int) -> FloatArray:
+    """Links of random points whose lines are normal to what their points do by the twist (rotation omega; origin v)."""
+    arms = 200.0 * rng.normal(size=(links, 3))
+    e = np.cross(rng.normal(size=(links, 3)), np.cross(omega, arms) + v)
+    return pluecker_rows(arms, e / np.linalg.norm(e, axis=1)[:, None])
+
+
+@laws
+@given(seeds, st.sampled_from([-70.0, -0.6, 0.0, 35.0]), st.sampled_from([0.0, 1.0]))
+def test_the_screw_that_no_link_resists_is_the_one_that_is_lost(seed: int, pitch_mm: float, off: float) -> None:
+    """Its axis may pass the body's origin, and the body may be anywhere."""
+    rng = np.random.default_rng(seed)
+    axis, place, from_origin = rng.normal(size=3), 1000.0 * rng.normal(size=3), off * 100.0 * rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    v = np.cross(from_origin, axis) + pitch_mm / (2.0 * np.pi) * axis
+    rows = rows_that_lose(rng, axis, v, links=int(rng.integers(6, 9)))
+    lost = Split(rows, place, np.arange(6), rng.uniform(0.01, 0.02, len(rows)), size_mm=200.0).lost
+    assert np.abs(lost.direction).max() == pytest.approx(lost.direction.max())
+    np.testing.assert_allclose(np.cross(lost.direction, axis), 0.0, atol=1e-9)
+    np.testing.assert_allclose(lost.point, place + from_origin - (from_origin @ axis) * axis, atol=1e-5)
+    assert lost.pitch_mm == pytest.approx(pitch_mm, abs=1e-5)
+    assert lost.mm_per_mm < 1e-12
+
+
+@pytest.mark.parametrize(("turn", "shift"), [(0.0, True), (0.5, True), (2.0, False)])
+def test_a_screw_that_hardly_turns_is_a_shift(turn: float, shift: bool) -> None:
+    rng = np.random.default_rng(1)
+    along, place = np.array([0.6, 0.0, -0.8]), np.array([10.0, -20.0, 30.0])
+    rows = rows_that_lose(rng, turn * SHIFT_RAD_PER_MM * along, along, links=6)
+    lost = Split(rows, place, np.arange(6), np.full(6, 0.01), size_mm=200.0).lost
+    np.testing.assert_allclose(lost.direction, -along, atol=1e-6)
+    assert np.isinf(lost.pitch_mm) == shift
+    assert lost.said.code == ("screw.shift" if shift else "screw")
+    if shift:
+        np.testing.assert_array_equal(lost.point, place)
+        lost.point[0] = 0.0
+        assert place[0] == 10.0
+
+
+@pytest.mark.parametrize(("pitch_mm", "code"), [(0.49, "screw.turn"), (-0.49, "screw.turn"), (0.5, "screw"), (-3.0, "screw")])
+def test_what_is_said_of_a_screw(pitch_mm: float, code: str) -> None:
+    along, at = (0.0, 0.6, 0.8), (1.0, 2.0, 3.0)
+    said = Screw(np.array(along), np.array(at), pitch_mm, 0.1).said
+    assert said.code == code
+    assert said.values["along"] == along
+    assert said.values["at"] == at
+
+
+@laws
+@given(seeds, st.sampled_from([(0, 1, 2, 3, 4, 5), (0, 1, 5), (3, 4, 5), (1, 2, 3, 4)]))
+def test_what_links_see_least_and_what_they_tell_beside_it(seed: int, components: tuple[int, ...]) -> None:
+    """By the generalised eigenvalues of what the links weigh a motion by and what it moves; uncertainties link by link."""
+    rng = np.random.default_rng(seed)
+    base, body, pose = hexapod(seed)
+    _, e, arms = links(base, body, pose)
+    free, size, u = np.array(components), 150.0, rng.uniform(0.005, 0.05, 6)
+    rows = pluecker_rows(arms, e)
+    split = Split(rows, pose[:3], free, u, size_mm=size)
+    moves = np.diag([size**2] * 3 + [1.0] * 3)[np.ix_(free, free)]
+    _, vectors = scipy.linalg.eigh(rows[:, free].T @ np.diag(u**-2.0) @ rows[:, free], moves)
+    least = np.zeros(6)
+    least[free] = vectors[:, 0]
+    np.testing.assert_allclose(split.twist * np.sign(split.twist @ least), least, atol=1e-9)
+    assert split.lost.mm_per_mm == pytest.approx(np.linalg.norm(rows @ least))
+    changes = rng.normal(size=(3, 6))
+    found, u_found = split.determined(changes)
+    for one, change in zip(found, changes, strict=True):
+        # the least squares among motions that have nothing of what is seen least
+        others = vectors[:, 1:]
+        part = np.linalg.lstsq((rows[:, free] @ others) / u[:, None], change / u, rcond=None)[0]
+        np.testing.assert_allclose(one[free], others @ part, atol=1e-9)
+        assert not np.delete(one, free).any()
+    each, _ = split.determined(np.diag(u))
+    np.testing.assert_allclose(u_found, np.sqrt((each**2).sum(axis=0)), rtol=1e-9)

@@ -182,6 +182,21 @@ def test_where_the_gradient_vanishes_it_is_said() -> None:
     assert singularity.neighbourhood(base, body, pose).topology == "cone"
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e4])
+def test_what_lies_around_does_not_depend_on_the_unit_of_length(unit: float) -> None:
+    """Of a regular point of the singular poses, and of one where the gradient vanishes: a rig in metres, in millimetres, in tenths of
+    micrometres."""
+    base, body, pose = mechanism(8)
+    for i in (0, 2):
+        body[i + 1] = body[i]
+        base[i + 1] = base[i] + 0.4 * (se3.apply(pose, body[i]) - base[i])
+    there = np.concatenate([unit * pose[:3], pose[3:]])
+    assert singularity.neighbourhood(unit * base, unit * body, there).topology == "cone"
+    base, body = COLUMNS
+    assert singularity.neighbourhood(unit * base, unit * body, HERE).topology == singularity.neighbourhood(base, body, HERE).topology
+    assert len(singularity.neighbourhood(unit * base, unit * body, HERE).twists) == 5
+
+
 # thesis 5.1, table 5.1: the pairing that its angles tell
 P51 = np.array([(3, -3, 3), (3, -3, 3), (3, -3, 3), (2, 1, 3), (2, 1, 3), (0, -2, 3)], dtype=float)
 B51 = np.array([(3, -4.5, 0), (4, -0.5, 0), (2, -1.5, 0), (3, 1, 0), (2, 1, 0), (0, -2, 0)])

@@ -12,7 +12,7 @@ from lmeasure.kernels.cable import length_gradients, span_lengths, span_rows_of
 from lmeasure.kernels.layout import BY_ALPHA, BY_ANGLE_ZERO, BY_ATTACHMENT, BY_BASE
 from lmeasure.lengths import lengths_from_counts
 from lmeasure.observation import Observation, predictions, rows, values
-from lmeasure.observation.of_rig import inclination, swivel_angle
+from lmeasure.observation.of_rig import cable_lengths, inclination, swivel_angle
 from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
@@ -139,3 +139,28 @@ def test_several_cables_of_a_point_must_be_told() -> None:
     rig = rig_from_dict(data | {"swivel": [sw(1, cable="c7")]})
     assert rig.observed[-1].to_point == "P2"
     assert rig.to_dict() == rig_from_dict(rig.to_dict()).to_dict()
+
+
+def test_what_is_known_of_channels_where_nobody_states_it() -> None:
+    """A count's end is anywhere within it, an angle anywhere on the circle; axes are taken as exact."""
+    rig = rig_with()
+
+    def zero_of(channel: Observation) -> float:
+        return next(q.prior_u for q in channel.parameters if ".zero_" in q.name)
+
+    c = rig.cable[0]
+    drum = rig.point(c.from_point).drum
+    count = drum.count_length_mm / drum.scale
+    assert zero_of(cable_lengths(rig, HOME)[0]) == pytest.approx(count / 12.0**0.5)
+    assert zero_of(cable_lengths(rig)[0]) == 10_000.0
+    exact = [p.model_copy(update={"drum": p.drum.model_copy(update={"zero_exact": True})}) for p in rig.observation_point]
+    sharp = rig.model_copy(update={"observation_point": tuple(exact)})
+    assert [zero_of(o) for o in cable_lengths(sharp, HOME)] == [0.0] * len(rig.cable)
+    for stated, u in ((None, 360.0 / 12.0**0.5), (0.25, 0.25)):
+        assert zero_of(swivel_angle(rig, "sw", "B1", c.to_point, counts_per_revolution=4096, u_zero_deg=stated)) == pytest.approx(u)
+        level = inclination("level", (1.0, 0.2, 0.0), counts_per_revolution=4096, u_zero_deg=stated)
+        assert zero_of(level) == pytest.approx(u)
+    assert [(q.value, q.prior_u) for q in level.parameters] == [
+        (1.0, 0.0), (0.2, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (1.0, 0.0), (0.0, 0.25),
+    ]  # fmt: skip
+    assert level.variance == pytest.approx((2.0 * np.pi / 4096) ** 2 / 12.0)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure import se3
 from lmeasure.kernels import cable as compiled
-from lmeasure.observation import Observation, differences, of_rig, predictions
+from lmeasure.observation import Observation, differences, of_rig, predictions, wrap
 from lmeasure.observation.channel import values
 from lmeasure.observation.parameters import FACTORS
 
@@ -162,3 +162,40 @@ def test_inclinometers_share_the_way_up() -> None:
     assert x.variance == pytest.approx(np.radians(0.1) ** 2 / 12.0)
     level = predictions([x, y], HOME[None])[0]
     np.testing.assert_allclose(level, [0.0, np.arctan(0.01) - np.radians(2.0)], atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", [0.02, 0.7, 1.5, 2.4, 3.0, 3.3, 4.0, 4.9])
+@pytest.mark.parametrize("free_mm", [3.0, 40.0, 900.0])
+def test_a_cable_goes_round_its_pulley_however_far(angle: float, free_mm: float) -> None:
+    """Built from its arc: round a pulley whose middle is R beside B, off it by the tangent."""
+    R, turn = 20.0, Rotation.random(rng=np.random.default_rng(3)).as_matrix()
+    u, n = turn[0], turn[1]
+    e = np.cos(angle) * u + np.sin(angle) * n
+    way = R * n + R * (np.sin(angle) * u - np.cos(angle) * n) + free_mm * e
+    found = wrap.span(way, u, R)
+    if way @ n < 0.0:  # there the pulley has swivelled to the other side
+        assert found.angle != pytest.approx(angle)
+        return
+    assert found.angle == pytest.approx(angle, abs=1e-9)
+    assert found.length == pytest.approx(R * angle + free_mm, abs=1e-9)
+    np.testing.assert_allclose(found.direction, e, atol=1e-9)
+    assert (found.cosine, found.sine) == pytest.approx((np.cos(angle), np.sin(angle)), abs=1e-9)
+
+
+@settings(max_examples=12, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([None, 0.0]))
+def test_many_cables_at_once_are_the_compiled_ones(seed: int, radius: float | None) -> None:
+    rows, at = rows_of(cables(seed, 6, radius)), poses(seed, 4)
+    readings, by_motion = wrap.span_rows(rows, at)
+    np.testing.assert_allclose(readings, compiled.span_lengths(rows, at), atol=1e-9)
+    np.testing.assert_allclose(by_motion, compiled.span_rows_of(rows, at), atol=1e-9)
+
+
+@pytest.mark.parametrize("travel", [0.0, 0.004, -0.002])
+def test_a_drum_pays_out_what_its_counts_are_worth(travel: float) -> None:
+    """By the geometry: cable past the fixed pulley is what the drum gave less what the way to it grew; and back to counts."""
+    drum, k = wrap.Drum(180.0, 25.0, travel, 0.012), np.array([-9000.0, -1.0, 0.0, 1.0, 4000.0, 30000.0])
+    way = np.hypot(drum.tangent_mm, drum.axial_mm + travel * k) - np.hypot(drum.tangent_mm, drum.axial_mm)
+    np.testing.assert_allclose(drum.paid_out(k), k * drum.count_mm - way, atol=1e-9)
+    np.testing.assert_allclose(drum.slope(k), (drum.paid_out(k + 0.5) - drum.paid_out(k - 0.5)), rtol=1e-6)
+    np.testing.assert_allclose(drum.counts(drum.paid_out(k)), k, rtol=1e-12, atol=1e-9)

@@ -9,8 +9,8 @@ from rigs import COUNT_MM, HOME, FloatArray, cables, distance, inclination, path
 from lmeasure import se3
 from lmeasure.observation import Observation, predictions, pressure_angles, rows, shared_errors, solve_poses, twists
 from lmeasure.observation.channel import values, variances
-from lmeasure.observation.continuation import _side, _until_lost, follow
-from lmeasure.observation.joint import solve_jointly
+from lmeasure.observation.continuation import _near, _side, _until_lost, follow
+from lmeasure.observation.joint import solve_jointly, with_values
 from lmeasure.observation.solver import ALL
 from lmeasure.status import Status
 
@@ -222,3 +222,26 @@ def test_a_gap_says_nothing_of_what_all_samples_share() -> None:
     np.testing.assert_allclose(np.delete(found.poses.poses, [10, 25], axis=0), without.poses.poses, atol=1e-9)
     assert np.flatnonzero(found.poses.status).tolist() == [10, 25]
     assert (np.sqrt(np.diag(found.covariance)) < COUNT_MM / np.sqrt(12.0)).all()
+
+
+def test_what_readings_tell_nothing_of_stays_as_it_was_known() -> None:
+    """Six cables have six numbers for six degrees of freedom: each zero keeps its value and its uncertainty, whatever they are."""
+    names = [f"c{i}.zero_mm" for i in range(6)]
+    known = {name: 3.0 * i - 7.0 for i, name in enumerate(names)}
+    channels = [with_values(c, known) for c in cables(5)]
+    found = solve_jointly(channels, predictions(channels, poses(1, 4, reach_mm=60.0, turn_rad=0.05)), HOME, names)
+    values_found = {q.name: q.value for c in found.channels for q in c.parameters if q.name in known}
+    assert values_found == pytest.approx(known, abs=1e-6)
+    np.testing.assert_allclose(found.covariance, COUNT_MM**2 / 12.0 * np.eye(6), atol=1e-9)
+
+
+def test_a_sample_that_is_far_is_gone_to_alone() -> None:
+    """By parts, from the pose before; those behind it are begun where it ends."""
+    channels = cables(7)
+    there = se3.displaced(HOME, np.array([0.0, 0.0, 0.0, 90.0, -40.0, 60.0]))
+    readings = predictions(channels, np.stack([there, there, there]))
+    found = _near(channels, readings, HOME[None], ALL)
+    assert len(found.status) == 1
+    assert found.status[0] == Status.OK
+    assert error_of(found.poses, there[None]).max() < EXACT_MM
+    assert len(_near(channels, readings, there[None], ALL).status) == 3

@@ -9,7 +9,6 @@ from rigs import FloatArray
 
 from lmeasure.observation import CableLength, SwivelAngle
 from lmeasure.observation.of_rig import cable_lengths, swivel_angle
-from lmeasure.observation.swivel import angles_from_codes
 from lmeasure.rig import rig_from_dict
 
 AUTHORITY = Path(__file__).parents[1] / "authorities" / "truth"
@@ -42,5 +41,5 @@ class Set:
             table = dict(zip(columns, np.loadtxt(file, delimiter=",").T, strict=True))
         signs = [rig.point(c.from_point).drum.count_sign for c in rig.cable]
         lengths = [o.readings(table[o.name], sign) for o, sign in zip(self.cables, signs, strict=True)]
-        angles = [angles_from_codes(table[e["channel"]], e["counts_per_revolution"], e["count_sign"]) for e in encoders]
+        angles = [2.0 * np.pi / e["counts_per_revolution"] * e["count_sign"] * table[e["channel"]] for e in encoders]
         self.readings = np.stack(lengths + angles, axis=1)
