@@ -29,6 +29,7 @@ from lmeasure.run import Run, read_run, read_run_head
 from lmeasure.trajectory import Stated, Trajectory, read_trajectory, reconstruct
 from lmeasure.trajectory.passes import align
 from lmeasure.trajectory.pose_errors import ErrorsOfRun
+from lmeasure.trajectory.sources import NEAR_RAD, zeros_of
 
 Progress = Callable[[int, int], None]
 
@@ -94,15 +95,19 @@ class Inputs:
                 raise CertificationError(f"{out[name]}: its copy would have the name of that of {out[first]}")
         return out
 
-    @property
-    def passes(self) -> int:
-        """How many times the motion was measured: once without a run."""
-        return 1 if self.run is None else read_run_head(self.run, self.rig).rig.passes
-
-    @property
-    def linked(self) -> bool:
-        """Whether the rig of the run is linked to a calibration."""
-        return self.run is not None and read_run_head(self.run, self.rig).rig.calibration is not None
+    def same_figures(self, method: int, *, contradicted: bool = False, linked: bool = True) -> bool:
+        """Whether a method gives today's figures for these inputs; contradicted: channels of the run contradict each other; linked: False
+        where a calibration changes nothing."""
+        if self.run is None:
+            return same_figures(method, passes=False, linked=False, rough=False, contradicted=False)
+        head = read_run_head(self.run, self.rig)
+        return same_figures(
+            method,
+            passes=head.rig.passes > 1,
+            linked=linked and head.rig.calibration is not None,
+            rough=bool((zeros_of(head.rig, head.calibration) > NEAR_RAD).any()),
+            contradicted=contradicted,
+        )
 
     def stated(self) -> dict[str, Any]:
         """What `inputs_in` needs besides the files, for certificate.json."""
@@ -227,7 +232,7 @@ def _measured(inputs: Inputs, program: Program, settings: Settings, progress: Pr
     aligned = align(run)
     trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
     # no pose depends on what is drawn of a calibration
-    if same_figures(method, inputs.passes, linked=False, contradicted=contradicted(trajectory.notes)):
+    if inputs.same_figures(method, linked=False, contradicted=contradicted(trajectory.notes)):
         _check_same(inputs.trajectory, trajectory)
     model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)

@@ -6,7 +6,8 @@ stood, and redundant cables that contradict each other, are not used. 4: later p
 and of poses without a run, the figures are those of 3. 5: what is drawn of a linked calibration does not depend on
 the signs of eigenvectors, which each build of LAPACK chooses; without a linked calibration the figures are those of 4. 6: what a counter
 lost is taken off its counts, not its lengths, and more of what redundant channels say of one that errs is used; where none contradicts the
-others the figures are those of 5.
+others the figures are those of 5. 7: readings of encoders whose zeros are not known well weigh as they are known until a run tells them,
+and where it does not, poses err by them beyond first order; of other rigs the figures are those of 6.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,14 +16,13 @@ from typing import Any
 from lmeasure.findings import Finding
 from lmeasure.trajectory.prepared import OF_CONTRADICTIONS
 
-METHOD = 6
+METHOD = 7
 """Raised whenever the same inputs give other figures, or the same figures another verdict."""
-SAME_UNCONTRADICTED = 5
-"""From which methods differ where redundant channels contradict each other only."""
-SAME_UNLINKED = 4
-"""From which they differ where a calibration is linked only, besides."""
+SINCE = {"rough": 7, "contradicted": 6, "linked": 5, "passes": 4}
+"""From which methods give the same figures of runs where zeros of encoders are not known well, where redundant channels contradict each
+other, where a calibration is linked, and of several passes."""
 SAME_FOR_ONE_PASS = 3
-"""From which they differ in runs of several passes only, besides."""
+"""From which of all others."""
 
 
 def method_of(certificate: Mapping[str, Any]) -> int:
@@ -35,10 +35,8 @@ def contradicted(notes: Iterable[Finding | str]) -> bool:
     return any(isinstance(note, Finding) and note.code in OF_CONTRADICTIONS for note in notes)
 
 
-def same_figures(method: int, passes: int, *, linked: bool, contradicted: bool) -> bool:
-    """Whether a method gives today's figures for a run of so many passes, or for poses without a run, of one; linked: to a calibration;
-    contradicted: channels contradict each other."""
-    if contradicted:
-        return method == METHOD
-    since = SAME_UNCONTRADICTED if linked else SAME_FOR_ONE_PASS if passes == 1 else SAME_UNLINKED
-    return since <= method <= METHOD
+def same_figures(method: int, *, passes: bool, linked: bool, rough: bool, contradicted: bool) -> bool:
+    """Whether a method gives today's figures for a run, or for poses without one, by what is so of it: several passes, a linked
+    calibration, zeros of encoders that are not known well, channels that contradict each other."""
+    so = {"passes": passes, "linked": linked, "rough": rough, "contradicted": contradicted}
+    return max([SAME_FOR_ONE_PASS, *(since for name, since in SINCE.items() if so[name])]) <= method <= METHOD

@@ -15,7 +15,7 @@ from lmeasure.certification.certificate import LANGUAGES, certificate
 from lmeasure.certification.environment import environment
 from lmeasure.certification.evaluate import SCHEMA
 from lmeasure.certification.measure import Measured, inputs_in, measure, settings_from
-from lmeasure.certification.method import METHOD, contradicted, method_of, same_figures
+from lmeasure.certification.method import METHOD, SAME_FOR_ONE_PASS, contradicted, method_of
 from lmeasure.errors import CertificationError, LMeasureError
 
 PROGRAM = ("lmeasure", "lmeasure sources")
@@ -84,17 +84,17 @@ def verify(
         return _not_computed(folder, seal, error)
     own = {key: value for key, value in environment().items() if stated["environment"].get(key) != value}
     method = method_of(stated)
-    other = not same_figures(method, 1, linked=False, contradicted=False)
+    other = not (SAME_FOR_ONE_PASS <= method <= METHOD)
     told = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
     out = [*seal.differences, *of_environment(stated["environment"], environment())]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, f"its id {stated['id']} is not that of the manifest, {seal.certificate}"))
     try:
         inputs = inputs_in(folder, stated["measurement"])
-        other = not same_figures(method, inputs.passes, linked=inputs.linked, contradicted=False)
+        other = not inputs.same_figures(method)
         copies = entries(folder, sorted(inputs.copies()))
         measured = measure(inputs, settings_from(stated["settings"], earlier=other), progress, method)
-        other = not same_figures(method, inputs.passes, linked=inputs.linked, contradicted=contradicted(measured.notes))
+        other = not inputs.same_figures(method, contradicted=contradicted(measured.notes))
     except LMeasureError as error:
         if not other:
             return _not_computed(folder, seal, error)

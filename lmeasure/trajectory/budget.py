@@ -23,7 +23,7 @@ from lmeasure.observation.cable_effects import OTHERS
 from lmeasure.observation.parts import PLAY, every_part
 from lmeasure.observation.wrap import span_rows
 from lmeasure.rig import Rig
-from lmeasure.trajectory import screw_numpy
+from lmeasure.trajectory import screw_numpy, second_order
 from lmeasure.trajectory.corrections import Correction
 from lmeasure.trajectory.exact import Exact
 from lmeasure.trajectory.parameter_errors import ParameterErrors
@@ -31,8 +31,10 @@ from lmeasure.trajectory.pose_covariances import PoseCovariances
 from lmeasure.trajectory.scheme import Scheme
 from lmeasure.trajectory.sources import (
     ANYWHERE,
+    NEAR_RAD,
     PHASE,
     UNKNOWN_MM,
+    ZERO,
     PassClock,
     Situation,
     Source,
@@ -40,6 +42,7 @@ from lmeasure.trajectory.sources import (
     unknown_start,
     unknown_zeros,
     variance_until_told,
+    zero_columns,
     zero_phase,
     zeros_of,
 )
@@ -92,6 +95,9 @@ class Budget:
         self._before = length_variance(rig, observed)
         if scheme.redundancy:
             self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free))
+        rough = zero_columns(rig, calibration)[0]
+        # where nothing tells more of them, poses err by far more than what is of first order in them
+        self._rough = rough[:, (rough > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
         self.absolute = np.array([rig.counter(o).codes is not None for o in observed])
         """(m,) whether a channel's readings are counted from no pose."""
         self.start = start
@@ -140,8 +146,9 @@ class Budget:
         """The sources of what the channels count from."""
         self.every = (*(source for source in every if source not in self.origins), *self.origins)
         """All sources of systematic error, the origins last."""
-        self.sources = tuple(name for source in self.every for name in source.names)
-        self.uniform = tuple(source.uniform for source in self.every for _ in source.names)
+        bends = second_order.variables(self._rough.shape[1])
+        self.sources = (*(name for source in self.every for name in source.names), *(ZERO,) * bends)
+        self.uniform = (*(source.uniform for source in self.every for _ in source.names), *(False,) * bends)
         self.covers = _covers(calibration is not None, [text for source in self.every for text in source.said])
 
     def restore(self, cable: int, after_s: float, until_s: float = np.inf) -> None:
@@ -314,7 +321,12 @@ class Budget:
             return G[:, :, :0]
         lengths = self.lengths_of(situation, sources)
         # a cable without a count, or left out, has no part in the pose
-        return np.asarray(G @ np.where(np.isfinite(lengths), lengths, 0.0))
+        factors = np.asarray(G @ np.where(np.isfinite(lengths), lengths, 0.0))
+        if not self._rough.shape[1]:
+            return factors
+        rows = self.scheme.rows
+        beyond = second_order.beyond_first(rows, situation.poses, G, G @ self._rough, rows[:, KIND] != CABLE)
+        return np.concatenate([factors, beyond], axis=2)
 
     def _pass_lengths(self, at: Situation) -> FloatArray:
         """(n, m, k) errors of the lengths by the passes' clocks and places: the cables of a pass are late and displaced together."""

@@ -1,5 +1,6 @@
 """Folders against another environment, another method and a forger: what is compared, what is refused, and what is said not to be."""
 
+import importlib
 import json
 import os
 import shutil
@@ -22,7 +23,7 @@ from lmeasure.certification.bundle import MANIFEST, check_seal, entries, opened_
 from lmeasure.certification.canonical import canonical, digest
 from lmeasure.certification.certificate import certificate
 from lmeasure.certification.measure import Inputs, inputs_in, measure, settings_from
-from lmeasure.certification.method import METHOD
+from lmeasure.certification.method import METHOD, same_figures
 from lmeasure.certification.signature import fingerprint, read_public_key
 from lmeasure.certification.verify import Verification, verify
 from lmeasure.cli import app
@@ -144,24 +145,42 @@ def test_a_certificate_states_its_method(copy: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "passes", "linked", "same"),
+    ("method", "so", "same"),
     [
-        (4, 1, False, True), (4, 2, False, True), (4, 1, True, False), (5, 1, True, True), (5, 2, True, True),
-        (3, 1, False, True), (3, 2, False, False), (3, 1, True, False), (2, 1, False, False),
+        (2, (), False), (3, (), True), (3, ("passes",), False), (4, ("passes",), True), (4, ("linked",), False), (5, ("linked",), True),
+        (5, ("linked", "passes"), True), (5, ("contradicted",), False), (6, ("contradicted", "linked"), True),
+        (6, ("rough",), False), (7, ("rough", "contradicted", "linked", "passes"), True), (METHOD + 1, (), False),
     ],
 )  # fmt: skip
 def test_figures_are_compared_with_those_of_methods_that_differ_elsewhere(
-    copy: Path, monkeypatch: pytest.MonkeyPatch, *, method: int, passes: int, linked: bool, same: bool
+    copy: Path, monkeypatch: pytest.MonkeyPatch, *, method: int, so: tuple[str, ...], same: bool
 ) -> None:
-    """Method 4 changed what is drawn of later passes, 5 what is drawn of a linked calibration, 6 what is used of contradicting channels."""
+    """Method 4 changed what is drawn of later passes, 5 what is drawn of a linked calibration, 6 what is used of contradicting channels, 7
+    what is made of encoders whose zeros are not known well."""
     resealed(copy, {"method": method})
     elsewhere(copy)
-    monkeypatch.setattr(Inputs, "passes", passes)
-    monkeypatch.setattr(Inputs, "linked", linked)
+    true = {name: name in so for name in ("passes", "linked", "rough", "contradicted")}
+    measuring = importlib.import_module("lmeasure.certification.measure")
+    monkeypatch.setattr(measuring, "same_figures", lambda method, **_: same_figures(method, **true))
     found = looked_at(copy)
     assert found.differences == ()
     assert (found.exit_code, found.figures) == ((0, len(content_of(copy)["characteristics"])) if same else (3, 0))
     assert same or f"figures: made by method {method}, today's is {METHOD}" in found.skipped
+
+
+@pytest.mark.parametrize(("u_zero_deg", "same"), [(0.002, True), (0.1, False), (None, False)])
+def test_zeros_that_are_not_known_well_are_treated_otherwise_since_method_7(
+    tmp_path: Path, u_zero_deg: float | None, *, same: bool
+) -> None:
+    run = read_run(AUTHORITY / "swivel-run")
+    known = {"zero_deg": 1.0, "u_zero_deg": u_zero_deg} if u_zero_deg else {"zero_deg": None, "u_zero_deg": None}
+    first, *others = run.rig.swivel
+    rig = run.rig.model_copy(update={"swivel": (first.model_copy(update=known), *others)})
+    write_run(tmp_path / "run", replace(run, rig=rig))
+    inputs = Inputs(tmp_path / "trajectory.parquet", tmp_path / "program.toml", tmp_path / "run")
+    assert inputs.same_figures(6, contradicted=True) is same
+    assert inputs.same_figures(7)
+    assert replace(inputs, run=None).same_figures(3)
 
 
 def test_what_a_counter_lost_is_taken_off_otherwise_since_method_6(tmp_path: Path) -> None:
