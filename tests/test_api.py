@@ -62,6 +62,13 @@ def test_import_brings_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_zones_and_trajectories_load_no_statistics_before_they_use_them() -> None:
+    """SciPy's take half a second, and a map of six cables or a run of them asks none."""
+    code = "import sys, lmeasure.accuracy.zone, lmeasure.trajectory; print('scipy.stats' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
 def corrected() -> Corrected:
     """One target of a robot whose link is 0.4 mm too long."""
     nominal = shipped("generic6").model

@@ -2,8 +2,7 @@
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import gammainc
-from scipy.stats import chi2
+from scipy.special import gammainc, gammaincinv
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels.gaussian import RADIUS_95
@@ -31,7 +30,7 @@ def exact_radius_95(eigenvalues: FloatArray, coverage: float = 0.95) -> float:
     def excess(square: float) -> float:
         return float(0.5 * weight @ gammainc(1.5, 0.5 * square / along).mean(axis=1)) - coverage
 
-    low, high = chi2.ppf(coverage, 1), chi2.ppf(coverage, 3)
+    low, high = (2.0 * gammaincinv(freedom / 2.0, coverage) for freedom in (1, 3))
     return float(np.sqrt(scale * brentq(excess, 0.9 * low, 1.1 * high, xtol=1e-13)))
 
 

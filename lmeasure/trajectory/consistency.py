@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 from lmeasure.findings import Finding, finding
@@ -110,7 +110,7 @@ class Consistency:
         wrong = np.zeros(len(chi), np.bool_)
         for used in np.unique(parities.used[open_], axis=0):
             mine = open_ & (parities.used == used).all(axis=1)
-            if chi2.sf(chi[mine].max(), used.sum() - len(self._redundancy.free)) < WORTH:
+            if scipy.stats.chi2.sf(chi[mine].max(), used.sum() - len(self._redundancy.free)) < WORTH:
                 wrong[mine] = chi[mine] > self._limit(used, np.flatnonzero(mine), poses)
         return np.asarray(np.flatnonzero(wrong))
 
@@ -188,10 +188,10 @@ class Consistency:
         used[:, list(cables)] = False
         together, alone, freedom = self._redundancy.jointly(epochs, poses, used)
         n = len(poses)
-        worst = chi2.sf(alone.max(), freedom)
+        worst = scipy.stats.chi2.sf(alone.max(), freedom)
         if rounded:
             worst = min(worst, self._redundancy.chance(epochs, poses, used[0]).above(alone.max()))
-        return float(2.0 * min(chi2.sf(together, freedom * n), worst * n))
+        return float(2.0 * min(scipy.stats.chi2.sf(together, freedom * n), worst * n))
 
     def _followed(self, cables: tuple[int, ...], wanted: IntArray, since: int) -> tuple[IntArray, FloatArray]:
         """Epochs on the way to the wanted ones, these among them, and their poses (k, 7) without these cables; where the others lose the
@@ -213,7 +213,7 @@ class Consistency:
             used[:, [j for j in cables if j != cable]] = False
             parities = self._redundancy.parities(self._epochs, poses, used)
             errors.append([values[:, cable].copy() for values in parities.errors])
-            alike.append(chi2.sf(parities.chi_squared[alarms], parities.freedom[alarms]) >= SIGNIFICANCE)
+            alike.append(scipy.stats.chi2.sf(parities.chi_squared[alarms], parities.freedom[alarms]) >= SIGNIFICANCE)
         # cables that err at different times: each is left out at alarms that the rest of them does not explain
         among, out = np.array(alike).all(axis=0), []
         for cable, (error, u), agrees in zip(cables, errors, alike, strict=True):
@@ -323,7 +323,7 @@ class EpochFinder:
         self.samples += len(epochs)
         freedom = np.maximum(np.isfinite(epochs.change_mm).sum(axis=1) - len(self._redundancy.free), 1)
         with np.errstate(invalid="ignore"):
-            suspect = ~(chi2.sf(chi_squared, freedom) >= SUSPECT) & np.isfinite(poses[:, 0])
+            suspect = ~(scipy.stats.chi2.sf(chi_squared, freedom) >= SUSPECT) & np.isfinite(poses[:, 0])
         score = np.where(np.isfinite(chi_squared), 0.0, np.inf)
         rows = np.flatnonzero(suspect)
         if len(rows):

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from math import lgamma
 
 import numpy as np
-from scipy.stats import chi2, norm, qmc
+import scipy
+from scipy.special import log_ndtr, ndtri
 
 from lmeasure.arrays import FloatArray
 
@@ -85,28 +86,28 @@ def _of_one(U: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray]:
     q, lam = first[good], LAMBDAS[good]
     like = (1.0 - d / q) / 2.0
     normal = _tail(like, q, -d / 2.0 * np.log(1.0 - 2.0 * like), 2.0 * d / (1.0 - 2.0 * like) ** 2)
-    log_chance = chi2.logsf(q, d) + _tail(lam, q, K[good], second[good]) - normal
+    log_chance = scipy.stats.chi2.logsf(q, d) + _tail(lam, q, K[good], second[good]) - normal
     kept = log_chance > LEAST
     q, log_chance = q[kept], np.minimum.accumulate(log_chance[kept])
     # behind the table: what is farthest of a convex body, all uniforms at their ends, is the largest of its supports; the rest is normal
     end = float(np.max(np.sqrt(3.0) * np.abs(theta @ U).sum(axis=1)))
     beyond = np.linspace(0.0, 12.0, 49)
     far = (end + beyond * max(float(np.linalg.norm(V, 2)) if V.size else 0.0, 1e-3)) ** 2
-    left = np.minimum(chi2.logsf(beyond**2, d), log_chance[-1])
+    left = np.minimum(scipy.stats.chi2.logsf(beyond**2, d), log_chance[-1])
     return np.append(q, far[far > q[-1]]), np.append(log_chance, left[far > q[-1]])
 
 
 def _tail(lam: FloatArray, q: FloatArray, K: FloatArray, second: FloatArray) -> FloatArray:
     """Logarithm of the chance of more than q by K and its second derivative at lambda, where its first is q."""
     w, u = np.sqrt(2.0 * (lam * q - K)), lam * np.sqrt(second)
-    return np.asarray(norm.logsf(w + np.log(u / w) / w))
+    return np.asarray(log_ndtr(-(w + np.log(u / w) / w)))
 
 
 def _directions(d: int) -> FloatArray:
     """(n, d) spread evenly over the sphere."""
     if d == 1:
         return np.ones((1, 1))
-    z = norm.ppf(np.clip(qmc.Sobol(d, seed=0).random(DIRECTIONS), 1e-12, 1.0 - 1e-12))
+    z = ndtri(np.clip(scipy.stats.qmc.Sobol(d, seed=0).random(DIRECTIONS), 1e-12, 1.0 - 1e-12))
     return np.asarray(z / np.linalg.norm(z, axis=1, keepdims=True))
 
 

@@ -11,9 +11,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
-from scipy.stats import t as student
 
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
@@ -182,7 +182,7 @@ def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
     square, period, away = min(lines, key=lambda line: line[0])
     # of three scatters the least was taken, and each is known to 1 / sqrt(2 freedom)
     least = 1.0 + 1.0 / np.sqrt(2.0 * freedom)
-    u_rate = least * np.sqrt(square / freedom / (along @ along)) / period * student.ppf(0.975, freedom) / NORMAL_95
+    u_rate = least * np.sqrt(square / freedom / (along @ along)) / period * scipy.stats.t.ppf(0.975, freedom) / NORMAL_95
     same = np.diff(of) == 0
     moved = np.diff(away)[same]
     if len(moved) and moved @ moved < WHITE * square:

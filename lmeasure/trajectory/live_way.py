@@ -3,7 +3,7 @@
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from lmeasure.arrays import FloatArray
 from lmeasure.kernels import counter, layout, least_squares, live, screw
@@ -72,7 +72,7 @@ class AnyChannels:
         self._channels, self._counters = channel_rows(reconstruction.rig), np.zeros((m, counter.STATE))
         self._state = reconstruction.begun_state()
         freedom = np.maximum(np.arange(m + 1) - len(self._free), 1)
-        self._limit = chi2.isf(SIGNIFICANCE / SAMPLES, freedom)
+        self._limit = scipy.stats.chi2.isf(SIGNIFICANCE / SAMPLES, freedom)
         self._limit[: len(self._free) + 1] = np.inf
         if reconstruction.redundancy is not None:
             # of all channels by the law of their rounding, of fewer by the normal one, which is never below it

@@ -16,7 +16,7 @@ from one of k. The smallest that is told apart from every other is that of the l
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from lmeasure.arrays import BoolArray, FloatArray
 from lmeasure.findings import Finding, finding
@@ -27,7 +27,7 @@ from lmeasure.trajectory.screw_method import Reconstruction
 
 ALPHA, POWER = 1e-3, 0.8
 """Baarda's: of a single sample and channel."""
-SHIFT = float(norm.isf(ALPHA / 2.0) + norm.ppf(POWER))
+SHIFT = float(ndtri(POWER) - ndtri(ALPHA / 2.0))
 """Standard uncertainties of the smallest fault that is found: 4.13."""
 PLACES = 64
 """Samples of a run, spread over it, at which it is worked out."""

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from lmeasure.arrays import ComplexArray, FloatArray, IntArray
 from lmeasure.roots import symmetric_root
@@ -140,7 +140,7 @@ def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]
         several = axes.sum() ** 2 / (axes**2).sum()
         freedom = 2.0 * several * len(left)
         noise = max(square - explained[best], 1e-30) / (number * several)
-        if explained[best] / noise < chi2.isf(CHANCE / (2.0 * MOST_PERIODS), freedom) or explained[best] < LEAST * strongest:
+        if explained[best] / noise < scipy.stats.chi2.isf(CHANCE / (2.0 * MOST_PERIODS), freedom) or explained[best] < LEAST * strongest:
             break
         strongest = max(strongest, float(explained[best]))
         fine = grid[best] + np.linspace(-STEP, STEP, 33) / longest
