@@ -29,6 +29,8 @@ BACK_SCATTERS = 3.0
 """Of the other channels at the two visits (root mean square), between these bounds: up to this a channel is back where it was."""
 TOLD = 12
 """Notes of a run's counters that a reader is asked to read."""
+STILL_MM_S2 = 1e-6
+"""An acceleration below it is rounding of numbers: samples 1 s apart would show 1e-6 mm of it."""
 COARSE_MM = 1.0
 """A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on."""
 
@@ -163,7 +165,7 @@ def _seen(rig: Rig, continuity: Continuity) -> Finding:
     step = {"counts": mm / drum.count_length_mm * drum.scale, "mm": mm}
     if continuity.jitter_mm is not None and continuity.jitter_mm[j] > mm / 2.0:
         return finding("steps.seen.clock", **step)
-    if continuity.acceleration_mm_s2 == 0.0:
+    if continuity.acceleration_mm_s2 < STILL_MM_S2:
         return finding("steps.seen.rounding", **step)
     seen = finding("steps.seen", **step, mm_s2=float(continuity.acceleration_mm_s2))
     return finding("steps.seen.slow", seen=seen) if mm > COARSE_MM else seen
