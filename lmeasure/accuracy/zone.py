@@ -32,7 +32,7 @@ from lmeasure.lengths import span_lengths
 from lmeasure.observation.parts import PLAY, every_part
 from lmeasure.rig import Rig
 from lmeasure.roots import covariance_root
-from lmeasure.trajectory.sources import zero_columns
+from lmeasure.trajectory.sources import NEAR_RAD, zeros_of
 from lmeasure.zeroing import length_variance, zeroed_exactly
 
 if TYPE_CHECKING:
@@ -350,8 +350,9 @@ def covers(rig: Rig, calibration: CalibrationRecord | None) -> str:
     if not exact.all():
         which = "the zero phase" if not exact.any() else "the zero phase of those whose zero is not exact"
         counts += f", {which} (as much again)"
-    if zero_columns(rig, calibration)[1]:
-        counts += ", the zeros of encoders"
+    zeros = zeros_of(rig, calibration)
+    if zeros.any():
+        counts += ", the zeros of encoders" + (", to first order" if zeros.max() > NEAR_RAD else "")
     also = [v.kind.text for v in unsolved.stated(rig, None, () if calibration is None else (p.name for p in calibration.parameters))]
     stated = f"what the rig states of {', '.join(dict.fromkeys(also))}" if also else ""
     if calibration is None and not stated:

@@ -200,10 +200,10 @@ def test_what_is_covered_is_said() -> None:
     assert text.endswith(f"{since}; the rig links no calibration")
     both = covers(stated, linked)
     assert both == text.removesuffix(f"{since}; the rig links no calibration") + f" and the linked calibration's covariance{since}"
-    data = exact.to_dict() | {
-        "swivel": [{"point": "B1", "channel": "sw1", "counts_per_revolution": 4096, "zero_deg": 1.0, "u_zero_deg": 0.1}]
-    }
-    assert covers(rig_from_dict(data), None) == f"counts of +-1/2, the zeros of encoders{none}"
+    for u_deg, how in ((0.01, ""), (0.1, ", to first order")):
+        swivel = {"point": "B1", "channel": "sw1", "counts_per_revolution": 4096, "zero_deg": 1.0, "u_zero_deg": u_deg}
+        rig = rig_from_dict(exact.to_dict() | {"swivel": [swivel]})
+        assert covers(rig, None) == f"counts of +-1/2, the zeros of encoders{how}{none}"
 
 
 def test_places_all_over_a_scan_are_sampled_with_orientations_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
