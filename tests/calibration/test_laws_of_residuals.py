@@ -164,3 +164,30 @@ def test_residuals_are_what_strings_on_discs_do_not_close_by(shift: float) -> No
         expected.append(float(here - begun))
     np.testing.assert_allclose(found, expected, atol=1e-8)
     assert (np.abs(found).max() < 1e-8) == (shift == 0.0)
+
+
+@pytest.mark.parametrize("encoders", [True, False])
+def test_an_attachment_that_is_off_moves_lengths_and_angles(encoders: bool) -> None:
+    """By one standard uncertainty along each axis of the tool, of every cable and encoder that looks at it."""
+    rig = swivelled(2).model_copy(update={"u_attachment_mm": 0.02})
+    campaign, _ = campaign_of(rig, exact=True)
+    if not encoders:
+        drums = len(rig.cable)
+        campaign = replace(campaign, cables=campaign.cables[:drums], counts=campaign.counts[:, :drums], zero=campaign.zero[:drums])
+    unknowns = unknowns_of(campaign, ("position",))
+    model = Model(campaign, unknowns)
+    found = model.unsolved_shifts(model.start)
+    names = [name for v in model.unsolved.variables for name in v.names]
+    assert len(names) == found.shape[1] == 3 * len({c.to_point for c in rig.cable})
+    turned = np.array([isinstance(c, Turned) for c in campaign.cables])[model.cable_index]
+    assert turned.any() == encoders
+    for name, column in zip(names, found.T, strict=True):
+        ends = []
+        for sign in (1.0, -1.0):
+            owner, key = name.removeprefix("tool.").split(".")
+            tool = {point: list(at) for point, at in rig.tool.items()}
+            tool[owner]["xyz".index(key.split("_")[-2])] += sign * 0.02
+            moved = replace(campaign, rig=rig.model_copy(update={"tool": {point: tuple(at) for point, at in tool.items()}}))
+            ends.append(Model(moved, unknowns).residuals(model.start))
+        np.testing.assert_allclose(column, (ends[0] - ends[1]) / 2.0, rtol=1e-4, atol=1e-7)
+        assert (np.abs(column[turned]) > 1e-4).any() == encoders

@@ -158,6 +158,17 @@ def test_inputs_that_are_refused_are_no_fault_of_a_certificate_by_another_method
         assert found.skipped == ("figures: see above",)
 
 
+@pytest.mark.parametrize("method", [SAME_FOR_ONE_PASS, METHOD, METHOD + 1])
+def test_settings_that_are_refused_are_no_fault_of_a_certificate_by_another_method(folder: Path, method: int) -> None:
+    """An earlier method of today's figures has today's settings."""
+    resealed(folder, {"method": method, "settings": content_of(folder)["settings"] | {"trials": "many"}})
+    found = verify(folder)
+    assert (texts(found) == []) == (method > METHOD)
+    assert found.skipped[0].startswith(
+        f"figures: by method {method}; today's, {METHOD}, refuses" if method > METHOD else "figures: see above"
+    )
+
+
 def test_an_environment_is_one_of_versions_under_known_names() -> None:
     """Of the names only those of the same sources are known."""
     here = environment()
@@ -259,6 +270,7 @@ def test_tables_alike_but_for_last_digits(one: Any, other: Any, alike: bool) -> 
         ({"upper": 2.0}, {"lower": 2.0}, np.inf),
         ({"upper": 2.0}, {"upper": 2.0, "lower": 2.0}, np.inf),
         ({}, 2.0, np.inf),
+        ({}, {}, 0.0),
         ("to 0.012", "to 0.013", 0.0),
         ("to 0.012", "up to 0.012", np.inf),
         ("2.0", 2.0, np.inf),

@@ -1,7 +1,10 @@
 """The reference solver: poses from any channels, what they err by, and when there is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy.optimize
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rigs import COUNT_MM, HOME, FloatArray, cables, distance, inclination, path, poses, swivel
@@ -245,3 +248,35 @@ def test_a_sample_that_is_far_is_gone_to_alone() -> None:
     assert found.status[0] == Status.OK
     assert error_of(found.poses, there[None]).max() < EXACT_MM
     assert len(_near(channels, readings, there[None], ALL).status) == 3
+
+
+def test_poses_and_what_all_readings_share_are_one_least_squares() -> None:
+    """Of eight cables zeroed nobody knows quite where, with readings missing: by SciPy over poses and zeros together."""
+    channels, truth, g = cables(6, 8), poses(3, 5, reach_mm=100.0, turn_rad=0.08), np.random.default_rng(4)
+    names = [f"c{i}.zero_mm" for i in range(8)]
+    wide = [
+        replace(c, parameters=(*c.parameters[:-1], replace(c.parameters[-1], value=0.5, prior_u=0.4 + 0.1 * i)))
+        for i, c in enumerate(channels)
+    ]
+    off = g.normal(size=8)
+    loud = [with_values(c, {name: float(v)}) for c, name, v in zip(wide, names, off, strict=True)]
+    readings = predictions(loud, truth) + 0.003 * g.normal(size=(5, 8))
+    readings[2, 5], readings[4, 0] = np.nan, np.nan
+    u, spread = np.array([c.parameters[-1].prior_u for c in wide]), np.sqrt(variances(channels))
+    scale = np.tile(np.repeat([1e-3, 1.0], 3), 5)
+
+    def off_by(x: FloatArray) -> FloatArray:
+        now = [with_values(c, {name: float(v)}) for c, name, v in zip(wide, names, x[:8], strict=True)]
+        there = se3.displaced(truth, (x[8:] * scale).reshape(5, 6))
+        away = (readings - predictions(now, there)) / spread
+        return np.concatenate([away[np.isfinite(away)], (x[:8] - 0.5) / u])
+
+    best = scipy.optimize.least_squares(
+        off_by, np.r_[np.full(8, 0.5), np.zeros(30)], jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    found = solve_jointly(wide, readings, truth, names)
+    np.testing.assert_allclose([c.parameters[-1].value for c in found.channels], best.x[:8], atol=1e-4)
+    covariance = np.linalg.inv(best.jac.T @ best.jac)[:8, :8]
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-3, atol=1e-7)
+    there = se3.displaced(truth, (best.x[8:] * scale).reshape(5, 6))
+    np.testing.assert_allclose(se3.displacement(found.poses.poses, there) / scale[:6], 0.0, atol=1e-3)
