@@ -1,7 +1,7 @@
 """The table of tests: a new test of the standard is one class and one line, and what is asked of a test changes nothing."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
@@ -12,7 +12,9 @@ from lmeasure.certification import Settings, evaluate, iso9283
 from lmeasure.certification.attainment import Attainment, attained
 from lmeasure.certification.figure import Figure, Maker, Subject
 from lmeasure.certification.iso9283 import distance
-from lmeasure.certification.iso9283.pose import _reduced
+from lmeasure.certification.iso9283.corners import CornerPart
+from lmeasure.certification.iso9283.path import PathPart
+from lmeasure.certification.iso9283.pose import PosePart, _reduced
 from lmeasure.certification.iso_test import IsoTest
 from lmeasure.program import Program
 from lmeasure.trajectory.stamps import sound
@@ -116,3 +118,10 @@ def test_a_cycle_that_is_a_group_alone_has_no_scatter() -> None:
     # the two scatter less about their mean than they were measured to, the third is moved with its mean alone
     assert 0.0 < found[1, 0] - found[0, 0] < 0.2
     assert found[2, 0] == pytest.approx(5.0, abs=0.05)
+
+
+@pytest.mark.parametrize("part", [PosePart, PathPart, CornerPart])
+def test_what_a_part_works_out_is_nothing_to_be_given(part: type) -> None:
+    own = [f for f in fields(part) if f.name.startswith("_")]
+    assert own
+    assert not any(f.init for f in own)

@@ -5,7 +5,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 from numpy.typing import NDArray
-from problems import Line, Plane, Readings, Stations, arc, plane
+from problems import Curve, Line, Plane, Readings, Stations, arc, plane
 
 from lmeasure.errors import CalibrationError
 from lmeasure.estimation import Fit, Problem, fit
@@ -179,3 +179,26 @@ def test_regions_beside_nuisance_parameters_are_those_of_the_whole() -> None:
     np.testing.assert_allclose(where.covariance / np.outer(u, u), found.covariance[:own, :own] / np.outer(u, u), atol=1e-3)
     np.testing.assert_allclose(where.U95, 1.96 * u, rtol=0.06)
     assert where.factor == pytest.approx(np.sqrt(scipy.stats.chi2.ppf(0.95, own)), rel=0.03)
+
+
+def test_regions_beside_nuisance_parameters_are_as_bent_as_without() -> None:
+    """The same values with and without a place beside them that does not hang on them; of the second order there is an exact figure."""
+
+    def of(theta: FloatArray) -> FloatArray:
+        a, b = theta
+        return np.array([10.0 * a + 60.0 * a**2, 12.0 * b, 12.0 * b])
+
+    def by(theta: FloatArray) -> FloatArray:
+        return np.array([[10.0 + 120.0 * theta[0], 0.0], [0.0, 12.0], [0.0, 12.0]])
+
+    alone, beside = (
+        regions(fit(problem, problem.start, prior_everywhere=False), 0)
+        for problem in (Curve(of, by, np.zeros(2), beside=beside) for beside in (False, True))
+    )
+    # x = xi - 0.6 xi^2 in standard uncertainties: variance 1 + 0.36 * 3
+    for found in (alone, beside):
+        np.testing.assert_allclose(np.diag(found.covariance), [(1.0 + 0.36 * 3.0) / 100.0, 1.0 / 288.0], rtol=0.13)
+        assert found.bend == pytest.approx(np.sqrt(0.36 * 3.0), rel=0.1)
+    np.testing.assert_allclose(beside.covariance, alone.covariance, rtol=0.2, atol=1e-4)
+    np.testing.assert_allclose(beside.U95, alone.U95, rtol=0.08)
+    assert beside.factor == pytest.approx(alone.factor, rel=0.08)
