@@ -22,6 +22,8 @@ from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.errors import AccuracyError
 from lmeasure.kernels import zone as kernels
+from lmeasure.kernels.cable import guide_direction
+from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS
 from lmeasure.rig import Rig
 
 BODIES = (
@@ -80,6 +82,31 @@ def test_few_places_too(rig: Rig, linked: bool) -> None:
     assert (fast != slow).any()
     for name, a, b in zip(kernels.FIGURES, fast, slow, strict=True):
         assert (np.abs(a - b) <= (1e-12 + 1e-15 * slow[kernels.NORM2]) * np.maximum(1.0, np.abs(b))).all(), name
+
+
+def test_few_places_where_nothing_holds() -> None:
+    """One cable twice holds no pose anywhere."""
+    plan = plan_of(cell(0), 150.0, 300.0, 1)
+    twice = plan.cables.copy()
+    twice[3] = twice[2]
+    _, flags = scalar(replace(plan, cables=twice))
+    assert (flags == kernels.SINGULAR).all()
+
+
+def test_a_place_that_a_cable_cannot_run_to() -> None:
+    """Its point lies within its pulley there, and elsewhere it runs."""
+    plan = plan_of(cell(0), 150.0, 300.0, 1)
+    inside = plan.cables.copy()
+    turn = Rotation.from_quat(plan.quaternions[0])
+    point = plan.positions[1] + turn.apply(inside[2, ATTACHMENT_XYZ])
+    u = np.array(guide_direction(inside[2, ALPHA], inside[2, BETA]))
+    away = np.cross(u, [0.3, -0.5, 0.8])
+    inside[2, BASE_XYZ] = point - inside[2, RADIUS] * away / np.linalg.norm(away)
+    slow, flags = scalar(replace(plan, cables=inside))
+    assert flags[1] == kernels.CANNOT_RUN
+    assert (np.delete(flags, 1) & kernels.CANNOT_RUN == 0).all()
+    np.testing.assert_array_equal(slow[[kernels.SPEED2, kernels.NORM2, kernels.U95_POSITION, kernels.U95_ROTATION], 1], np.inf)
+    np.testing.assert_array_equal(run(replace(plan, cables=inside))[1], flags)
 
 
 @pytest.mark.parametrize("rows", [range(13), range(5), (5,), (6, 12), (7, 8), (9, 10, 11)], ids=str)

@@ -13,7 +13,7 @@ import tomli_w
 from made_trajectories import made_campaign
 
 from lmeasure.certification import Settings
-from lmeasure.certification.again import RELATIVE, SOURCES, compare, label, of_environment
+from lmeasure.certification.again import RELATIVE, SOURCES, _keyed, compare, label, of_environment
 from lmeasure.certification.bundle import CERTIFICATE, SIGNATURE, Difference, copy_into, entries, seal
 from lmeasure.certification.canonical import canonical
 from lmeasure.certification.certificate import certificate, identification
@@ -448,3 +448,10 @@ def test_the_last_line_says_what_came_of_it(stated: Callable[..., Verification])
     assert other[-1].endswith("computed again and the same within 1e-06")
     assert len(told(stated(environment=("numpy 1.0, here 2.0",), figures=0), asked=True)) == 3
     assert [stated(**c).exit_code for c in ({}, {"skipped": ("x",)}, {"differences": (one,), "skipped": ("x",)})] == [0, 3, 1]
+
+
+def test_figures_of_one_name_are_counted() -> None:
+    figures: list[dict[str, Any]] = [{"name": "AP_p", "pose": pose, "value": i} for i, pose in enumerate(("P1", "P2", "P1", "P1"))]
+    assert list(_keyed(figures).items()) == list(
+        zip(("AP_p of P1", "AP_p of P2", "AP_p of P1 (2)", "AP_p of P1 (3)"), figures, strict=True)
+    )

@@ -313,6 +313,21 @@ def test_two_steps_are_looked_ahead() -> None:
             assert screw._next_could_turn(rows, other, pose, side, *work) == sees, (short, ahead, sign)
 
 
+def test_where_a_motion_is_two_steps_on_whatever_the_signs_of_quaternions() -> None:
+    rows, rng = cell_rows(), np.random.default_rng(2)
+    before = se3.displaced(HOME, rng.normal(size=6) * np.repeat([0.1, 30.0], 3))
+    pose = se3.displaced(before, rng.normal(size=6) * np.repeat([0.01, 3.0], 3))
+    for sign in (1.0, -1.0):
+        probe = np.empty(7)
+        other = np.concatenate([before[:3], sign * before[3:]])
+        screw._next_could_turn(rows, other, pose, 1.0, probe, np.empty((6, 6)), np.empty((6, 6)), screw.platform_size(rows))
+        # twice the last step on: by the small displacement that it was, and a turn about the same axis
+        ahead = se3.displaced(pose, 2.0 * se3.displacement(pose, before))
+        apart = np.abs(se3.displacement(probe, ahead))
+        assert apart[3:].max() < 1e-9
+        assert apart[:3].max() < 1e-5
+
+
 def test_near_a_singular_pose_and_back_nothing_is_lost() -> None:
     """Beyond 80 degrees of pressure angle a slow motion that turns back in time is followed to its end; nearer it is lost."""
     rows = cell_rows()

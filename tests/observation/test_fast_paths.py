@@ -224,3 +224,14 @@ def test_covariances_of_poses(seed: int) -> None:
         u = np.sqrt(np.einsum("nii->ni", expected))
         covariance = found @ np.swapaxes(found, 1, 2)
         np.testing.assert_allclose(covariance / u[:, :, None] / u[:, None, :], expected / u[:, :, None] / u[:, None, :], atol=1e-7)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_few_samples_go_on_as_they_went(sign: float) -> None:
+    """As far again and about as much turned, in whichever of its two ways the orientation behind is written."""
+    behind, pose = se3.displaced(HOME, np.array([[0.01, -0.02, 0.015, 3.0, -1.0, 2.0], [0.02, -0.04, 0.03, 7.0, -2.0, 3.0]]))
+    ahead = pose.copy()
+    least_squares.go_on(np.r_[behind[:3], sign * behind[3:]], ahead)
+    np.testing.assert_allclose(ahead[:3], [11.0, -3.0, 4.0], atol=1e-12)
+    np.testing.assert_allclose((Rotation.from_quat(ahead[3:])).as_rotvec(), [0.03, -0.06, 0.045], atol=1e-4)
+    assert np.linalg.norm(ahead[3:]) == pytest.approx(1.0, abs=1e-14)
