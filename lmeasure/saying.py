@@ -17,7 +17,8 @@ def powers(printed: str) -> str:
     return _EXPONENT.sub(lambda found: "·10" + (found[1].lstrip("+") + found[2]).translate(_RAISED), printed)
 
 
-def _shown(text: str) -> str:
+def typeset(text: str) -> str:
+    """A line of a computation with signs as people write them: powers, mm/s², ±, m³."""
     return signs(powers(text)).replace("m^3", "m³")
 
 
@@ -52,11 +53,11 @@ class Say:
     def told(self, text: str | Finding) -> str:
         """What a computation said; as it is where the language has no words for it."""
         if isinstance(text, Finding):
-            return _shown(text.text(self.language))
+            return typeset(text.text(self.language))
         text = plain(text)
         if self.language == "en" or not text:
-            return _shown(text)
-        return _shown(self._known(text) or text)
+            return typeset(text)
+        return typeset(self._known(text) or text)
 
     def _known(self, text: str) -> str | None:
         whole = retold(TOLD, self.language, text, self.told)

@@ -87,7 +87,8 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
     # on a logarithmic axis an annotation lies at the logarithm
     at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "top", "showarrow": False}
     figure.add_annotation(text=say("the prior knows it as well"), **at)
-    figure.update_layout(height=380, margin={"t": 20}, xaxis={"title": say("direction, best seen first")})
+    # the names take a line each on a telephone
+    figure.update_layout(height=270 + 19 * len(figure.data), margin={"t": 20}, xaxis={"title": say("direction, best seen first")})
     return figure.update_yaxes(title=say("u left, in prior u"), type="log")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from lmeasure.catalogue import decimal as number
-from lmeasure.catalogue import texts
+from lmeasure.catalogue import signs, texts
 from lmeasure.certification.printed import with_u95 as with_u95
 from lmeasure.findings import from_stated, recognised
 from lmeasure.report.words import DOMAIN, characteristic_name, numbers, unit, word
@@ -363,7 +363,7 @@ def phrase(certificate: dict[str, Any], text: str) -> str:
     texts that are known, else as it is."""
     entry = next((e for e in certificate.get("findings", []) if e["text"] == text), None)
     found = (None if entry is None else from_stated(entry)) or recognised(text)
-    return visible(text if found is None else found.text(certificate["language"]))
+    return visible(signs(text if found is None else found.text(certificate["language"])))
 
 
 def statements(certificate: dict[str, Any]) -> list[str]:

@@ -121,6 +121,24 @@ DATES = {
     }
 }
 """What plotly is to write of times, where that is not English."""
+_SECOND, _DAY = 1000, 86_400_000
+_STEPS = ((_SECOND, "%H:%M:%S.%L"), (60 * _SECOND, "%H:%M:%S"), (_DAY, "%H:%M"), ("M1", "{day}"), ("M12", "%b"), (None, "%Y"))
+"""How times are written at an axis whose marks lie less than so far apart, in milliseconds or months."""
+_BENEATH = {"%H:%M": "{day} %Y", "{day}": "%Y", "%b": "%Y"}
+"""What is written once below the first of them, and wherever it changes."""
+_DAYS = {"en": "%b %-d", "ru": "%-d %b"}
+
+
+def of_dates(language: str) -> dict[str, Any]:
+    """An axis of dates as a language writes them, in two lines, so that they find room beside each other on a telephone."""
+    stops, since = [], None
+    for until, form in _STEPS:
+        told = "\n".join(part for part in (form, _BENEATH.get(form, "")) if part).format(day=_DAYS[language])
+        stops.append({"dtickrange": [since, until], "value": told})
+        since = until
+    return {"tickformatstops": stops, "tickangle": 0}
+
+
 LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "container", "yanchor": "bottom"}
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}

@@ -113,9 +113,8 @@ def trend_figure(trend: Trend, language: str) -> go.Figure:
         worst = [max(parts) if parts else np.nan for parts in own]
         figure.add_scatter(x=times, y=worst, mode="lines+markers", name=words[f"kind.{kind}"])
     figure.add_hline(y=1.0, line={"dash": "dot"})
-    figure.update_layout(
-        height=420, margin={"t": 20}, xaxis={"title": words["time"]}, yaxis={"title": words["part"], "rangemode": "tozero"}
-    )
+    figure.update_layout(height=420, margin={"t": 20}, yaxis={"title": words["part"], "rangemode": "tozero"})
+    figure.update_xaxes(title=words["time"], **html.of_dates(language))
     return figure
 
 

@@ -17,7 +17,7 @@ from lmeasure.linkage.words import lines
 from lmeasure.report import html
 from lmeasure.report.structure_drawing import svg
 from lmeasure.report.words import axes
-from lmeasure.saying import ENGLISH, Say, powers
+from lmeasure.saying import ENGLISH, Say, typeset
 
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
@@ -30,7 +30,7 @@ def write_structure_page(
 ) -> None:
     """Write a self-contained page of links and their record (`linkage.record.described`); pose (7,) at which they were looked at."""
     say = Say(language)
-    body = [html.paragraph(powers(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
+    body = [html.paragraph(typeset(line.text), "warning" if line.warns else "") for line in lines(record, say) if not line.detail]
     if len(linkage.base) == LINKS:
         body.append(svg(incidence(linkage.base, linkage.platform).structure))
         body.append(html.paragraph(say("Platform above, base below; a dot is larger where more links meet.")))

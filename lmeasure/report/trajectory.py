@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 from lmeasure import files
 from lmeasure.accuracy.along import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
 from lmeasure.arrays import FloatArray
-from lmeasure.catalogue import decimal, texts
+from lmeasure.catalogue import decimal, signs, texts
 from lmeasure.causes import Cause
 from lmeasure.certification.printed import with_u95
 from lmeasure.kernels.cable import wrap_geometry
@@ -126,7 +126,7 @@ def _left_out(found: Along, language: str) -> list[str]:
     rows = []
     for (status, cause, cable), own in sorted(kinds.items(), key=lambda item: -sum(s.samples for s in item[1]))[:MOST_LINES]:
         longest = max(s.end_s - s.begin_s for s in own)
-        first = f"{decimal(language, f'{own[0].begin_s:.6g}')} {words['s']}"
+        first = f"{decimal(language, f'{own[0].begin_s:.6g}')}\u00a0{words['s']}"
         rows.append(
             (
                 _status(status, language),
@@ -135,7 +135,7 @@ def _left_out(found: Along, language: str) -> list[str]:
                 str(sum(s.samples for s in own)),
                 str(len(own)),
                 first,
-                f"{decimal(language, f'{longest:.4g}')} {words['s']}",
+                f"{decimal(language, f'{longest:.4g}')}\u00a0{words['s']}",
             )
         )
     header = [words[f"column.{key}"] for key in ("status", "cause", "cable", "samples", "stretches", "first", "longest")]
@@ -151,7 +151,7 @@ def _known(found: Along, language: str) -> Iterable[str]:
     """What the uncertainties hold, and what else must be known."""
     words, trajectory, say = texts(DOMAIN, language), found.trajectory, Say(language)
     yield words["covers"].format(covers=say.told(trajectory.covers))
-    yield from (note.text(language) for note in trajectory.notes)
+    yield from (signs(note.text(language)) for note in trajectory.notes)
     yield from (taken.said.text(language) for taken in trajectory.taken_as_exact)
     if found.motion is not None:
         yield words["smoothed"].format(half=decimal(language, f"{1e3 * found.motion.half_width_s:.4g}"))

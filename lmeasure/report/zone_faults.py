@@ -24,6 +24,8 @@ def faults(zone: xr.Dataset, say: Say) -> list[str]:
         html.heading(say("Which faults would show")),
         html.paragraph(about),
         html.table(header, _rows(zone, say)),
+        # a title of the figure's own would be cut off on a telephone
+        html.heading(say("Effect of a fault that is just not found, level Z = {z:g} mm", z=float(zone["z"].values[_level(zone)])), 3),
         html.figure(_map(zone, say), "faults", first=False, language=say.language),
     ]
 
@@ -46,11 +48,15 @@ def _span(values: np.ndarray, unit: str, say: Say) -> str:
     return f"{best}{unit} … {say.number(high, '.3g')}{unit}" if np.isfinite(high) else say("{best} or none", best=best + unit)
 
 
+def _level(zone: xr.Dataset) -> int:
+    """The level with most of the zone, by its number."""
+    return int(np.argmax(zone["in_zone"].values.sum(axis=(0, 1))))
+
+
 def _map(zone: xr.Dataset, say: Say) -> go.Figure:
-    """Effect on the tool at the level with most of the zone: of the worst channel, or of one that is chosen."""
-    x, y, z = (zone[name].values for name in "xyz")
-    k = int(np.argmax(zone["in_zone"].values.sum(axis=(0, 1))))
-    effect = zone["fault_effect_mm"].values[:, :, k]
+    """Effect on the tool at that level: of the worst channel, or of one that is chosen."""
+    x, y = zone["x"].values, zone["y"].values
+    effect = zone["fault_effect_mm"].values[:, :, _level(zone)]
     known = effect[np.isfinite(effect) & (effect > 0.0)]
     low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.01, 1.0)
     high = max(high, 1.01 * low)
@@ -71,9 +77,8 @@ def _map(zone: xr.Dataset, say: Say) -> go.Figure:
     ]
     figure.update_layout(
         updatemenus=[{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}],
-        title={"text": say("Effect of a fault that is just not found, level Z = {z:g} mm", z=float(z[k])), "x": 0.5, "font": {"size": 15}},
-        height=560,
-        margin={"t": 100, "b": 20},
+        height=530,
+        margin={"t": 70, "b": 20},
     )
     figure.update_xaxes(title_text=say("X, mm"), constrain="domain", scaleanchor="y")
     figure.update_yaxes(title_text=say("Y, mm"), constrain="domain")

@@ -11,6 +11,7 @@ import xarray as xr
 
 from lmeasure.arrays import FloatArray
 from lmeasure.calibration_record import CalibrationRecord
+from lmeasure.catalogue import signs
 from lmeasure.counts import Counts, read_counts
 from lmeasure.lengths import LengthResiduals, Lengths, length_residuals
 from lmeasure.poses import Poses
@@ -155,7 +156,7 @@ def _log_notes(rec: rr.RecordingStream, rig: Rig, lines: Sequence[str]) -> None:
         "",
     ]
     assumed = [f"assumed, measured by nobody: {', '.join(rig.assumed)}"] if rig.assumed else []
-    text = "\n".join([*head, *(f"- {line}" for line in [*lines, *assumed])]) + "\n"
+    text = "\n".join([*head, *(f"- {signs(line)}" for line in [*lines, *assumed])]) + "\n"
     rec.log("/notes", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 

@@ -200,4 +200,5 @@ def _result(session: "Session", ended: str) -> "Result[CaptureFolder]":
         lines.append(f"next: lmeasure calibrate {folder.path} --out calibrated")
     else:
         lines.append("the same command goes on")
-    return Result(folder, tuple(lines), figures, tuple(folder.notes), failure=failure)
+    there = tuple(sorted(path for path in folder.path.rglob("*") if path.is_file()))
+    return Result(folder, tuple(lines), figures, tuple(folder.notes), failure=failure, files=there)

@@ -61,6 +61,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
             except CancelledError:  # as Ctrl-C: what was recorded is kept, and whole
                 asked_to_end = True
 
+        before = _files(settings.out)
         recording = record_session(
             settings.rig,
             settings.bus,
@@ -85,7 +86,13 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
     early = "" if ended == "complete" else f"{settings.out}: ended early, what came before is kept: {ended}"
     figures = {"samples": float(recording.samples), "frames": float(recording.frames), "duration_s": recording.seconds}
     figures |= {"faults": float(sum(recording.faults.values()))} | {f"closure_{c}_counts": v for c, v in recording.closure.items()}
-    return Result(recording, (*recording.summary().splitlines(), *notes), figures, notes, failure=early)
+    made = tuple(path for path, changed in _files(settings.out).items() if before.get(path) != changed)
+    return Result(recording, (*recording.summary().splitlines(), *notes), figures, notes, failure=early, files=made)
+
+
+def _files(folder: Path) -> dict[Path, int]:
+    """The files of a run folder, and when each was written last: a later pass joins those of the first."""
+    return {path: path.stat().st_mtime_ns for path in sorted(folder.glob("*")) if path.is_file()}
 
 
 def _missing(settings: Settings) -> str:

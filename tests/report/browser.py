@@ -55,6 +55,17 @@ LOOK = """(() => {
   // tables: on a desk nothing has to be pushed aside to be read
   for (const box of document.querySelectorAll('.scroll'))
     if (wide > 1000 && box.scrollWidth > box.clientWidth + 1) out.push(`table '${box.textContent.slice(0, 40)}' is cut off`);
+  // a number, a name or a unit is in one piece: what may be broken is long, or has a hyphen
+  for (const cell of document.querySelectorAll('td, th')) {
+    const range = document.createRange(), walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+    while (walker.nextNode()) for (const found of walker.currentNode.data.matchAll(/[^\\s–-]+/g)) {
+      if (found[0].length > 11) continue;
+      range.setStart(walker.currentNode, found.index);
+      range.setEnd(walker.currentNode, found.index + found[0].length);
+      const tops = new Set([...range.getClientRects()].map((box) => Math.round(box.top)));
+      if (tops.size > 1) out.push(`'${found[0]}' of '${cell.textContent.slice(0, 30)}' is broken`);
+    }
+  }
   for (const e of document.querySelectorAll('h1, h2, h3, p, li, td, th, small, label, figcaption')) {
     const box = e.getBoundingClientRect();
     if (shown(e) && !e.closest('.scroll') && (box.left < -1 || box.right > wide + 1)) out.push(`'${e.textContent.slice(0, 40)}' runs over`);

@@ -1,5 +1,6 @@
 """One page of every kind that the program writes, small, in a language: what the tests of pages open and read."""
 
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -140,6 +141,12 @@ def _zone(out: Path, language: str) -> Path:
     return out / "zone.html"
 
 
+def _reliable_zone(out: Path, language: str) -> Path:
+    """Of eight cables: which faults would show."""
+    asked = {"rig": TRUTH / "eight-run" / "rig.toml", "out": out / "zone.nc", "x": "-300:300:150", "y": "-300:300:150", "z": "-150:150:150"}
+    return _ran("zone", asked | {"tilt_rad": 0.2, "reliability": True, "report": out}, language, out / "zone.html")
+
+
 def _empty_zone(out: Path, language: str) -> Path:
     write_zone_report(out, zone(1.0), calibrated().rig, calibrated().record, language=language)
     return out / "zone.html"
@@ -150,6 +157,16 @@ def _trajectory(out: Path, language: str) -> Path:
     found = along(reconstruct(run))
     write_trajectory_page(out / "trajectory.html", "cell-run", found, run.rig, inputs=[("run.toml", "0" * 64)], language=language)
     return out / "trajectory.html"
+
+
+def _doubted_trajectory(out: Path, language: str) -> Path:
+    """Of eight cables, one of which loses 300 counts on the way."""
+    shutil.copytree(TRUTH / "eight-run", out / "run")
+    lines = (out / "run" / "pass1.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[len(lines) // 2 :]]
+    stepped = [",".join([*row[:3], str(int(row[3]) + 300), *row[4:]]) for row in rows]
+    (out / "run" / "pass1.csv").write_text("\n".join([*lines[: len(lines) // 2], *stepped]) + "\n")
+    return _ran("report", {"measured": out / "run", "out": out}, language, out / "trajectory.html")
 
 
 def _foreign_trajectory(out: Path, language: str) -> Path:
@@ -195,6 +212,20 @@ def _check(out: Path, language: str) -> Path:
     for number, true in enumerate((interim.true_rig(), moved)):
         found = check_instrument(interim.run_of(true, number)[0], known, interim.LIMITS)
         when = f"2026-0{3 + number}-05T09:00:00Z"
+        trend = appended(out / "checks.csv", found, when)
+    write_check_page(out / "check.html", found, trend, inputs=[("run.toml", "0" * 64)], language=language, when=when)
+    return out / "check.html"
+
+
+def _checks_of_years(out: Path, language: str) -> Path:
+    """The trend of nine checks, a quarter of a year apart."""
+    rig, _ = interim.calibrated()
+    place = rig.point("B3").position_mm
+    out.mkdir(parents=True, exist_ok=True)
+    for number in range(9):
+        true = with_values(interim.true_rig(), {"B3.x_mm": place[0] + 0.03 * number, "B3.y_mm": place[1]})
+        found = check_instrument(interim.run_of(true, number)[0], [], interim.LIMITS)
+        when = f"{2024 + number // 4}-{1 + 3 * (number % 4):02d}-05T09:00:00Z"
         trend = appended(out / "checks.csv", found, when)
     write_check_page(out / "check.html", found, trend, inputs=[("run.toml", "0" * 64)], language=language, when=when)
     return out / "check.html"
@@ -271,12 +302,15 @@ PAGES: dict[str, Callable[[Path, str], Path]] = {
     "calibration-refused": _refused,
     "zone": _zone,
     "zone-empty": _empty_zone,
+    "zone-reliability": _reliable_zone,
     "trajectory": _trajectory,
+    "trajectory-doubted": _doubted_trajectory,
     "trajectory-foreign": _foreign_trajectory,
     "certificate": _certificate,
     "certificate-in-full": _certificate_in_full,
     "comparison": _comparison,
     "check": _check,
+    "check-trend": _checks_of_years,
     "structure": _structure,
     "structures": _structures,
     "mechanism": _mechanism,
