@@ -21,7 +21,7 @@ KINDS = [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) f
 NAMES = {
     "lmeasure", "place", "docs", "csv", "json", "toml", "alpha", "beta", "SHA", "ISO", "JCGM", "UTC", "rot", "start", "tool", "run",
     "puma", "oat", "python", "numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "pydantic", "plotly", "typst", "segno", "Linux",
-    "xarray", "cell", "simulated", "thesis", "earlier", "tracker", "line", "rows", "generic", "correct", "pick", "inputs",
+    "xarray", "cell", "simulated", "thesis", "earlier", "tracker", "line", "rows", "generic", "eight", "correct", "pick", "inputs",
 }  # fmt: skip
 """Of programs, files and values, which are the same in every language."""
 WORD = re.compile(r"[A-Za-z]{3,}")
