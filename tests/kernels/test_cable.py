@@ -321,3 +321,12 @@ def test_thin_pulleys_are_pulleys(radius: float) -> None:
         for name in ("guide_alpha_rad", "guide_beta_rad", "pulley_radius_mm"):
             at = PARAMETERS.index(name)
             assert found[at] == pytest.approx(oracles.derivative(partial(moved, c, pose, mp.mpf(0), name)), rel=1e-9, abs=1e-11)
+
+
+@pytest.mark.parametrize("turns", [-2, -1, 0, 1, 3])
+def test_angles_differ_the_shortest_way_around_and_lengths_as_they_are(turns: int) -> None:
+    for angle in (-3.1, -1.0, 0.0, 0.4, 3.1):
+        there = angle + 2.0 * math.pi * turns
+        assert cable.way_round(there, layout.SWIVEL) == pytest.approx(angle, abs=1e-12)
+        assert cable.way_round(there, layout.INCLINATION) == pytest.approx(angle, abs=1e-12)
+        assert cable.way_round(there, layout.CABLE) == there

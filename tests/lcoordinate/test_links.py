@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lmeasure import se3
@@ -93,6 +93,7 @@ def rows_that_lose(rng: np.random.Generator, omega: FloatArray, v: FloatArray, *
 
 @laws
 @given(seeds, st.sampled_from([-70.0, -0.6, 0.0, 35.0]), st.sampled_from([0.0, 1.0]))
+@example(0, 0.0, 0.0)
 def test_the_screw_that_no_link_resists_is_the_one_that_is_lost(seed: int, pitch_mm: float, off: float) -> None:
     """Its axis may pass the body's origin, and the body may be anywhere."""
     rng = np.random.default_rng(seed)
