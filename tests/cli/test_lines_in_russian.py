@@ -5,6 +5,7 @@ import re
 import pytest
 
 from lmeasure.cli.words import as_typed, marked, retold
+from lmeasure.saying import Say
 from lmeasure.schemas import KINDS
 from lmeasure.workflows.schema import Settings, run
 
@@ -125,3 +126,13 @@ def test_what_was_typed_wrongly_keeps_its_point() -> None:
 
 def test_signs_are_those_that_people_write() -> None:
     assert retold("1.5 +- 0.2 mm/s2") == "1.5 ± 0.2 mm/s²"
+
+
+@pytest.mark.parametrize(
+    "last", ["the zero phase", "the start pose", "an unknown start", "the zeros of encoders", "the passes", "restored origins"]
+)
+def test_what_uncertainties_cover_is_told_whatever_comes_last(last: str) -> None:
+    for end in (": the rig links no calibration", ""):
+        told = Say("ru").told(f"counts of half a unit, the passes and {last}{end}")
+        assert "дискретность отсчётов, проходы и " in told
+        assert not re.search("[a-z]", told), told
