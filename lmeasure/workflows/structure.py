@@ -148,15 +148,13 @@ def _of_robot(path: Path) -> "Linkage | None":
     raise FileFormatError(f"{path}: robot {robot.name!r} is not held by six lengths")
 
 
-COUNTED = ("freedoms", "links", "complex_assemblies", "rank", "worst_pressure_angle_deg")
+COUNTED = ("freedoms", "links", "complex_assemblies", "rank", "determinant", "worst_pressure_angle_deg")
 
 
 def _figures(made: "dict[str, Any] | list[dict[str, Any]]") -> dict[str, float]:
     if isinstance(made, list):
         return {"structures": float(len(made))}
     found = {name: float(made[name]) for name in COUNTED if isinstance(made.get(name), int | float)}
-    if isinstance(made.get("determinant"), int | float):
-        found["determinant_mm3"] = float(made["determinant"])
     return found | ({"assemblies": float(len(made["assemblies"]))} if "assemblies" in made else {})
 
 
