@@ -325,7 +325,7 @@ class Budget:
         if not self._rough.shape[1]:
             return factors
         rows = self.scheme.rows
-        beyond = second_order.beyond_first(rows, situation.poses, G, G @ self._rough, rows[:, KIND] != CABLE)
+        beyond = second_order.beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] != CABLE)
         return np.concatenate([factors, beyond], axis=2)
 
     def _pass_lengths(self, at: Situation) -> FloatArray:

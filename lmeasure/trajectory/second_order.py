@@ -27,7 +27,7 @@ def variables(k: int) -> int:
     return k * (k + 1) // 2 + 1 + DRAWS if k else 0
 
 
-def beyond_first(rows: FloatArray, poses: FloatArray, G: FloatArray, F: FloatArray, angles: BoolArray) -> FloatArray:
+def beyond_first(rows: FloatArray, poses: FloatArray, *, G: FloatArray, F: FloatArray, angles: BoolArray) -> FloatArray:
     """(n, 6, variables(k)) errors of (n, 7) poses beyond those of first order F (n, 6, k) [rad; mm], base axes, by k normal variables.
 
     rows (m, columns) of the channels, of which angles (m,) are on the circle; G (n, 6, m): motions of the poses per unit of each reading.

@@ -86,6 +86,7 @@ COUNTED = [
     "corrected",
     "counters",
     "counter_like",
+    "determinant",
     "differences",
     "directions_determined",
     "equations",

@@ -61,7 +61,7 @@ def test_what_it_says_is_the_series_of_the_exact_pose(z: list[float]) -> None:
     left, first_left = [], []
     for u in (4e-3, 2e-3):
         rows, G, F, angles = at_start(u)
-        second = beyond_first(rows, START[None], G, F, angles)[0]
+        second = beyond_first(rows, START[None], G=G, F=F, angles=angles)[0]
         pairs = [z[i] * z[j] for i in range(3) for j in range(i)]
         products = np.array([*pairs, *((np.array(z) ** 2 - 1.0) / np.sqrt(2.0)), 1.0])
         exact = exactly(rows, np.array([0.0] * DRUMS + [u * v for v in z]))
@@ -75,7 +75,7 @@ def test_what_it_says_is_the_series_of_the_exact_pose(z: list[float]) -> None:
 def test_mean_squares_are_those_of_exact_poses_of_drawn_zeros() -> None:
     """Also across: a zero known to a degree leaves the pose on a bent sheet, which is thin where first order says so."""
     rows, G, F, angles = at_start(np.radians(1.0))
-    every = np.concatenate([F, beyond_first(rows, START[None], G, F, angles)], axis=2)[0]
+    every = np.concatenate([F, beyond_first(rows, START[None], G=G, F=F, angles=angles)], axis=2)[0]
     rng = np.random.default_rng(0)
     drawn = np.array([exactly(rows, np.concatenate([np.zeros(DRUMS), np.radians(1.0) * rng.standard_normal(3)])) for _ in range(400)])
     seen, said = drawn.T @ drawn / len(drawn), every @ every.T
@@ -113,7 +113,7 @@ def test_zeros_that_are_known_well_need_no_more(u_deg: float, more: int) -> None
 def test_a_sample_without_a_pose_has_none_of_it() -> None:
     rows, G, F, angles = at_start(1e-2)
     nowhere = np.full((1, 7), np.nan)
-    found = beyond_first(rows, np.concatenate([nowhere, START[None]]), np.tile(G, (2, 1, 1)), np.tile(F, (2, 1, 1)), angles)
+    found = beyond_first(rows, np.concatenate([nowhere, START[None]]), G=np.tile(G, (2, 1, 1)), F=np.tile(F, (2, 1, 1)), angles=angles)
     assert np.isnan(found[0]).all()
     assert np.isfinite(found[1]).all()
     assert variables(0) == 0
