@@ -325,3 +325,10 @@ def test_counts_are_integers_as_far_as_these_are_told_apart(values: list[float],
     column = Counts(times(2), ("ch1",), np.array(values)[:, None]).columns()["ch1"]
     assert column.dtype == (np.int64 if whole else np.float64)
     np.testing.assert_array_equal(column, values)
+
+
+@pytest.mark.parametrize(("least", "bits"), [(-7e6, 24), (-8e6, None)])
+def test_a_width_is_inferred_only_where_it_holds_all_values(least: float, bits: int | None) -> None:
+    """A step of nearly 2^24 asks for 24 bits, which hold no more values than that, wherever they begin."""
+    values = np.array([9e6, 9e6 - 2.0**24 + 1000.0, least])
+    assert unwrap(values, times(3), max_rate=RATE, bits=None).inferred_bits == bits

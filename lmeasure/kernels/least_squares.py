@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from lmeasure.arrays import FloatArray, IntArray
-from lmeasure.kernels import inline, kernel
+from lmeasure.kernels import kernel
 from lmeasure.kernels.cable import orientation, seen_at, vec, way_round
-from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, ORIENTATION, POSE_COLUMNS
+from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS
 from lmeasure.kernels.screw import (
     MAX_ITERATIONS,
     NOT_CONVERGED,
@@ -25,6 +25,7 @@ from lmeasure.kernels.screw import (
     copy,
     displace,
     eliminate,
+    go_on,
     platform_size,
 )
 from lmeasure.kernels.vector import add, cross, norm, rotate
@@ -230,21 +231,6 @@ def new_state(start: FloatArray, m: int) -> FloatArray:
     return state
 
 
-@inline
-def go_on(behind: FloatArray, pose: FloatArray) -> None:
-    """Move a pose (in place) by as much as it was moved from the one behind it, to first order."""
-    square, sign = 0.0, 0.0
-    for c in range(ORIENTATION, POSE_COLUMNS):
-        sign += pose[c] * behind[c]
-    sign = 1.0 if sign >= 0.0 else -1.0
-    for c in range(POSE_COLUMNS):
-        pose[c] = 2.0 * pose[c] - (sign * behind[c] if c >= ORIENTATION else behind[c])
-    for c in range(ORIENTATION, POSE_COLUMNS):
-        square += pose[c] * pose[c]
-    for c in range(ORIENTATION, POSE_COLUMNS):
-        pose[c] /= math.sqrt(square)
-
-
 @kernel
 def _go(
     cables: FloatArray,
@@ -274,13 +260,13 @@ def _go(
         copy(pose, before)
         if part > 1:
             # on as it went before: what is left to find is how that bends
-            go_on(behind, pose)
+            go_on(behind, pose, 1.0)
         copy(before, behind)
         outcome, more = _solve(cables, pose, targets, weights, free, size, ON_THE_WAY_MM)
         steps += more
         if outcome != OK:
             return outcome, steps
-    go_on(behind, pose)
+    go_on(behind, pose, 1.0)
     return OK, steps
 
 

@@ -116,6 +116,21 @@ def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
         pose[ORIENTATION + c] = f * q[c]
 
 
+@inline
+def go_on(behind: FloatArray, pose: FloatArray, steps: float) -> None:
+    """Move a pose (in place) by so many times what it was moved from the one behind it, to first order."""
+    aligned, square = 0.0, 0.0
+    for c in range(ORIENTATION, POSE_COLUMNS):
+        aligned += pose[c] * behind[c]
+    sign = 1.0 if aligned >= 0.0 else -1.0
+    for c in range(POSE_COLUMNS):
+        pose[c] += steps * (pose[c] - (sign if c >= ORIENTATION else 1.0) * behind[c])
+    for c in range(ORIENTATION, POSE_COLUMNS):
+        square += pose[c] * pose[c]
+    for c in range(ORIENTATION, POSE_COLUMNS):
+        pose[c] /= math.sqrt(square)
+
+
 @kernel
 def newton(
     cables: FloatArray, targets: FloatArray, tolerance: float, pose: FloatArray, J: FloatArray, r: FloatArray, size: float
@@ -282,17 +297,8 @@ def _next_could_turn(
     size: float,
 ) -> bool:
     """Whether the determinant changes its sign when the motion goes on by LOOK_AHEAD steps like the last one."""
-    s, aligned = 0.0, 0.0
-    for c in range(ORIENTATION, POSE_COLUMNS):
-        aligned += pose[c] * before[c]
-    sign = 1.0 if aligned >= 0.0 else -1.0
-    for c in range(POSE_COLUMNS):
-        probe[c] = pose[c] + LOOK_AHEAD * (pose[c] - (sign if c >= ORIENTATION else 1.0) * before[c])
-        if c >= ORIENTATION:
-            s += probe[c] * probe[c]
-    s = math.sqrt(s)
-    for c in range(ORIENTATION, POSE_COLUMNS):
-        probe[c] /= s
+    copy(pose, probe)
+    go_on(before, probe, LOOK_AHEAD)
     return invert(cables, probe, J, inverse, size) * side <= 0.0
 
 

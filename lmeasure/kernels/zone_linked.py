@@ -85,7 +85,7 @@ def roots_by_cable(factor: FloatArray, at_start: FloatArray) -> tuple[FloatArray
                         rest[i] -= s * Q[j, b, i]
             left = _length(rest)
             # what is left of a dependent one is rounding
-            if rank < r and left > 1e-14 * whole:
+            if left > 1e-14 * whole:
                 roots[j, rank, c] = left
                 for i in range(r):
                     Q[j, rank, i] = rest[i] / left

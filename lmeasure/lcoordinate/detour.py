@@ -140,14 +140,13 @@ def led(
             out = se3.displaced(pose, unit @ now)
             if (bounds.values(out) >= aim - INSIDE).all():
                 return out
-            break
     raise StructureError("path: no pose near the commanded one keeps the limits")
 
 
 def _rates(bounds: Bounds, pose: FloatArray, now: FloatArray, unit: FloatArray, rim: float) -> FloatArray:
     """(k, q) rates of the limits by the displacement now (q,) from the pose, unit (6, q) being its directions, in mm of the rim."""
-    # of shifts alone farther: they are not small beside the rig, and cables over pulleys are known to 1e-13 of their limits only
-    step, each = (1e-6 if len(now) == len(unit) else 1e-4) * rim, np.eye(len(now))
+    # so far because cables over pulleys are known to 1e-13 of their limits only
+    step, each = 1e-4 * rim, np.eye(len(now))
     ahead, behind = (bounds.values(se3.displaced(pose, (now + sign * step * each) @ unit.T)) for sign in (1.0, -1.0))
     return np.asarray(((ahead - behind) / (2.0 * step)).T)
 

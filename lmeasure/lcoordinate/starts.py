@@ -107,10 +107,10 @@ def not_linear(structure: Structure, links: ComplexArray, points: ComplexArray, 
     values = []
     for t in (-1.0, 0.0, 1.0):
         ended, told = follow(links, links + t * way, points)
-        x = certified.proved(links + t * way, ended if t else points).points
+        x = certified.proved(links + t * way, ended).points
         p = study.product(x[:, 4:], x[:, :4] * [1.0, -1.0, -1.0, -1.0])[:, 1:] / (x[:, :4] ** 2).sum(axis=1)[:, None]
         y = p + study.turns(x) @ links[k, 3:6]
-        values.append(np.where((told == REACHED) | (t == 0.0), y @ form, np.nan))
+        values.append(np.where(told == REACHED, y @ form, np.nan))
     return np.asarray(values[0] - 2.0 * values[1] + values[2])
 
 

@@ -59,7 +59,7 @@ def assemblies(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> A
         told = certified.proved(rows, np.concatenate([points, more]), exact)
         new = certified.apart(told)
         points, sure, real = told.points[new], told.certain[new], told.real[new]
-        count, rest = len(points), told.points[~told.certain]
+        count, rest = len(points), told.points
         if attempt == 0 and count < expected:
             expected = min(expected, _of_these_points(found, a, b) or expected)
         if count >= expected:

@@ -190,10 +190,12 @@ def _walk(
 ) -> tuple[list[FloatArray], list[int], bool]:
     """Places from the first one on, the limits met there, and whether the walk came back to it."""
     place, tangent = begun, _tangent(bounds, plane, begun, which, way)
-    places, limits, h, gone = [begun], [which], step_mm, 0.0
+    places, limits, h, gone, corner_mm = [begun], [which], step_mm, 0.0, 1000.0 * STUCK * plane.reach_mm
     while len(places) < MOST:
         if h < STUCK * plane.reach_mm:
-            place, tangent, which = _around(bounds, plane, place, tangent, way, 1000.0 * STUCK * plane.reach_mm)
+            if gone > 1.5 * step_mm and float(np.linalg.norm(place - begun)) <= corner_mm:
+                return places, limits, True
+            place, tangent, which = _around(bounds, plane, place, tangent, way, corner_mm)
             places.append(place)
             limits.append(which)
             h = 100.0 * STUCK * plane.reach_mm
@@ -216,7 +218,9 @@ def _walk(
             h /= 2.0
             continue
         gone += float(np.linalg.norm(ahead - place))
-        if gone > 1.5 * step_mm and _passes(place, ahead, begun):
+        # the other limit of a pointed corner passes near the place where the walk began, but does not come to it
+        back = _passes(place, ahead, begun) if which == limits[0] else float(np.linalg.norm(ahead - begun)) <= corner_mm
+        if gone > 1.5 * step_mm and back:
             return places, limits, True
         places.append(ahead)
         limits.append(which)

@@ -21,6 +21,7 @@ from lmeasure.accuracy.bodies import Body
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import axis, make_plan, tilts
 from lmeasure.errors import AccuracyError
+from lmeasure.kernels import layout
 from lmeasure.kernels import zone as kernels
 from lmeasure.kernels.cable import guide_direction
 from lmeasure.kernels.layout import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS
@@ -82,6 +83,47 @@ def test_few_places_too(rig: Rig, linked: bool) -> None:
     assert (fast != slow).any()
     for name, a, b in zip(kernels.FIGURES, fast, slow, strict=True):
         assert (np.abs(a - b) <= (1e-12 + 1e-15 * slow[kernels.NORM2]) * np.maximum(1.0, np.abs(b))).all(), name
+
+
+def test_few_places_without_a_sound_first_block_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only they: at the second of these places the first three spans lie in one plane but for a hundred-millionth."""
+    plan = replace(plan_of(published(), 150.0, 300.0, 1), quaternions=np.array([[0.0, 0.0, 0.0, 1.0]]), order=np.arange(6))
+    cables = plan.cables.copy()
+    cables[:, BASE_XYZ] = [(0, 900, 400), (700, -500, 900), (0, 0, 0), (-800, 300, -900), (600, 700, -400), (-300, -900, 100)]
+    cables[:, ATTACHMENT_XYZ] = [(90, 0, 10), (-40, 80, 0), (-50, -70, 20), (0, 60, -90), (70, -30, 50), (-80, 20, 40)]
+    points = plan.positions[1] + cables[:, ATTACHMENT_XYZ]
+    e = (points - cables[:, BASE_XYZ])[:2]
+    cables[2, BASE_XYZ] = points[2] - 0.6 * e[0] - 0.7 * e[1] - 1e-8 * np.cross(e[0], e[1]) / np.linalg.norm(e[0])
+    plan, left = replace(plan, cables=cables), []
+    pivoted = scan._scalar
+
+    def counted(plan: Plan, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        left.extend(positions.tolist())
+        return pivoted(plan, positions)
+
+    slow, _ = scalar(plan)
+    monkeypatch.setattr(scan, "_scalar", counted)
+    fast, _ = run(plan)
+    assert np.isfinite(slow).all()
+    assert left == [plan.positions[1].tolist()]
+    np.testing.assert_array_equal(fast[:, 1], slow[:, 1])
+
+
+def test_few_places_of_a_rig_as_small_as_a_grain() -> None:
+    """All lengths in parts of ten thousand: so are the figures that are lengths, and the others are what they were."""
+    plan = replace(plan_of(published(), 150.0, 300.0, 1), quaternions=np.array([[0.1, 0.0, 0.0, 0.995]]))
+    small = plan.cables.copy()
+    small[:, [*range(3), *range(7, 10)]] *= 1e-4
+    start, bodies = plan.start.copy(), plan.bodies.copy()
+    start[:3] *= 1e-4
+    bodies[:, [layout.BODY_LENGTH, layout.BODY_RADIUS, *range(layout.BODY_START, layout.BODY_START + 3)]] *= 1e-4
+    figures, _ = scalar(plan)
+    places, points, variance = 1e-4 * plan.positions, 1e-4 * plan.points, 1e-8 * plan.variance
+    scaled, _ = scalar(replace(plan, cables=small, positions=places, start=start, bodies=bodies, points=points, variance=variance))
+    lengths = [kernels.U95_POSITION, kernels.U95_ATTACHMENT, kernels.SHORTEST, kernels.LONGEST, kernels.CLEARANCE]
+    expected = figures.copy()
+    expected[lengths] *= 1e-4
+    np.testing.assert_allclose(scaled, expected, rtol=1e-9)
 
 
 def test_few_places_where_nothing_holds() -> None:

@@ -389,3 +389,19 @@ def test_a_step_turns_and_moves_by_its_twist_and_no_farther_than_a_step_may() ->
         found = Rotation.from_quat(moved[3:]).as_matrix()
         np.testing.assert_allclose(found, motion[:3, :3] @ Rotation.from_quat(pose[3:]).as_matrix(), atol=1e-12)
         assert np.linalg.norm(moved[3:]) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("steps", [1.0, 2.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_pose_goes_on_as_it_went(steps: float, sign: float) -> None:
+    """Shifted and turned about an axis evenly, whichever of both quaternions its last pose has."""
+    axis, begun = np.array([2.0, -1.0, 2.0]) / 3.0, Rotation.from_rotvec([0.4, -0.9, 0.3])
+
+    def at(t: float) -> FloatArray:
+        return np.r_[100.0 + 3.0 * t, -50.0, 20.0 - t, (Rotation.from_rotvec(1e-3 * t * axis) * begun).as_quat()]
+
+    pose, behind = at(1.0), at(0.0)
+    behind[3:] *= sign
+    screw.go_on(behind, pose, steps)
+    assert np.linalg.norm(pose[3:]) == pytest.approx(1.0, abs=1e-14)
+    assert poses_apart(pose, at(1.0 + steps)) == pytest.approx((0.0, 0.0), abs=1e-8)

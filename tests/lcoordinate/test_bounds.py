@@ -174,3 +174,11 @@ def test_limits_of_every_orientation_stand_one_behind_the_other() -> None:
     assert found.shape == (2, 3, 2 * len(one.names)) == (2, 3, len(both.names))
     np.testing.assert_allclose(found[..., : len(one.names)], one.values(POSES), rtol=1e-9, atol=1e-12)
     assert both.values(AT).shape == (len(both.names),)
+
+
+@pytest.mark.parametrize(("m", "determinant"), [(6, 0.0), (6, 0.5), (6, 2.0), (8, 0.0)])
+@pytest.mark.parametrize("limit_rad", [None, LIMIT])
+def test_every_limit_has_a_name(m: int, determinant: float, limit_rad: float | None) -> None:
+    bounds = Bounds(BASE[:m], BODY[:m], AT, limit_rad, (300.0, 1900.0), determinant=determinant)
+    assert bounds.values(AT).shape == (len(bounds.names),)
+    assert ("determinant" in bounds.names) == (determinant > 0.0)

@@ -266,6 +266,10 @@ def test_intervals_hold_what_their_operations_give(seed: int) -> None:
     ]:
         assert (found[:, 0] <= value).all()
         assert (value <= found[:, 1]).all()
+    for of_two in (intervals.add, intervals.sub, intervals.mul):
+        np.testing.assert_array_equal(of_two(a[:, None], b[:, None]), of_two(a, b)[:, None])
+    for of_one in (intervals.square, intervals.root):
+        np.testing.assert_array_equal(of_one(positive[:, None]), of_one(positive)[:, None])
     told = intervals.sign(a)
     assert (np.sign(x)[told != 0] == told[told != 0]).all()
     assert set(np.unique(told)) <= {-1.0, 0.0, 1.0}

@@ -155,6 +155,18 @@ def test_limits_take_over_from_each_other_at_their_corners() -> None:
     assert np.linalg.norm(np.diff(found.places, axis=0), axis=1).max() <= 2.5 + 1e-9
 
 
+@pytest.mark.parametrize(("half_deg", "from_tip"), [(5.0, 0.0), (5.0, 1e-5), (5.0, 0.001), (5.0, 0.7), (5.0, 1.2), (45.0, 0.001)])
+@pytest.mark.parametrize("edge", [1.0, -1.0], ids=["towards", "away"])
+def test_a_wedge_is_walked_around_to_its_tip(half_deg: float, from_tip: float, edge: float) -> None:
+    """Begun beside the tip: where it is pointed the other edge passes near the place where the walk began."""
+    steep = np.tan(np.radians(half_deg))
+    bounds = limits(across(lambda x, y: steep * (6.0 - x) - y), across(lambda x, y: steep * (6.0 - x) + y), across(lambda x, y: 5.0 + x))
+    found = boundary(bounds, PLANE, np.array([6.0 - from_tip, edge * steep * from_tip]), 0.6)
+    assert found.closed
+    assert found.area_mm2 == pytest.approx(121.0 * steep, abs=1e-4)
+    assert np.linalg.norm(found.places - [6.0, 0.0], axis=1).min() < 0.01
+
+
 @pytest.mark.parametrize("direction", [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0)])
 @pytest.mark.parametrize("closed", [False, True])
 def test_where_a_limit_crosses_itself_the_walk_stays_on_the_same_side(direction: tuple[float, float], closed: bool) -> None:

@@ -159,3 +159,21 @@ def test_what_links_see_least_and_what_they_tell_beside_it(seed: int, components
         assert not np.delete(one, free).any()
     each, _ = split.determined(np.diag(u))
     np.testing.assert_allclose(u_found, np.sqrt((each**2).sum(axis=0)), rtol=1e-9)
+
+
+@laws
+@given(seeds, st.sampled_from([3, 5]))
+def test_of_fewer_links_than_freedoms_a_screw_that_no_link_resists_is_lost(seed: int, number: int) -> None:
+    """And all that the lengths tell is told beside it."""
+    rng = np.random.default_rng(seed)
+    base, body, pose = hexapod(seed)
+    _, e, arms = (part[:number] for part in links(base, body, pose))
+    rows = pluecker_rows(arms, e)
+    split = Split(rows, pose[:3], np.arange(6), rng.uniform(0.005, 0.05, number), size_mm=150.0)
+    assert split.lost.mm_per_mm < 1e-12
+    np.testing.assert_allclose(rows @ split.twist, 0.0, atol=1e-12)
+    changes = rng.normal(size=(2, number))
+    found, u = split.determined(changes)
+    np.testing.assert_allclose(found @ rows.T, changes, atol=1e-9)
+    np.testing.assert_allclose(found @ (split.metric * split.twist), 0.0, atol=1e-9)
+    assert np.isfinite(u).all()

@@ -1,10 +1,12 @@
 """Krawczyk's test and what tells two assemblies apart, number by number; why structures determine no pose, and rigs that never do."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from lmeasure.arrays import ComplexArray, FloatArray
-from lmeasure.lcoordinate import architecture, certified
+from lmeasure.lcoordinate import architecture, certified, study
 from lmeasure.lcoordinate.certified import Proved
 from lmeasure.lcoordinate.structures import Structure, class_of, parse, somov_malyshev
 
@@ -49,6 +51,19 @@ def krawczyk(Q: ComplexArray, slack: FloatArray, x: ComplexArray, held: int, kno
     ee, sizes = abs(sum(c * c for c in x[:4])), [abs(c) for c in x[:4]]
     proper = ee > 2.0 * radius * sum(sizes) + 4.0 * radius**2 + ROUNDING * sum(s * s for s in sizes)
     return radius, bool(inside and proper)
+
+
+@pytest.mark.parametrize(("of_base", "of_platform"), [(1.0, 1.0), (1.0, 100.0), (100.0, 1.0), (0.0, 1.0)])
+def test_magnitudes_bound_what_entries_are_summed_of(of_base: float, of_platform: float) -> None:
+    """Each entry is linear in the products of coordinates: the sums without signs are those of all choices of signs, of which none is
+    greater."""
+    rng = np.random.default_rng(4)
+    a, b, lengths = of_base * rng.normal(size=(6, 3)), of_platform * rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 6)
+    bound = certified._magnitudes(study.links(a, b, lengths**2))
+    for signs in itertools.product((1.0, -1.0), repeat=6):
+        entries = study.quadrics(study.links(a * signs[:3], b * signs[3:], lengths**2))[:6]
+        # but of exact ones, in the lower right
+        assert (np.abs(entries)[:, :4] <= bound[:6, :4] + 1e-12).all()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -59,6 +59,17 @@ def test_tetrahedra_over_many_poses(structure: Structure) -> None:
     assert np.abs(se3.displacement(found, poses[:, None])).max(axis=2).min(axis=1).max() < 1e-4
 
 
+def test_tetrahedra_of_links_shorter_than_their_platform() -> None:
+    structure = next(s for s in SOLVABLE if s.closed_form)
+    base, platform, _ = rig(structure, 5)
+    near = np.array([0.01, -0.02, 0.03, 0.0, 0.0, 0.0, 1.0])
+    base = platform + 0.05 * (base - base.mean(axis=0)) / np.abs(base).max()
+    lengths = lengths_at(base, platform, near)
+    assert lengths.max() < np.ptp(platform, axis=0).max()
+    found, closes = closed_form(base, platform, lengths)
+    assert nearest(found[closes], near) < 1e-4
+
+
 def test_tetrahedra_keep_the_shape_of_a_batch_and_refuse_other_structures() -> None:
     base, platform, poses = rig(parse("L-321-222")[0], 2, 6)
     lengths = lengths_at(base, platform, poses)
@@ -131,6 +142,13 @@ def test_no_assembly_is_missing_by_the_trace() -> None:
         assert np.abs(off.sum() - off).min() > 1e-4 * size
     assert without == ["L-222-222:ab-ac-bc"]
     assert len({starts.complex_assemblies(parse(name)[0]) for name in ("L-222-222", "L-222-2211:ab-ac-bd")}) == 1
+
+
+def test_links_that_hold_no_pose_have_no_assemblies_and_none_are_proved() -> None:
+    structure = next(s for s in structures() if s.degenerate is not None)
+    base, platform, (pose,) = rig(structure, 4)
+    found = straight.assemblies(base, platform, lengths_at(base, platform, pose))
+    assert (len(found.poses), found.complex_found, found.complex_expected, found.status) == (0, 0, 0, straight.NOT_PROVED)
 
 
 def test_lengths_that_cannot_be_have_none() -> None:
