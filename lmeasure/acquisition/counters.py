@@ -33,9 +33,9 @@ class CounterState:
     seen: bool = False
     lost: bool = False
 
-    def advance(self, values: IntArray, times: FloatArray, samples: IntArray, events: EventLog) -> FloatArray:
+    def advance(self, values: IntArray, times: FloatArray, samples: IntArray, events: EventLog, *, least_s: float = 0.0) -> FloatArray:
         """(n,) recorded counts, unwrapped, of the (n,) values read at the times [s], for the rows `samples`; NaN once the origin is
-        lost."""
+        lost. least_s: taken for the time between readings whose stamps are closer, as `kernels.counter.resume` takes it."""
         if len(values) == 0:
             return np.empty(0)
         modulus, half = self.field.modulus, self.field.modulus // 2
@@ -52,7 +52,7 @@ class CounterState:
             self.value, self.total, self.time_s = int(values[-1]), int(totals[-1]), float(times[-1])
             return np.asarray(self.field.scale * totals, np.float64)
         before = np.concatenate([[self.value], values[:-1]])
-        pause = np.diff(times, prepend=self.time_s)
+        pause = np.maximum(np.diff(times, prepend=self.time_s), least_s)
         with np.errstate(over="ignore"):
             plain = values - before
         steps = (plain + half) % modulus - half if wraps else plain

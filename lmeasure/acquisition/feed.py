@@ -68,17 +68,21 @@ def frames_from_counts(time_s: FloatArray, recorded: FloatArray, fields: tuple[C
 
 
 def send(frames: Frames, bus: "can.BusABC", *, paced: bool, stop: threading.Event | None = None) -> int:
-    """Send the frames in their order, at their own times when paced, else as fast as the bus takes them; how many were sent."""
+    """Send the frames in their order, at their own times when paced, else as fast as the bus takes them; how many were sent.
+
+    Where the machine has kept this program waiting, paced frames follow each other at up to twice their pace until they are in time again.
+    """
     begin = time.perf_counter()
-    first = float(frames.time_s[0]) if len(frames) else 0.0
+    last = first = float(frames.time_s[0]) if len(frames) else 0.0
     sent = 0
     for message in messages_from_frames(frames):
         if stop is not None and stop.is_set():
             break
         if paced:
-            wait = message.timestamp - first - (time.perf_counter() - begin)
+            wait = max(message.timestamp - first - (time.perf_counter() - begin), CLOSEST * (message.timestamp - last))
             if wait > 0:
                 time.sleep(wait)
+            last = message.timestamp
         bus.send(message)
         sent += 1
     return sent

@@ -19,10 +19,16 @@ SPACING = 0.95
 """Of the SYNC period: what two SYNCs are at least apart, as far as a host's stamps are concerned."""
 LONGEST_HOLD_S = 0.3
 """How long a sample is held back at most to see where a burst of late stamps ends."""
+FIRST_HOLD_S = 1.0
+"""How long the first samples are: until the pace of stamps that come late is known."""
 FRAMES_OF_A_SYNC = 16
 """Frames of each channel that are kept while the next SYNC does not come."""
 PERIODS = 2048
-"""Intervals of which the SYNC period is the median: more than a busy host stamps at once."""
+"""Intervals that tell the SYNC period: more than a busy host stamps at once."""
+LAG = 64
+"""Intervals at most over which a host's stamps are compared: an adapter on a serial line hands over what came in 16 ms at once."""
+LAGS = 8
+"""Times the intervals over which stamps are compared that there are at least, so that a pause of the bus is in few of them."""
 FIRST_PERIOD_S = 1e-3
 """Taken for the SYNC period until there are enough SYNCs to tell it."""
 
@@ -36,6 +42,19 @@ class Samples:
     recorded: FloatArray
     start_input: FloatArray | None = None
     u_time_s: FloatArray | None = None
+
+
+def pace(intervals: FloatArray) -> float:
+    """The period [s] of a timer whose instants were stamped late, some of them several at once, from the intervals (n,) of the stamps.
+
+    What is late at one end of a stretch is late at the other, on average: of the means over stretches of LAG intervals, those in the middle
+    third. In pauses of the timer itself lie few of the stretches.
+    """
+    lag = max(min(LAG, len(intervals) // LAGS), 1)
+    stamps = np.concatenate([[0.0], np.cumsum(intervals)])
+    means = np.sort(stamps[lag:] - stamps[:-lag]) / lag
+    third = len(means) // 3
+    return float(means[third : len(means) - third].mean())
 
 
 class Assembler(Protocol):
@@ -109,7 +128,8 @@ class SyncAssembler:
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
-        self._watch.feed(frames, self.given)
+        # by the first sample that it may belong to, though more are held back
+        self._watch.feed(frames, self.given + max(len(self._sync_time) - 2, 0))
         readings = decode(frames, self.fields, self._sync_id)
         if self._start_line is not None:
             self._started = np.concatenate([self._started, self._start_line.before(frames, readings.sync)])
@@ -167,7 +187,8 @@ class SyncAssembler:
         for c, counter in enumerate(self.counters):
             there = n[c, :ready] == 1
             rows = slice(ready) if there.all() else np.flatnonzero(there)
-            recorded[rows, c] = counter.shown(counter.advance(value[c, rows], time_s[rows], number[rows], self.events))
+            counts = counter.advance(value[c, rows], time_s[rows], number[rows], self.events, least_s=self._period or 0.0)
+            recorded[rows, c] = counter.shown(counts)
         moved = self._sync_time[:ready] - time_s
         keep = self._window >= ready
         self._window, self._field, self._value = self._window[keep] - ready, self._field[keep], self._value[keep]
@@ -215,7 +236,7 @@ class SyncAssembler:
     def _drop_double_syncs(self) -> None:
         """A SYNC at once after another, with nothing between them, is the same one."""
         if len(self._intervals) > 2:
-            self._period = float(np.median(self._intervals))
+            self._period = pace(self._intervals) if self._late_stamps else float(np.median(self._intervals))
         if self._period is None or len(self._sync_time) < 2:
             return
         intervals = np.diff(self._sync_time, prepend=-np.inf)
@@ -249,11 +270,13 @@ class SyncAssembler:
         out = np.maximum(out, self._last_time + 0.1 * least * (count + 1)) if np.isfinite(self._last_time) else out
         if last:
             return out, len(out)
-        # frames that come at their own pace are not held up any more
-        pace = intervals >= least
-        calm = np.flatnonzero(pace[:-2] & pace[1:-1] & pace[2:]) if len(pace) > 2 else np.empty(0, np.intp)
-        known = int(calm[-1]) + 1 if len(calm) else 0
-        return out, max(known, int(np.searchsorted(self._sync_time, self._sync_time[-1] - LONGEST_HOLD_S)))
+        known = int(np.searchsorted(self._sync_time, self._sync_time[-1] - (LONGEST_HOLD_S if self.given else FIRST_HOLD_S)))
+        if self.given or known:
+            # frames that come at their own pace are not held up any more
+            pace = intervals >= least
+            calm = np.flatnonzero(pace[:-2] & pace[1:-1] & pace[2:]) if len(pace) > 2 else np.empty(0, np.intp)
+            known = max(known, int(calm[-1]) + 1 if len(calm) else 0)
+        return out, known
 
     def _rise(self) -> None:
         """Where the clock went back, the times continue one period after the last."""

@@ -1,9 +1,13 @@
 from pathlib import Path
+from types import SimpleNamespace
 
+import can
 import numpy as np
 import pytest
 
-from lmeasure.acquisition.feed import BEHIND_S, CLOSEST, Pace, record_feed
+from lmeasure.acquisition import feed
+from lmeasure.acquisition.feed import BEHIND_S, CLOSEST, Pace, record_feed, send
+from lmeasure.acquisition.frames import frames_from_messages
 from lmeasure.counts import Counts
 from lmeasure.errors import AcquisitionError
 from lmeasure.rig import rig_from_dict
@@ -85,3 +89,24 @@ def test_rows_behind_a_late_one_catch_up_and_never_come_all_at_once() -> None:
     np.testing.assert_allclose(np.array(sent)[at], 0.0005 + 0.001 * np.array(at), atol=0.00051)
     # half a second of the sleep is caught up with, twice as fast
     assert sent[-1] - sent[3000] == pytest.approx(2.998 - BEHIND_S, abs=0.001)
+
+
+def test_frames_that_were_kept_waiting_follow_each_other_at_up_to_twice_their_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine that is busy for a third of a second: without, sixty samples came at once, and drums seemed to turn at any speed."""
+    now = 0.0
+    sent: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    def taken(message: can.Message) -> None:
+        nonlocal now
+        now += 0.3 if len(sent) == 20 else 0.0
+        sent.append(now)
+
+    monkeypatch.setattr(feed, "time", SimpleNamespace(perf_counter=lambda: now, sleep=sleep))
+    frames = frames_from_messages(can.Message(timestamp=0.005 * i, arbitration_id=0x80) for i in range(200))
+    assert send(frames, SimpleNamespace(send=taken), paced=True) == 200  # type: ignore[arg-type]
+    np.testing.assert_allclose(np.array(sent)[[19, 199]], [0.095, 0.995])
+    assert np.diff(sent).min() == pytest.approx(CLOSEST * 0.005)
