@@ -9,7 +9,7 @@ from lmeasure.acquisition.decoders import CounterField, decode
 from lmeasure.acquisition.events import Event, EventLog
 from lmeasure.acquisition.frames import Frames
 from lmeasure.acquisition.network import NetworkWatch
-from lmeasure.acquisition.samples import Samples, StartLine
+from lmeasure.acquisition.samples import PERIODS, Samples, StartLine, pace
 from lmeasure.arrays import BoolArray, FloatArray, IntArray
 
 NO_SYNC = -1
@@ -19,11 +19,23 @@ WAIT_S = 1.0
 """A channel that is silent for longer is not waited for."""
 
 
+def scatter(intervals: FloatArray) -> float:
+    """Standard deviation [s] of the intervals (n,) of a regular timer's stamps, without its pauses.
+
+    The median absolute deviation, or the mean one where that is larger: intervals behind a serial adapter are nothing or 16 ms, most of
+    them the same.
+    """
+    period = pace(intervals)
+    off = np.abs(intervals - period)
+    off = off[off <= LONGEST_GAP * period]
+    return max(1.4826 * float(np.median(off)), math.sqrt(math.pi / 2.0) * float(off.mean())) if len(off) else 0.0
+
+
 class FreeAssembler:
     """Samples at the instants of the first channel's frames, the others interpolated linearly between their own.
 
-    u_time_s: the standard uncertainty of the stamps, from how far the intervals between frames of a regular timer scatter (median absolute
-    deviation of the intervals, over sqrt 2 because two stamps make an interval), the root mean square over the channels.
+    u_time_s: the standard uncertainty of the stamps, from how far the intervals between frames of a regular timer scatter (over sqrt 2,
+    because two stamps make an interval), the root mean square over the channels.
     """
 
     def __init__(
@@ -40,6 +52,7 @@ class FreeAssembler:
         m = len(fields)
         self._new: list[tuple[FloatArray, IntArray]] = [(np.empty(0), np.empty(0, np.int64))] * m
         self._old: list[tuple[FloatArray, FloatArray]] = [(np.empty(0), np.empty(0))] * m
+        self._intervals: list[FloatArray] = [np.empty(0)] * m
         self._period: list[float | None] = [None] * m
         self._scatter = np.zeros(m)
         self._given_to = -math.inf
@@ -95,10 +108,11 @@ class FreeAssembler:
         for k in np.flatnonzero(late):
             self._event(self.given, float(times[k]), i, "conflict", "its time is past already: not used")
         times, values = times[~late], values[~late]
-        if len(times) > 3:
-            intervals = np.diff(times)
-            self._period[i] = float(np.median(intervals))
-            self._scatter[i] = 1.4826 * float(np.median(np.abs(intervals - np.median(intervals)))) / math.sqrt(2.0)
+        intervals = np.diff(times, prepend=last_time if counter.seen else times[:1])
+        self._intervals[i] = np.concatenate([self._intervals[i], intervals[0 if counter.seen else 1 :]])[-PERIODS:]
+        if len(self._intervals[i]) > 2:
+            self._period[i] = pace(self._intervals[i])
+            self._scatter[i] = scatter(self._intervals[i]) / math.sqrt(2.0)
         double = self._doubles(i, times, values, last_time)
         for k in np.flatnonzero(double):
             kind = "duplicate" if values[k] == (values[k - 1] if k else counter.value) else "conflict"
@@ -109,7 +123,7 @@ class FreeAssembler:
             samples += np.arange(len(times))
         elif len(self._old[0][0]):
             samples += np.searchsorted(self._old[0][0][self._old[0][0] > self._given_to], times)
-        counts = counter.advance(values, times, samples, self.events)
+        counts = counter.advance(values, times, samples, self.events, least_s=self._period[i] or 0.0)
         self._old[i] = np.concatenate([self._old[i][0], times]), np.concatenate([self._old[i][1], counts])
 
     def _doubles(self, i: int, times: FloatArray, values: IntArray, last_time: float) -> BoolArray:

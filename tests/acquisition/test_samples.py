@@ -112,6 +112,23 @@ def test_the_jitter_of_the_stamps_is_told() -> None:
     assert error_s.std() == pytest.approx(3e-4 * np.hypot(0.85, 0.15), rel=0.25)
 
 
+@pytest.mark.parametrize("tick_s", [0.004, 0.016, 0.020])
+def test_timers_behind_a_serial_adapter_make_no_jumps_and_their_uncertainty_is_told(tick_s: float) -> None:
+    """Encoders that send every 10 ms, given over every 16 ms: most intervals are 0.02 or 16 ms, whose median deviation is nothing."""
+    rig = free_rig()
+    frames, _ = free_frames(rig)
+    ticks = np.ceil(frames.time_s / tick_s - 1e-9) * tick_s
+    stamps = ticks + 2e-5 * (np.arange(len(ticks)) - np.searchsorted(ticks, ticks))
+    got = counts_from_frames(rig, [replace(frames, time_s=stamps, timestamp_source="host")], counter_fields(rig))
+    assert set(got.events.tally) <= {"gap"}
+    assert got.counts.u_time_s is not None
+    rate = 2500.0 * np.arange(1, 7)
+    off_s = (got.counts.recorded / rate - got.counts.time_s[:, None])[5:-5]
+    # late by half a tick all of them, which moves nothing against another
+    off_s -= off_s.mean()
+    assert off_s.std() < got.counts.u_time_s[-1] < 4.0 * max(off_s.std(), 1e-3)
+
+
 def test_a_silent_channel_leaves_gaps_and_doubles_are_used_once() -> None:
     rig = free_rig()
     frames, _ = free_frames(rig)
